@@ -1,0 +1,117 @@
+"""What a camera, a projector and a clock are to this product: protocols, not base classes.
+
+Back ends speak device units (digital numbers, codes) and know no policy: limits, validation, retries and the
+rejection of stale frames sit once, above all of them, in :class:`rig.pair.Rig`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Codes = NDArray[np.uint8]
+"""(H, W) or (H, W, 3) projector codes."""
+
+
+@dataclass(frozen=True, slots=True)
+class RawFrame:
+    """One exposure, in digital numbers, exactly as the sensor gave it."""
+
+    pixels: NDArray[np.uint16]
+    """(H, W, C) digital numbers, C last even when 1. [dn]"""
+    exposure_s: float
+    """What the device did, not what was asked."""
+    started_s: float
+    """Start of the exposure on the rig's clock."""
+    sequence: int
+    """The driver's counter; a gap is a lost frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """A picture that the projector has accepted."""
+
+    on_screen_s: float
+    """When the device says that it was on screen; light may come later by the display's latency."""
+    name: str
+    """The pattern's name, as given to :meth:`Projector.show`."""
+
+
+@runtime_checkable
+class Clock(Protocol):
+    """The rig's only source of time and its only way to wait."""
+
+    def now_s(self) -> float:
+        """Monotonic time. [s]"""
+        ...
+
+    def wait_until_s(self, time_s: float) -> None:
+        """Return at or after ``time_s``; at once if that has passed."""
+        ...
+
+
+@runtime_checkable
+class Camera(Protocol):
+    """A camera under manual control."""
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, channels) of its frames. [px]"""
+        ...
+
+    @property
+    def full_scale_dn(self) -> int:
+        """The largest digital number; a pixel that has it is saturated."""
+        ...
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure."""
+        ...
+
+    def open(self) -> None:
+        """Make it ready; no-op when open. Raises DeviceLost."""
+        ...
+
+    def close(self) -> None:
+        """Let it go; any number of times, from any state."""
+        ...
+
+    def set_exposure(self, exposure_s: float) -> float:
+        """Ask for an exposure; returns the one the device chose. Raises SettingRefused outside its range."""
+        ...
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        """Return a frame whose exposure should begin at or after ``after_s`` (the device may err: look at it).
+
+        Raises CaptureTimeout when none comes within ``timeout_s``, DeviceLost when closed or gone.
+        """
+        ...
+
+
+@runtime_checkable
+class Projector(Protocol):
+    """A display output that shows codes unscaled."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width). [px]"""
+        ...
+
+    def open(self) -> None:
+        """Make it ready; no-op when open. Raises DeviceLost."""
+        ...
+
+    def close(self) -> None:
+        """Show black and let go; any number of times, from any state."""
+        ...
+
+    def show(self, codes: Codes, *, name: str) -> Shown:
+        """Show uint8 codes of exactly its shape, and say when they were on screen.
+
+        ``name`` is a label for logs; a replay finds its photographs by it. Raises DeviceLost, SettingRefused.
+        """
+        ...
