@@ -1,0 +1,37 @@
+# Two commands: `make demo` runs a whole session on the simulated rig, `make test` runs every check.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+DEMO_SESSION ?= runs/demo
+
+.PHONY: demo test lint check-tools clean
+
+demo: $(READY)
+	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
+
+test: $(READY) lint
+	$(BIN)/python -m pytest
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+check-tools:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	  || { echo "missing: Python 3.11 or newer (Debian, Ubuntu: apt-get install python3 python3-venv python3-dev)" >&2; exit 2; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null \
+	  || { echo "missing: Python's venv module (Debian, Ubuntu: apt-get install python3-venv)" >&2; exit 2; }
+	@command -v $${CXX:-c++} >/dev/null \
+	  || { echo "missing: a C++ compiler (Debian, Ubuntu: apt-get install g++)" >&2; exit 2; }
+
+$(READY): pyproject.toml CMakeLists.txt | check-tools
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
+	$(BIN)/python -m pip install --quiet --editable . --group dev
+	@touch $(READY)
+
+clean:
+	rm -rf $(VENV) build runs

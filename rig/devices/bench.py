@@ -1,0 +1,191 @@
+"""The simulated world that camera and projector share: what light a picture makes, and what the truth is."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from rig.devices.bench_optics import (
+    BenchOptics,
+    directions,
+    flux_density,
+    make_optics,
+    pixels_of,
+    relative_illumination,
+)
+from rig.devices.bench_room import (
+    BenchRoom,
+    SurfacePoints,
+    cells_of,
+    interpolation,
+    make_room,
+    reflectance_at,
+    trace,
+)
+from rig.devices.bench_settings import BenchProjector, BenchSettings
+from rig.devices.protocols import Codes
+
+FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+_SAMPLES = 2
+"""Sub-samples a pixel along each axis, for the direct light and for the projector's splats."""
+_BAND_ROWS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class Light:
+    """What reaches the camera's pixels, before its lens: radiosity, relative units, (H, W)."""
+
+    direct: Float32Array
+    global_: Float32Array
+    ambient: Float32Array
+
+    @property
+    def total(self) -> Float32Array:
+        """All of it."""
+        return np.asarray(self.direct + self.global_ + self.ambient)
+
+
+class Bench:
+    """Scene, optics and response of a simulated rig. Light depends on the shown picture only, not on time."""
+
+    def __init__(self, settings: BenchSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int]):
+        self.settings = settings
+        self.room: BenchRoom = make_room(settings)
+        self.camera: BenchOptics = make_optics(settings.camera, camera_shape)
+        self.projector: BenchOptics = make_optics(settings.projector, projector_shape)
+        self._emission, self._pixel_flux = _splat(self.room, self.projector, settings.projector.flux)
+        self._map, self._direct_gain = _direct_path(self.room, self.camera, self.projector, settings.projector.flux)
+        surface = trace(self.room, self.camera.position_m, directions(self.camera, _pixel_grid(camera_shape)))
+        self._view = interpolation(self.room, surface)
+        self._reflectance = _point_reflectance(self.room, surface).astype(np.float32)
+        self._ambient = self._ambient_radiosity()
+
+    def light(self, codes: Codes) -> Light:
+        """Radiosity that the camera sees while the projector shows `codes`."""
+        return self.light_of(self.projector_linear(codes))
+
+    def light_of(self, linear: Float32Array) -> Light:
+        """Radiosity for a picture in linear light, (H, W), 1 = white."""
+        emission = self._emission @ linear.ravel()
+        irradiance = (self._view @ self.room.indirect_irradiance(emission).astype(np.float32)).astype(np.float32)
+        global_ = self._reflectance * irradiance.reshape(self.camera.shape)
+        return Light(self._direct(linear), global_, self._ambient)
+
+    def projector_linear(self, codes: Codes) -> Float32Array:
+        """(H, W) linear light that the projector makes of codes; 1 = white, black above 0."""
+        grey = codes if codes.ndim == 2 else codes.mean(axis=2).astype(np.uint8)
+        return np.asarray(projector_response(self.settings.projector)[grey], dtype=np.float32)
+
+    @property
+    def vignetting(self) -> Float32Array:
+        """(H, W) relative illumination of the camera's pixels."""
+        return relative_illumination(self.camera, _pixel_grid(self.camera.shape)).astype(np.float32)
+
+    @property
+    def lit_share(self) -> float:
+        """Share of the room's surface that the projector can reach."""
+        area = self.room.cell_area_m2
+        reached = np.minimum(self._pixel_area_by_cell(), area)
+        return float(reached.sum() / area.sum())
+
+    def _pixel_area_by_cell(self) -> FloatArray:
+        density = self._emission @ np.ones(self._emission.shape[1], dtype=np.float32)
+        return np.asarray(np.where(density > 0, self.room.cell_area_m2, 0.0))
+
+    def _direct(self, linear: Float32Array) -> Float32Array:
+        blur = self.settings.projector.blur_px
+        picture = cv2.GaussianBlur(linear, (0, 0), blur) if blur > 0 else linear
+        fine = cv2.remap(picture, *self._map, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        fine *= self._direct_gain
+        height, width = self.camera.shape
+        return np.asarray(cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+
+    def _ambient_radiosity(self) -> Float32Array:
+        """Room light: even irradiance on every surface, with its interreflection."""
+        even = np.full(len(self.room.reflectance), self.settings.ambient)
+        indirect = self.room.indirect_irradiance(self.room.reflectance * even)
+        seen = (self._view @ (indirect + even).astype(np.float32)).reshape(self.camera.shape)
+        return np.asarray(self._reflectance * seen, dtype=np.float32)
+
+
+def projector_response(projector: BenchProjector) -> Float32Array:
+    """(256,) linear light of each code: power law mixed with a smooth step, above the black level."""
+    x = np.arange(256) / 255
+    curve = (1 - projector.s_shape) * x**projector.gamma + projector.s_shape * x * x * (3 - 2 * x)
+    black = 1 / projector.contrast
+    return np.asarray(black + (1 - black) * curve, dtype=np.float32)
+
+
+def _pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:
+    """(H·samples, W·samples, 2) pixel coordinates (x, y) of sub-sample centres."""
+    y, x = ((np.arange(n * samples) + 0.5) / samples - 0.5 for n in shape)
+    return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def _splat(room: BenchRoom, projector: BenchOptics, flux: float) -> tuple[csr_array, FloatArray]:
+    """(cells, pixels): reflected emission of each cell for each pixel, the pixel's flux shared by sub-samples."""
+    height, width = projector.shape
+    grid = _pixel_grid(projector.shape, _SAMPLES)
+    cells = cells_of(room, trace(room, projector.position_m, directions(projector, grid)))
+    pixel_flux = flux / (height * width) * relative_illumination(projector, _pixel_grid(projector.shape))
+    y, x = (np.arange(n * _SAMPLES) // _SAMPLES for n in projector.shape)
+    pixels = y[:, None] * width + x[None, :]
+    hit = cells >= 0
+    share = pixel_flux.ravel()[pixels[hit]] / _SAMPLES**2 / room.cell_area_m2[cells[hit]]
+    data = (share * room.reflectance[cells[hit]]).astype(np.float32)
+    matrix = csr_array((data, (cells[hit], pixels[hit])), shape=(len(room.reflectance), height * width))
+    return matrix, pixel_flux
+
+
+def _direct_path(
+    room: BenchRoom, camera: BenchOptics, projector: BenchOptics, flux: float
+) -> tuple[tuple[Float32Array, Float32Array], Float32Array]:
+    """Sub-sampled camera pixels: the projector coordinates that they see, and radiosity for white there.
+
+    In bands of rows, so that what is computed stays in the cache, on two threads.
+    """
+    grid = _pixel_grid(camera.shape, _SAMPLES)
+    bands = [grid[first : first + _BAND_ROWS] for first in range(0, len(grid), _BAND_ROWS)]
+    with ThreadPoolExecutor(2) as executor:
+        parts = list(executor.map(lambda band: _direct_band(room, camera, projector, flux, band), bands))
+    map_x, map_y, gain = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return (map_x, map_y), gain
+
+
+def _direct_band(
+    room: BenchRoom, camera: BenchOptics, projector: BenchOptics, flux: float, grid: FloatArray
+) -> tuple[Float32Array, Float32Array, Float32Array]:
+    surface = trace(room, camera.position_m, directions(camera, grid))
+    pixels = pixels_of(projector, surface.points_m)
+    height, width = projector.shape
+    with np.errstate(invalid="ignore"):
+        inside = (pixels > -0.5).all(axis=-1) & (pixels < (width - 0.5, height - 0.5)).all(axis=-1)
+    to_projector = projector.position_m - surface.points_m[inside]
+    axes = np.array([wall.axis for wall in room.walls])[surface.wall[inside]]
+    cosine = np.abs(np.take_along_axis(to_projector, axes[:, None], axis=1)[:, 0])
+    cosine /= np.linalg.norm(to_projector, axis=1)
+    gain = np.zeros(inside.shape, dtype=np.float32)
+    gain[inside] = (
+        flux_density(projector, surface.points_m[inside], cosine)
+        * (flux / (height * width))
+        * relative_illumination(projector, pixels[inside])
+        * _point_reflectance(room, surface)[inside]
+    )
+    pixels = np.where(inside[..., None], np.clip(pixels, 0, (width - 1, height - 1)), -10.0).astype(np.float32)
+    return pixels[..., 0], pixels[..., 1], gain
+
+
+def _point_reflectance(room: BenchRoom, surface: SurfacePoints) -> FloatArray:
+    """Reflectance where rays land; 0 where they escape."""
+    values = np.zeros(surface.wall.shape)
+    for k in range(len(room.walls)):
+        on = surface.wall == k
+        values[on] = reflectance_at(room, k, surface.points_m[on])
+    return values

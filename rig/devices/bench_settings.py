@@ -1,0 +1,97 @@
+"""The `[bench]` table of a simulated rig's profile: the truth that calibration has to find out.
+
+Nothing outside the simulated pair and the scoring of its results may read these numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Vector3 = tuple[float, float, float]
+FaceName = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Reflectance = Annotated[float, Field(ge=0.0, lt=1.0)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class BenchLens(_Table):
+    """Pose and lens of one device of the bench."""
+
+    position_m: Vector3
+    look_at_m: Vector3
+    roll_deg: float = 0.0
+    focal_px: Annotated[float, Field(gt=0)]
+    principal_point_px: tuple[float, float]
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 in OpenCV's order."""
+    vignetting: tuple[float, float] = (0.0, 0.0)
+    """v2, v4: relative illumination 1 + v2 r² + v4 r⁴, r = distance from the axis / half diagonal."""
+    blur_px: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard deviation of the lens's Gaussian blur in the device's own pixels."""
+
+
+class BenchCamera(BenchLens):
+    """What the simulated camera really is."""
+
+    sensitivity_e_per_s: Annotated[float, Field(gt=0)]
+    """Electrons a second for a radiosity of 1."""
+    full_well_e: Annotated[float, Field(gt=0)] = 32000.0
+    read_noise_e: Annotated[float, Field(ge=0)] = 6.0
+    black_level_dn: Annotated[float, Field(ge=0)] = 64.0
+    compression: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Response y (1 + c) / (1 + c y): 0 is linear."""
+    stale_frame_rate: Share = 0.0
+    dropped_frame_rate: Share = 0.0
+
+
+class BenchProjector(BenchLens):
+    """What the simulated projector really is."""
+
+    flux: Annotated[float, Field(gt=0)] = 10.0
+    """Power of all pixels together at white; relative."""
+    contrast: Annotated[float, Field(gt=1)] = 1500.0
+    """White over black, the whole picture black."""
+    gamma: Annotated[float, Field(gt=0)] = 2.2
+    s_shape: Share = 0.0
+    """Share of a smooth step in the response, the rest a power law."""
+    latency_s: Annotated[float, Field(ge=0)] = 0.0
+    """From the time stamp of the display to light."""
+    jitter_s: Annotated[float, Field(ge=0)] = 0.0
+
+
+class Poster(_Table):
+    """A rectangle of other reflectance on a face, in shares of the face's two edges."""
+
+    face: FaceName
+    lower: tuple[Share, Share]
+    upper: tuple[Share, Share]
+    reflectance: Reflectance
+
+
+class BenchSettings(_Table):
+    """The whole truth of a simulated rig."""
+
+    seed: int = 1
+    size_m: Vector3
+    reflectance: dict[FaceName, Reflectance]
+    """Mean reflectance of each face; a face that is not named is open."""
+    texture: Share = 0.0
+    """Half range of the smooth variation on each face."""
+    posters: tuple[Poster, ...] = ()
+    cell_size_m: Annotated[float, Field(gt=0)] = 0.12
+    ambient: Annotated[float, Field(ge=0)] = 0.0
+    """Irradiance of room light on every surface; relative, as the projector's."""
+    camera: BenchCamera
+    projector: BenchProjector
+
+    @model_validator(mode="after")
+    def _devices_are_inside(self) -> BenchSettings:
+        for name, lens in (("camera", self.camera), ("projector", self.projector)):
+            if not all(0.0 < p < s for p, s in zip(lens.position_m, self.size_m, strict=True)):
+                raise ValueError(f"{name}.position_m {lens.position_m} is outside size_m {self.size_m}")
+        return self
