@@ -10,7 +10,7 @@ class SystemClock:
     """The machine's monotonic clock."""
 
     def now_s(self) -> float:
-        """Monotonic time; its zero means nothing. [s]"""
+        """Monotonic time in seconds; its zero means nothing."""
         return time.monotonic()
 
     def wait_until_s(self, time_s: float) -> None:
@@ -35,7 +35,7 @@ class VirtualClock:
         self._lock = threading.Lock()
 
     def now_s(self) -> float:
-        """Virtual time. [s]"""
+        """Virtual time in seconds."""
         with self._lock:
             return self._now_s
 
