@@ -1,0 +1,70 @@
+"""What people see on a terminal: progress on stderr, tables on stdout."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+OnStep = Callable[[str, int, int], None]
+"""Called with (what is being done, how many are done, of how many)."""
+
+
+def silent(label: str, done: int, total: int) -> None:
+    """Progress for callers that want none."""
+
+
+class TerminalProgress:
+    """A bar a step on stderr; plain lines when stderr is not a terminal."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description:<34}"),
+            BarColumn(bar_width=32),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+        )
+        self._progress = Progress(*columns, console=self._console)
+        self._tasks: dict[str, TaskID] = {}
+
+    def __enter__(self) -> TerminalProgress:
+        if self._console.is_terminal:
+            self._progress.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._console.is_terminal:
+            self._progress.stop()
+
+    def __call__(self, label: str, done: int, total: int) -> None:
+        """Show that `done` of `total` parts of the step `label` are there."""
+        if not self._console.is_terminal:
+            if done >= total and label not in self._tasks:
+                self._tasks[label] = TaskID(len(self._tasks))
+                self._console.print(f"{label}: {total} done", highlight=False)
+            return
+        if label not in self._tasks:
+            self._tasks[label] = self._progress.add_task(label, total=total)
+        self._progress.update(self._tasks[label], completed=done, total=total)
+
+
+def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """A table on stdout; numbers to the right."""
+    table = Table(title=title, title_justify="left")
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right")
+    for row in rows:
+        table.add_row(*(_text(cell) for cell in row))
+    Console().print(table)
+
+
+def _text(cell: object) -> str:
+    if isinstance(cell, float):
+        return f"{cell:.4g}" if abs(cell) < 1e-2 and cell != 0 else f"{cell:.2f}"
+    return "" if cell is None else str(cell)
