@@ -1,0 +1,230 @@
+"""Scenes: rectangles gridded into patches, and where rays meet them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.errors import SimulationError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+BoolArray = NDArray[np.bool_]
+
+EDGE_TOLERANCE = 1e-9
+"""How far outside [0, 1] a ray may meet a face and still hit it, so that none leaks through an edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class Face:
+    """A rectangle gridded into ``rows`` (along v) x ``columns`` (along u) equal patches.
+
+    Its normal is u x v and points to the lit side. Patch (row, column) has the index
+    ``first_patch + row * columns + column``.
+    """
+
+    name: str
+    origin_m: FloatArray
+    """(3,) the corner where u and v begin [m]."""
+    edge_u_m: FloatArray
+    """(3,) edge along which the columns run [m]."""
+    edge_v_m: FloatArray
+    """(3,) edge along which the rows run; perpendicular to u [m]."""
+    rows: int
+    columns: int
+    first_patch: int
+
+    def __post_init__(self) -> None:
+        for field in ("origin_m", "edge_u_m", "edge_v_m"):
+            object.__setattr__(self, field, np.asarray(getattr(self, field), dtype=np.float64).reshape(3))
+        lengths = np.linalg.norm([self.edge_u_m, self.edge_v_m], axis=1)
+        if not (lengths.min() > 0 and np.isfinite(lengths).all() and np.isfinite(self.origin_m).all()):
+            raise SimulationError(
+                f"face {self.name}: edge lengths {lengths} m; both must be above 0 and finite"
+            )
+        cosine = float(self.edge_u_m @ self.edge_v_m) / float(lengths.prod())
+        if abs(cosine) > 1e-6:
+            raise SimulationError(
+                f"face {self.name}: its edges meet at {np.degrees(np.arccos(cosine)):.4f} degrees instead of 90; "
+                "give a rectangle"
+            )
+        if self.rows < 1 or self.columns < 1:
+            raise SimulationError(f"face {self.name}: {self.rows} x {self.columns} patches; at least 1 x 1")
+
+    @property
+    def n_patches(self) -> int:
+        """Number of its patches."""
+        return self.rows * self.columns
+
+    @property
+    def patches(self) -> slice:
+        """Its patches' place in the scene."""
+        return slice(self.first_patch, self.first_patch + self.n_patches)
+
+    @cached_property
+    def axes(self) -> FloatArray:
+        """(3, 3) rows: unit u, unit v, unit normal."""
+        u = self.edge_u_m / np.linalg.norm(self.edge_u_m)
+        v = self.edge_v_m / np.linalg.norm(self.edge_v_m)
+        return np.stack([u, v, np.cross(u, v)])
+
+    @property
+    def normal(self) -> FloatArray:
+        """(3,) unit normal, into the room."""
+        return np.asarray(self.axes[2])
+
+    @property
+    def size_m(self) -> tuple[float, float]:
+        """Lengths of u and v [m]."""
+        return float(np.linalg.norm(self.edge_u_m)), float(np.linalg.norm(self.edge_v_m))
+
+    def points(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
+        """(..., 3) world points of face coordinates in [0, 1] [m]."""
+        u, v = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
+        return np.asarray(self.origin_m + u[..., None] * self.edge_u_m + v[..., None] * self.edge_v_m)
+
+    def patch_at(self, uv: FloatArray) -> IntArray:
+        """(N,) scene patch indices of (N, 2) face coordinates in [0, 1]."""
+        column = np.minimum((uv[:, 0] * self.columns).astype(np.intp), self.columns - 1)
+        row = np.minimum((uv[:, 1] * self.rows).astype(np.intp), self.rows - 1)
+        return np.asarray(self.first_patch + row * self.columns + column)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Gridded rectangles with a diffuse reflectance a patch."""
+
+    name: str
+    faces: tuple[Face, ...]
+    reflectance: FloatArray
+    """(P,) share of the light that a patch sends back, in [0, 1]."""
+    convex: bool
+    """True if every two points on the faces' lit sides see each other: no visibility rays are needed."""
+
+    def __post_init__(self) -> None:
+        if not self.faces:
+            raise SimulationError(f"scene {self.name}: no faces; give at least one")
+        first = 0
+        for face in self.faces:
+            if face.first_patch != first:
+                raise SimulationError(
+                    f"scene {self.name}, face {face.name}: first patch {face.first_patch}, expected {first}"
+                )
+            first += face.n_patches
+        reflectance = np.asarray(self.reflectance, dtype=np.float64)
+        if reflectance.shape != (first,):
+            raise SimulationError(
+                f"scene {self.name}: reflectance of shape {reflectance.shape} for {first} patches; one each"
+            )
+        if not ((reflectance >= 0) & (reflectance <= 1)).all():
+            raise SimulationError(
+                f"scene {self.name}: reflectance {reflectance.min():.4g} ... {reflectance.max():.4g}; "
+                "it must lie in 0 ... 1"
+            )
+        object.__setattr__(self, "reflectance", reflectance)
+
+    @property
+    def n_patches(self) -> int:
+        """Number of patches, P."""
+        return len(self.reflectance)
+
+    @cached_property
+    def vertices(self) -> FloatArray:
+        """(P, 4, 3) corners, counter-clockwise seen from the lit side [m]."""
+        return np.concatenate([_patch_vertices(face) for face in self.faces])
+
+    @cached_property
+    def centres(self) -> FloatArray:
+        """(P, 3) centres [m]."""
+        return np.asarray(self.vertices.mean(axis=1))
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """(P, 3) unit normals."""
+        return np.concatenate([np.tile(face.normal, (face.n_patches, 1)) for face in self.faces])
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """(P,) areas [m²]."""
+        return np.concatenate(
+            [np.full(face.n_patches, np.prod(face.size_m) / face.n_patches) for face in self.faces]
+        )
+
+    def with_reflectance(self, reflectance: ArrayLike) -> Scene:
+        """The same scene with another reflectance, one number or one a patch."""
+        values = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (self.n_patches,))
+        return Scene(self.name, self.faces, values.copy(), self.convex)
+
+
+def _patch_vertices(face: Face) -> FloatArray:
+    u, v = np.meshgrid(np.arange(face.columns), np.arange(face.rows))
+    corners = [
+        face.points((u.ravel() + du) / face.columns, (v.ravel() + dv) / face.rows)
+        for du, dv in ((0, 0), (1, 0), (1, 1), (0, 1))
+    ]
+    return np.stack(corners, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Hits:
+    """Where rays first meet a scene."""
+
+    face: IntArray
+    """(N,) index into ``scene.faces``; -1 where the ray meets nothing."""
+    patch: IntArray
+    """(N,) patch index; -1 where the ray meets nothing, or a face from behind."""
+    distance: FloatArray
+    """(N,) along the ray, infinite where it meets nothing. [lengths of the direction]"""
+    uv: FloatArray
+    """(N, 2) face coordinates in [0, 1]; 0 where the ray meets nothing."""
+    cos_incidence: FloatArray
+    """(N,) cosine between the ray reversed and the normal: above 0 on the lit side, below 0 from behind."""
+
+
+def intersect(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits:
+    """The nearest hit of each ray; a face met from behind still stops it.
+
+    Parameters
+    ----------
+    scene : Scene
+    origin_m : (3,) or (N, 3)
+        Where the rays begin. [m]
+    directions : (N, 3)
+        Unit directions.
+
+    Returns
+    -------
+    Hits
+    """
+    origin = np.asarray(origin_m, dtype=np.float64)
+    n = len(directions)
+    hit_face, patch = np.full(n, -1, dtype=np.intp), np.full(n, -1, dtype=np.intp)
+    distance, uv, cosine = np.full(n, np.inf), np.zeros((n, 2)), np.zeros(n)
+    for index, face in enumerate(scene.faces):
+        at, here_uv, here_cosine = meet(face, origin, directions)
+        nearer = at < distance
+        hit_face[nearer], distance[nearer] = index, at[nearer]
+        uv[nearer], cosine[nearer] = here_uv[nearer], here_cosine[nearer]
+    for index, face in enumerate(scene.faces):
+        lit = (hit_face == index) & (cosine > 0)
+        patch[lit] = face.patch_at(uv[lit])
+    return Hits(hit_face, patch, distance, uv, cosine)
+
+
+def meet(face: Face, origin: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Distance (infinite for a miss), face coordinates and cosine of incidence of rays on one face."""
+    towards = directions @ face.normal
+    height = (origin - face.origin_m) @ face.normal
+    moving = np.where(np.abs(towards) > 1e-15, towards, np.inf)
+    at = -height / moving
+    relative = origin - face.origin_m
+    size_u, size_v = face.size_m
+    u = (relative @ face.axes[0] + at * (directions @ face.axes[0])) / size_u
+    v = (relative @ face.axes[1] + at * (directions @ face.axes[1])) / size_v
+    low, high = -EDGE_TOLERANCE, 1 + EDGE_TOLERANCE
+    inside = (at > 1e-12) & (u >= low) & (u <= high) & (v >= low) & (v <= high)
+    uv = np.clip(np.stack([u, v], axis=-1), 0.0, 1.0)
+    return np.where(inside, at, np.inf), uv, -towards
