@@ -32,7 +32,8 @@ def write_atomic(path: Path, write: Callable[[Path], None], *, size_bytes: int =
         os.replace(part, path)
         sync(path.parent)
     except OSError as error:
-        part.unlink(missing_ok=True)
+        if part.exists():
+            part.unlink()
         raise session_error(error, path, size_bytes) from error
 
 

@@ -151,5 +151,5 @@ def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path: Path, monkeypatch
 
 def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(SessionError, match=r"cannot write .*Not a directory"):
+    with pytest.raises(SessionError, match=r"cannot write .*p\.png"):
         write_png(tmp_path / "file" / "p.png", np.zeros((2, 2), np.uint8))
