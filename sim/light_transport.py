@@ -6,11 +6,14 @@ patches; V interreflection of patches to camera pixels.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator
 
+from sim.coupling import Coupling, coupling_of
 from sim.errors import SimulationError
 from sim.radiosity import Radiosity
 from sim.scene import FloatArray, IntArray
@@ -68,6 +71,11 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
     def global_(self) -> LinearOperator:
         """V (B - E) alone: light reflected more than once."""
         return _operator(self.shape, self._global, self._global_adjoint)
+
+    @cached_property
+    def coupling(self) -> Coupling:
+        """The interreflection as a dense matrix between lit and viewed patches, made on first use."""
+        return coupling_of(self.radiosity, self.emission, self.view)
 
     def radiosity_of(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Emission E = S p and radiosity B of the patches, (P,) each, for a projector image (n_projector,)."""
