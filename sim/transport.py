@@ -138,7 +138,7 @@ def _area_emission(
     total = csr_array((scene.n_patches, lens.n_pixels))
     for dy in offsets:
         for dx in offsets:
-            xy = grid + (dx, dy)
+            xy = grid + np.array([dx, dy])
             beam = _beam(scene, lens, pose, xy)
             lit, patch = beam.lit, beam.hits.patch[beam.lit]
             flux = np.full(int(lit.sum()), 1 / (lens.focal_px[0] * lens.focal_px[1]))

@@ -125,7 +125,7 @@ class _Problem:
         """Length of the scaled projected gradient, relative to the target's."""
         scale = np.maximum(self.diagonal, 1e-6 * self.diagonal.max())
         step = np.clip(state.p - state.gradient / scale**2, self.lower, self.upper) - state.p
-        return float(np.linalg.norm(scale * step) / max(np.linalg.norm(self.target), 1e-300))
+        return float(np.linalg.norm(scale * step)) / max(float(np.linalg.norm(self.target)), 1e-300)
 
 
 def _newton_step(problem: _Problem, state: _State) -> FloatArray:
@@ -153,7 +153,7 @@ def _newton_step(problem: _Problem, state: _State) -> FloatArray:
     M = np.block([[H.T @ VtV_H, H.T], [H, np.zeros((H.shape[0], H.shape[0]))]])
     U_right = np.concatenate([S @ right, coupling.view_adjoint @ (d * right)])
     z = solve(np.eye(len(M)) + M @ C, M @ U_right, check_finite=False)
-    return right - inverse * (coupling.emission_adjoint @ z[:n_lit] + d * (V @ z[n_lit:]))
+    return np.asarray(right - inverse * (coupling.emission_adjoint @ z[:n_lit] + d * (V @ z[n_lit:])))
 
 
 def _dense(left: csr_array, right: csr_array) -> FloatArray:

@@ -13,7 +13,7 @@ from sim.light_transport import LightTransport
 def direct(
     transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0
 ) -> Compensation:
-    """p = c / D, clamped: ignores interreflection."""
+    """Project c / D, clamped: ignores interreflection."""
     started = time.perf_counter()
     c = checked_target(transport, target, lower, upper)
     wanted = divided(c, diagonal_of(transport))

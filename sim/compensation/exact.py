@@ -20,7 +20,7 @@ DENSE_LIMIT = 4000
 def exact(
     transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0
 ) -> Compensation:
-    """p = T⁻¹ c at pixel level, then clamped.
+    """Project T⁻¹ c, exact at pixel level, then clamped.
 
     By Woodbury's identity: (I + H S D⁻¹ V) q = H S D⁻¹ c and p = D⁻¹ (c - V q), where H = (I - G)⁻¹ G and q is the
     interreflection of the viewed patches. Patches that no pixel lights have no emission, and what they return is
