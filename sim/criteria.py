@@ -50,7 +50,7 @@ def indirect_radiosity(transport: LightTransport, p: FloatArray) -> FloatArray:
 def once_reflected_share(transport: LightTransport, p: FloatArray) -> FloatArray:
     """(n_camera,) share of each pixel's light that was reflected once; 0 where there is no light."""
     direct, total = np.asarray(transport.direct @ p), np.asarray(transport @ p)
-    return np.divide(direct, total, out=np.zeros_like(total), where=total > 0)
+    return np.asarray(np.divide(direct, total, out=np.zeros_like(total), where=total > 0))
 
 
 def emission_share(transport: LightTransport, p: FloatArray) -> FloatArray:

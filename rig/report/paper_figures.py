@@ -1,0 +1,255 @@
+"""Figures like the paper's 5 to 16: images side by side, and bars beside the published ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+OURS, PUBLISHED = "#2b6cb0", "#c8c8c8"
+STRATEGY_TITLES = {"paper": "the paper's rule", "exact": "exact inverse", "bounded": "bounded optimum"}
+DPI = 130
+
+
+@dataclass(frozen=True, eq=False)
+class PaperImages:
+    """What one configuration shows; (H, W) grey levels of 255."""
+
+    name: str
+    title: str
+    desired: FloatArray
+    uncompensated: FloatArray
+    """Seen when the desired image itself is projected."""
+    projected: Mapping[str, FloatArray]
+    """Projector image by strategy."""
+    visible: Mapping[str, FloatArray]
+    """Camera image by strategy."""
+    once_reflected_share: FloatArray
+    """When white is projected; share in [0, 1]."""
+
+
+def write_paper_figures(
+    result: Mapping[str, Any], images: Sequence[PaperImages], directory: Path
+) -> list[Path]:
+    """Write all figures as PNG.
+
+    Parameters
+    ----------
+    result : mapping
+        What ``run_paper`` returns.
+    images : sequence of PaperImages
+        One a configuration, in the result's order.
+    directory : Path
+        Made if need be.
+
+    Returns
+    -------
+    list of Path
+        The files written.
+    """
+    directory.mkdir(parents=True, exist_ok=True)
+    configurations: list[Mapping[str, Any]] = list(result["configurations"])
+    paths = []
+    for configuration, shown in zip(configurations, images, strict=True):
+        paths.append(_save(_images_figure(configuration, shown), directory / f"images-{shown.name}.png"))
+    paths.append(_save(_share_figure(images[0]), directory / "once-reflected.png"))
+    for name, draw in _BARS.items():
+        paths.append(_save(draw(configurations), directory / f"{name}.png"))
+    return paths
+
+
+def _save(figure: Figure, path: Path) -> Path:
+    figure.savefig(path, dpi=DPI)
+    return path
+
+
+def _images_figure(configuration: Mapping[str, Any], shown: PaperImages) -> Figure:
+    """Above what is seen, below what is projected."""
+    figure = Figure(figsize=(13.0, 5.6), layout="constrained")
+    figure.suptitle(f"{shown.title}: seen in the room (above), sent to the projector (below)")
+    axes = figure.subplots(2, 4)
+    _picture(axes[0, 0], shown.uncompensated, _caption("without", configuration["error_uncompensated"]))
+    _picture(axes[1, 0], shown.desired, "desired image")
+    for column, (name, title) in enumerate(STRATEGY_TITLES.items(), 1):
+        _picture(axes[0, column], shown.visible[name], _caption(title, configuration["strategies"][name]))
+        _picture(axes[1, column], shown.projected[name], f"compensation: {title}")
+    return figure
+
+
+def _caption(title: str, error: Mapping[str, float]) -> str:
+    return f"{title}: error {error['mean']:.1f} ± {error['sd']:.1f}"
+
+
+def _picture(axes: Axes, image: FloatArray, title: str) -> None:
+    axes.imshow(image, cmap="gray", vmin=0, vmax=255, interpolation="nearest")
+    axes.set_title(title, fontsize=10)
+    axes.set_axis_off()
+
+
+def _share_figure(shown: PaperImages) -> Figure:
+    figure = Figure(figsize=(6.4, 4.6), layout="constrained")
+    axes = figure.subplots()
+    picture = axes.imshow(100 * shown.once_reflected_share, cmap="viridis", vmin=0, vmax=100)
+    axes.set_title("Reference, white projected: light reflected only once")
+    axes.set_axis_off()
+    figure.colorbar(picture, ax=axes, label="share of the light seen [%]", shrink=0.85)
+    return figure
+
+
+def _bars(
+    configurations: Sequence[Mapping[str, Any]],
+    title: str,
+    unit: str,
+    ours: Callable[[Mapping[str, Any]], float],
+    published: Callable[[Mapping[str, Any]], float | None],
+    axes: Axes,
+) -> None:
+    """Draw a pair of bars a configuration; none where the paper gives no figure."""
+    places = np.arange(len(configurations))
+    heights = [ours(configuration) for configuration in configurations]
+    known = [published(configuration["published"]) for configuration in configurations]
+    given = [(place + 0.2, value) for place, value in zip(places, known, strict=True) if value is not None]
+    axes.bar(places - 0.2, heights, 0.38, color=OURS, label="here")
+    axes.bar([x for x, _ in given], [y for _, y in given], 0.38, color=PUBLISHED, label="published")
+    top = max(np.abs([*heights, *(value for _, value in given)]))
+    for place, value, colour in [(x - 0.2, y, "white") for x, y in zip(places, heights, strict=True)] + [
+        (x, y, "black") for x, y in given
+    ]:
+        inside = abs(value) > 0.08 * top
+        at = np.sign(value) * top * 0.04 if inside else value + np.sign(value) * top * 0.03
+        axes.text(
+            place,
+            at,
+            f"{value:.0f}",
+            ha="center",
+            va="center",
+            color=colour if inside else "black",
+            fontsize=9,
+        )
+    axes.set_xticks(
+        places, [str(configuration["title"]) for configuration in configurations], rotation=20, ha="right"
+    )
+    axes.set_title(title)
+    axes.set_ylabel(unit)
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False)
+
+
+def _indirect_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    axes = figure.subplots()
+    _bars(
+        configurations,
+        "Indirect radiosity of the visible patches (bar: mean; whisker: min ... max)",
+        "grey levels of 255",
+        lambda c: float(c["indirect"]["mean"]),
+        lambda p: _inner(p, "indirect", "mean"),
+        axes,
+    )
+    for place, configuration in enumerate(configurations):
+        ours, theirs = configuration["indirect"], configuration["published"]["indirect"]
+        for offset, values in ((-0.2, ours), (0.2, theirs)):
+            below, above = values["mean"] - values["min"], values["max"] - values["mean"]
+            axes.errorbar(
+                place + offset, values["mean"], [[below], [above]], color="black", capsize=3, linewidth=0.9
+            )
+    return figure
+
+
+def _share_bars(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    _bars(
+        configurations,
+        "Light reflected only once when white is projected",
+        "share of the light seen [%]",
+        lambda c: 100 * float(c["share_white"]),
+        lambda p: 100 * float(p["share_white"]) if "share_white" in p else None,
+        figure.subplots(),
+    )
+    return figure
+
+
+def _emission_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    smallest, largest = figure.subplots(1, 2)
+    _emission_bars(configurations, "min", "Emission required, smallest (E' of eq. 13)", smallest)
+    _emission_bars(configurations, "max", "Emission required, largest (E' of eq. 13)", largest)
+    return figure
+
+
+def _emission_bars(configurations: Sequence[Mapping[str, Any]], end: str, title: str, axes: Axes) -> None:
+    _bars(
+        configurations,
+        title,
+        "grey levels of 255",
+        lambda c: float(c["required_emission"][end]),
+        lambda p: _inner(p, "required_emission", end),
+        axes,
+    )
+
+
+def _error_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+    figure = Figure(figsize=(13.0, 4.6), layout="constrained")
+    without, compensated = figure.subplots(1, 2, sharey=True)
+    unit = "mean |visible - desired| [grey levels]"
+    _bars(
+        configurations,
+        "Error without compensation",
+        unit,
+        lambda c: float(c["error_uncompensated"]["mean"]),
+        lambda p: _inner(p, "error_uncompensated", "mean"),
+        without,
+    )
+    _bars(
+        configurations,
+        "Error with the paper's compensation",
+        unit,
+        lambda c: float(c["strategies"]["paper"]["mean"]),
+        lambda p: _inner(p, "error_compensated", "mean"),
+        compensated,
+    )
+    return figure
+
+
+def _strategies_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
+    axes = figure.subplots()
+    names = {"without": None} | {title: name for name, title in STRATEGY_TITLES.items()}
+    colours = ("#b0b0b0", "#dd8452", "#55a868", OURS)
+    places = np.arange(len(configurations))
+    for index, ((title, name), colour) in enumerate(zip(names.items(), colours, strict=True)):
+        errors = [c["strategies"][name] if name else c["error_uncompensated"] for c in configurations]
+        heights = [error["mean"] for error in errors]
+        bars = axes.bar(places + 0.2 * (index - 1.5), heights, 0.19, color=colour, label=title)
+        axes.bar_label(bars, fmt="%.0f", fontsize=8)
+    axes.set_xticks(places, [str(c["title"]) for c in configurations], rotation=20, ha="right")
+    axes.set_title("Error by strategy")
+    axes.set_ylabel("mean |visible - desired| [grey levels]")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, ncols=4, loc="upper left")
+    axes.margins(y=0.2)
+    return figure
+
+
+def _inner(published: Mapping[str, Any], key: str, part: str) -> float | None:
+    values: Mapping[str, Any] = published.get(key, {})
+    value = values.get(part)
+    return None if value is None else float(value)
+
+
+_BARS: Mapping[str, Callable[[Sequence[Mapping[str, Any]]], Figure]] = {
+    "indirect": _indirect_figure,
+    "share-once-reflected": _share_bars,
+    "required-emission": _emission_figure,
+    "error-published": _error_figure,
+    "error-strategies": _strategies_figure,
+}
