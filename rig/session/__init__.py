@@ -1,0 +1,6 @@
+"""Sessions: the folder, its journal, its lock, and steps that go on where they stopped."""
+
+from rig.session.step import Step
+from rig.session.store import Session
+
+__all__ = ["Session", "Step"]

@@ -1,0 +1,196 @@
+"""A step of a session: what it wrote can be read back, what is missing can be written."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.devices.protocols import RawFrame
+from rig.errors import SessionCorrupt, SessionError
+from rig.images import read_exr, write_exr
+from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, Run, write_json
+
+_SAFE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_CHANNELS = {1: ("Y",), 3: ("R", "G", "B")}
+
+
+def check_name(name: str) -> None:
+    """Raise ValueError unless a name can be part of a file's."""
+    if not _SAFE_NAME.fullmatch(name):
+        raise ValueError(f"{name!r}: names are letters, digits, '.', '_' and '-'")
+
+
+class Step:
+    """One run of a step; made by :meth:`Session.step` (to write) and :meth:`Session.finished` (to read)."""
+
+    def __init__(self, ledger: Ledger, run: Run, *, verify: bool):
+        self._ledger = ledger
+        self._run = run
+        self._verify = verify
+
+    @property
+    def name(self) -> str:
+        """The step's name."""
+        return self._run.step
+
+    @property
+    def run_number(self) -> int:
+        """1 for the first inputs, 2 after these have changed, ..."""
+        return self._run.number
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """What the run was begun with."""
+        return dict(self._run.settings)
+
+    @property
+    def outputs_sha256(self) -> str:
+        """Hash of everything that the run wrote. Raises SessionError when it is not finished."""
+        if self._run.outputs_sha256 is None:
+            raise SessionError(f"step {self.name!r} is not finished; finish it before it is used")
+        return self._run.outputs_sha256
+
+    @property
+    def done(self) -> bool:
+        """Finished, and every file is still there."""
+        return self._run.outputs_sha256 is not None and not self.damaged_files
+
+    @property
+    def damaged_files(self) -> list[str]:
+        """Journalled files that are missing or of another size (or content, in a session that verifies)."""
+        entries = self._run.files.values()
+        return [e.file for e in entries if not self._ledger.is_intact(e, verify=self._verify)]
+
+    @property
+    def frame_names(self) -> list[str]:
+        """Names of the frames, in the order in which they were first saved."""
+        return [name for kind, name in self._run.files if kind == "frame"]
+
+    def has_frame(self, name: str, *, verify: bool = False) -> bool:
+        """Whether a frame was journalled and its file is intact; ``verify`` looks at every byte."""
+        return self._has("frame", name, verify)
+
+    def has_image(self, name: str, *, verify: bool = False) -> bool:
+        """Whether an image was journalled and its file is intact."""
+        return self._has("image", name, verify)
+
+    def has_record(self, name: str, *, verify: bool = False) -> bool:
+        """Whether a record was journalled and its file is intact."""
+        return self._has("record", name, verify)
+
+    def _has(self, kind: FileKind, name: str, verify: bool) -> bool:
+        entry = self._run.files.get((kind, name))
+        return entry is not None and self._ledger.is_intact(entry, verify=verify or self._verify)
+
+    def save_frame(self, name: str, raw: RawFrame, *, pattern: str | None = None) -> None:
+        """Write a frame to ``frames/STEP/NNNN.exr``; its times go to the journal.
+
+        ``pattern`` is what was shown (default: ``name``); a replay finds the frame by it and by the exposure.
+        Raises SessionError when the step is finished or the disk is full.
+        """
+        pixels = raw.pixels
+        if pixels.dtype != np.uint16 or pixels.ndim != 3 or pixels.shape[2] not in _CHANNELS:
+            raise ValueError(f"a frame is uint16 (H, W, 1 or 3), not {pixels.dtype} of shape {pixels.shape}")
+        path = self._path("frame", name, f"frames/{self.name}/", "{:04d}.exr", first=0)
+        channels = {c: pixels[..., k] for k, c in enumerate(_CHANNELS[pixels.shape[2]])}
+        attributes = {"rig:step": self.name, "rig:name": name, "rig:exposure_s": repr(raw.exposure_s)}
+        write_exr(path, channels, attributes)
+        details = FrameDetails(
+            pattern or name, float(raw.exposure_s), float(raw.started_s), int(raw.sequence)
+        )
+        self._ledger.add_file(self._run, "frame", name, path, details)
+
+    def load_frame(self, name: str) -> RawFrame:
+        """Read a frame back, exactly. Raises SessionError when there is none, SessionCorrupt when damaged."""
+        entry = self._entry("frame", name)
+        channels = read_exr(self._ledger.folder / entry.file)
+        pixels = np.dstack([channels[c] for c in _CHANNELS[len(channels)]]).astype(np.uint16)
+        if entry.frame is None:
+            raise SessionCorrupt(
+                f"{entry.file}: the journal has no exposure for it; repeat step {self.name!r}"
+            )
+        return RawFrame(pixels, entry.frame.exposure_s, entry.frame.started_s, entry.frame.sequence)
+
+    def save_image(
+        self,
+        name: str,
+        channels: Mapping[str, NDArray[np.generic]],
+        *,
+        folder: Literal["images", "maps"] = "images",
+        attributes: Mapping[str, str] | None = None,
+    ) -> Path:
+        """Write named (H, W) channels as float32 to ``FOLDER/NAME-NNN.exr``, and return its path."""
+        path = self._path("image", name, f"{folder}/{name}-", "{:03d}.exr", first=1)
+        write_exr(path, channels, {"rig:step": self.name, **(attributes or {})})
+        self._ledger.add_file(self._run, "image", name, path)
+        return path
+
+    def load_image(self, name: str) -> dict[str, NDArray[np.float32]]:
+        """Read an image's channels by name."""
+        return read_exr(self._ledger.folder / self._entry("image", name).file)
+
+    def save_record(self, name: str, record: Mapping[str, Any]) -> Path:
+        """Write numbers, texts, lists and arrays to ``calibration/NAME-NNN.json``; floats come back exactly.
+
+        Raises ValueError for NaN and infinities.
+        """
+        path = self._path("record", name, f"calibration/{name}-", "{:03d}.json", first=1)
+        write_json(path, plain(record))
+        self._ledger.add_file(self._run, "record", name, path)
+        return path
+
+    def load_record(self, name: str) -> dict[str, Any]:
+        """Read a record; arrays come back as lists."""
+        path = self._ledger.folder / self._entry("record", name).file
+        try:
+            record: dict[str, Any] = json.loads(path.read_bytes())
+        except ValueError as error:
+            raise SessionCorrupt(f"{path}: is damaged; delete it and run the same command again") from error
+        return record
+
+    def finish(self) -> None:
+        """Say that the step is complete."""
+        self._check_unfinished()
+        self._ledger.finish(self._run)
+
+    def _path(self, kind: FileKind, name: str, prefix: str, pattern: str, *, first: int) -> Path:
+        """Choose the file: the same again when this run has written it before, else the next free number."""
+        check_name(name)
+        self._check_unfinished()
+        known = self._run.files.get((kind, name))
+        if known is not None:
+            return self._ledger.folder / known.file
+        return self._ledger.folder / (prefix + pattern.format(self._ledger.files_like(prefix) + first))
+
+    def _check_unfinished(self) -> None:
+        if self.done:
+            raise SessionError(f"step {self.name!r} is finished; begin it with other settings to write again")
+
+    def _entry(self, kind: FileKind, name: str) -> FileEntry:
+        entry = self._run.files.get((kind, name))
+        if entry is None:
+            known = ", ".join(n for k, n in self._run.files if k == kind) or "none"
+            raise SessionError(f"step {self.name!r} has no {kind} {name!r}; it has {known}")
+        if not self._ledger.is_intact(entry, verify=self._verify):
+            raise SessionCorrupt(
+                f"{self._ledger.folder / entry.file} is missing or differs from the journal "
+                f"({entry.size_bytes} bytes); run the same command again to repeat step {self.name!r}"
+            )
+        return entry
+
+
+def plain(value: Any) -> Any:
+    """Turn numpy arrays, numpy numbers, paths and tuples inside a value into what JSON knows."""
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value
