@@ -27,6 +27,7 @@ FINEST_M = 0.01
 PROBE_RAYS = 16
 SECONDS_PER_PAIR = 3e-8
 """Closed form, measured 2e-8 on one core. [s]"""
+FIRST_CALL_S = 0.02
 FLOPS_PER_S = 1e10
 """What a small machine's linear algebra does for certain. [1/s]"""
 
@@ -100,11 +101,7 @@ def plan(
     build = library[scene_name]
     law = measured_law(build, COARSE_M.get(scene_name, 0.5))
     patch_size_m = max(law.patch_size_m(tolerance_percent), FINEST_M)
-    patches = (
-        build(max(patch_size_m, FINEST_M)).n_patches
-        if patch_size_m > FINEST_M
-        else _count(build, law, FINEST_M)
-    )
+    patches = build(patch_size_m).n_patches
     convex = build(law.coarse_m).convex
     rays = 0 if convex else (64 if tolerance_percent >= 0.5 else 256)
     peak_mb = estimated_peak_mb(patches, rays > 0)
@@ -187,8 +184,8 @@ def estimated_peak_mb(patches: int, rays: bool) -> float:
     """Memory of the dense model: the matrix, its largest block under way, factor or ray bookkeeping."""
     matrices = 1.6 if patches > DIRECT_LIMIT else 4.2
     if rays:
-        matrices = max(matrices, 3.5)
-    return matrices * 8 * patches**2 / 1e6 + (150.0 if rays else 1.0)
+        matrices = max(matrices, 4.3)
+    return matrices * 8 * patches**2 / 1e6 + (10.0 if rays else 1.0)
 
 
 def _count(build: SceneOfPatchSize, law: ErrorLaw, patch_size_m: float) -> int:
@@ -197,7 +194,7 @@ def _count(build: SceneOfPatchSize, law: ErrorLaw, patch_size_m: float) -> int:
 
 def _seconds(law: ErrorLaw, patches: int, rays: int) -> float:
     pairs = float(patches) ** 2
-    seconds = SECONDS_PER_PAIR * pairs + 0.005
+    seconds = SECONDS_PER_PAIR * pairs + FIRST_CALL_S
     if rays:
         seconds += law.finest_probe_seconds * (patches / law.finest_probe_patches) ** 2 * rays / PROBE_RAYS
     if patches <= DIRECT_LIMIT:

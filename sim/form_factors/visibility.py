@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from sim.scene import BoolArray, Face, FloatArray, IntArray, Scene
 
-CHUNK = 1 << 19
-"""Segments tested at a time, to bound the memory."""
+CHUNK = 1 << 16
+"""Segments tested at a time: their arrays stay in the processor's cache."""
 
 
 def visible_fraction(scene: Scene, candidates: BoolArray, rays_per_pair: int = 64) -> FloatArray:
@@ -25,22 +27,41 @@ def visible_fraction(scene: Scene, candidates: BoolArray, rays_per_pair: int = 6
     (P, P) in [0, 1].
     """
     fraction = np.ones((scene.n_patches, scene.n_patches))
-    first, second = np.nonzero(np.triu(candidates, 1))
-    blocked = np.zeros((len(first), rays_per_pair), dtype=bool)
     samples = _low_discrepancy(rays_per_pair)
+    frames = [_Frame.of(scene, occluder) for occluder in occluders(scene)]
+    first, second = np.nonzero(np.triu(candidates, 1))
+    suspects = [frame.may_block(first, second) for frame in frames]
+    if not frames:
+        return fraction
+    parted = np.flatnonzero(np.logical_or.reduce(suspects))
+    first, second = first[parted], second[parted]
+    suspects = [some[parted] for some in suspects]
     step = max(1, CHUNK // rays_per_pair)
-    for occluder in occluders(scene):
-        suspects = np.flatnonzero(_may_block(scene, occluder, first, second))
-        for start in range(0, len(suspects), step):
-            pairs = suspects[start : start + step]
-            blocked[pairs] |= _cut(scene, occluder, first[pairs], second[pairs], samples)
-    cut = np.flatnonzero(blocked.any(axis=1))
-    for start in range(0, len(cut), step):
-        pairs = cut[start : start + step]
-        facing = _facing(scene, first[pairs], second[pairs], samples)
-        share = (facing & ~blocked[pairs]).sum(axis=1) / np.maximum(facing.sum(axis=1), 1)
-        fraction[first[pairs], second[pairs]] = fraction[second[pairs], first[pairs]] = share
+    for start in range(0, len(first), step):
+        here = slice(start, start + step)
+        share = _share(scene, frames, [some[here] for some in suspects], first[here], second[here], samples)
+        fraction[first[here], second[here]] = fraction[second[here], first[here]] = share
     return fraction
+
+
+def _share(
+    scene: Scene,
+    frames: list[_Frame],
+    suspects: list[BoolArray],
+    first: IntArray,
+    second: IntArray,
+    samples: FloatArray,
+) -> FloatArray:
+    """(pairs,) visible share; counts the segments whose ends lie before each other's plane, as the factor does."""
+    blocked = np.zeros((len(first), len(samples)), dtype=bool)
+    for frame, some in zip(frames, suspects, strict=True):
+        pairs = np.flatnonzero(some)
+        blocked[pairs] |= frame.cuts(first[pairs], second[pairs], samples)
+    share = np.ones(len(first))
+    cut = np.flatnonzero(blocked.any(axis=1))
+    facing = _facing(scene, first[cut], second[cut], samples)
+    share[cut] = (facing & ~blocked[cut]).sum(axis=1) / np.maximum(facing.sum(axis=1), 1)
+    return share
 
 
 def occluders(scene: Scene) -> list[Face]:
@@ -51,27 +72,56 @@ def occluders(scene: Scene) -> list[Face]:
     return [face for face, some in zip(scene.faces, behind, strict=True) if some.any()]
 
 
-def _may_block(scene: Scene, face: Face, first: IntArray, second: IntArray) -> BoolArray:
-    """Pairs on both sides of the face's plane whose common bounding box meets the face's."""
-    height = (scene.vertices - face.origin_m) @ face.normal
-    above, below = height.max(axis=1) > 1e-9, height.min(axis=1) < -1e-9
-    parted = (above[first] & below[second]) | (below[first] & above[second])
-    low, high = scene.vertices.min(axis=1), scene.vertices.max(axis=1)
-    corners = face.points([0, 1, 1, 0], [0, 0, 1, 1])
-    near = (np.minimum(low[first], low[second]) <= corners.max(axis=0)).all(axis=1)
-    near &= (np.maximum(high[first], high[second]) >= corners.min(axis=0)).all(axis=1)
-    return np.asarray(parted & near)
+@dataclass(frozen=True, eq=False)
+class _Frame:
+    """All patches in an occluder's coordinates: height over its plane, and its u and v in [0, 1]."""
+
+    height: FloatArray
+    """(3, P): at the patch's first corner, and how much more along its u and its v edge."""
+    u: FloatArray
+    v: FloatArray
+
+    @classmethod
+    def of(cls, scene: Scene, face: Face) -> _Frame:
+        corner = scene.vertices[:, 0] - face.origin_m
+        edges = [scene.vertices[:, k] - scene.vertices[:, 0] for k in (1, 3)]
+        along = [face.normal, face.axes[0] / face.size_m[0], face.axes[1] / face.size_m[1]]
+        return cls(*(np.stack([part @ axis for part in (corner, *edges)]) for axis in along))
+
+    def may_block(self, first: IntArray, second: IntArray) -> BoolArray:
+        """Pairs on both sides of the plane whose common extent along u and v meets the face."""
+        low, high = _extent(self.height)
+        above, below = high > 1e-9, low < -1e-9
+        possible = (above[first] & below[second]) | (below[first] & above[second])
+        for axis in (self.u, self.v):
+            low, high = _extent(axis)
+            possible &= np.minimum(low[first], low[second]) < 1
+            possible &= np.maximum(high[first], high[second]) > 0
+        return np.asarray(possible)
+
+    def cuts(self, first: IntArray, second: IntArray, samples: FloatArray) -> BoolArray:
+        """(pairs, rays) bool: the segment passes through the face."""
+        begin, end = (_at(self.height, *side) for side in ((first, samples[:, :2]), (second, samples[:, 2:])))
+        crosses = begin * end < 0
+        share = begin / np.where(crosses, begin - end, 1.0)
+        for axis in (self.u, self.v):
+            begin, end = _at(axis, first, samples[:, :2]), _at(axis, second, samples[:, 2:])
+            place = begin + share * (end - begin)
+            crosses &= (place > 0) & (place < 1)
+        return np.asarray(crosses)
 
 
-def _cut(scene: Scene, face: Face, first: IntArray, second: IntArray, samples: FloatArray) -> BoolArray:
-    """(pairs, rays) bool: the segment passes through the face."""
-    begin, end = _points(scene, first, samples[:, :2]), _points(scene, second, samples[:, 2:])
-    height_begin, height_end = ((p - face.origin_m) @ face.normal for p in (begin, end))
-    crosses = height_begin * height_end < 0
-    at = height_begin / np.where(crosses, height_begin - height_end, 1.0)
-    meets = begin + at[..., None] * (end - begin) - face.origin_m
-    u, v = (meets @ face.axes[axis] / face.size_m[axis] for axis in (0, 1))
-    return np.asarray(crosses & (u > 0) & (u < 1) & (v > 0) & (v < 1))
+def _at(coordinate: FloatArray, patches: IntArray, uv: FloatArray) -> FloatArray:
+    """(pairs, rays) a coordinate, linear on each patch, at samples of the patches."""
+    corner, along_u, along_v = coordinate[:, patches, None]
+    return np.asarray(corner + along_u * uv[:, 0] + along_v * uv[:, 1])
+
+
+def _extent(coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest value of a coordinate on each patch."""
+    corner, along_u, along_v = coordinate
+    low = corner + np.minimum(along_u, 0) + np.minimum(along_v, 0)
+    return low, corner + np.maximum(along_u, 0) + np.maximum(along_v, 0)
 
 
 def _facing(scene: Scene, first: IntArray, second: IntArray, samples: FloatArray) -> BoolArray:

@@ -1,0 +1,123 @@
+"""The radiosity system against what is known exactly."""
+
+import numpy as np
+import pytest
+
+from sim.errors import SimulationError
+from sim.form_factors import form_factors
+from sim.plan import difference_rms, standard_light
+from sim.radiosity import Radiosity, gauss_seidel, jacobi
+from sim.scenes import corner, furnace, paper_room, room
+
+
+@pytest.fixture(scope="module")
+def cube():
+    scene = furnace(patch_size_m=0.25)
+    return scene, form_factors(scene)
+
+
+@pytest.mark.parametrize("reflectance", [0.0, 0.3, 0.9, 0.99, 0.9999])
+def test_a_furnace_glows_as_one_over_one_minus_rho(cube, reflectance):
+    _, factors = cube
+    B = Radiosity(factors, reflectance).solve(np.ones(96))
+    assert np.allclose(B, 1 / (1 - reflectance), rtol=1e-9)
+
+
+def test_the_iterative_solver_agrees_with_the_direct_one():
+    scene = paper_room(patch_size_m=0.2, reflectance=0.95)
+    E = np.random.default_rng(0).random(scene.n_patches)
+    radiosity = Radiosity(form_factors(scene), scene.reflectance)
+    iterative = radiosity.solve(E)
+    G = scene.reflectance[:, None] * radiosity.form_factors.matrix
+    assert np.allclose(iterative, np.linalg.solve(np.eye(len(G)) - G, E), rtol=1e-9)
+    assert radiosity.accuracy(iterative, E).residual < 1e-10
+
+
+def test_the_error_bound_holds(cube):
+    _, factors = cube
+    radiosity = Radiosity(factors, 0.8)
+    E = np.random.default_rng(1).random(96)
+    B = radiosity.solve(E)
+    wrong = B + 1e-3 * np.random.default_rng(2).normal(size=96)
+    assert np.abs(wrong - B).max() / E.max() <= radiosity.accuracy(wrong, E).error_bound
+
+
+def test_light_is_neither_made_nor_lost():
+    scene = room((2.0, 1.5, 1.0), 0.25, {"floor": 0.2, "ceiling": 0.9, "x0": 0.0, "x1": 0.5, "y0": 0.7, "y1": 1.0})
+    factors = form_factors(scene)
+    E = np.random.default_rng(3).random(scene.n_patches)
+    B = Radiosity(factors, scene.reflectance).solve(E)
+    incident = factors.matrix @ B
+    absorbed = (scene.areas * (1 - scene.reflectance) * incident).sum()
+    assert absorbed == pytest.approx((scene.areas * E).sum(), rel=1e-10)
+
+
+def test_a_black_patch_shows_its_emission_and_nothing_else(cube):
+    _, factors = cube
+    rho = np.where(np.arange(96) < 16, 0.0, 0.6)
+    E = np.random.default_rng(4).random(96)
+    B = Radiosity(factors, rho).solve(E)
+    assert np.array_equal(B[:16], E[:16])
+    assert (B[16:] > E[16:]).all()
+
+
+@pytest.mark.parametrize("size_m", [0.25, 0.1])
+def test_the_adjoint_solves_the_transposed_system(size_m):
+    scene = corner(patch_size_m=size_m, reflectance={"floor": 0.9, "x0": 0.4, "y0": 0.0})
+    radiosity = Radiosity(form_factors(scene), scene.reflectance)
+    rng = np.random.default_rng(5)
+    E, e = rng.random((scene.n_patches, 3)), rng.random((scene.n_patches, 3))
+    assert (radiosity.solve(E) * e).sum() == pytest.approx((E * radiosity.solve_adjoint(e)).sum(), rel=1e-10)
+
+
+def test_jacobi_and_gauss_seidel_reach_the_direct_solution(cube):
+    _, factors = cube
+    E = np.random.default_rng(6).random(96)
+    direct = Radiosity(factors, 0.7).solve(E)
+    by_jacobi, jacobi_steps = jacobi(0.7 * factors.matrix, E)
+    by_gauss_seidel, sweeps = gauss_seidel(0.7 * factors.matrix, E)
+    assert np.allclose(by_jacobi, direct, rtol=1e-8)
+    assert np.allclose(by_gauss_seidel, direct, rtol=1e-8)
+    assert sweeps < jacobi_steps
+
+
+def test_jacobi_says_so_when_it_does_not_arrive(cube):
+    _, factors = cube
+    with pytest.raises(SimulationError, match="not within"):
+        jacobi(1.01 * factors.matrix, np.ones(96), limit=50)
+
+
+def test_the_spectral_radius_of_a_closed_room_is_its_reflectance(cube):
+    _, factors = cube
+    assert Radiosity(factors, 0.9).spectral_radius() == pytest.approx(0.9, abs=1e-9)
+
+
+def test_the_papers_quadrature_is_refused_where_it_makes_light():
+    factors = form_factors(paper_room(), "paper")
+    assert (Radiosity(factors, 0.98).solve(np.ones(576)) > 0).all()
+    with pytest.raises(SimulationError, match=r"spectral radius of rho F is 1\.00.*closed_form"):
+        Radiosity(factors, 0.985)
+
+
+def test_a_perfect_mirror_of_light_is_refused(cube):
+    _, factors = cube
+    with pytest.raises(SimulationError, match="never fades"):
+        Radiosity(factors, 1.0)
+
+
+def test_wrong_shapes_and_reflectances_are_refused(cube):
+    _, factors = cube
+    with pytest.raises(SimulationError, match="96 patches"):
+        Radiosity(factors, np.ones(5))
+    with pytest.raises(SimulationError, match="0 ... 1"):
+        Radiosity(factors, -0.1)
+    with pytest.raises(SimulationError, match="96 patches"):
+        Radiosity(factors, 0.5).solve(np.ones(3))
+
+
+def test_refinement_converges_at_about_first_order():
+    scenes = [paper_room(patch_size_m=size_m) for size_m in (0.8, 0.4, 0.2)]
+    solved = [Radiosity(form_factors(scene), 0.7).solve(standard_light(scene)) for scene in scenes]
+    coarse = difference_rms(scenes[0], solved[0], scenes[1], solved[1])
+    fine = difference_rms(scenes[1], solved[1], scenes[2], solved[2])
+    assert 1.5 < coarse / fine < 2.5
