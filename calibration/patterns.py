@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.gray import CodeName, bits_for, words
 from calibration.records import CalibrationError
 
 Codes = NDArray[np.uint8]
@@ -23,25 +24,19 @@ class Pattern:
     """(H, W)."""
 
 
-def bits_for(size_px: int) -> int:
-    """Number of Gray code bits that tell `size_px` positions apart."""
-    return max(1, (size_px - 1).bit_length())
+def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:
+    """Gray code of the columns, then of the rows, most significant bit first.
 
-
-def gray_code_patterns(shape: tuple[int, int], inverse: bool = True) -> Iterator[Pattern]:
-    """Binary-reflected Gray code of the columns, then of the rows, most significant bit first.
-
-    Names: `gray-column-09`, `gray-column-09-inverse`, `gray-row-03` …; the number is the bit.
+    Names: `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …; the number is the bit.
     """
     for axis, size in (("column", shape[1]), ("row", shape[0])):
-        position = np.arange(size)
-        gray = position ^ (position >> 1)
+        word = words(code, bits_for(size))[:size]
         for bit in reversed(range(bits_for(size))):
-            stripe = ((gray >> bit) & 1).astype(np.uint8) * WHITE
+            stripe = ((word >> bit) & 1).astype(np.uint8) * WHITE
             codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape)
-            yield Pattern(f"gray-{axis}-{bit:02d}", codes.copy())
+            yield Pattern(f"{code}-{axis}-{bit:02d}", codes.copy())
             if inverse:
-                yield Pattern(f"gray-{axis}-{bit:02d}-inverse", WHITE - codes)
+                yield Pattern(f"{code}-{axis}-{bit:02d}-inverse", WHITE - codes)
 
 
 def checker_patterns(shape: tuple[int, int], size_px: int = 8, shifts: int = 25) -> Iterator[Pattern]:

@@ -1,0 +1,114 @@
+"""Gray codes: words for positions, one bit changing from each position to the next.
+
+The binary-reflected code is what everybody's patterns use. Its coarse planes light whole halves of a room, and in a
+closed room the light that comes back from there can exceed a wall's own direct light: the bit reads wrong. The
+*long-run* code has in every plane only stripes of some 7 to 30 pixels (10 bits), so a pattern and its inverse put
+the same global light everywhere and differ by direct light alone; no stripe is finer than a few pixels either.
+(Long-run Gray codes: L. Goddyn and P. Gvozdjak, Binary gray codes with long bit runs, Electron. J. Combin. 10, 2003;
+their use against interreflection: M. Gupta et al., Structured light 3D scanning in the presence of global
+illumination, CVPR 2011.)
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.records import CalibrationError
+
+CodeName = Literal["gray", "long-run"]
+Words = NDArray[np.uint16]
+
+MAX_BITS = 14
+_SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
+"""Longest shortest run that a cyclic code of so many bits can have."""
+
+
+def bits_for(size_px: int) -> int:
+    """Number of bits that tell `size_px` positions apart."""
+    return max(1, (size_px - 1).bit_length())
+
+
+def words(code: CodeName, bits: int) -> Words:
+    """(2**bits,) the word of each position.
+
+    Raises
+    ------
+    CalibrationError
+        For an unknown code or more than 14 bits.
+    """
+    if not 1 <= bits <= MAX_BITS:
+        raise CalibrationError(f"a Gray code of {bits} bits: 1 to {MAX_BITS} are supported")
+    if code == "gray":
+        position = np.arange(2**bits)
+        return (position ^ (position >> 1)).astype(np.uint16)
+    if code == "long-run":
+        return np.array(_long_run(bits), dtype=np.uint16)
+    raise CalibrationError(f"unknown code {code!r}; there are 'gray' and 'long-run'")
+
+
+def positions(code: CodeName, bits: int) -> Words:
+    """(2**bits,) the position of each word."""
+    table = np.empty(2**bits, dtype=np.uint16)
+    table[words(code, bits)] = np.arange(2**bits)
+    return table
+
+
+@cache
+def _long_run(bits: int) -> tuple[int, ...]:
+    if bits <= 5:
+        return _searched(bits, _SMALL_RUNS[bits])
+    high = (bits + 1) // 2
+    return _interleaved(_long_run(high), _long_run(bits - high), high)
+
+
+def _searched(bits: int, run: int) -> tuple[int, ...]:
+    """Depth-first search of a cyclic code in which no bit changes twice within `run` steps."""
+    size = 2**bits
+    path, flips, seen = [0], [], {0}
+
+    def extend() -> bool:
+        if len(path) == size:
+            last = (path[-1] ^ path[0]).bit_length() - 1
+            closes = path[-1] ^ path[0] == 1 << last
+            ring = [*flips, last] * 2
+            return closes and all(ring[k] not in ring[k + 1 : k + run] for k in range(size))
+        for bit in range(bits):
+            word = path[-1] ^ (1 << bit)
+            if word in seen or bit in flips[max(0, len(flips) - run + 1) :]:
+                continue
+            path.append(word)
+            flips.append(bit)
+            seen.add(word)
+            if extend():
+                return True
+            seen.remove(word)
+            path.pop()
+            flips.pop()
+        return False
+
+    if not extend():
+        raise CalibrationError(f"no cyclic Gray code of {bits} bits with runs of {run}")
+    return tuple(path)
+
+
+def _interleaved(a: tuple[int, ...], b: tuple[int, ...], a_bits: int) -> tuple[int, ...]:
+    """Walk two cyclic codes in turn, so that every pair of their words comes once.
+
+    On the torus of the positions (i, j) a step goes on in code a or in code b; which one depends on (i + j) modulo
+    the shorter length only, an odd number of times on a: then the walk visits every pair once.
+    """
+    n = len(b)
+    odd = n // 2 + 1 if n > 1 else 1
+    steps_a = {(k * n) // odd for k in range(odd)} if n > 1 else {0}
+    path, i, j = [], 0, 0
+    for _ in range(len(a) * n):
+        path.append(a[i] | (b[j] << a_bits))
+        if (i + j) % n in steps_a:
+            i = (i + 1) % len(a)
+        else:
+            j = (j + 1) % n
+    return tuple(path)
