@@ -36,7 +36,7 @@ class Event:
     time_s: float
     """On the rig's clock."""
     kind: str
-    """``stale``, ``repeated``, ``malformed``, ``exposure``, ``timeout``: asked again; ``lost``: only noted."""
+    """stale, repeated, malformed, exposure or timeout (it asked again); lost (only noted)."""
     detail: str
 
 
@@ -166,7 +166,7 @@ class Rig:
         kinds = sorted({event.kind for event in self.events[first_event:]} - {"lost"})
         raise CaptureTimeout(
             f"no good frame of {name!r} in {1 + timing.retries} attempts of {timing.timeout_s:g} s "
-            f"({', '.join(kinds)}); last: {self.events[-1].detail}; check the camera's cable and timing.timeout_s"
+            f"({', '.join(kinds)}); last: {self.events[-1].detail}; check cable and timing.timeout_s"
         )
 
     def _is_good(self, name: str, frame: RawFrame, settled_s: float) -> bool:
@@ -285,6 +285,6 @@ def _check_recorded_profile(profile: Profile) -> None:
     ):
         if ours != theirs:
             raise ProfileError(
-                f"{profile.path}: {device}: is {ours}, in the recorded session {recorded.path.parent} {theirs}; "
-                "give the recorded one's"
+                f"{profile.path}: {device}: is {ours}, but {theirs} in {recorded.path.parent}; "
+                "give what was recorded"
             )

@@ -97,7 +97,7 @@ class ReplayProjector:
 
 
 class ReplayCamera:
-    """Returns the recorded frames of what is shown, in their order; the last one again when they are used up."""
+    """Returns the recorded frames of what is shown, in their order; then the last one again."""
 
     def __init__(self, recording: Recording, projector: ReplayProjector, clock: VirtualClock):
         self._recording = recording
