@@ -1,7 +1,7 @@
 """Light transport T: projector image to camera image, never formed densely.
 
-T = D + V (B - E) with E = S p and (I - G) B = E: D direct light, pixel to pixel; S projector pixels to emission of
-patches; V interreflection of patches to camera pixels.
+T = D + V (B - E) with E = S p and (I - G) B = E: D direct light, pixel to pixel; S projector pixels to
+emission of patches; V interreflection of patches to camera pixels.
 """
 
 from __future__ import annotations
@@ -53,8 +53,8 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
             or np.shape(pixel_patch) != (n_projector,)
         ):
             raise SimulationError(
-                f"light transport: direct {direct.shape}, emission {emission.shape}, view {view.shape}, pixel_patch "
-                f"{np.shape(pixel_patch)} do not fit together for {n_patches} patches"
+                f"light transport: direct {direct.shape}, emission {emission.shape}, view {view.shape}, "
+                f"pixel_patch {np.shape(pixel_patch)} do not fit together for {n_patches} patches"
             )
         super().__init__(np.dtype(np.float64), (n_camera, n_projector))
         self.emission, self.radiosity, self.view = emission, radiosity, view
@@ -78,7 +78,7 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         return coupling_of(self.radiosity, self.emission, self.view)
 
     def radiosity_of(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Emission E = S p and radiosity B of the patches, (P,) each, for a projector image (n_projector,)."""
+        """Emission E = S p and radiosity B of the patches, (P,) each, for a projector image."""
         E = np.asarray(self.emission @ p)
         return E, self.radiosity.solve(E)
 

@@ -30,12 +30,13 @@ class Lens:
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1 or min(self.focal_px) <= 0:
             raise SimulationError(
-                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; all must be above 0"
+                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; "
+                "all must be above 0"
             )
 
     @classmethod
     def from_horizontal_field_of_view(cls, width_px: int, height_px: int, hfov_deg: float) -> Lens:
-        """Square pixels, centred, without distortion; the field of view counts from pixel edge to pixel edge."""
+        """Square pixels, centred, no distortion; the field of view counts from pixel edge to pixel edge."""
         if not 0 < hfov_deg < 180:
             raise SimulationError(
                 f"horizontal field of view {hfov_deg:g} degrees; it must lie between 0 and 180"
@@ -88,7 +89,7 @@ class Pose:
         up: ArrayLike = (0.0, 0.0, 1.0),
         roll_deg: float = 0.0,
     ) -> Pose:
-        """Stand at a position, aim at a target, with image rows level against ``up``, then turned by the roll."""
+        """Stand at a position and aim at a target, image rows level against ``up``, then rolled."""
         position = np.asarray(position_m, dtype=np.float64)
         forward = np.asarray(target_m, dtype=np.float64) - position
         right = np.cross(forward, np.asarray(up, dtype=np.float64))
@@ -125,9 +126,9 @@ def project(lens: Lens, pose: Pose, points_m: ArrayLike) -> FloatArray:
 
 
 def solid_angles(lens: Lens, xy_px: ArrayLike) -> FloatArray:
-    """(N,) solid angle of a pixel centred at each image point: cos³ gamma / (fx fy), over the distortion's Jacobian.
+    """(N,) solid angle of a pixel centred at each image point [sr].
 
-    gamma is the angle to the optical axis. [sr]
+    cos³ gamma / (fx fy) over the distortion's Jacobian, gamma from the optical axis.
     """
     plane = undistorted(lens, np.asarray(xy_px, dtype=np.float64))
     cos_cubed = (1 + (plane**2).sum(axis=1)) ** -1.5
@@ -165,8 +166,8 @@ def undistorted(lens: Lens, xy_px: FloatArray) -> FloatArray:
     worst_px = float(np.abs(error).max()) * max(lens.focal_px)
     if worst_px > 1e-3:
         raise SimulationError(
-            f"distortion {lens.distortion} cannot be undone: {worst_px:.3g} px left after {UNDISTORT_STEPS} steps, "
-            "limit 0.001 px; the coefficients fold the image over at its border"
+            f"distortion {lens.distortion} cannot be undone: {worst_px:.3g} px left after "
+            f"{UNDISTORT_STEPS} steps, limit 0.001 px; the coefficients fold the image over at its border"
         )
     return plane
 

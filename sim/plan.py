@@ -1,8 +1,9 @@
-"""Model only what a scene needs: from a tolerance to patch size, visibility, solver and bounces, with reasons.
+"""Model only what a scene needs: from a tolerance to patch size, visibility, solver and bounces, and why.
 
-The error law is measured, not assumed: the scene is solved with coarse, half-size and quarter-size patches under a
-standard light (its first face lit white), and the differences of the piecewise constant radiosity give size and
-order of the discretisation error. Errors are percent of white, root mean square over the surface.
+The error law is measured, not assumed: the scene is solved with coarse, half-size and quarter-size patches
+under a standard light (its first face lit white), and the differences of the piecewise constant radiosity
+give size and order of the discretisation error. Errors are percent of white, root mean square over the
+surface.
 """
 
 from __future__ import annotations
@@ -210,8 +211,8 @@ def _refusal(
         possible *= 1.1
     floor = max(possible, law.error_percent(FINEST_M))
     return (
-        f"{tolerance:g} % needs patches of {law.patch_size_m(tolerance) * 1000:.3g} mm and over {peak_mb:.0f} MB, "
-        f"the limit is {limit_mb:.0f} MB; try a tolerance of {floor:.2g} %"
+        f"{tolerance:g} % needs patches of {1000 * law.patch_size_m(tolerance):.3g} mm and {peak_mb:.0f} MB "
+        f"or more, the limit is {limit_mb:.0f} MB; try a tolerance of {floor:.2g} %"
     )
 
 
@@ -225,12 +226,13 @@ def _reasons(
     )
     solver = "kept Cholesky factor" if patches <= DIRECT_LIMIT else "conjugate gradients, no factor to store"
     return (
-        f"patches of {patch_size_m:.3g} m: measured error {law.coarse_error_percent:.2g} % at {law.coarse_m:g} m, "
-        f"falling with order {law.order:.2g}; {law.error_percent(patch_size_m):.2g} % expected, {tolerance:g} % allowed",
+        f"patches of {patch_size_m:.3g} m: measured error {law.coarse_error_percent:.2g} % at "
+        f"{law.coarse_m:g} m, falling with order {law.order:.2g}; {law.error_percent(patch_size_m):.2g} % "
+        f"expected, {tolerance:g} % allowed",
         "parallel and perpendicular rectangles: closed form factors, exact",
         seen,
         f"{patches} patches: {solver}",
         "one reflectance for all colours: one solve for three channels",
-        f"each bounce keeps {100 * law.spectral_radius:.0f} % of the light: {bounces} bounces leave less than a tenth "
-        "of the tolerance",
+        f"each bounce keeps {100 * law.spectral_radius:.0f} % of the light: {bounces} bounces leave less "
+        "than a tenth of the tolerance",
     )

@@ -25,16 +25,16 @@ class Accuracy:
     residual: float
     """max |E - (I - G) B| over max |E|."""
     error_bound: float
-    """Bound of max |B - B exact| over max |E|: residual / (1 - largest row sum of G); infinite if that is >= 1."""
+    """Bound of max |B - B exact| over max |E|: residual / (1 - largest row sum of G), or infinite."""
 
 
 class Radiosity:
     """The radiosity system of a scene, solved for any number of right-hand sides.
 
     With M = sqrt(rho/A) K sqrt(rho/A), where K = A F is symmetric, the solution is B = E + sqrt(rho/A) y with
-    (I - M) y = sqrt(rho/A) K E. M stays symmetric where rho is 0. A Cholesky factor is kept up to 1,500 patches,
-    and beyond once a call brings many right-hand sides (P³ / 3 against 16 products of 2 P² each); otherwise
-    conjugate gradients run on all right-hand sides together.
+    (I - M) y = sqrt(rho/A) K E. M stays symmetric where rho is 0. A Cholesky factor is kept up to 1,500
+    patches, and beyond once a call brings many right-hand sides (P³ / 3 against 16 products of 2 P² each);
+    otherwise conjugate gradients run on all right-hand sides together.
 
     Parameters
     ----------
@@ -44,8 +44,8 @@ class Radiosity:
     Raises
     ------
     SimulationError
-        If a reflectance lies outside 0 ... 1, or if the spectral radius of G = diag(rho) F reaches 1, so that the
-        light would never fade (the paper's quadrature at rho > 0.9807 in its room).
+        If a reflectance lies outside 0 ... 1, or if the spectral radius of G = diag(rho) F reaches 1, so that
+        the light would never fade (the paper's quadrature at rho > 0.9807 in its room).
     """
 
     def __init__(self, form_factors: FormFactors, reflectance: ArrayLike, tolerance: float = 1e-12) -> None:
@@ -169,7 +169,7 @@ def _conjugate_gradients(
 def jacobi(
     G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 20_000
 ) -> tuple[FloatArray, int]:
-    """B of (I - G) B = E by Jacobi's iteration (eq. 6): one more bounce of light a step. Returns B and the steps."""
+    """Solve (I - G) B = E by Jacobi's iteration (eq. 6), a bounce of light a step; returns B, steps."""
     B = E.copy()
     for step in range(1, limit + 1):
         previous, B = B, E + G @ B
@@ -183,7 +183,7 @@ def jacobi(
 def gauss_seidel(
     G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 5_000
 ) -> tuple[FloatArray, int]:
-    """B of (I - G) B = E by Gauss and Seidel's iteration (eq. 6). Returns B and the sweeps."""
+    """Solve (I - G) B = E by Gauss and Seidel's iteration (eq. 6); returns B, sweeps."""
     B = E.copy()
     for sweep in range(1, limit + 1):
         largest = 0.0

@@ -48,8 +48,8 @@ class Face:
         cosine = float(self.edge_u_m @ self.edge_v_m) / float(lengths.prod())
         if abs(cosine) > 1e-6:
             raise SimulationError(
-                f"face {self.name}: its edges meet at {np.degrees(np.arccos(cosine)):.4f} degrees instead of 90; "
-                "give a rectangle"
+                f"face {self.name}: its edges meet at {np.degrees(np.arccos(cosine)):.4f} degrees "
+                "instead of 90; give a rectangle"
             )
         if self.rows < 1 or self.columns < 1:
             raise SimulationError(f"face {self.name}: {self.rows} x {self.columns} patches; at least 1 x 1")
@@ -154,7 +154,7 @@ class Scene:
         )
 
     def with_reflectance(self, reflectance: ArrayLike) -> Scene:
-        """The same scene with another reflectance, one number or one a patch."""
+        """Give the same scene another reflectance, one number or one a patch."""
         values = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (self.n_patches,))
         return Scene(self.name, self.faces, values.copy(), self.convex)
 
@@ -185,7 +185,7 @@ class Hits:
 
 
 def intersect(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits:
-    """The nearest hit of each ray; a face met from behind still stops it.
+    """Find the nearest hit of each ray; a face met from behind still stops it.
 
     Parameters
     ----------

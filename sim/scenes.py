@@ -1,7 +1,7 @@
 """A library of scenes, from the paper's room to the small ones whose answer is known exactly.
 
-Grid axes (columns along u, rows along v): floor x, y; ceiling y, x; the walls ``x0`` (x = 0) y, z; ``x1`` -y, z;
-``y0`` -x, z; ``y1`` x, z. So every wall's rows count upwards, and its columns to the right seen from outside.
+Grid axes (columns along u, rows along v): floor x, y; ceiling y, x; the walls ``x0`` (x = 0) y, z;
+``x1`` -y, z; ``y0`` -x, z; ``y1`` x, z. So a wall's rows count upwards and its columns to the right, seen from inside.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ def room(
     faces: Sequence[str] = ROOM_FACES,
     name: str = "room",
 ) -> Scene:
-    """A box-shaped room seen from inside, one corner at the origin, or some of its faces.
+    """Build a box-shaped room seen from inside, one corner at the origin, or some of its faces.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def room(
 
 
 def paper_room(ceiling: bool = True, reflectance: float = 0.7, patch_size_m: float = 0.4) -> Scene:
-    """The room of Dehos et al. 2014: 4.8 x 4.8 x 2.4 m in 576 patches of 0.4 m (432 without a ceiling)."""
+    """Build the room of Dehos et al. 2014: 4.8 x 4.8 x 2.4 m in 576 patches (432 without a ceiling)."""
     faces = [face for face in ROOM_FACES if ceiling or face != "ceiling"]
     return room(patch_size_m=patch_size_m, reflectance=reflectance, faces=faces, name="paper-room")
 
@@ -61,12 +61,12 @@ def corner(
     patch_size_m: float = 0.25,
     reflectance: Reflectance = 0.7,
 ) -> Scene:
-    """Floor and two walls that meet at the origin: open, convex."""
+    """Build the floor and two walls that meet at the origin: open, convex."""
     return room(size_m, patch_size_m, reflectance, ("floor", "x0", "y0"), name="corner")
 
 
 def furnace(patch_size_m: float = 0.25, reflectance: Reflectance = 0.5, size_m: float = 1.0) -> Scene:
-    """A closed cube: with the same emission E everywhere, B = E / (1 - rho) exactly."""
+    """Build a closed cube: with the same emission E everywhere, B = E / (1 - rho) exactly."""
     return room((size_m,) * 3, patch_size_m, reflectance, name="furnace")
 
 
@@ -76,7 +76,7 @@ def parallel_plates(
     patch_size_m: float = 0.25,
     reflectance: Reflectance = 0.5,
 ) -> Scene:
-    """Two directly opposed rectangles: the textbook's first view factor."""
+    """Build two directly opposed rectangles: the textbook's first view factor."""
     _check_sizes((*size_m, gap_m), patch_size_m)
     geometry = _room_geometry(size_m[0], size_m[1], gap_m)
     plates = {"floor": geometry["floor"], "ceiling": geometry["ceiling"]}
@@ -91,7 +91,7 @@ def room_with_box(
     box_patch_size_m: float | None = None,
     size_m: tuple[float, float, float] = (4.8, 4.8, 2.4),
 ) -> Scene:
-    """The paper's room with a box on the floor (five faces): not convex."""
+    """Build the paper's room with a box on the floor (five faces): not convex."""
     box_patch = box_patch_size_m or patch_size_m / 2
     _check_sizes((*size_m, *box_size_m), min(patch_size_m, box_patch))
     walls = _room_geometry(*size_m)

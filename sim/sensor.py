@@ -26,8 +26,8 @@ class Sensor:
     def __post_init__(self) -> None:
         if self.full_well_e <= 0 or self.read_noise_e < 0 or not 1 <= self.bits <= 16:
             raise SimulationError(
-                f"sensor: full well {self.full_well_e:g} e, read noise {self.read_noise_e:g} e, {self.bits} bits; "
-                "they must be above 0, at least 0, and 1 ... 16"
+                f"sensor: full well {self.full_well_e:g} e, read noise {self.read_noise_e:g} e, "
+                f"{self.bits} bits; they must be above 0, at least 0, and 1 ... 16"
             )
         if not 0 <= self.black_level_dn < self.full_scale_dn:
             raise SimulationError(
@@ -61,7 +61,8 @@ def expose(
     """
     if exposure <= 0 or np.min(light, initial=0.0) < 0:
         raise SimulationError(
-            f"exposure {exposure:g}, darkest light {np.min(light, initial=0.0):.4g}; above 0 and at least 0 wanted"
+            f"exposure {exposure:g}, darkest light {np.min(light, initial=0.0):.4g}; "
+            "the exposure must be above 0, the light 0 or more"
         )
     electrons = np.asarray(light, dtype=np.float64) * (exposure * sensor.full_well_e)
     if generator is not None:

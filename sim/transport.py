@@ -1,9 +1,10 @@
 """From scene and lenses to a light transport: which pixel lights, and sees, which patch.
 
-Two conventions. ``paper``: camera and projector share pose and lens, radiosity from a pixel is rho cos(theta) L with
-no fall-off (eq. 4). ``physical``: every projector pixel at 1 sends the same flux 1 / (fx fy), so that irradiance is
-cos(theta) / (r² cos³ gamma), gamma from the optical axis: **the unit is the irradiance of a white pixel on a plane
-across the optical axis at 1 m**. Camera values are radiosity (radiance times pi) in the same unit.
+Two conventions. ``paper``: camera and projector share pose and lens, radiosity from a pixel is rho cos(theta)
+L with no fall-off (eq. 4). ``physical``: every projector pixel at 1 sends the same flux 1 / (fx fy), so that
+irradiance is cos(theta) / (r² cos³ gamma), gamma from the optical axis: **the unit is the irradiance of a
+white pixel on a plane across the optical axis at 1 m**. Camera values are radiosity (radiance times pi) in
+the same unit.
 """
 
 from __future__ import annotations
@@ -41,10 +42,10 @@ def coaxial_transport(
     Parameters
     ----------
     convention : {"paper", "physical"}
-        ``paper``: D = rho cos(theta), no fall-off (eqs. 4, 9). ``physical``: rho cos(theta) / (r² cos³ gamma).
+        ``paper``: D = rho cos(theta), no fall-off (eqs. 4, 9). ``physical``: over r² cos³ gamma.
     emission_rule : {"pixel_mean", "area"}
-        ``pixel_mean``: eq. 5, the mean over a patch's pixels; half-lit patches count as lit. ``area``: the light that
-        lands on the patch over its area.
+        ``pixel_mean``: eq. 5, the mean over a patch's pixels; half-lit patches count as lit. ``area``: the
+        light that lands on the patch over its area.
     subsamples : int
         ``area``: each pixel is split into subsamples x subsamples.
     """
@@ -76,8 +77,8 @@ def physical_transport(
 ) -> LightTransport:
     """Camera and projector each in its place, in the ``physical`` unit of this module.
 
-    Direct light: each camera pixel takes the projector pixels about its surface point, bilinearly, where the projector
-    sees that point. Indirect light: bilinear between the patch centres of a face.
+    Direct light: each camera pixel takes the projector pixels about its surface point, bilinearly, where the
+    projector sees that point. Indirect light: bilinear between the patch centres of a face.
     """
     radiosity = Radiosity(form_factors, scene.reflectance)
     emission = _area_emission(scene, projector_lens, projector_pose, subsamples, "physical")
@@ -151,7 +152,7 @@ def _area_emission(
 
 
 def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
-    """D: radiosity rho cos(theta) I / r² of the camera's surface points, by the four projector pixels about each."""
+    """D: radiosity rho cos(theta) I / r² of the camera's points, from four projector pixels each."""
     camera = np.flatnonzero(seen.lit)
     points = seen.origin_m + seen.hits.distance[camera, None] * seen.rays[camera]
     xy = project(lens, pose, points)
@@ -175,7 +176,7 @@ def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
 
 
 def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: FloatArray) -> BoolArray:
-    """True where nothing stands between the origin and the points."""
+    """Tell where nothing stands between the origin and the points."""
     if scene.convex:
         return np.ones(len(distance), dtype=bool)
     hits = intersect(scene, origin, to_point / distance[:, None])
@@ -183,7 +184,7 @@ def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: F
 
 
 def _smooth_view(scene: Scene, seen: _Beam) -> csr_array:
-    """V: B - E = rho H per patch; the irradiance H is bilinear between patch centres, rho that of the pixel's patch."""
+    """V: the irradiance (B - E) / rho, bilinear between patch centres, times rho of the pixel's patch."""
     pieces = []
     shape = (len(seen.rays), scene.n_patches)
     for index, face in enumerate(scene.faces):
@@ -201,7 +202,7 @@ def _smooth_view(scene: Scene, seen: _Beam) -> csr_array:
 
 
 def _bilinear(xy: FloatArray, width: int, height: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """(N, 4) rows, columns and weights of the four cells about each point; constant beyond the outer centres."""
+    """(N, 4) rows, columns, weights of the four cells about each point; constant beyond the border."""
     limits = np.array([width - 1, height - 1], dtype=np.float64)
     clipped = np.clip(xy, 0, limits)
     corner = np.minimum(np.floor(clipped), np.maximum(limits - 1, 0)).astype(np.intp)

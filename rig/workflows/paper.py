@@ -1,7 +1,7 @@
 """The experiments of Dehos et al. 2014 again, with its own rules and with ours: ``rig paper``.
 
-One pose serves all six configurations. The paper publishes neither pose, field of view nor photographs, so ours are
-stated in the result, together with what other plausible poses give.
+One pose serves all six configurations. The paper publishes neither pose, field of view nor photographs, so
+ours are stated in the result, together with what other plausible poses give.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ OTHER_POSES = (
     ((1.4, 1.4, 1.2), (1.0, 1.0, 0.0), 100.0),
     ((1.6, 1.6, 1.2), (1.0, 1.0, 0.0), 100.0),
 )
-"""(position, direction, horizontal field of view) that light 42 ... 54 % of the room: how much the pose matters."""
+"""(position, direction, horizontal field of view) that light 42 ... 54 % of the room."""
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,9 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
     Returns
     -------
     dict
-        JSON-able; light in grey levels of 255. ``error_uncompensated`` is |visible - desired| when the desired image
-        itself is projected, as the paper compares. Pixels that see no surface (no ceiling) do not count.
+        JSON-able; light in grey levels of 255. ``error_uncompensated`` is |visible - desired| when the
+        desired image itself is projected, as the paper compares. Pixels that see no surface (no ceiling) do
+        not count.
     """
     total = len(CONFIGURATIONS) + 2 + (figures_dir is not None)
     on_step("form factors", 0, total)
@@ -250,8 +251,8 @@ def _stated_pose() -> dict[str, Any]:
         "hfov_quarter_deg": HFOV_QUARTER_DEG,
         "width_px": SHAPE[1],
         "height_px": SHAPE[0],
-        "choice": "the paper publishes none; chosen among plausible poses that light about half of the room as one "
-        "that comes near its figures; 'sensitivity' shows others",
+        "choice": "the paper publishes none; chosen among plausible poses that light about half of the room "
+        "as one that comes near its figures; 'sensitivity' shows others",
     }
 
 

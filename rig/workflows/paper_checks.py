@@ -86,10 +86,10 @@ def published_effects(results: Mapping[str, Result]) -> list[dict[str, Any]]:
 
 
 def exceptions(effects: list[dict[str, Any]]) -> list[str]:
-    """A sentence for each effect that the replication does not show."""
+    """Write a sentence for each effect that the replication does not show."""
     return [
-        f"{effect['effect']}: published {effect['published']}, here {effect['ours']}. Pose, field of view and "
-        "photographs of the paper are not published; 'sensitivity' shows how far they move these figures."
+        f"{effect['effect']}: published {effect['published']}, here {effect['ours']}. Pose, field of "
+        "view and photographs of the paper are not published; 'sensitivity' shows how much they matter."
         for effect in effects
         if not effect["reproduced"]
     ]
@@ -103,8 +103,8 @@ def sensitivity_remark(rows: list[dict[str, Any]]) -> str:
         for name in ("indoor", "grey")
     }
     return (
-        f"Of {len(rows)} other poses the paper's rule lowers the reference's mean error in {lower}, raises the indoor "
-        f"photograph's in {raised['indoor']} and the grey's in {raised['grey']}."
+        f"Of {len(rows)} other poses the paper's rule lowers the reference's mean error in {lower}, "
+        f"raises the indoor photograph's in {raised['indoor']} and the grey's in {raised['grey']}."
     )
 
 

@@ -30,7 +30,7 @@ _LOADERS = {"outdoor": skimage.data.camera, "indoor": skimage.data.coffee}
 
 
 def photograph(name: str, shape: tuple[int, int]) -> FloatArray:
-    """(H, W) grey levels in 0 ... 255: cut to the shape's aspect, resized, given the published mean and sd."""
+    """(H, W) grey levels in 0 ... 255, cut to the aspect, resized, with the published mean and sd."""
     image = np.asarray(_LOADERS[name]())  # type: ignore[no-untyped-call]
     grey = 255 * rgb2gray(image) if image.ndim == 3 else image.astype(np.float64)
     cut = _cut_to_aspect(grey, shape[1] / shape[0])
@@ -39,7 +39,7 @@ def photograph(name: str, shape: tuple[int, int]) -> FloatArray:
 
 
 def rescaled(image: FloatArray, mean: float, sd: float) -> FloatArray:
-    """The image with this mean and standard deviation within 0 ... 255; iterates, since the range clips."""
+    """Give an image this mean and standard deviation within 0 ... 255; iterates, since the range clips."""
     values = np.asarray(image, dtype=np.float64)
     for _ in range(200):
         values = np.clip((values - values.mean()) / values.std() * sd + mean, 0, 255)

@@ -55,7 +55,7 @@ def run_simulate(scene: str, tolerance: float, on_step: OnStep) -> dict[str, Any
 
 
 def available_mb() -> float:
-    """Memory free for use now. [MB]"""
+    """Memory free for use now [MB]."""
     return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 

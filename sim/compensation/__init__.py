@@ -1,4 +1,4 @@
-"""Compensation strategies over one light transport: each ``strategy(transport, target, lower, upper, **options)``."""
+"""Compensation strategies on one light transport, all ``strategy(transport, target, lower, upper, ...)``."""
 
 from __future__ import annotations
 

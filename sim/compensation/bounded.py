@@ -31,10 +31,10 @@ def bounded(
 ) -> Compensation:
     """Minimise ||T p - c||² over lower <= p <= upper, to a certified share of the optimum.
 
-    Projected Newton (Bertsekas, SIAM J. Control Optim. 20, 1982): pixels held at a bound by the gradient stay there,
-    the others take the exact least-squares step, found through the patches by Woodbury's identity, since TᵀT is
-    diagonal plus a matrix of rank 2 P. The objective is convex, so it can fall by no more than the gap
-    sum max(g (p - lower), g (p - upper)), g the gradient: that is the certificate.
+    Projected Newton (Bertsekas, SIAM J. Control Optim. 20, 1982): pixels held at a bound by the gradient stay
+    there, the others take the exact least-squares step, found through the patches by Woodbury's identity,
+    since TᵀT is diagonal plus a matrix of rank 2 P. The objective is convex, so it can fall by no more than
+    the gap sum max(g (p - lower), g (p - upper)), g the gradient: that is the certificate.
 
     Parameters
     ----------
@@ -60,8 +60,8 @@ def bounded(
     while not problem.certified(state, tolerance):
         if iterations == limit:
             raise SimulationError(
-                f"bounded compensation: {problem.short(state):.1e} from the optimum after {limit} steps, wanted "
-                f"{tolerance:.0e}; allow more steps or a larger tolerance"
+                f"bounded compensation: {problem.short(state):.1e} from the optimum after {limit} steps, "
+                f"wanted {tolerance:.0e}; allow more steps or a larger tolerance"
             )
         state = _searched(problem, state, _newton_step(problem, state))
         iterations += 1

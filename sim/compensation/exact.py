@@ -22,9 +22,9 @@ def exact(
 ) -> Compensation:
     """Project T⁻¹ c, exact at pixel level, then clamped.
 
-    By Woodbury's identity: (I + H S D⁻¹ V) q = H S D⁻¹ c and p = D⁻¹ (c - V q), where H = (I - G)⁻¹ G and q is the
-    interreflection of the viewed patches. Patches that no pixel lights have no emission, and what they return is
-    subtracted. Pixels without direct light stay at 0.
+    By Woodbury's identity: (I + H S D⁻¹ V) q = H S D⁻¹ c and p = D⁻¹ (c - V q), where H = (I - G)⁻¹ G and q
+    is the interreflection of the viewed patches. Patches that no pixel lights have no emission, and what they
+    return is subtracted. Pixels without direct light stay at 0.
     """
     started = time.perf_counter()
     c = checked_target(transport, target, lower, upper)
@@ -34,7 +34,7 @@ def exact(
 
 
 def unbounded(coupling: Coupling, diagonal: FloatArray, c: FloatArray) -> tuple[FloatArray, int]:
-    """The solution of T p = c without limits, and the number of solves or iterations."""
+    """Solve T p = c without limits; returns p and the number of solves or iterations."""
     H, S, V = coupling.interreflection, coupling.emission, coupling.view
     inverse = divided(np.ones_like(diagonal), diagonal)
     right = H @ (S @ (inverse * c))

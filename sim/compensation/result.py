@@ -50,7 +50,7 @@ def finished(
 
 
 def checked_target(transport: LightTransport, target: ArrayLike, lower: float, upper: float) -> FloatArray:
-    """The target as (n,) float64.
+    """Return the target as (n,) float64.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def checked_target(transport: LightTransport, target: ArrayLike, lower: float, u
     values = np.asarray(target, dtype=np.float64)
     if values.shape != (transport.shape[0],):
         raise SimulationError(
-            f"target of shape {values.shape}; the transport has {transport.shape[0]} camera pixels, one number each"
+            f"target of shape {values.shape}; the transport has {transport.shape[0]} camera pixels"
         )
     if not np.isfinite(values).all():
         raise SimulationError(
@@ -85,7 +85,8 @@ def diagonal_of(transport: LightTransport) -> FloatArray:
     if off_diagonal:
         raise SimulationError(
             f"compensation needs one camera value a projector pixel; this transport is {matrix.shape[0]} x "
-            f"{matrix.shape[1]} with direct light off the diagonal: resample the camera to the projector's view first"
+            f"{matrix.shape[1]} with direct light off the diagonal: "
+            "resample the camera to the projector's view first"
         )
     return diagonal
 

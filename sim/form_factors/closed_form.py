@@ -1,10 +1,11 @@
 """Exact form factors between the patches of parallel and perpendicular gridded rectangles.
 
-A_1 F_12 of two such rectangles is a fourfold alternating sum of one corner function over their edge coordinates
-(Ehlert & Smith, "View factors for perpendicular and parallel rectangular plates", J. Thermophys. Heat Transfer 7,
-1993). Faces are grids, so the corner function is evaluated once on all combinations of a face pair's grid lines and
-differenced along the four axes: about one evaluation a patch pair instead of sixteen. Along an axis that both faces
-share with the same pitch only the coordinate differences matter, and there are far fewer of those.
+A_1 F_12 of two such rectangles is a fourfold alternating sum of one corner function over their edge
+coordinates (Ehlert & Smith, "View factors for perpendicular and parallel rectangular plates", J. Thermophys.
+Heat Transfer 7, 1993). Faces are grids, so the corner function is evaluated once on all combinations of a
+face pair's grid lines and differenced along the four axes: about one evaluation a patch pair instead of
+sixteen. Along an axis that both faces share with the same pitch only the coordinate differences matter, and
+there are far fewer of those.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ TINY = 1e-300
 
 
 def exchange_areas(scene: Scene) -> FloatArray:
-    """(P, P) A_i F_ij of every pair of patches, exactly symmetric. [m²]
+    """(P, P) A_i F_ij of every pair of patches, exactly symmetric [m²].
 
     Raises
     ------
@@ -76,7 +77,7 @@ def _shared_axis(lines_a: FloatArray, lines_b: FloatArray) -> _SharedAxis:
 
 
 def _lines(face: Face, axis: int, direction: FloatArray) -> tuple[FloatArray, bool]:
-    """Ascending grid lines of a face's axis (0 = u, 1 = v) along a parallel direction, and whether reversed."""
+    """Ascending grid lines of an axis (0 = u, 1 = v) along a parallel direction; whether reversed."""
     count = (face.columns, face.rows)[axis]
     edge = (face.edge_u_m, face.edge_v_m)[axis]
     start, length = float(face.origin_m @ direction), float(edge @ direction)
@@ -102,7 +103,7 @@ def _block(face_a: Face, face_b: Face) -> FloatArray | None:
 
 
 def _in_front(face: Face, other: Face) -> bool:
-    """True if some of ``other`` lies on the lit side of ``face``."""
+    """Tell if some of ``other`` lies on the lit side of ``face``."""
     corners = other.points([0, 1, 1, 0], [0, 0, 1, 1])
     size = max(*face.size_m, *other.size_m)
     return bool(((corners - face.origin_m) @ face.normal).max() > 1e-9 * size)
@@ -160,7 +161,7 @@ def _heights(face: Face, axis: int, plane: Face) -> tuple[FloatArray, bool]:
 
 
 def _parallel_corner(x: FloatArray, y: FloatArray, gap: float) -> FloatArray:
-    """Corner function of parallel rectangles: coordinate differences x, y and the distance of the planes [m²]."""
+    """Corner function [m²] of parallel rectangles from coordinate differences x, y."""
     root_x, root_y = np.sqrt(x**2 + gap**2), np.sqrt(y**2 + gap**2)
     angles = y * root_x * np.arctan(y / root_x) + x * root_y * np.arctan(x / root_y)
     # log(x² + y² + gap²) less log(gap²), which the differences drop: exact for small patches far apart.
@@ -169,9 +170,11 @@ def _parallel_corner(x: FloatArray, y: FloatArray, gap: float) -> FloatArray:
 
 
 def _perpendicular_corner(y: FloatArray, squared: FloatArray) -> FloatArray:
-    """Corner function of perpendicular rectangles: difference y along the common edge, and the sum of the squared
-    distances from the line in which the planes meet. [m²]
-    """  # noqa: D205
+    """Corner function [m²] of perpendicular rectangles.
+
+    From the difference y along the common edge and the sum of the squared distances to the line in which the
+    planes meet.
+    """
     root = np.sqrt(squared)
     logarithm = np.log(np.maximum(squared + y**2, TINY))
     return np.asarray((y * root * np.arctan2(y, root) - (squared - y**2) / 4 * logarithm) / (2 * np.pi))

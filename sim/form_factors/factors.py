@@ -54,8 +54,9 @@ def form_factors(
     ----------
     scene : Scene
     method : {"closed_form", "paper"}
-        ``closed_form``: exact for parallel and perpendicular rectangles. ``paper``: 3x3 midpoint samples on both
-        patches, kept for replication; it gains energy at shared edges (row sums up to 1.087 in the paper's room).
+        ``closed_form``: exact for parallel and perpendicular rectangles. ``paper``: 3x3 midpoint samples on
+        both patches, kept for replication; it gains energy at shared edges (row sums up to 1.087 in the
+        paper's room).
     visibility : {"auto", "none", "rays"}
         ``auto`` shoots rays only in scenes that are not convex.
     rays_per_pair : int
@@ -82,7 +83,7 @@ def form_factors(
 
 
 def is_closed(scene: Scene) -> bool:
-    """True if the faces' area vectors add up to nothing, as those of every closed surface do."""
+    """Tell if the faces' area vectors add up to nothing, as those of every closed surface do."""
     vector = (scene.areas[:, None] * scene.normals).sum(axis=0)
     return len(scene.faces) > 3 and bool(np.abs(vector).max() < 1e-9 * scene.areas.sum())
 

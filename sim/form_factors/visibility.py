@@ -52,7 +52,7 @@ def _share(
     second: IntArray,
     samples: FloatArray,
 ) -> FloatArray:
-    """(pairs,) visible share; counts the segments whose ends lie before each other's plane, as the factor does."""
+    """(pairs,) visible share of the segments whose ends lie before each other's plane."""
     blocked = np.zeros((len(first), len(samples)), dtype=bool)
     for frame, some in zip(frames, suspects, strict=True):
         pairs = np.flatnonzero(some)

@@ -59,9 +59,7 @@ def test_two_patches_one_apart_at_an_edge_agree_with_random_sampling():
 
 
 @settings(deadline=None, max_examples=15)
-@given(
-    st.tuples(*[st.floats(0.5, 3.0)] * 3), st.floats(0.2, 0.6), st.floats(0.05, 0.95)
-)
+@given(st.tuples(*[st.floats(0.5, 3.0)] * 3), st.floats(0.2, 0.6), st.floats(0.05, 0.95))
 def test_any_closed_room_keeps_all_its_light_and_reciprocity(size_m, patch_size_m, reflectance):
     scene = room(size_m, patch_size_m, reflectance)
     factors = form_factors(scene)
@@ -93,7 +91,9 @@ def test_a_turned_room_has_the_same_factors():
     angle = 0.4
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     faces = [
-        Face(f.name, turn @ f.origin_m, turn @ f.edge_u_m, turn @ f.edge_v_m, f.rows, f.columns, f.first_patch)
+        Face(
+            f.name, turn @ f.origin_m, turn @ f.edge_u_m, turn @ f.edge_v_m, f.rows, f.columns, f.first_patch
+        )
         for f in scene.faces
     ]
     turned = Scene("turned", tuple(faces), scene.reflectance, convex=True)

@@ -52,7 +52,9 @@ def test_points_behind_the_device_have_no_image():
 @pytest.mark.parametrize("lens", [BENT, Lens.from_horizontal_field_of_view(64, 48, 120.0)])
 def test_the_pixels_solid_angles_add_up_to_the_images(lens):
     grid = lens.pixel_grid()
-    fine = np.mean([solid_angles(lens, grid + (dx, dy)).sum() for dx in (-0.25, 0.25) for dy in (-0.25, 0.25)])
+    fine = np.mean(
+        [solid_angles(lens, grid + np.array([dx, dy])).sum() for dx in (-0.25, 0.25) for dy in (-0.25, 0.25)]
+    )
     w, h = lens.width_px, lens.height_px
     rim = np.concatenate(
         [

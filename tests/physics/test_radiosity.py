@@ -43,7 +43,9 @@ def test_the_error_bound_holds(cube):
 
 
 def test_light_is_neither_made_nor_lost():
-    scene = room((2.0, 1.5, 1.0), 0.25, {"floor": 0.2, "ceiling": 0.9, "x0": 0.0, "x1": 0.5, "y0": 0.7, "y1": 1.0})
+    scene = room(
+        (2.0, 1.5, 1.0), 0.25, {"floor": 0.2, "ceiling": 0.9, "x0": 0.0, "x1": 0.5, "y0": 0.7, "y1": 1.0}
+    )
     factors = form_factors(scene)
     E = np.random.default_rng(3).random(scene.n_patches)
     B = Radiosity(factors, scene.reflectance).solve(E)
@@ -109,7 +111,7 @@ def test_wrong_shapes_and_reflectances_are_refused(cube):
     _, factors = cube
     with pytest.raises(SimulationError, match="96 patches"):
         Radiosity(factors, np.ones(5))
-    with pytest.raises(SimulationError, match="0 ... 1"):
+    with pytest.raises(SimulationError, match=r"0 \.\.\. 1"):
         Radiosity(factors, -0.1)
     with pytest.raises(SimulationError, match="96 patches"):
         Radiosity(factors, 0.5).solve(np.ones(3))

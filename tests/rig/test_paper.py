@@ -86,7 +86,8 @@ def test_photographs_have_the_published_statistics(name):
     assert image.shape == (120, 160)
     assert image.mean() == pytest.approx(PHOTOGRAPHS[name].mean, abs=0.1)
     assert image.std() == pytest.approx(PHOTOGRAPHS[name].sd, abs=0.1)
-    assert (image.min() >= 0) and (image.max() <= 255)
+    assert image.min() >= 0
+    assert image.max() <= 255
 
 
 def test_rescaling_reaches_the_wanted_deviation_in_spite_of_the_range():

@@ -13,7 +13,15 @@ def test_every_scene_is_planned_simulated_and_measured(scene):
     steps = []
     result = run_simulate(scene, 3.0, lambda label, done, total: steps.append((label, done, total)))
     json.dumps(result)
-    assert set(result["plan"]) >= {"patches", "method", "visibility", "solver", "channels", "bounces", "reasons"}
+    assert set(result["plan"]) >= {
+        "patches",
+        "method",
+        "visibility",
+        "solver",
+        "channels",
+        "bounces",
+        "reasons",
+    }
     assert result["estimated"]["error"] <= 3.0
     assert result["actual"]["residual"] < 1e-10
     assert result["actual"]["energy_balance"] < 1e-9
