@@ -5,7 +5,6 @@ Showing a pattern selects its frames by name, capturing returns them; nothing is
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -16,14 +15,14 @@ from numpy.typing import NDArray
 
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame, Shown
-from rig.errors import DeviceLost, SettingRefused
+from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.images import read_exr
 from rig.journal import JOURNAL_NAME, corrupt_line, read_events
 
 Pixels = NDArray[np.uint16]
 
-_SAME_EXPOSURE = 1e-6
-"""Relative."""
+_NEAR_EXPOSURE = 0.05
+"""Relative; cameras round what they are asked for."""
 _SHOWN_NAMES = 8
 
 
@@ -132,36 +131,56 @@ class ReplayCamera:
         self._open = False
 
     def set_exposure(self, exposure_s: float) -> float:
-        """Select frames of this exposure; photographs, which do not say theirs, count as of any."""
+        """Choose the recorded exposure next to it; photographs, which do not say theirs, count as of any.
+
+        Raises SettingRefused outside the recorded camera's range, and when no recorded one is within 5 %.
+        """
         self._check_open()
         shortest, longest = self.exposure_range_s
         if not shortest <= exposure_s <= longest:
             raise SettingRefused(
                 f"exposure {exposure_s:.6g} s is outside the recorded camera's {shortest:g} … {longest:g} s"
             )
-        self._exposure_s = exposure_s
-        return exposure_s
+        self._exposure_s = self._nearest(exposure_s)
+        return self._exposure_s
+
+    def _nearest(self, exposure_s: float) -> float:
+        recorded_s = {f.exposure_s for frames in self._recording.frames.values() for f in frames}
+        known_s = [exposure_s if recorded is None else recorded for recorded in recorded_s]
+        nearest_s = min(known_s, key=lambda known: abs(known - exposure_s), default=exposure_s)
+        if abs(nearest_s - exposure_s) > _NEAR_EXPOSURE * exposure_s:
+            raise SettingRefused(
+                f"{self._recording.source}: nothing was recorded at {exposure_s:.6g} s; the nearest is "
+                f"{nearest_s:.6g} s"
+            )
+        return nearest_s
 
     def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
-        """Return the next recorded frame of what is shown. Raises DeviceLost when there is none."""
+        """Return the next recorded frame of what is shown.
+
+        Raises DeviceLost when there is none, CaptureTimeout when it would have ended later than allowed.
+        """
         self._check_open()
         name = self._projector.shown_name
         if name is None:
             raise DeviceLost(f"{self._recording.source}: nothing is shown, so there is no frame")
+        started_s = max(after_s, self._clock.now_s())
+        if started_s + self._exposure_s - self._clock.now_s() > timeout_s:
+            self._clock.wait_until_s(self._clock.now_s() + timeout_s)
+            raise CaptureTimeout(f"no frame within {timeout_s:g} s: the exposure would end later")
         pixels = self._next(name).read()
         if pixels.shape != self.shape:
             raise DeviceLost(
                 f"{self._recording.source}: frame {name!r} has shape {pixels.shape}, the profile's camera "
                 f"{self.shape}; correct camera.width_px, height_px or channels"
             )
-        started_s = max(after_s, self._clock.now_s())
         self._clock.wait_until_s(started_s + self._exposure_s)
         self._sequence += 1
         return RawFrame(pixels, self._exposure_s, started_s, self._sequence)
 
     def _next(self, name: str) -> RecordedFrame:
         every = self._recording.frames[name]
-        frames = [f for f in every if f.exposure_s is None or _same(f.exposure_s, self._exposure_s)]
+        frames = [f for f in every if f.exposure_s in (None, self._exposure_s)]
         if not frames:
             known = ", ".join(f"{e:.6g}" for e in sorted({f.exposure_s or 0.0 for f in every}))
             raise DeviceLost(
@@ -176,10 +195,6 @@ class ReplayCamera:
     def _check_open(self) -> None:
         if not self._open:
             raise DeviceLost("the replayed camera is closed: open the rig before using it")
-
-
-def _same(recorded_s: float, asked_s: float) -> bool:
-    return math.isclose(recorded_s, asked_s, rel_tol=_SAME_EXPOSURE)
 
 
 def recorded_frames(session: Path) -> dict[str, tuple[RecordedFrame, ...]]:

@@ -1,0 +1,88 @@
+"""Every back end that the contract suites run over, made small."""
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.devices.protocols import Codes
+from rig.pair import Rig, open_rig
+from rig.profile import Profile
+from rig.session import Session
+
+LEVELS = {"white": 255, "black": 0, "level-128": 128}
+"""Pictures that every back end can show."""
+
+
+def flat_codes(rig: Rig, name: str) -> Codes:
+    return np.full(rig.projector.shape, LEVELS[name], np.uint8)
+
+
+def replaying(profile: Profile, table: str, folder: Path) -> Profile:
+    """The same devices, from a recording."""
+    text = profile.raw.decode()
+    text = text[: text.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    path = folder / "replay-profile.toml"
+    path.write_text(f"{text}\n[replay]\n{table}\n")
+    return Profile.parse(path.read_bytes(), path)
+
+
+@pytest.fixture(scope="session")
+def simulated(tiny_profile: Profile) -> Profile:
+    text = tiny_profile.raw.decode().replace("stale_frame_rate = 0.02", "stale_frame_rate = 0.0")
+    return Profile.parse(text.encode(), tiny_profile.path)
+
+
+@pytest.fixture(scope="session")
+def recorded_session(simulated: Profile, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("recorded") / "session"
+    with open_rig(simulated) as rig, Session.open(folder, simulated) as session:
+        step = session.step("flat")
+        for name in ("white", "black", "level-128", "white"):
+            frame = rig.shoot(flat_codes(rig, name), name=name)
+            step.save_frame(f"{name}.{len(step.frame_names)}", frame, pattern=name)
+        longer = rig.shoot(flat_codes(rig, "white"), name="white", exposure_s=0.04)
+        step.save_frame("white-longer", longer, pattern="white")
+        step.finish()
+    return folder
+
+
+@pytest.fixture(scope="session")
+def back_ends(
+    simulated: Profile, recorded_session: Path, tmp_path_factory: pytest.TempPathFactory
+) -> dict[str, Profile]:
+    folder = tmp_path_factory.mktemp("replay")
+    return {
+        "simulated": simulated,
+        "session": replaying(simulated, f'session = "{recorded_session}"', folder),
+    }
+
+
+@pytest.fixture(params=["simulated", "session"])
+def open_back_end(request: pytest.FixtureRequest, back_ends: dict[str, Profile]) -> Callable[[], Rig]:
+    return partial(open_rig, back_ends[request.param])
+
+
+@pytest.fixture
+def flat() -> Callable[[Rig, str], Codes]:
+    """Codes of a flat picture that every back end can show: white, black or level-128."""
+    return flat_codes
+
+
+@pytest.fixture
+def rig(open_back_end: Callable[[], Rig]) -> Iterator[Rig]:
+    with open_back_end() as rig:
+        yield rig
+
+
+@pytest.fixture
+def show(rig: Rig) -> Callable[[str], float]:
+    """Show a flat picture; returns when its light has settled."""
+
+    def show(name: str) -> float:
+        shown = rig.projector.show(flat_codes(rig, name), name=name)
+        return shown.on_screen_s + rig.profile.projector.latency_s
+
+    return show

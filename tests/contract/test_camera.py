@@ -1,0 +1,71 @@
+"""What every camera has to do."""
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from rig.devices.protocols import Camera
+from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
+from rig.pair import Rig
+
+Show = Callable[[str], float]
+
+
+class TestCamera:
+    def test_it_has_the_whole_protocol(self, rig: Rig) -> None:
+        assert isinstance(rig.camera, Camera)
+
+    def test_frames_are_unsigned_integers_of_its_shape_and_range(self, rig: Rig, show: Show) -> None:
+        frame = rig.camera.capture(after_s=show("white"), timeout_s=5.0)
+        assert frame.pixels.dtype == np.uint16
+        assert frame.pixels.shape == rig.camera.shape == rig.profile.camera.shape
+        assert int(frame.pixels.max()) <= rig.camera.full_scale_dn == rig.profile.camera.full_scale_dn
+        assert frame.pixels.std() > 0
+
+    def test_a_frame_begins_when_it_was_asked_to(self, rig: Rig, show: Show) -> None:
+        show("white")
+        after_s = rig.clock.now_s() + 0.5
+        assert rig.camera.capture(after_s=after_s, timeout_s=5.0).started_s >= after_s
+
+    def test_capturing_returns_after_the_exposure_has_ended(self, rig: Rig, show: Show) -> None:
+        frame = rig.camera.capture(after_s=show("white"), timeout_s=5.0)
+        assert rig.clock.now_s() >= frame.started_s + frame.exposure_s
+
+    def test_frames_do_not_overlap_and_are_counted_up(self, rig: Rig, show: Show) -> None:
+        settled_s = show("white")
+        frames = [rig.camera.capture(after_s=settled_s, timeout_s=5.0) for _ in range(4)]
+        for earlier, later in pairwise(frames):
+            assert later.sequence > earlier.sequence
+            assert later.started_s >= earlier.started_s + earlier.exposure_s - 1e-9
+
+    def test_a_frame_says_the_exposure_that_was_chosen(self, rig: Rig, show: Show) -> None:
+        chosen_s = rig.camera.set_exposure(0.04)
+        assert chosen_s == pytest.approx(0.04, rel=0.01)
+        assert rig.camera.capture(after_s=show("white"), timeout_s=5.0).exposure_s == chosen_s
+
+    def test_exposures_outside_its_range_are_refused(self, rig: Rig) -> None:
+        shortest, longest = rig.camera.exposure_range_s
+        for exposure_s in (shortest / 2, longest * 2, 0.0, -1.0, float("nan")):
+            with pytest.raises(SettingRefused, match="outside"):
+                rig.camera.set_exposure(exposure_s)
+
+    def test_it_gives_up_when_no_frame_can_come_in_time(self, rig: Rig, show: Show) -> None:
+        show("white")
+        asked_s = rig.clock.now_s()
+        with pytest.raises(CaptureTimeout, match=r"within 0\.5 s"):
+            rig.camera.capture(after_s=asked_s + 1.0, timeout_s=0.5)
+        assert asked_s + 0.5 <= rig.clock.now_s() < asked_s + 1.0
+
+    def test_it_is_closed_any_number_of_times_and_opened_again(self, rig: Rig, show: Show) -> None:
+        for _ in range(3):
+            rig.camera.close()
+        with pytest.raises(DeviceLost, match="closed"):
+            rig.camera.capture(after_s=0.0, timeout_s=5.0)
+        with pytest.raises(DeviceLost, match="closed"):
+            rig.camera.set_exposure(0.04)
+        for _ in range(2):
+            rig.camera.open()
+        rig.camera.set_exposure(0.04)
+        assert rig.camera.capture(after_s=show("white"), timeout_s=5.0).pixels.shape == rig.camera.shape

@@ -1,0 +1,121 @@
+"""A recording is played back as it is: by name, by exposure, in its order, and nothing else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.devices.protocols import RawFrame
+from rig.errors import DeviceLost, ProfileError, SessionCorrupt, SessionError, SettingRefused
+from rig.pair import Rig, open_rig
+from rig.profile import Profile
+from rig.session import Session
+
+EXPOSURE_S = 0.01667
+
+
+def frame(profile: Profile, level: int, exposure_s: float = EXPOSURE_S) -> RawFrame:
+    return RawFrame(np.full(profile.camera.shape, level, np.uint16), exposure_s, 1.0, 1)
+
+
+@pytest.fixture
+def recorded(tmp_path: Path, tiny_profile: Profile) -> Path:
+    """Three whites at one exposure, one at another; a black that was shot again with other settings."""
+    with Session.open(tmp_path / "recorded", tiny_profile) as session:
+        step = session.step("white")
+        for k in range(3):
+            step.save_frame(f"white.{k}", frame(tiny_profile, 100 + k), pattern="white")
+        step.save_frame("white.long", frame(tiny_profile, 200, 0.1), pattern="white")
+        step.finish()
+        for level in (1, 2):
+            dark = session.step("dark", settings={"attempt": level})
+            dark.save_frame("black", frame(tiny_profile, level))
+            dark.finish()
+    return tmp_path / "recorded"
+
+
+def replay_profile(profile: Profile, folder: Path, table: str, **changed: int) -> Profile:
+    text = profile.raw.decode()
+    text = text[: text.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    for key, value in changed.items():
+        old = next(line for line in text.splitlines() if line.startswith(f"{key} ="))
+        text = text.replace(old, f"{key} = {value}", 1)
+    path = folder / "lab.toml"
+    path.write_text(f"{text}\n[replay]\n{table}\n")
+    return Profile.parse(path.read_bytes(), path)
+
+
+def level(rig: Rig, name: str) -> int:
+    codes = np.zeros(rig.projector.shape, np.uint8)
+    (value,) = np.unique(rig.shoot(codes, name=name).pixels)
+    return int(value)
+
+
+@pytest.fixture
+def profile(recorded: Path, tiny_profile: Profile) -> Profile:
+    return replay_profile(tiny_profile, recorded.parent, 'session = "recorded"')
+
+
+def test_repeats_come_in_order_and_then_the_last_again(profile: Profile) -> None:
+    with open_rig(profile) as rig:
+        assert [level(rig, "white") for _ in range(5)] == [100, 101, 102, 102, 102]
+
+
+def test_exposures_are_told_apart(profile: Profile) -> None:
+    with open_rig(profile) as rig:
+        assert rig.set_exposure(0.1) == 0.1
+        assert level(rig, "white") == 200
+        rig.set_exposure(EXPOSURE_S)
+        assert level(rig, "white") == 100
+        assert rig.set_exposure(0.0167) == EXPOSURE_S, "what the camera chose when it was recorded"
+
+
+def test_an_exposure_that_was_not_recorded_is_refused(profile: Profile) -> None:
+    with open_rig(profile) as rig:
+        with pytest.raises(
+            SettingRefused, match=r"nothing was recorded at 0\.05 s; the nearest is 0\.01667 s"
+        ):
+            rig.set_exposure(0.05)
+        rig.set_exposure(0.1)
+        with pytest.raises(DeviceLost, match=r"has 'black' exposed 0\.01667 s, not 0\.1 s"):
+            level(rig, "black")
+
+
+def test_of_a_repeated_step_the_last_run_counts(profile: Profile) -> None:
+    with open_rig(profile) as rig:
+        assert level(rig, "black") == 2
+
+
+def test_a_pattern_that_was_not_recorded_is_named_with_those_that_were(profile: Profile) -> None:
+    with (
+        open_rig(profile) as rig,
+        pytest.raises(DeviceLost, match="has no frame 'gray-row-03'; it has black, white"),
+    ):
+        level(rig, "gray-row-03")
+
+
+def test_the_recorded_rig_and_the_profile_have_to_agree(recorded: Path, tiny_profile: Profile) -> None:
+    other = replay_profile(tiny_profile, recorded.parent, 'session = "recorded"', width_px=321)
+    with pytest.raises(ProfileError, match=r"camera: is \(240, 321, 1\), but \(240, 320, 1\) in .*recorded"):
+        open_rig(other)
+
+
+def test_a_folder_without_a_journal_is_refused(recorded: Path, profile: Profile) -> None:
+    (recorded / "journal.jsonl").unlink()
+    with pytest.raises(SessionError, match=r"journal\.jsonl: cannot be read"):
+        open_rig(profile)
+
+
+def test_a_damaged_frame_event_is_named_with_its_line(recorded: Path, profile: Profile) -> None:
+    path = recorded / "journal.jsonl"
+    path.write_text(path.read_text().replace('"pattern"', '"patern"', 1))
+    with pytest.raises(SessionCorrupt, match=r"journal\.jsonl: line 3 is damaged"):
+        open_rig(profile)
+
+
+def test_a_session_can_be_replayed_while_it_grows(recorded: Path, profile: Profile) -> None:
+    """A last line that is only half there, as after a crash, is not read."""
+    with (recorded / "journal.jsonl").open("a") as file:
+        file.write('{"event": "frame", "step": "dark", "na')
+    with open_rig(profile) as rig:
+        assert level(rig, "black") == 2
