@@ -26,7 +26,7 @@ def write_atomic(path: Path, write: Callable[[Path], None], *, size_bytes: int =
     """
     part = path.with_name(path.name + PART_SUFFIX)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        _make_folder(path.parent)
         write(part)
         sync(part)
         os.replace(part, path)
@@ -35,6 +35,13 @@ def write_atomic(path: Path, write: Callable[[Path], None], *, size_bytes: int =
         if part.exists():
             part.unlink()
         raise session_error(error, path, size_bytes) from error
+
+
+def _make_folder(folder: Path) -> None:
+    if not folder.is_dir():
+        _make_folder(folder.parent)
+        folder.mkdir(exist_ok=True)
+        sync(folder.parent)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

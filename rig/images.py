@@ -82,7 +82,7 @@ def read_exr(path: Path) -> dict[str, Float32Array]:
 
     Raises UsageError when the file is missing or unreadable.
     """
-    pixels, names = _read(path, "float")
+    pixels, names, _ = _read(path, "float")
     return {name: np.ascontiguousarray(pixels[..., k]) for k, name in enumerate(names)}
 
 
@@ -112,16 +112,32 @@ def read_picture(path: str | os.PathLike[str]) -> Float32Array:
         The file is missing or unreadable, or has NaN, infinite or negative values.
     """
     path = Path(path)
-    pixels, names = _read(path, "")
+    pixels, names, orientation = _read(path, "")
+    picture = _upright(pixels, orientation)[..., _picture_channels(path, names)]
+    levels = _grey_levels(picture)
+    _check_levels(path, levels)
+    return levels
+
+
+def read_codes(path: Path) -> NDArray[np.generic]:
+    """Read a photograph's integer codes, (H, W, 1 or 3) uint8 or uint16, exactly as stored and not turned.
+
+    Raises UsageError when it is missing, unreadable or not of integers.
+    """
+    pixels, names, _ = _read(path, "")
+    known = _picture_channels(path, names)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise UsageError(f"{path}: has {pixels.dtype} values; a photograph needs 8 or 16 bit integers")
+    return pixels[..., known]
+
+
+def _picture_channels(path: Path, names: list[str]) -> list[int]:
     known = next((c for c in _PICTURE_CHANNELS if set(c) <= set(names)), None)
     if known is None:
         raise UsageError(
             f"{path}: has channels {', '.join(names)}; a picture needs R, G, B or Y: export it as such"
         )
-    picture = pixels[..., [names.index(c) for c in known]]
-    levels = _grey_levels(picture)
-    _check_levels(path, levels)
-    return levels
+    return [names.index(c) for c in known]
 
 
 def _grey_levels(picture: NDArray[np.generic]) -> Float32Array:
@@ -143,8 +159,8 @@ def _check_levels(path: Path, levels: Float32Array) -> None:
         )
 
 
-def _read(path: Path, sample_format: str) -> tuple[NDArray[np.generic], list[str]]:
-    """Pixels (H, W, C) in the file's own format (or the given one), and the channel names."""
+def _read(path: Path, sample_format: str) -> tuple[NDArray[np.generic], list[str], int]:
+    """Pixels (H, W, C) in the file's own format (or the given one), channel names, Exif orientation."""
     if not path.is_file():
         raise UsageError(f"{path}: no such file; check the name")
     config = oiio.ImageSpec()
@@ -160,7 +176,7 @@ def _read(path: Path, sample_format: str) -> tuple[NDArray[np.generic], list[str
         raise UsageError(f"{path}: is damaged ({_first_line(problem)}); copy or export it again")
     if math.prod(pixels.shape) == 0:
         raise UsageError(f"{path}: has no pixels")
-    return _upright(pixels, spec.get_int_attribute("Orientation", 1)), list(spec.channelnames)
+    return pixels, list(spec.channelnames), spec.get_int_attribute("Orientation", 1)
 
 
 def _first_line(text: str) -> str:

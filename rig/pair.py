@@ -19,6 +19,7 @@ import numpy as np
 
 from rig.devices.bench import Bench
 from rig.devices.clock import VirtualClock
+from rig.devices.photographs import photographed_frames
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
 from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, recorded_frames
 from rig.devices.simulated import SimulatedCamera, SimulatedProjector
@@ -263,15 +264,19 @@ def _make_rig(profile: Profile, start_s: float) -> Rig:
 
 
 def _recording(profile: Profile) -> Recording:
-    camera = profile.camera
-    _check_recorded_profile(profile)
+    camera, source = profile.camera, profile.recording
+    if profile.replay is not None and profile.replay.manifest is not None:
+        frames = photographed_frames(source, camera.channels)
+    else:
+        _check_recorded_profile(profile)
+        frames = recorded_frames(source)
     return Recording(
-        profile.recording,
+        source,
         camera.shape,
         profile.projector.shape,
         camera.full_scale_dn,
         camera.exposure_range_s,
-        recorded_frames(profile.recording),
+        frames,
     )
 
 

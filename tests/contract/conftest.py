@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -50,17 +51,32 @@ def recorded_session(simulated: Profile, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="session")
+def photographs(simulated: Profile, recorded_session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A manifest and 16-bit PNG photographs of the flat pictures."""
+    folder = tmp_path_factory.mktemp("photographs")
+    with Session.open(recorded_session) as session:
+        step = session.finished("flat")
+        for name in LEVELS:
+            frame = step.load_frame(next(n for n in step.frame_names if n.startswith(f"{name}.")))
+            cv2.imwrite(str(folder / f"{name}.png"), frame.pixels)
+    lines = [f'{name} = "{name}.png"' for name in LEVELS]
+    (folder / "replay.toml").write_text("schema = 1\n[frames]\n" + "\n".join(lines))
+    return folder / "replay.toml"
+
+
+@pytest.fixture(scope="session")
 def back_ends(
-    simulated: Profile, recorded_session: Path, tmp_path_factory: pytest.TempPathFactory
+    simulated: Profile, recorded_session: Path, photographs: Path, tmp_path_factory: pytest.TempPathFactory
 ) -> dict[str, Profile]:
     folder = tmp_path_factory.mktemp("replay")
     return {
         "simulated": simulated,
         "session": replaying(simulated, f'session = "{recorded_session}"', folder),
+        "photographs": replaying(simulated, f'manifest = "{photographs}"', folder),
     }
 
 
-@pytest.fixture(params=["simulated", "session"])
+@pytest.fixture(params=["simulated", "session", "photographs"])
 def open_back_end(request: pytest.FixtureRequest, back_ends: dict[str, Profile]) -> Callable[[], Rig]:
     return partial(open_rig, back_ends[request.param])
 

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -119,3 +120,69 @@ def test_a_session_can_be_replayed_while_it_grows(recorded: Path, profile: Profi
         file.write('{"event": "frame", "step": "dark", "na')
     with open_rig(profile) as rig:
         assert level(rig, "black") == 2
+
+
+@pytest.fixture
+def photographed(tmp_path: Path, tiny_profile: Profile) -> Profile:
+    height, width, _ = tiny_profile.camera.shape
+    for k, name in enumerate(["c1", "c0", "c1i", "c0i", "r0", "w"]):
+        cv2.imwrite(str(tmp_path / f"{name}.png"), np.full((height, width), 10 * k, np.uint8))
+    cv2.imwrite(str(tmp_path / "colour.png"), np.full((height, width, 3), (30, 60, 90), np.uint8))
+    (tmp_path / "replay.toml").write_text(
+        "schema = 1\n[gray_code]\n"
+        'columns = ["c1.png", "c0.png"]\ncolumns_inverse = ["c1i.png", "c0i.png"]\nrows = ["r0.png"]\n'
+        '[frames]\nwhite = "w.png"\n"level-128" = "colour.png"\n'
+    )
+    return replay_profile(tiny_profile, tmp_path, 'manifest = "replay.toml"')
+
+
+def test_photographs_are_found_by_the_pattern_that_they_show(photographed: Profile) -> None:
+    expected = {
+        "gray-column-01": 0,
+        "gray-column-00": 10,
+        "gray-column-01-inverse": 20,
+        "gray-column-00-inverse": 30,
+        "gray-row-00": 40,
+        "white": 50,
+    }
+    with open_rig(photographed) as rig:
+        assert {name: level(rig, name) for name in expected} == expected
+        rig.set_exposure(0.1)
+        assert level(rig, "white") == 50, "photographs do not say their exposure"
+
+
+def test_a_colour_photograph_is_grey_to_a_grey_camera(photographed: Profile) -> None:
+    with open_rig(photographed) as rig:
+        assert level(rig, "level-128") == 60
+
+
+def test_every_missing_photograph_is_named(photographed: Profile) -> None:
+    for name in ("c0.png", "w.png"):
+        (photographed.path.parent / name).unlink()
+    with pytest.raises(ProfileError) as caught:
+        open_rig(photographed)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 2
+    assert "white: no file" in lines[0]
+    assert "gray-column-00: no file" in lines[1]
+
+
+def test_photographs_of_another_size_are_refused(photographed: Profile) -> None:
+    cv2.imwrite(str(photographed.path.parent / "w.png"), np.zeros((4, 5), np.uint8))
+    with open_rig(photographed) as rig, pytest.raises(DeviceLost, match=r"'white' has shape \(4, 5, 1\)"):
+        level(rig, "white")
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "names no photographs"),
+        ("[frames]\nwhite = 3", "white: is no file name"),
+        ("[frames", "is not TOML"),
+        ("frames = 3", "gray_code and frames"),
+    ],
+)
+def test_a_manifest_that_cannot_be_used_is_named(photographed: Profile, text: str, said: str) -> None:
+    photographed.recording.write_text(text)
+    with pytest.raises(ProfileError, match=rf"replay\.toml: {said}"):
+        open_rig(photographed)
