@@ -1,4 +1,4 @@
-"""The manifest of a folder of photographs: which file shows which pattern, and what is known of the lenses."""
+"""The manifest of a folder of photographs: which file shows which pattern, and what the lenses are."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from calibration.records import PinholeModel
 from rig.errors import DeviceLost, ProfileError
 from rig.profile_problems import parse_toml, validate
 
-Photograph = NDArray[np.uint8] | NDArray[np.uint16]
+Photograph = NDArray[Any]
+"""uint8 or uint16."""
 
 _Count = Annotated[int, Field(ge=1)]
 _Positive = Annotated[float, Field(gt=0)]
@@ -185,9 +186,8 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
     code, projector, frames = (_table(data, key) for key in ("gray_code", "projector", "frames"))
     if not code and not frames:
         return ["gray_code: missing; name at least one photograph in [gray_code] or [frames]"]
-    problems = [
-        f"frames.{name}: is in [gray_code] too; name it once" for name in frames if name[:5] == "gray-"
-    ]
+    coded = ("gray-column-", "gray-row-")
+    problems = [f"frames.{n}: belongs into [gray_code]" for n in frames if code and n.startswith(coded)]
     first = code.get("first_code", (0, 0))
     offsets = first if isinstance(first, (list, tuple)) and len(first) == 2 else (0, 0)
     for axis, size, offset in (("columns", "width_px", offsets[0]), ("rows", "height_px", offsets[1])):
@@ -196,8 +196,8 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
             needed = bits_for(size_px + max(offset, 0))
             if 0 < len(files) < needed:
                 problems.append(
-                    f"gray_code.{axis}: names {len(files)} photographs, projector.{size} = {size_px} needs {needed}; "
-                    "name one for each bit, most significant first"
+                    f"gray_code.{axis}: names {len(files)} photographs, projector.{size} = {size_px} needs "
+                    f"{needed}; name one for each bit, most significant first"
                 )
     return problems
 
@@ -210,8 +210,8 @@ def _table(data: dict[str, Any], key: str) -> dict[str, Any]:
 def read_photograph(path: Path) -> Photograph:
     """Read one photograph as the file has it: (H, W, 1) or (H, W, 3) unsigned integers.
 
-    JPEG, PNG, TIFF of 8 or 16 bits, or EXR of whole digital numbers; the orientation that the camera noted is applied,
-    transparency is left out. A file that ends early is an error, not half a picture.
+    JPEG, PNG, TIFF of 8 or 16 bits, or EXR of whole digital numbers; the orientation that the camera noted is
+    applied, transparency is left out. A file that ends early is an error, not half a picture.
 
     Raises
     ------
@@ -287,8 +287,8 @@ def load_photographs(
     Raises
     ------
     DeviceLost
-        One message that lists every photograph that is missing, damaged, of the wrong size, brighter than full
-        scale, or named for two patterns.
+        One message that lists every photograph that is missing, damaged, of the wrong size, brighter than
+        full scale, or named for two patterns.
     """
     frames, problems = {}, []
     for count, (name, pixels, problem) in enumerate(_photographs(manifest), start=1):
