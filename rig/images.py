@@ -119,18 +119,6 @@ def read_picture(path: str | os.PathLike[str]) -> Float32Array:
     return levels
 
 
-def read_codes(path: Path) -> NDArray[np.generic]:
-    """Read a photograph's integer codes, (H, W, 1 or 3) uint8 or uint16, exactly as stored and not turned.
-
-    Raises UsageError when it is missing, unreadable or not of integers.
-    """
-    pixels, names, _ = _read(path, "")
-    known = _picture_channels(path, names)
-    if pixels.dtype not in (np.uint8, np.uint16):
-        raise UsageError(f"{path}: has {pixels.dtype} values; a photograph needs 8 or 16 bit integers")
-    return pixels[..., known]
-
-
 def _picture_channels(path: Path, names: list[str]) -> list[int]:
     known = next((c for c in _PICTURE_CHANNELS if set(c) <= set(names)), None)
     if known is None:

@@ -19,9 +19,9 @@ import numpy as np
 
 from rig.devices.bench import Bench
 from rig.devices.clock import VirtualClock
-from rig.devices.photographs import photographed_frames
+from rig.devices.manifest import load_manifest
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
-from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, recorded_frames
+from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
 from rig.devices.simulated import SimulatedCamera, SimulatedProjector
 from rig.errors import CaptureTimeout, ProfileError, SettingRefused
 from rig.profile import Profile, load_profile
@@ -266,30 +266,31 @@ def _make_rig(profile: Profile, start_s: float) -> Rig:
 def _recording(profile: Profile) -> Recording:
     camera, source = profile.camera, profile.recording
     if profile.replay is not None and profile.replay.manifest is not None:
-        frames = photographed_frames(source, camera.channels)
+        manifest = load_manifest(source)
+        recorded = (
+            (*manifest.camera_shape, camera.channels),
+            manifest.full_scale_dn,
+            manifest.projector_shape,
+        )
+        frames = photographed_frames(manifest, camera.channels)
     else:
-        _check_recorded_profile(profile)
+        theirs = load_profile(source / "profile.toml")
+        recorded = (theirs.camera.shape, theirs.camera.full_scale_dn, theirs.projector.shape)
         frames = recorded_frames(source)
+    _check_recorded(profile, recorded)
     return Recording(
-        source,
-        camera.shape,
-        profile.projector.shape,
-        camera.full_scale_dn,
-        camera.exposure_range_s,
-        frames,
+        source, camera.shape, profile.projector.shape, camera.full_scale_dn, camera.exposure_range_s, frames
     )
 
 
-def _check_recorded_profile(profile: Profile) -> None:
-    """Refuse a replay whose devices are not those of the recorded session."""
-    recorded = load_profile(profile.recording / "profile.toml")
-    for device, ours, theirs in (
-        ("camera", profile.camera.shape, recorded.camera.shape),
-        ("camera bit_depth", profile.camera.bit_depth, recorded.camera.bit_depth),
-        ("projector", profile.projector.shape, recorded.projector.shape),
-    ):
-        if ours != theirs:
-            raise ProfileError(
-                f"{profile.path}: {device}: is {ours}, but {theirs} in {recorded.path.parent}; "
-                "give what was recorded"
-            )
+def _check_recorded(profile: Profile, recorded: tuple[object, ...]) -> None:
+    """Refuse a replay whose devices are not the recorded ones."""
+    ours = (profile.camera.shape, profile.camera.full_scale_dn, profile.projector.shape)
+    names = ("camera's shape", "camera's full scale", "projector's shape")
+    problems = [
+        f"{profile.path}: the {name} is {own}, but {their} in {profile.recording}; give what was recorded"
+        for name, own, their in zip(names, ours, recorded, strict=True)
+        if own != their
+    ]
+    if problems:
+        raise ProfileError("\n".join(problems))

@@ -1,7 +1,7 @@
 """A library of scenes, from the paper's room to the small ones whose answer is known exactly.
 
 Grid axes (columns along u, rows along v): floor x, y; ceiling y, x; the walls ``x0`` (x = 0) y, z;
-``x1`` -y, z; ``y0`` -x, z; ``y1`` x, z. So a wall's rows count upwards and its columns to the right, seen from inside.
+``x1`` -y, z; ``y0`` -x, z; ``y1`` x, z. Wall rows count upwards, columns to the right seen from inside.
 """
 
 from __future__ import annotations

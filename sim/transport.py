@@ -22,7 +22,15 @@ from sim.optics import Lens, Pose, project, rays_at, solid_angles
 from sim.radiosity import Radiosity
 from sim.scene import BoolArray, FloatArray, Hits, IntArray, Scene, intersect
 
-__all__ = ["LightTransport", "coaxial_transport", "physical_transport"]
+__all__ = [
+    "LightTransport",
+    "area_emission",
+    "bilinear",
+    "coaxial_transport",
+    "irradiance_at",
+    "physical_transport",
+    "smooth_view",
+]
 
 Convention = Literal["paper", "physical"]
 EmissionRule = Literal["pixel_mean", "area"]
@@ -59,7 +67,7 @@ def coaxial_transport(
     if emission_rule == "pixel_mean":
         emission = _pixel_mean(scene, beam.hits.patch, direct)
     else:
-        emission = _area_emission(scene, lens, pose, subsamples, convention)
+        emission = area_emission(scene, lens, pose, subsamples, convention)
     pixels = np.flatnonzero(beam.lit)
     view = _csr(np.ones(len(pixels)), pixels, beam.hits.patch[pixels], (lens.n_pixels, scene.n_patches))
     radiosity = Radiosity(form_factors, scene.reflectance)
@@ -81,11 +89,13 @@ def physical_transport(
     projector sees that point. Indirect light: bilinear between the patch centres of a face.
     """
     radiosity = Radiosity(form_factors, scene.reflectance)
-    emission = _area_emission(scene, projector_lens, projector_pose, subsamples, "physical")
+    emission = area_emission(scene, projector_lens, projector_pose, subsamples, "physical")
     beam = _beam(scene, projector_lens, projector_pose, projector_lens.pixel_grid())
     seen = _beam(scene, camera_lens, camera_pose, camera_lens.pixel_grid())
     direct = _direct(scene, projector_lens, projector_pose, seen)
-    return LightTransport(direct, emission, radiosity, _smooth_view(scene, seen), beam.hits.patch)
+    return LightTransport(
+        direct, emission, radiosity, smooth_view(scene, seen.hits, seen.reflectance), beam.hits.patch
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,10 +140,8 @@ def _pixel_mean(scene: Scene, patch: IntArray, direct: FloatArray) -> csr_array:
     return _csr(values, patch[pixels], pixels, (scene.n_patches, len(patch)))
 
 
-def _area_emission(
-    scene: Scene, lens: Lens, pose: Pose, subsamples: int, convention: Convention
-) -> csr_array:
-    """S by area: the light of each part of a pixel that lands on a patch, over the patch's area."""
+def area_emission(scene: Scene, lens: Lens, pose: Pose, subsamples: int, convention: Convention) -> csr_array:
+    """(P, n_projector) S by area: the light of each part of a pixel that lands on a patch, over the patch's area."""
     grid, pixels = lens.pixel_grid(), np.arange(lens.n_pixels)
     offsets = (np.arange(subsamples) + 0.5) / subsamples - 0.5
     total = csr_array((scene.n_patches, lens.n_pixels))
@@ -152,27 +160,39 @@ def _area_emission(
 
 
 def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
-    """D: radiosity rho cos(theta) I / r² of the camera's points, from four projector pixels each."""
+    """D: radiosity rho cos(theta) I / r² of the camera's surface points, by the four projector pixels about each."""
     camera = np.flatnonzero(seen.lit)
     points = seen.origin_m + seen.hits.distance[camera, None] * seen.rays[camera]
     xy = project(lens, pose, points)
     with np.errstate(invalid="ignore"):
         inside = ((xy > -0.5) & (xy < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1)
     camera, points, xy = camera[inside], points[inside], xy[inside]
-    to_point = points - pose.position_m
-    distance = np.linalg.norm(to_point, axis=1)
-    cosine = -np.einsum("nk,nk->n", to_point, scene.normals[seen.hits.patch[camera]]) / distance
-    lit = (cosine > 0) & _reaches(scene, pose.position_m, to_point, distance)
-    camera, xy, cosine, distance = camera[lit], xy[lit], cosine[lit], distance[lit]
-    intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, xy))
-    value = seen.reflectance[camera] * cosine * intensity / distance**2
-    rows, columns, weights = _bilinear(xy, lens.width_px, lens.height_px)
+    value = seen.reflectance[camera] * irradiance_at(scene, lens, pose, points, seen.hits.patch[camera])
+    rows, columns, weights = bilinear(xy, lens.width_px, lens.height_px)
     return _csr(
         (value[:, None] * weights).ravel(),
         np.repeat(camera, 4),
         (rows * lens.width_px + columns).ravel(),
         (len(seen.rays), lens.n_pixels),
     )
+
+
+def irradiance_at(scene: Scene, lens: Lens, pose: Pose, points_m: FloatArray, patch: IntArray) -> FloatArray:
+    """(N,) irradiance cos(theta) I / r² of white at surface points inside the projector's picture; 0 in shadow.
+
+    Parameters
+    ----------
+    points_m : (N, 3)
+    patch : (N,) int
+        The patch that each point lies on.
+    """
+    to_point = points_m - pose.position_m
+    distance = np.linalg.norm(to_point, axis=1)
+    cosine = -np.einsum("nk,nk->n", to_point, scene.normals[patch]) / distance
+    lit = (cosine > 0) & _reaches(scene, pose.position_m, to_point, distance)
+    xy = project(lens, pose, points_m)
+    intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, xy))
+    return np.asarray(np.where(lit, cosine * intensity / distance**2, 0.0))
 
 
 def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: FloatArray) -> BoolArray:
@@ -183,25 +203,37 @@ def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: F
     return np.asarray(hits.distance >= distance * (1 - 1e-6))
 
 
-def _smooth_view(scene: Scene, seen: _Beam) -> csr_array:
-    """V: the irradiance (B - E) / rho, bilinear between patch centres, times rho of the pixel's patch."""
+def smooth_view(scene: Scene, hits: Hits, reflectance: FloatArray) -> csr_array:
+    """V for pixels with these hits: the irradiance (B - E) / rho is bilinear between patch centres of a face.
+
+    Parameters
+    ----------
+    hits : Hits
+        Where the N pixels look.
+    reflectance : (N,)
+        Of the surface point that each pixel sees (camera vignetting may be in it).
+
+    Returns
+    -------
+    (N, P) csr
+    """
     pieces = []
-    shape = (len(seen.rays), scene.n_patches)
+    shape = (len(hits.patch), scene.n_patches)
     for index, face in enumerate(scene.faces):
-        pixels = np.flatnonzero(seen.lit & (seen.hits.face == index))
-        cells = seen.hits.uv[pixels] * (face.columns, face.rows) - 0.5
-        rows, columns, weights = _bilinear(cells, face.columns, face.rows)
+        pixels = np.flatnonzero((hits.patch >= 0) & (hits.face == index))
+        cells = hits.uv[pixels] * (face.columns, face.rows) - 0.5
+        rows, columns, weights = bilinear(cells, face.columns, face.rows)
         patches = face.first_patch + rows * face.columns + columns
         rho = scene.reflectance[patches]
         # A black patch's radiosity tells nothing of the light it gets: its neighbours speak for it.
         weights = np.where(rho > 0, weights, 0.0)
         weights /= np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-        weights = weights * seen.reflectance[pixels, None] / np.where(rho > 0, rho, 1.0)
+        weights = weights * reflectance[pixels, None] / np.where(rho > 0, rho, 1.0)
         pieces.append(_csr(weights.ravel(), np.repeat(pixels, 4), patches.ravel(), shape))
     return csr_array(sum(pieces[1:], start=pieces[0]))
 
 
-def _bilinear(xy: FloatArray, width: int, height: int) -> tuple[IntArray, IntArray, FloatArray]:
+def bilinear(xy: FloatArray, width: int, height: int) -> tuple[IntArray, IntArray, FloatArray]:
     """(N, 4) rows, columns, weights of the four cells about each point; constant beyond the border."""
     limits = np.array([width - 1, height - 1], dtype=np.float64)
     clipped = np.clip(xy, 0, limits)

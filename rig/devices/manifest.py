@@ -258,7 +258,7 @@ def _whole_numbers(pixels: NDArray[Any], path: Path) -> Photograph:
     if pixels.dtype.kind == "f" and np.isfinite(pixels).all():
         digital = np.clip(np.rint(pixels), 0, 65535).astype(np.uint16)
         if np.array_equal(digital, pixels) and digital.max() > 1:
-            return digital
+            return np.asarray(digital)
     raise DeviceLost(
         f"{path}: has {pixels.dtype} values that are no digital numbers 0 … 65535; use 8 or 16 bits"
     )

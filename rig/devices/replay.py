@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.devices.clock import VirtualClock
+from rig.devices.manifest import Manifest, grey, read_photograph
 from rig.devices.protocols import Codes, RawFrame, Shown
-from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
+from rig.errors import CaptureTimeout, DeviceLost, ProfileError, SettingRefused
 from rig.images import read_exr
 from rig.journal import JOURNAL_NAME, corrupt_line, read_events
 
@@ -224,3 +225,25 @@ def _read_frame(path: Path) -> Pixels:
     channels = read_exr(path)
     order = ("R", "G", "B") if "R" in channels else ("Y",)
     return np.dstack([channels[c] for c in order]).astype(np.uint16)
+
+
+def photographed_frames(manifest: Manifest, channels: int) -> dict[str, tuple[RecordedFrame, ...]]:
+    """Photographs by the pattern that they show; a grey camera sees the mean of their colours.
+
+    Raises ProfileError that names every photograph that is not there.
+    """
+    missing = [
+        f"{manifest.path}: {name}: no file {p}" for name, p in manifest.frames.items() if not p.is_file()
+    ]
+    if missing:
+        raise ProfileError("\n".join(missing))
+    return {
+        name: (RecordedFrame(None, partial(_read_photograph, path, channels)),)
+        for name, path in manifest.frames.items()
+    }
+
+
+def _read_photograph(path: Path, channels: int) -> Pixels:
+    photograph = read_photograph(path)
+    pixels = grey(photograph)[..., None] if channels == 1 else photograph
+    return pixels.astype(np.uint16)

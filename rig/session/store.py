@@ -152,6 +152,18 @@ class Session:
         """Frames and notes, in the order in which they happened, as journalled."""
         return [dict(event) for event in self._ledger.events if event["event"] in ("frame", "note")]
 
+    def events(self) -> list[Event]:
+        """Everything that the journal says, in order, each with its time of day."""
+        return [dict(event) for event in self._ledger.events]
+
+    def read_metrics(self) -> dict[str, Any]:
+        """Return what metrics.json holds. Raises SessionError when the session was not compared yet."""
+        try:
+            metrics: dict[str, Any] = json.loads((self.path / "metrics.json").read_bytes())
+        except (OSError, ValueError) as error:
+            raise SessionError(f"{self.path}: no metrics yet; run `rig run {self.path}` first") from error
+        return metrics
+
     def write_metrics(self, metrics: Mapping[str, Any]) -> Path:
         """Write metrics.json. Raises ValueError for NaN and infinities."""
         write_json(self.path / "metrics.json", plain(metrics))

@@ -1,0 +1,259 @@
+"""The verbs of the command line; no logic. stdout is the result, stderr is progress.
+
+Exit status: 0 ok, 1 outside limits, 2 usage or profile, 3 device, 4 session, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import cyclopts
+from cyclopts import App, Parameter
+
+from rig.errors import RigError, UsageError
+
+app = App(
+    name="rig",
+    help="Controller of a projector-camera rig: calibrate a room, simulate its interreflection, compensate it, "
+    "and measure what was gained.\n\nStart with: rig run runs/first -p sim-room",
+    help_format="markdown",
+    version_flags=["--version"],
+)
+profile_app = App(name="profile", help="Check hardware profiles without opening any device.")
+app.command(profile_app)
+
+Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
+ProfileOption = Annotated[
+    str | None,
+    Parameter(name=["--profile", "-p"], help="Profile file or name; needed once, then the session keeps its copy."),
+]
+SessionFolder = Annotated[Path, Parameter(help="Folder of the session; made if it does not exist.")]
+Target = Annotated[Path | None, Parameter(help="Picture to show (PNG, JPEG, TIFF, EXR); default: a test picture.")]
+Strategies = Annotated[
+    str, Parameter(help="Strategies to project, separated by commas: none, direct, paper, exact, bounded.")
+]
+DEFAULT_STRATEGIES = "none,direct,paper,exact,bounded"
+
+
+def main() -> None:
+    """Entry point of the command `rig`."""
+    sys.exit(run_command(sys.argv[1:]))
+
+
+def run_command(arguments: list[str]) -> int:
+    """Run one command line and return its exit status."""
+    try:
+        result = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
+    except cyclopts.CycloptsError:
+        return 2
+    except RigError as error:
+        print(f"rig: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("rig: interrupted; nothing is lost, run the same command again to go on", file=sys.stderr)
+        return 130
+    return result if isinstance(result, int) else 0
+
+
+def _print_json(value: dict[str, Any]) -> None:
+    print(json.dumps(value, indent=2, allow_nan=False))
+
+
+@app.command
+def run(
+    session: SessionFolder,
+    *,
+    profile: ProfileOption = None,
+    target: Target = None,
+    strategies: Strategies = DEFAULT_STRATEGIES,
+    dry_run: Annotated[bool, Parameter(negative="", help="Print the plan and stop.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Run a whole session: calibrate, separate, model, compensate, project, photograph, compare, report.
+
+    Steps that are done are skipped; after an interruption run the same command again.
+
+    Example: rig run runs/first -p sim-room --target picture.png
+    """
+    from rig.report.tables import print_plan, print_run
+    from rig.terminal import TerminalProgress
+    from rig.workflows.whole import Request, plan_session, run_session
+
+    request = Request(session, profile, target, tuple(strategies.split(",")))
+    if dry_run:
+        plan = plan_session(request)
+        _print_json(plan) if as_json else print_plan(plan)
+        return 0
+    with TerminalProgress() as progress:
+        result = run_session(request, progress)
+    _print_json(result) if as_json else print_run(result)
+    return 0 if result["within_limits"] else 1
+
+
+def _verb(upto: str, session: Path, profile: str | None, target: Path | None, strategies: str, as_json: bool) -> int:
+    from rig.report.tables import print_part
+    from rig.terminal import TerminalProgress
+    from rig.workflows.whole import Request, run_part
+
+    with TerminalProgress() as progress:
+        result = run_part(Request(session, profile, target, tuple(strategies.split(","))), upto, progress)
+    _print_json(result) if as_json else print_part(upto, result)
+    return 0 if result.get("within_limits", True) else 1
+
+
+@app.command
+def calibrate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
+    """Photometry, Gray code and geometry: response curves, lenses, poses, room."""
+    return _verb("calibrate", session, profile, None, "none", as_json)
+
+
+@app.command
+def separate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
+    """Separate direct from global light with shifted checkers."""
+    return _verb("separate", session, profile, None, "none", as_json)
+
+
+@app.command
+def model(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
+    """Build the room model: patches, reflectance, vignetting, brightness scale."""
+    return _verb("model", session, profile, None, "none", as_json)
+
+
+@app.command
+def compensate(
+    session: SessionFolder,
+    *,
+    profile: ProfileOption = None,
+    target: Target = None,
+    strategies: Strategies = DEFAULT_STRATEGIES,
+    as_json: Json = False,
+) -> int:
+    """Compute the projector images of each strategy for a target, and predict what the camera will see."""
+    return _verb("compensate", session, profile, target, strategies, as_json)
+
+
+@app.command
+def compare(
+    session: SessionFolder,
+    *,
+    profile: ProfileOption = None,
+    target: Target = None,
+    strategies: Strategies = DEFAULT_STRATEGIES,
+    as_json: Json = False,
+) -> int:
+    """Project and photograph each strategy and compare measurement with target and with simulation."""
+    return _verb("compare", session, profile, target, strategies, as_json)
+
+
+@app.command
+def report(session: SessionFolder, *, as_json: Json = False) -> int:
+    """Write report.html of a session that has been compared."""
+    from rig.workflows.whole import rewrite_report
+
+    path = rewrite_report(session)
+    _print_json({"report": str(path)}) if as_json else print(path)
+    return 0
+
+
+@app.command
+def check(
+    *,
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
+    as_json: Json = False,
+) -> int:
+    """Open a rig and measure what every rig must keep: latency, darkness, linearity, noise, additivity."""
+    from rig.report.tables import print_check
+    from rig.terminal import TerminalProgress
+    from rig.workflows.check import run_check
+
+    with TerminalProgress() as progress:
+        result = run_check(profile, progress)
+    _print_json(result) if as_json else print_check(result)
+    return 0 if result["within_limits"] else 1
+
+
+@app.command
+def devices(*, as_json: Json = False) -> int:
+    """List cameras and display outputs that this machine's kernel shows."""
+    from rig.report.tables import print_devices
+    from rig.workflows.devices import list_devices
+
+    result = list_devices()
+    _print_json(result) if as_json else print_devices(result)
+    return 0
+
+
+@profile_app.command(name="check")
+def profile_check(*files: str, as_json: Json = False) -> int:
+    """Validate profiles: every problem of every file, a line each."""
+    from rig.profile import check_profiles
+
+    if not files:
+        raise UsageError("rig profile check needs at least one file, e.g. hw_profiles/sim-room.toml")
+    checked = check_profiles(list(files))
+    if as_json:
+        _print_json({"files": [{"path": c.path, "ok": c.ok, "problems": list(c.problems)} for c in checked]})
+    else:
+        for one in checked:
+            print("\n".join(one.problems) if one.problems else one.summary)
+    return 0 if all(one.ok for one in checked) else 2
+
+
+@app.command
+def paper(
+    *,
+    figures: Annotated[Path | None, Parameter(help="Folder for pictures like the paper's figures.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Repeat the six configurations of Dehos et al. 2014, the published figures beside ours."""
+    from rig.report.tables import print_paper
+    from rig.terminal import TerminalProgress
+    from rig.workflows.paper import run_paper
+
+    with TerminalProgress() as progress:
+        result = run_paper(figures, progress)
+    _print_json(result) if as_json else print_paper(result)
+    return 0
+
+
+@app.command
+def simulate(
+    scene: Annotated[str, Parameter(help="paper-room, corner, furnace or room-with-box.")],
+    *,
+    tolerance: Annotated[float, Parameter(help="Wanted error, % of white.")] = 1.0,
+    as_json: Json = False,
+) -> int:
+    """Plan and run a simulation as fine as a tolerance needs, without any device."""
+    from rig.report.tables import print_simulation
+    from rig.terminal import TerminalProgress
+    from rig.workflows.simulate import run_simulate
+
+    with TerminalProgress() as progress:
+        result = run_simulate(scene, tolerance, progress)
+    _print_json(result) if as_json else print_simulation(result)
+    return 0
+
+
+@app.command
+def scan(
+    manifest: Annotated[Path, Parameter(help="Manifest of a folder of Gray-code photographs (docs/how-to/replay.md).")],
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Point cloud to write.")] = Path("cloud.ply"),
+    as_json: Json = False,
+) -> int:
+    """Turn Gray-code photographs and known lenses into a point cloud (.ply)."""
+    from rig.report.tables import print_scan
+    from rig.terminal import TerminalProgress
+    from rig.workflows.scan import run_scan
+
+    with TerminalProgress() as progress:
+        result = run_scan(manifest, output, on_step=progress)
+    _print_json(result) if as_json else print_scan(result)
+    return 0
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,133 @@
+"""Charts of the session report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from calibration.records import Response
+from rig.report.pictures import ERROR_RANGE, png_figure, svg
+from rig.twin import Optic, RoomTwin
+from sim.optics import rays_at
+
+_INK, _SOFT, _CAMERA, _PROJECTOR = "#1d2330", "#5d6678", "#2557a7", "#c4561c"
+
+
+def error_scale() -> str:
+    """The colour scale of the error pictures."""
+    figure = Figure(figsize=(4.2, 0.62))
+    axes = figure.add_subplot()
+    axes.imshow(np.linspace(-1, 1, 256)[None, :], aspect="auto", cmap="RdBu_r", extent=(-ERROR_RANGE, ERROR_RANGE, 0, 1))
+    axes.set_yticks([])
+    axes.set_xticks([-64, -32, 0, 32, 64])
+    axes.tick_params(labelsize=8, colors=_SOFT)
+    axes.set_xlabel("too dark      error, grey levels      too bright", fontsize=8, color=_SOFT)
+    return svg(figure)
+
+
+def response_figure(camera: Response, projector: Response) -> str:
+    """Both response curves."""
+    figure = Figure(figsize=(10, 3.4))
+    for k, (title, response, unit, colour) in enumerate(
+        (
+            ("camera", camera, "digital numbers above black", _CAMERA),
+            ("projector", projector, "code", _PROJECTOR),
+        )
+    ):
+        axes = figure.add_subplot(1, 2, k + 1)
+        axes.plot(response.levels, response.linear, color=colour, lw=2)
+        ends = [response.levels[0], response.levels[-1]]
+        axes.plot(ends, [response.linear[0], response.linear[-1]], color=_SOFT, lw=0.8, ls=":")
+        axes.set_title(f"{title}: rms of the fit {100 * response.rms:.2f} % of full scale", fontsize=10, loc="left")
+        _style(axes, unit, "linear light")
+    figure.subplots_adjust(wspace=0.25)
+    return svg(figure)
+
+
+def timing_figure(seconds: Mapping[str, float]) -> str:
+    """Seconds by step."""
+    figure = Figure(figsize=(10, 0.34 * len(seconds) + 0.7))
+    axes = figure.add_subplot()
+    names = list(seconds)[::-1]
+    values = [seconds[name] for name in names]
+    bars = axes.barh(names, values, color=_CAMERA, height=0.62)
+    axes.bar_label(bars, labels=[f"{v:.1f} s" for v in values], padding=4, fontsize=9, color=_SOFT)
+    axes.set_xlim(0, max(values, default=1.0) * 1.12 + 1e-9)
+    _style(axes, "wall-clock seconds", "")
+    return svg(figure)
+
+
+def room_figure(twin: RoomTwin) -> str:
+    """Plan from above and a view into the room, patches coloured by reflectance."""
+    figure = Figure(figsize=(12, 4.9))
+    _draw_plan(figure.add_subplot(1, 2, 1), twin)
+    _draw_view(figure.add_subplot(1, 2, 2, projection="3d"), twin)
+    return png_figure(figure)
+
+
+def _draw_plan(axes: Axes, twin: RoomTwin) -> None:
+    low, high = twin.scene.vertices.min(axis=(0, 1)), twin.scene.vertices.max(axis=(0, 1))
+    axes.plot([low[0], high[0], high[0], low[0], low[0]], [low[1], low[1], high[1], high[1], low[1]], color=_INK, lw=2)
+    for name, device, colour in (("camera", twin.camera, _CAMERA), ("projector", twin.projector, _PROJECTOR)):
+        position = device.pose.position_m
+        for x in (-0.5, device.lens.width_px - 0.5):
+            ray = _edge_ray(device, x)
+            end = position[:2] + ray[:2] * _reach(position, ray, low, high)
+            axes.plot([position[0], end[0]], [position[1], end[1]], color=colour, lw=1, ls="--")
+        axes.plot(*position[:2], "o", color=colour, ms=8, label=f"{name} ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) m")
+    axes.set_aspect("equal")
+    axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=2)
+    _style(axes, "x, m", "y, m")
+
+
+def _edge_ray(device: Optic, x_px: float) -> Any:
+    return rays_at(device.lens, device.pose, np.array([[x_px, (device.lens.height_px - 1) / 2]]))[0]
+
+
+def _reach(position: Any, ray: Any, low: Any, high: Any) -> float:
+    """Distance along the plan to the outline."""
+    with np.errstate(divide="ignore"):
+        ahead = np.where(ray[:2] > 0, high[:2] - position[:2], low[:2] - position[:2]) / ray[:2]
+    return float(np.min(ahead))
+
+
+def _draw_view(axes: Any, twin: RoomTwin) -> None:
+    from matplotlib import colormaps
+    from matplotlib.colors import Normalize
+
+    reflectance, vertices = twin.scene.reflectance, twin.scene.vertices
+    scale = Normalize(float(reflectance.min()), float(reflectance.max()))
+    colours = colormaps["viridis"](scale(reflectance))
+    # Faces that look towards the viewer would hide the room.
+    behind = twin.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
+    axes.add_collection3d(Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4))
+    for device, colour in ((twin.camera, _CAMERA), (twin.projector, _PROJECTOR)):
+        position, size = device.pose.position_m, 0.9
+        corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (device.lens.width_px - 1, device.lens.height_px - 1)
+        ends = position + size * rays_at(device.lens, device.pose, corners.astype(np.float64))
+        for a, b in zip(ends, np.roll(ends, -1, axis=0), strict=True):
+            axes.plot(*np.stack([position, a]).T, color=colour, lw=1, zorder=10)
+            axes.plot(*np.stack([a, b]).T, color=colour, lw=1.4, zorder=10)
+        axes.scatter(*position, color=colour, s=36, zorder=11)
+    low, high = vertices.min(axis=(0, 1)), vertices.max(axis=(0, 1))
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set_box_aspect(high - low)
+    axes.view_init(elev=28, azim=-133)
+    axes.set_axis_off()
+    from matplotlib.cm import ScalarMappable
+
+    bar = axes.get_figure().colorbar(ScalarMappable(scale, "viridis"), ax=axes, shrink=0.7, pad=0.02)
+    bar.set_label("reflectance", color=_SOFT)
+
+
+def _style(axes: Axes, x_label: str, y_label: str) -> None:
+    axes.set_xlabel(x_label, fontsize=9, color=_SOFT)
+    axes.set_ylabel(y_label, fontsize=9, color=_SOFT)
+    axes.tick_params(labelsize=8, colors=_SOFT)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)

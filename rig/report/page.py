@@ -1,0 +1,194 @@
+"""One self-contained HTML file from a compared session: every number in it is one of metrics.json or the journal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment
+
+from rig.report import figures, pictures
+from rig.report.timing import seconds_by_step
+from rig.session import Session
+from rig.terminal import OnStep
+from rig.workflows.compare import strategies_of
+from rig.workflows.model import RoomRecord, load_model
+from rig.workflows.photometric import load_photometry
+
+_SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
+_TITLES = {
+    "none": "none",
+    "direct": "direct only",
+    "paper": "paper",
+    "exact": "exact inverse",
+    "bounded": "bounded",
+}
+_MAX_EVENTS = 40
+
+
+def write_report(session: Session, metrics: Mapping[str, Any], on_step: OnStep) -> Path:
+    """Write report.html into the session and return its path."""
+    on_step("write report", 0, 3)
+    model = load_model(session)
+    context = _words(session, metrics, model) | _separation(session, model) | _correspondence(session)
+    on_step("write report", 1, 3)
+    context |= _strategies(session, metrics, model)
+    on_step("write report", 2, 3)
+    photometry = load_photometry(session)
+    context |= {
+        "room_figure": figures.room_figure(model.twin),
+        "response_figure": figures.response_figure(photometry.camera, photometry.projector),
+        "timing_figure": figures.timing_figure(seconds_by_step(session)),
+        "error_scale": figures.error_scale(),
+    }
+    template = files("rig.report").joinpath("template.html").read_text(encoding="utf-8")
+    page = Environment(autoescape=True).from_string(template).render(context)
+    path = session.write_report(page)
+    on_step("write report", 3, 3)
+    return path
+
+
+def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> dict[str, Any]:
+    """Texts and tables."""
+    measured, geometry, comparison = metrics["measured"], metrics["geometry"], metrics["comparison"]
+    profile = session.profile
+    best = metrics["compensation"]["strategy"]
+    gain = measured["compensated"]["mean"] / measured["uncompensated"]["mean"]
+    frames = [event for event in session.frame_log() if event["event"] == "frame"]
+    notes = [event["note"] for event in session.frame_log() if event["event"] == "note"]
+    return {
+        "title": f"Session {session.path.name}",
+        "subtitle": f"{profile.name}: {profile.description}. Camera {profile.camera.width_px} × "
+        f"{profile.camera.height_px} px, projector {profile.projector.width_px} × {profile.projector.height_px} px.",
+        "passed": metrics["within_limits"],
+        "verdict": f"{sum(r['passed'] for r in metrics['limits'])} of {len(metrics['limits'])} checks passed",
+        "headline": [
+            _headline(measured["compensated"]["mean"], "grey levels of 255", f"measured mean error of '{best}', "
+                      f"{gain:.2f} × the uncompensated {measured['uncompensated']['mean']:.1f}"),
+            _headline(comparison["rmse"], "grey levels", "measured against simulated (rms), on frames not used for fitting"),
+            _headline(geometry["rms_px"], "px", "reprojection error (rms) of camera and projector together"),
+        ],
+        "brightness": f"{profile.brightness.target_white_share:g} × the median of projector white",
+        "strategy_note": "none = the target at its best single gain. Clipped: share of driven projector pixels that "
+        "their range holds back. All errors over lit, valid camera pixels.",
+        "comparison_text": "Difference between what the camera measured and what the model predicted for the codes "
+        f"that were shown. Over all frames: rms {comparison['rmse']:.2f}, bias {comparison['bias']:+.2f} grey levels; "
+        f"{100 * comparison['within_3_sigma']:.1f} % of the pixels within three standard deviations of the noise. "
+        "None of these frames was used to fit the model.",
+        "geometry_text": f"Baseline {1000 * geometry['baseline_m']:.0f} mm. Room {' × '.join(f'{s:.3f}' for s in geometry['room_size_m'])} m; "
+        f"seen: {', '.join(geometry['faces_seen'])}. {len(model.twin.scene.reflectance)} patches, mean reflectance "
+        f"{metrics['model']['reflectance_mean']:.3f}. {geometry['room_notes']}",
+        "limits": [
+            {"what": r["what"], "value": f"{r['value']:.4g}", "limit": f"{r['limit']:g}", "passed": r["passed"]}
+            for r in metrics["limits"]
+        ],
+        "truth_table": _truth_table(metrics.get("truth")),
+        "comparison_table": _comparison_table(comparison["frames"]),
+        "frame_text": f"{len(frames)} frames, {len(notes)} events (stale or lost frames, retries)."
+        + (f" The first {_MAX_EVENTS} are shown." if len(notes) > _MAX_EVENTS else ""),
+        "frame_events": notes[:_MAX_EVENTS],
+        "repeat": f"rig run {session.path} -p {profile.name}",
+        "provenance": f"Profile {profile.name}, sha256 {profile.sha256[:16]}…; the session folder holds an exact copy. "
+        f"Target: {session.finished('compensate').settings['target']}, sha256 "
+        f"{session.finished('compensate').settings['target_sha256'][:16]}….",
+        "footer": f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig.",
+    }
+
+
+def _headline(value: float, unit: str, text: str) -> dict[str, str]:
+    return {"value": f"{value:.2f}", "unit": unit, "text": text}
+
+
+def _truth_table(truth: Mapping[str, float] | None) -> dict[str, Any] | None:
+    if not truth:
+        return None
+    return {"head": ["what", "error"], "rows": [[key.replace("_", " "), f"{value:.4g}"] for key, value in truth.items()]}
+
+
+def _comparison_table(frames: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
+    head = ["frame", "rms", "bias", "within 3 σ, %", "noise rms"]
+    rows = [
+        [name, f"{f['rmse']:.2f}", f"{f['bias']:+.2f}", f"{100 * f['within_3_sigma']:.1f}", f"{f['noise_rms']:.2f}"]
+        for name, f in frames.items()
+    ]
+    return {"head": head, "rows": rows}
+
+
+def _strategies(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> dict[str, Any]:
+    """Rows of pictures and the table of errors."""
+    compensated, compared = session.finished("compensate"), session.finished("compare")
+    judged = compared.load_image("judged")
+    mask = judged["mask"] > 0
+    scale = 255 / model.level
+    rows = []
+    names = [name for name in _SHOWN_FIRST if name in strategies_of(session)]
+    for name in names:
+        codes = compensated.load_image(f"projector-{name}")["codes"]
+        predicted = compensated.load_image(f"predicted-{name}")["light"] * scale
+        measured = compared.load_image(f"measured-{name}")["light"] * scale
+        images = [
+            pictures.picture(pictures.grey(judged["target"], mask), "Target as the camera should see it"),
+            pictures.picture(codes.astype(np.uint8), f"Codes sent to the projector, {name}"),
+            pictures.picture(pictures.grey(predicted, mask), f"Predicted camera image, {name}"),
+            pictures.picture(pictures.grey(measured, mask), f"Measured camera image, {name}"),
+            pictures.picture(pictures.signed_error(measured - judged["target"], mask), f"Measured minus target, {name}"),
+        ]
+        rows.append({"name": _TITLES[name], "images": images})
+    return {"strategies": rows, "strategy_table": _strategy_table(metrics["strategies"], names)}
+
+
+def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
+    head = ["strategy", "measured mean", "sd", "max", "rms", "SSIM", "predicted mean", "predicted rms", "clipped, %", "iterations"]
+    rows = []
+    for name in names:
+        m, p = entries[name]["measured"], entries[name]["predicted"]
+        figures_ = [f"{m['mean']:.1f}", f"{m['sd']:.1f}", f"{m['max']:.0f}", f"{m['rms']:.1f}", f"{m['ssim']:.3f}"]
+        figures_ += [f"{p['mean']:.1f}", f"{p['rms']:.1f}", f"{100 * entries[name]['clipped_share']:.1f}"]
+        rows.append([_TITLES[name], *figures_, str(entries[name]["iterations"])])
+    return {"head": head, "rows": rows}
+
+
+def _separation(session: Session, model: RoomRecord) -> dict[str, Any]:
+    measured = session.finished("separation").load_image("separation")
+    simulated = session.finished("model").load_image("white")
+    lit = model.lit
+    share = float(np.median(measured["global"][lit] / np.maximum(measured["white"][lit], 1e-9)))
+    scale = 255 / float(np.quantile(measured["white"][lit], 0.98))
+    shown = [
+        ("Direct, measured", measured["direct"]),
+        ("Direct, simulated", simulated["direct"]),
+        ("Global, measured", measured["global"]),
+        ("Global, simulated", simulated["global"]),
+    ]
+    return {
+        "separation_text": "Light for projector white: reflected once (direct) and more than once (global), measured "
+        f"with shifted checkers and simulated by the room model. Median share of global light: {100 * share:.0f} %. "
+        "All four at the same exposure.",
+        "separation_images": [pictures.picture(pictures.grey(image * scale), alt) for alt, image in shown],
+    }
+
+
+def _correspondence(session: Session) -> dict[str, Any]:
+    step = session.finished("correspondence")
+    image, record = step.load_image("correspondence"), step.load_record("correspondence")
+    valid = image["reason"] == 0
+    counts = record["reasons"]
+    legend = ", ".join(f"{name} {100 * share:.1f} %" for name, share in counts.items() if share > 0)
+    colours = ", ".join(f"{name} {_colour_word(k)}" for k, (name, _) in enumerate(pictures.reason_legend()))
+    return {
+        "correspondence_text": f"Projector pixel that each camera pixel sees, from Gray code with inverses. {legend}. "
+        f"Colours of the right picture: {colours}.",
+        "correspondence_images": [
+            pictures.picture(pictures.ramp(image["column"], valid, "turbo"), "Projector column"),
+            pictures.picture(pictures.ramp(image["row"], valid, "turbo"), "Projector row"),
+            pictures.picture(pictures.reasons(image["reason"]), "Validity: why a pixel is or is not used"),
+        ],
+    }
+
+
+def _colour_word(k: int) -> str:
+    return ("green", "black", "yellow", "orange", "violet", "blue")[k]

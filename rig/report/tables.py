@@ -1,0 +1,101 @@
+"""Results as tables on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rig.terminal import print_table
+
+
+def print_plan(plan: dict[str, Any]) -> None:
+    """The steps of a session and the frames that they cost."""
+    rows = [(s["step"], "done" if s["done"] else "to do", s["frames"] or "") for s in plan["steps"]]
+    print_table(f"{plan['session']} with {plan['profile']}: about", ["step", "state", "frames"], rows)
+
+
+def print_run(result: dict[str, Any]) -> None:
+    """What a session has measured."""
+    rows = []
+    for name, entry in result["strategies"].items():
+        measured, predicted = entry["measured"], entry["predicted"]
+        clipped = 100 * entry["clipped_share"]
+        rows.append(
+            (name, measured["mean"], measured["sd"], measured["rms"], measured["ssim"], predicted["mean"], clipped)
+        )
+    head = ["strategy", "measured mean", "sd", "rms", "SSIM", "predicted mean", "clipped %"]
+    print_table("Errors against the target, grey levels of 255", head, rows)
+    limits = [(r["what"], r["value"], r["limit"], "ok" if r["passed"] else "OUTSIDE") for r in result["limits"]]
+    print_table("Limits", ["what", "value", "limit", ""], limits)
+    if result.get("truth"):
+        print_table("Error against the simulated bench", ["what", "error"], list(result["truth"].items()))
+    print(f"report: {result['report']}")
+
+
+def print_part(verb: str, result: dict[str, Any]) -> None:
+    """The numbers of the steps that a verb has done."""
+    rows = []
+    for section in ("geometry", "separation", "model", "compensation", "comparison", "truth"):
+        for key, value in result.get(section, {}).items():
+            if isinstance(value, int | float | str):
+                rows.append((f"{section}: {key}", value))
+    print_table(f"rig {verb}: done", ["what", "value"], rows)
+
+
+def print_check(result: dict[str, Any]) -> None:
+    """Value, limit, verdict."""
+    rows = [(r["what"], r["value"], r["limit"], "ok" if r["passed"] else "OUTSIDE") for r in result["checks"]]
+    print_table(f"{result['profile']}: self-test", ["check", "value", "limit", ""], rows)
+    for key, value in result["suggested"].items():
+        print(f"suggested: {key} = {value}")
+
+
+def print_devices(result: dict[str, Any]) -> None:
+    """Cameras and outputs."""
+    cameras = [(c["node"], c["name"], c["stable_id"] or "") for c in result["cameras"]]
+    print_table("Cameras (V4L2)", ["node", "name", "stable id"], cameras or [("none", "", "")])
+    outputs = [(o["connector"], o["status"], " ".join(o["modes"][:3])) for o in result["outputs"]]
+    print_table("Display outputs", ["connector", "status", "modes"], outputs or [("none", "", "")])
+
+
+def print_paper(result: dict[str, Any]) -> None:
+    """The six configurations beside the published figures."""
+    rows = []
+    for entry in result["configurations"]:
+        published = entry["published"]
+        strategies = entry["strategies"]
+        rows.append(
+            (
+                entry["name"],
+                "{min:.0f} / {mean:.0f} / {max:.0f}".format(**entry["indirect"]),
+                f"{100 * entry['share_white']:.0f} %",
+                f"{entry['error_uncompensated']['mean']:.1f} ± {entry['error_uncompensated']['sd']:.1f}",
+                _plus_minus(published, "error_uncompensated"),
+                *(f"{strategies[name]['mean']:.1f} ± {strategies[name]['sd']:.1f}" for name in ("paper", "exact", "bounded")),
+                _plus_minus(published, "error_compensated"),
+            )
+        )
+    head = ["configuration", "indirect min/mean/max", "once reflected", "without", "published", "paper", "exact", "bounded", "published with"]
+    print_table("Dehos et al. 2014, repeated: errors in grey levels of 255", head, rows)
+
+
+def _plus_minus(published: dict[str, Any], key: str) -> str:
+    value = published.get(key)
+    if not value:
+        return ""
+    if isinstance(value, dict):
+        sd = value.get("sd")
+        return f"{value['mean']:g} ± {sd:g}" if sd is not None else f"{value['mean']:g}"
+    return str(value)
+
+
+def print_simulation(result: dict[str, Any]) -> None:
+    """Plan, estimate and outcome."""
+    for reason in result["plan"]["reasons"]:
+        print(f"- {reason}")
+    rows = [(key, result["estimated"].get(key), value) for key, value in result["actual"].items()]
+    print_table("Simulation", ["what", "estimated", "actual"], rows)
+
+
+def print_scan(result: dict[str, Any]) -> None:
+    """Point count, validity, epipolar distance."""
+    print_table("Scan", ["what", "value"], list(result.items()))

@@ -1,0 +1,20 @@
+"""Wall-clock seconds of each step, from the journal."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from rig.session import Session
+
+
+def seconds_by_step(session: Session) -> dict[str, float]:
+    """Time between journal lines, counted to the step of the later one; the pause before an `open` is left out."""
+    seconds: dict[str, float] = {}
+    previous: datetime | None = None
+    for event in session.events():
+        now = datetime.fromisoformat(event["time"])
+        step = event.get("step")
+        if previous is not None and step is not None and event["event"] != "open":
+            seconds[step] = seconds.get(step, 0.0) + (now - previous).total_seconds()
+        previous = now
+    return seconds

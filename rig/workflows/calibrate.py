@@ -1,0 +1,196 @@
+"""Correspondence and geometry: steps `gray`, `correspondence`, `geometry`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from calibration.decode import decode_gray
+from calibration.geometry import PairCalibration, calibrate_pair, scale_from_baseline, scale_from_spots
+from calibration.gray import bits_for
+from calibration.patterns import flat, gray_code_patterns
+from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
+from calibration.room import RoomBox, room_from_pair
+from calibration.subpixel import refine_subpixel
+from rig.pair import Rig
+from rig.profile import Profile
+from rig.session import Session, Step
+from rig.terminal import OnStep
+from rig.workflows.capture import Shot, frame_name, photograph
+from rig.workflows.photometric import load_photometry, reference_exposure_s
+
+CODE = "long-run"
+_SIGMAS = 4.0
+"""A bit counts when pattern and inverse differ by more than so many standard deviations of their noise."""
+_LEAST_VALID_SHARE = 0.01
+
+
+def photograph_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
+    """Step `gray`: white, black, and the planes of the Gray code with their inverses."""
+    shot = Shot((reference_exposure_s(session),))
+    step = session.step("gray", settings={"code": CODE, "exposures_s": shot.exposures_s}, needs=("exposure",))
+    if step.done:
+        return
+    shape = rig.projector.shape
+    count = 2 + 2 * sum(bits_for(n) for n in shape)
+    flats = [flat(shape, 255, "white"), flat(shape, 0, "black")]
+    photograph(rig, session, step, flats, shot, 2, lambda label, done, total: on_step(label, done, count))
+    photograph(
+        rig,
+        session,
+        step,
+        gray_code_patterns(shape, code=CODE),
+        shot,
+        count - 2,
+        lambda label, done, total: on_step(label, done + 2, count),
+    )
+    step.finish()
+
+
+def decode_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
+    """Step `correspondence`: which projector pixel each camera pixel sees, and why some see none."""
+    step = session.step("correspondence", settings={"sigmas": _SIGMAS}, needs=("gray", "response"))
+    if step.done:
+        return
+    on_step("decode", 0, 2)
+    correspondence = _decode(session.finished("gray"), session, rig.projector.shape)
+    valid_share = float(correspondence.valid.mean())
+    if valid_share < _LEAST_VALID_SHARE:
+        raise CalibrationError(
+            f"only {100 * valid_share:.2f} % of the camera's pixels have a projector pixel, the limit is "
+            f"{100 * _LEAST_VALID_SHARE:g} %: aim the camera at the projected picture, darken the room, check the focus"
+        )
+    on_step("decode", 1, 2)
+    refined = refine_subpixel(correspondence)
+    xy = refined.projector_xy_px
+    step.save_image(
+        "correspondence",
+        {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)},
+        folder="maps",
+    )
+    reasons = {code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason}
+    step.save_record("correspondence", {"valid_share_of_image": valid_share, "reasons": reasons})
+    step.finish()
+    on_step("decode", 2, 2)
+
+
+def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
+    photometry = load_photometry(session)
+
+    def load(name: str) -> np.ndarray:
+        return gray.load_frame(frame_name(name)).pixels[..., 0]
+
+    frames = {
+        name.rsplit(".e", 1)[0]: gray.load_frame(name).pixels[..., 0]
+        for name in gray.frame_names
+        if name.startswith(CODE)
+    }
+    white, black = load("white"), load("black")
+    noise_dn = _typical_noise_dn(white, photometry.offset_dn, photometry.gain_e_per_dn, photometry.read_noise_dn)
+    limit = _SIGMAS * np.sqrt(2) * noise_dn
+    return decode_gray(
+        frames,
+        projector_shape,
+        white=white,
+        black=black,
+        contrast_limit=limit,
+        bit_limit=limit,
+        saturation=photometry.saturation_dn,
+        code=CODE,
+    )
+
+
+def _typical_noise_dn(white: np.ndarray, offset_dn: float, gain: float, read_noise_dn: float) -> float:
+    """Standard deviation of a frame at half of white's median: what decides about a bit of a typical pixel."""
+    level = max(float(np.median(white)) - offset_dn, 0.0) / 2
+    return float(np.sqrt(level / gain + read_noise_dn**2 + 1 / 12))
+
+
+def load_correspondence(session: Session) -> Correspondence:
+    """The finished step's map."""
+    image = session.finished("correspondence").load_image("correspondence")
+    xy = np.stack([image["column"], image["row"]], axis=-1)
+    return Correspondence(xy, image["reason"].astype(np.uint8), session.profile.projector.shape)
+
+
+def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
+    """Step `geometry`: lenses, poses, planes, metres, room."""
+    profile = rig.profile
+    settings = {
+        "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
+        "scale": profile.scale.model_dump(),
+        "room": profile.room.model_dump(exclude={"patch_size_m"}),
+    }
+    step = session.step("geometry", settings=settings, needs=("correspondence",))
+    if step.done:
+        return
+    correspondence = load_correspondence(session)
+    rows, columns = np.nonzero(_well_inside(correspondence))
+    camera_xy = np.stack([columns, rows], axis=1).astype(np.float64)
+    projector_xy = correspondence.projector_xy_px[rows, columns].astype(np.float64)
+    pair = calibrate_pair(
+        camera_xy,
+        projector_xy,
+        rig.camera.shape[:2],
+        rig.projector.shape,
+        profile.camera.hfov_deg,
+        profile.projector.hfov_deg,
+        right_angles=profile.room.right_angles,
+        on_step=lambda done, total: on_step("fit geometry", done, total),
+    )
+    pair = _in_metres(pair, profile)
+    box = room_from_pair(pair, profile.room.size_m, profile.room.closed)
+    step.save_record("geometry", _record(pair, box))
+    step.finish()
+
+
+def _well_inside(correspondence: Correspondence) -> np.ndarray:
+    """Pixels with a sub-pixel coordinate: integer codes (at edges of surfaces) are left out."""
+    xy = correspondence.projector_xy_px
+    with np.errstate(invalid="ignore"):
+        whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
+    return np.asarray(correspondence.valid & ~whole)
+
+
+def _in_metres(pair: PairCalibration, profile: Profile) -> PairCalibration:
+    scale = profile.scale
+    if scale.baseline_m is not None:
+        return scale_from_baseline(pair, scale.baseline_m)
+    return scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0))
+
+
+def _record(pair: PairCalibration, box: RoomBox) -> dict[str, Any]:
+    return {
+        "camera": asdict(box.camera),
+        "projector": asdict(box.projector),
+        "room": {
+            "size_m": list(box.size_m),
+            "seen": list(box.seen),
+            "faces": list(box.faces),
+            "angle_error_deg": box.angle_error_deg,
+            "notes": box.notes,
+        },
+        "baseline_m": pair.baseline,
+        "rms_px": pair.rms_px,
+        "camera_rms_px": pair.camera_rms_px,
+        "projector_rms_px": pair.projector_rms_px,
+        "inlier_share": pair.inlier_share,
+        "sigmas": pair.sigmas,
+    }
+
+
+def pinhole_of(record: Mapping[str, Any]) -> PinholeModel:
+    """A PinholeModel from its JSON record."""
+    k1, k2, p1, p2, k3 = record["distortion"]
+    return PinholeModel(
+        record["width_px"],
+        record["height_px"],
+        (record["focal_px"][0], record["focal_px"][1]),
+        (record["principal_point_px"][0], record["principal_point_px"][1]),
+        (k1, k2, p1, p2, k3),
+        np.array(record["rotation"]),
+        np.array(record["translation_m"]),
+    )

@@ -1,0 +1,56 @@
+"""Photograph patterns into a step of a session, going on where an earlier run stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from calibration.patterns import Pattern
+from rig.pair import Rig
+from rig.session import Session, Step
+from rig.terminal import OnStep
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """How each pattern of a set is photographed."""
+
+    exposures_s: tuple[float, ...]
+    repeats: int = 1
+
+    @property
+    def frames_per_pattern(self) -> int:
+        """Frames that one pattern costs."""
+        return len(self.exposures_s) * self.repeats
+
+
+def frame_name(pattern: str, exposure: int = 0, repeat: int = 0) -> str:
+    """Name of a frame: `white.e1.r0` is white, second exposure, first repeat."""
+    return f"{pattern}.e{exposure}.r{repeat}"
+
+
+def photograph(
+    rig: Rig, session: Session, step: Step, patterns: Iterable[Pattern], shot: Shot, n_patterns: int, on_step: OnStep
+) -> None:
+    """Shoot what the step does not have yet; every frame is on disk before the next is shown."""
+    total = n_patterns * shot.frames_per_pattern
+    done = 0
+    for pattern in patterns:
+        for exposure, exposure_s in enumerate(shot.exposures_s):
+            for repeat in range(shot.repeats):
+                name = frame_name(pattern.name, exposure, repeat)
+                if not step.has_frame(name):
+                    shoot_one(rig, session, step, pattern, name, exposure_s)
+                done += 1
+                on_step(f"photograph: {step.name}", done, total)
+
+
+def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, name: str, exposure_s: float) -> None:
+    """One frame to disk, and what went wrong on the way to the session's log."""
+    before = len(rig.events)
+    raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
+    for event in rig.events[before:]:
+        session.note({"step": step.name, "frame": name, "event": event.kind, "detail": event.detail})
+    step.save_frame(name, raw, pattern=pattern.name)
+
+
