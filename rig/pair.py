@@ -265,6 +265,7 @@ def _make_rig(profile: Profile, start_s: float) -> Rig:
 
 def _recording(profile: Profile) -> Recording:
     camera, source = profile.camera, profile.recording
+    recorded: tuple[object, ...]
     if profile.replay is not None and profile.replay.manifest is not None:
         manifest = load_manifest(source)
         recorded = (

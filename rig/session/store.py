@@ -169,15 +169,6 @@ class Session:
         write_json(self.path / "metrics.json", plain(metrics))
         return self.path / "metrics.json"
 
-    def read_metrics(self) -> dict[str, Any]:
-        """Read metrics.json. Raises SessionError when there is none or it is damaged."""
-        path = self.path / "metrics.json"
-        try:
-            metrics: dict[str, Any] = json.loads(path.read_bytes())
-        except (OSError, ValueError) as error:
-            raise SessionError(f"{path}: cannot be read; run `rig run {self.path}` first") from error
-        return metrics
-
     def write_report(self, html: str) -> Path:
         """Write report.html."""
         write_bytes(self.path / "report.html", html.encode())

@@ -60,7 +60,13 @@ def photographs(simulated: Profile, recorded_session: Path, tmp_path_factory: py
             frame = step.load_frame(next(n for n in step.frame_names if n.startswith(f"{name}.")))
             cv2.imwrite(str(folder / f"{name}.png"), frame.pixels)
     lines = [f'{name} = "{name}.png"' for name in LEVELS]
-    (folder / "replay.toml").write_text("schema = 1\n[frames]\n" + "\n".join(lines))
+    camera, projector = simulated.camera, simulated.projector
+    (folder / "replay.toml").write_text(
+        f"schema = 1\n[camera]\nwidth_px = {camera.width_px}\nheight_px = {camera.height_px}\n"
+        f"full_scale_dn = {camera.full_scale_dn}\n"
+        f"[projector]\nwidth_px = {projector.width_px}\nheight_px = {projector.height_px}\n"
+        "[frames]\n" + "\n".join(lines)
+    )
     return folder / "replay.toml"
 
 
