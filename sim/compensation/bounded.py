@@ -19,8 +19,8 @@ from sim.scene import BoolArray, FloatArray
 
 ENOUGH = 0.1
 """Share of the certified gap that an active set step must close to be taken without comparing."""
-DAMPING = 1e-6
-"""Added to D² as a share of its median."""
+DAMPING_RANGE = (1e-9, 1.0)
+"""Levenberg and Marquardt's damping of a step, as a share of the curvature; starts at 1e-6."""
 
 
 def bounded(
@@ -35,9 +35,9 @@ def bounded(
 
     A primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002): pixels that a
     diagonal step would carry past a bound are put there, the others take the exact least-squares step, found
-    through the patches by Woodbury's identity, since TᵀT is diagonal plus a matrix of rank 2 P. Where that does
-    not descend, a projected Newton or gradient step with Armijo's rule does (Bertsekas, SIAM J. Control Optim.
-    20, 1982). The objective is convex, so it can fall by no more than the gap
+    through the patches by Woodbury's identity, since TᵀT is diagonal plus a matrix of rank 2 P. Where that
+    does not descend, a projected Newton or gradient step with Armijo's rule does (Bertsekas, SIAM J. Control
+    Optim. 20, 1982). The objective is convex, so it can fall by no more than the gap
     sum max(g (p - lower), g (p - upper)), g the gradient: that is the certificate.
 
     Parameters
@@ -57,12 +57,14 @@ def bounded(
     c = checked_target(transport, target, lower, upper)
     problem = _Problem(transport.coupling, diagonal_of(transport), c, lower, upper)
     state = problem.at(np.clip(unbounded(problem.coupling, problem.diagonal, c)[0], lower, upper))
-    iterations = 0
+    iterations, damping = 0, 1e-6
     while iterations < limit and not problem.certified(state, tolerance):
-        better = _improved(problem, state)
-        if better is None:
+        better = _improved(problem, state, damping)
+        if better is None and damping >= DAMPING_RANGE[1]:
             break
-        state, iterations = better, iterations + 1
+        poor = better is None or state.objective - better.objective < ENOUGH * state.gap
+        damping = float(np.clip(damping * (30.0 if poor else 0.1), *DAMPING_RANGE))
+        state, iterations = better or state, iterations + 1
     at_bound = problem.held(state)
     notes = {
         "kkt_residual": problem.kkt_residual(state),
@@ -99,11 +101,16 @@ class _Problem:
     upper: float
 
     @cached_property
+    def returned(self) -> FloatArray:
+        """Hᵀ Vᵀ V H: what the lit patches send back to the image, squared."""
+        H, V = self.coupling.interreflection, self.coupling.view
+        return np.asarray(H.T @ ((self.coupling.view_adjoint @ V) @ H))
+
+    @cached_property
     def curvature(self) -> FloatArray:
-        """D², damped so that pixels almost without direct light do no harm."""
-        squared = self.diagonal**2
-        lit = squared[squared > 0]
-        return np.asarray(squared + DAMPING * (float(np.median(lit)) if lit.size else 1.0))
+        """About the diagonal of TᵀT: direct light, and indirect light by patch."""
+        indirect = self.coupling.emission_adjoint.power(2) @ np.diag(self.returned)
+        return np.asarray(np.maximum(self.diagonal**2 + indirect, np.finfo(float).tiny))
 
     def forward(self, p: FloatArray) -> FloatArray:
         return self.diagonal * p + self.coupling.apply(p)
@@ -137,29 +144,29 @@ class _Problem:
         return length / max(float(np.linalg.norm(self.target)), 1e-300)
 
 
-def _improved(problem: _Problem, state: _State) -> _State | None:
-    """Take the first step that descends: active set, projected Newton, projected gradient; None if none does."""
+def _improved(problem: _Problem, state: _State, damping: float) -> _State | None:
+    """Take a step that descends: active set, projected Newton or projected gradient; None if none does."""
     diagonal_step = state.p - state.gradient / problem.curvature
     low, high = diagonal_step <= problem.lower, diagonal_step >= problem.upper
     moved = problem.at(np.where(low, problem.lower, np.where(high, problem.upper, state.p)))
-    step = _newton_step(problem, moved, ~(low | high))
+    step = _newton_step(problem, moved, ~(low | high), damping)
     trial = problem.at(np.clip(moved.p + step, problem.lower, problem.upper))
     if trial.objective < state.objective - ENOUGH * state.gap:
         return trial
-    newton = _searched(problem, state, _newton_step(problem, state, ~problem.held(state)))
+    newton = _searched(problem, state, _newton_step(problem, state, ~problem.held(state), damping))
     descending = [each for each in (trial, newton) if each is not None and each.objective < state.objective]
     if descending:
         return min(descending, key=lambda each: each.objective)
     return _searched(problem, state, -state.gradient / problem.curvature)
 
 
-def _newton_step(problem: _Problem, state: _State, free: BoolArray) -> FloatArray:
+def _newton_step(problem: _Problem, state: _State, free: BoolArray, damping: float) -> FloatArray:
     """Minimise the least squares over the free pixels: (TᵀT + damping)_FF step_F = -g_F.
 
     (TᵀT)_FF = D² + U M Uᵀ with U = [Sᵀ, D V]_F and M = [[Hᵀ Vᵀ V H, Hᵀ], [H, 0]], V over all pixels.
     """
     coupling, d = problem.coupling, problem.diagonal
-    inverse = np.where(free, 1 / problem.curvature, 0.0)
+    inverse = np.where(free, 1 / (d**2 + damping * problem.curvature), 0.0)
     H, S, V = coupling.interreflection, coupling.emission, coupling.view
     right = -state.gradient * inverse
     S_scaled, V_scaled = S.multiply(inverse).tocsr(), V.multiply((d * inverse)[:, None]).tocsr()
@@ -172,9 +179,8 @@ def _newton_step(problem: _Problem, state: _State, free: BoolArray) -> FloatArra
             ],
         ]
     )
-    VtV_H = (coupling.view_adjoint @ V) @ H
     n_lit = H.shape[1]
-    M = np.block([[H.T @ VtV_H, H.T], [H, np.zeros((H.shape[0], H.shape[0]))]])
+    M = np.block([[problem.returned, H.T], [H, np.zeros((H.shape[0], H.shape[0]))]])
     U_right = np.concatenate([S @ right, coupling.view_adjoint @ (d * right)])
     z = solve(np.eye(len(M)) + M @ C, M @ U_right, check_finite=False)
     return np.asarray(right - inverse * (coupling.emission_adjoint @ z[:n_lit] + d * (V @ z[n_lit:])))

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
+from scipy.sparse import csr_array, diags_array
 
 from sim.compensation import STRATEGIES, compensate
 from sim.compensation.paper import required_emission
@@ -10,7 +11,7 @@ from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.optics import Lens, Pose
 from sim.scenes import paper_room, room
-from sim.transport import coaxial_transport, physical_transport
+from sim.transport import LightTransport, coaxial_transport, physical_transport
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))
@@ -194,7 +195,24 @@ def test_a_camera_elsewhere_is_refused_with_advice(name):
         compensate(name, transport, np.zeros(LENS.n_pixels))
 
 
-def test_bounded_says_so_when_its_steps_run_out():
+def test_bounded_says_how_good_it_is_when_its_steps_run_out():
     transport = _transport()
-    with pytest.raises(SimulationError, match="after 0 steps"):
-        compensate("bounded", transport, 5 * _picture(transport), limit=0)
+    target = 2 * _picture(transport)
+    early, late = (compensate("bounded", transport, target, limit=limit) for limit in (0, 60))
+    assert early.notes["short_of_optimum"] > 1e-3 > late.notes["short_of_optimum"]
+    assert early.residual_rms * (1 - early.notes["short_of_optimum"]) <= late.residual_rms
+
+
+@pytest.mark.parametrize("reflectance", [0.3, 0.8, 0.95])
+def test_bounded_copes_with_pixels_of_very_unequal_and_no_brightness(reflectance):
+    clean = _transport(reflectance, "physical", "area")
+    rng = np.random.default_rng(9)
+    diagonal = clean.direct_matrix.diagonal() * np.exp(rng.normal(0, 0.5, LENS.n_pixels))
+    diagonal[rng.random(LENS.n_pixels) < 0.05] = 0
+    diagonal[rng.random(LENS.n_pixels) < 0.02] *= 1e-6
+    direct = csr_array(diags_array(diagonal))
+    transport = LightTransport(direct, clean.emission, clean.radiosity, clean.view, clean.pixel_patch)
+    target = _picture(clean)
+    residual = {name: compensate(name, transport, target) for name in STRATEGIES}
+    assert residual["bounded"].notes["short_of_optimum"] <= 0.01
+    assert residual["bounded"].residual_rms <= min(r.residual_rms for r in residual.values()) * 1.001
