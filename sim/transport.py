@@ -141,7 +141,7 @@ def _pixel_mean(scene: Scene, patch: IntArray, direct: FloatArray) -> csr_array:
 
 
 def area_emission(scene: Scene, lens: Lens, pose: Pose, subsamples: int, convention: Convention) -> csr_array:
-    """(P, n_projector) S by area: the light of each part of a pixel that lands on a patch, over the patch's area."""
+    """(P, n_projector) S by area: the light of each pixel's parts that land on a patch, over its area."""
     grid, pixels = lens.pixel_grid(), np.arange(lens.n_pixels)
     offsets = (np.arange(subsamples) + 0.5) / subsamples - 0.5
     total = csr_array((scene.n_patches, lens.n_pixels))
@@ -160,7 +160,7 @@ def area_emission(scene: Scene, lens: Lens, pose: Pose, subsamples: int, convent
 
 
 def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
-    """D: radiosity rho cos(theta) I / r² of the camera's surface points, by the four projector pixels about each."""
+    """D: radiosity rho cos(theta) I / r² of the camera's points, from four projector pixels each."""
     camera = np.flatnonzero(seen.lit)
     points = seen.origin_m + seen.hits.distance[camera, None] * seen.rays[camera]
     xy = project(lens, pose, points)
@@ -178,7 +178,7 @@ def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
 
 
 def irradiance_at(scene: Scene, lens: Lens, pose: Pose, points_m: FloatArray, patch: IntArray) -> FloatArray:
-    """(N,) irradiance cos(theta) I / r² of white at surface points inside the projector's picture; 0 in shadow.
+    """(N,) irradiance cos(theta) I / r² of white at surface points inside the picture; 0 in shadow.
 
     Parameters
     ----------
