@@ -27,6 +27,7 @@ _FileName = Annotated[str, Field(min_length=1)]
 _PatternName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
 _ROTATION_TOLERANCE = 1e-3
 _METRES = {"m": 1.0, "mm": 1e-3}
+_GREY_WEIGHTS = (0.299, 0.587, 0.114)
 _LISTED = 12
 """Problems that a message lists."""
 
@@ -265,10 +266,10 @@ def _whole_numbers(pixels: NDArray[Any], path: Path) -> Photograph:
 
 
 def grey(photograph: Photograph) -> Photograph:
-    """(H, W) of (H, W, 1) as it is, of (H, W, 3) the mean of red, green and blue, rounded."""
+    """(H, W) of (H, W, 1) as it is, of (H, W, 3) 0.299 red + 0.587 green + 0.114 blue (ITU-R BT.601), rounded."""
     if photograph.shape[2] == 1:
         return np.ascontiguousarray(photograph[..., 0])
-    return np.asarray(cv2.transform(photograph, np.full((1, 3), 1 / 3)).reshape(photograph.shape[:2]))
+    return np.asarray(cv2.transform(photograph, np.array([_GREY_WEIGHTS])).reshape(photograph.shape[:2]))
 
 
 def check_photographs(manifest: Manifest) -> None:
