@@ -33,8 +33,8 @@ def decode_gray(
     Parameters
     ----------
     frames : mapping of pattern name to (H, W)
-        Gray code frames named as :func:`calibration.patterns.gray_code_patterns` names them. Without inverses a bit
-        is compared with the mean of white and black.
+        Gray code frames as :func:`calibration.patterns.gray_code_patterns` names them. Without inverses a
+        bit is compared with the mean of white and black.
     projector_shape : (height, width)
     white, black : (H, W), optional
         Full frames; without them the largest and smallest value of each pixel over all frames.
@@ -55,9 +55,9 @@ def decode_gray(
     """
     bright = white if white is not None else _extreme(frames, np.maximum)
     dark = black if black is not None else _extreme(frames, np.minimum)
-    threshold = None
+    threshold: Frame | None = None
     if not any(name.endswith("-inverse") for name in frames):
-        threshold = (bright.astype(np.float32) + dark.astype(np.float32)) / 2
+        threshold = (bright.astype(np.float32) + dark.astype(np.float32)) * np.float32(0.5)
     height, width = projector_shape
     column, weak_column = _decode_axis(frames, code, "column", width + first_code[0], bit_limit, threshold)
     row, weak_row = _decode_axis(frames, code, "row", height + first_code[1], bit_limit, threshold)
@@ -89,20 +89,21 @@ def _decode_axis(
     axis: str,
     size_px: int,
     bit_limit: float,
-    threshold: Float32Array | None,
+    threshold: Frame | None,
 ) -> tuple[Float32Array, BoolArray]:
     """(H, W) position, and pixels that some bit leaves open.
 
-    One open bit is no harm if both its values give neighbouring positions: the pixel lies on the border between them,
-    and that border is its position.
+    One open bit is no harm if both its values give neighbouring positions: the pixel lies on the border
+    between them, and that border is its position.
     """
-    bits = bits_for(size_px)
+    bits = _bits_shown(frames, code, axis, bits_for(size_px))
     names = [f"{code}-{axis}-{bit:02d}" for bit in reversed(range(bits))]
     missing = [name for name in names if name not in frames]
     if missing:
         raise CalibrationError(
-            f"{code} code of the {axis}s: {len(missing)} of {bits} bits have no frame ({', '.join(missing)}); "
-            "photograph them, or give the size of the area that the patterns were shown in"
+            f"{code} code of the {axis}s: {len(missing)} of {bits} bits have no frame "
+            f"({', '.join(missing)}); photograph them, or give the size of the area "
+            "that the patterns were shown in"
         )
     word = np.zeros(frames[names[0]].shape, dtype=np.uint16)
     open_bits = np.zeros(word.shape, dtype=np.uint16)
@@ -120,6 +121,14 @@ def _decode_axis(
     return (position + other_position) / 2, several | (np.abs(position - other_position) > 1)
 
 
+def _bits_shown(frames: Mapping[str, Frame], code: CodeName, axis: str, needed: int) -> int:
+    """Bits of the code; Gray code may have been shown with more than the projector needs."""
+    bits = needed
+    while code == "gray" and f"{code}-{axis}-{bits:02d}" in frames:
+        bits += 1
+    return bits
+
+
 def _difference(lit: Frame, other: Frame) -> Frame:
     if lit.dtype in (np.uint8, np.uint16) and other.dtype == lit.dtype:
         return np.asarray(cv2.absdiff(lit, other))
@@ -127,13 +136,15 @@ def _difference(lit: Frame, other: Frame) -> Frame:
 
 
 def isolated(xy: Float32Array, valid: BoolArray, limit_px: float) -> BoolArray:
-    """Pixels whose code is further than the limit from the median of their 5 × 5 neighbourhood, or that stand alone.
+    """Pixels whose code is further than the limit from the median of the 5 × 5 around, or that stand alone.
 
     The median is taken over all codes there, so a pixel among invalid ones is judged by what little there is.
     """
     filled = np.where(valid[..., None], xy, -1e4).astype(np.float32)
     far = np.zeros(valid.shape, dtype=bool)
-    neighbours = cv2.boxFilter(valid.astype(np.float32), -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    neighbours = cv2.boxFilter(
+        valid.astype(np.float32), -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT
+    )
     for k in (0, 1):
         # Two filters, one filled low and one filled high: inside a lit area both agree with the true median.
         low = cv2.medianBlur(np.ascontiguousarray(filled[..., k]), 5)

@@ -1,12 +1,12 @@
 """Gray codes: words for positions, one bit changing from each position to the next.
 
-The binary-reflected code is what everybody's patterns use. Its coarse planes light whole halves of a room, and in a
-closed room the light that comes back from there can exceed a wall's own direct light: the bit reads wrong. The
-*long-run* code has in every plane only stripes of some 7 to 30 pixels (10 bits), so a pattern and its inverse put
-the same global light everywhere and differ by direct light alone; no stripe is finer than a few pixels either.
-(Long-run Gray codes: L. Goddyn and P. Gvozdjak, Binary gray codes with long bit runs, Electron. J. Combin. 10, 2003;
-their use against interreflection: M. Gupta et al., Structured light 3D scanning in the presence of global
-illumination, CVPR 2011.)
+The binary-reflected code is what everybody's patterns use. Its coarse planes light whole halves of a room,
+and in a closed room the light that comes back from there can exceed a wall's own direct light: the bit reads
+wrong. The *long-run* code has in every plane only stripes of some 7 to 30 pixels (10 bits), so a pattern and
+its inverse put the same global light everywhere and differ by direct light alone; no stripe is finer than a
+few pixels. (Long-run Gray codes: L. Goddyn and P. Gvozdjak, Binary gray codes with long bit runs, Electron.
+J. Combin. 10, 2003; their use against interreflection: M. Gupta et al., Structured light 3D scanning in the
+presence of global illumination, CVPR 2011.)
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
 
 
 def bits_for(size_px: int) -> int:
-    """Number of bits that tell `size_px` positions apart."""
+    """Return the number of bits that tell `size_px` positions apart."""
     return max(1, (size_px - 1).bit_length())
 
 
@@ -44,7 +44,7 @@ def words(code: CodeName, bits: int) -> Words:
         raise CalibrationError(f"a Gray code of {bits} bits: 1 to {MAX_BITS} are supported")
     if code == "gray":
         position = np.arange(2**bits)
-        return (position ^ (position >> 1)).astype(np.uint16)
+        return np.asarray(position ^ (position >> 1), dtype=np.uint16)
     if code == "long-run":
         return np.array(_long_run(bits), dtype=np.uint16)
     raise CalibrationError(f"unknown code {code!r}; there are 'gray' and 'long-run'")
@@ -68,7 +68,8 @@ def _long_run(bits: int) -> tuple[int, ...]:
 def _searched(bits: int, run: int) -> tuple[int, ...]:
     """Depth-first search of a cyclic code in which no bit changes twice within `run` steps."""
     size = 2**bits
-    path, flips, seen = [0], [], {0}
+    path, seen = [0], {0}
+    flips: list[int] = []
 
     def extend() -> bool:
         if len(path) == size:
@@ -98,8 +99,8 @@ def _searched(bits: int, run: int) -> tuple[int, ...]:
 def _interleaved(a: tuple[int, ...], b: tuple[int, ...], a_bits: int) -> tuple[int, ...]:
     """Walk two cyclic codes in turn, so that every pair of their words comes once.
 
-    On the torus of the positions (i, j) a step goes on in code a or in code b; which one depends on (i + j) modulo
-    the shorter length only, an odd number of times on a: then the walk visits every pair once.
+    On the torus of the positions (i, j) a step goes on in code a or in code b; which one depends on (i + j)
+    modulo the shorter length only, an odd number of times on a: then the walk visits every pair once.
     """
     n = len(b)
     odd = n // 2 + 1 if n > 1 else 1

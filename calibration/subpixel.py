@@ -11,9 +11,10 @@ from calibration.records import BoolArray, Correspondence, Float32Array
 def refine_subpixel(correspondence: Correspondence, window_px: int = 9) -> Correspondence:
     """Local plane fits of the codes over a window.
 
-    A code is the true coordinate rounded, so a plane through some eighty of them is good to a few hundredths of a
-    pixel on a smooth surface. Where the window holds more than one surface the fit does not describe the codes (its
-    residual is above that of rounding): there smaller windows are tried, and in the end the integer code is kept.
+    A code is the true coordinate rounded, so a plane through some eighty of them is good to a few hundredths
+    of a pixel on a smooth surface. Where the window holds more than one surface the fit does not describe
+    the codes (its residual is above that of rounding): there smaller windows are tried, and in the end the
+    code is kept.
     """
     valid = correspondence.valid
     xy = np.where(valid[..., None], correspondence.projector_xy_px, 0).astype(np.float64)
@@ -30,8 +31,7 @@ def refine_subpixel(correspondence: Correspondence, window_px: int = 9) -> Corre
 def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Array, BoolArray]:
     """(H, W, 2) value at the centre of the plane fitted in each window, and whether it describes the window.
 
-    Sums over the window by box filters; window coordinates are relative to the centre, so sums of x·v come from sums
-    of absolute coordinates minus the centre's.
+    Sums over the window by box filters; the moments are central, from sums of absolute coordinates.
     """
     height, width = valid.shape
     x = np.broadcast_to(np.arange(width, dtype=np.float64), valid.shape)
@@ -45,7 +45,9 @@ def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Arra
 
     n = np.maximum(total(v), 1e-9)
     mx, my = total(v * x) / n, total(v * y) / n
-    sxx, syy, sxy = (total(v * a * b) / n - ma * mb for a, b, ma, mb in ((x, x, mx, mx), (y, y, my, my), (x, y, mx, my)))
+    sxx, syy, sxy = (
+        total(v * a * b) / n - ma * mb for a, b, ma, mb in ((x, x, mx, mx), (y, y, my, my), (x, y, mx, my))
+    )
     determinant = np.maximum(sxx * syy - sxy**2, 1e-9)
     fit = np.empty((*valid.shape, 2), dtype=np.float32)
     good = n >= 0.7 * size**2

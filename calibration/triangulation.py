@@ -43,7 +43,7 @@ class Triangulation:
     points_m: FloatArray
     """(N, 3) in the world; NaN where the rays are parallel or meet behind a device. [m]"""
     epipolar_px: FloatArray
-    """(N,) distance of the projector pixel, without distortion, from the camera pixel's epipolar line. [px]"""
+    """(N,) distance of the projector pixel, without distortion, from its epipolar line. [px]"""
 
 
 def average_by_projector_pixel(correspondence: Correspondence) -> PixelPairs:
@@ -90,8 +90,8 @@ def triangulate(
     length_m = float(np.linalg.norm(baseline))
     if length_m < _LEAST_BASELINE_M:
         raise CalibrationError(
-            f"camera and projector are {length_m:.2g} m apart, at least {_LEAST_BASELINE_M:g} m are needed: no "
-            "depth can be triangulated; check the translation between them"
+            f"camera and projector are {length_m:.2g} m apart, at least {_LEAST_BASELINE_M:g} m are needed: "
+            "no depth can be triangulated; check the translation between them"
         )
     a, b = _rays(camera, camera_xy_px), _rays(projector, projector_xy_px)
     cosine = (a * b).sum(axis=1)

@@ -266,7 +266,7 @@ def _whole_numbers(pixels: NDArray[Any], path: Path) -> Photograph:
 
 
 def grey(photograph: Photograph) -> Photograph:
-    """(H, W) of (H, W, 1) as it is, of (H, W, 3) 0.299 red + 0.587 green + 0.114 blue (ITU-R BT.601), rounded."""
+    """(H, W) of (H, W, 1) as it is, of (H, W, 3) 0.299 red + 0.587 green + 0.114 blue (BT.601), rounded."""
     if photograph.shape[2] == 1:
         return np.ascontiguousarray(photograph[..., 0])
     return np.asarray(cv2.transform(photograph, np.array([_GREY_WEIGHTS])).reshape(photograph.shape[:2]))

@@ -140,7 +140,7 @@ def _refuse_nothing(
 
 
 def _colours(manifest: Manifest, camera_xy_px: FloatArray) -> NDArray[np.uint8]:
-    """Colour of the nearest camera pixel under full light: white, or the larger of a pattern and its inverse."""
+    """Colour of the nearest camera pixel: of white, or the larger of a pattern and its inverse."""
     lit = ("white",) if "white" in manifest.frames else ("gray-column-00", "gray-column-00-inverse")
     column, row = np.rint(camera_xy_px).astype(np.int64).T
     seen = [read_photograph(manifest.frames[name])[row, column] for name in lit if name in manifest.frames]
