@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import solve
-from scipy.sparse import csr_array
+from scipy.sparse import block_array
 
 from sim.compensation.exact import unbounded
 from sim.compensation.result import Compensation, checked_target, diagonal_of, finished
@@ -17,8 +17,8 @@ from sim.coupling import Coupling
 from sim.light_transport import LightTransport
 from sim.scene import BoolArray, FloatArray
 
-ENOUGH = 0.1
-"""Share of the certified gap that an active set step must close to be taken without comparing."""
+ENOUGH = 0.3
+"""Share of the certified gap that a good step leaves at most."""
 DAMPING_RANGE = (1e-9, 1.0)
 """Levenberg and Marquardt's damping of a step, as a share of the curvature; starts at 1e-6."""
 
@@ -62,7 +62,7 @@ def bounded(
         better = _improved(problem, state, damping)
         if better is None and damping >= DAMPING_RANGE[1]:
             break
-        poor = better is None or state.objective - better.objective < ENOUGH * state.gap
+        poor = better is None or better.gap > ENOUGH * state.gap
         damping = float(np.clip(damping * (30.0 if poor else 0.1), *DAMPING_RANGE))
         state, iterations = better or state, iterations + 1
     at_bound = problem.held(state)
@@ -110,7 +110,8 @@ class _Problem:
     def curvature(self) -> FloatArray:
         """About the diagonal of TᵀT: direct light, and indirect light by patch."""
         indirect = self.coupling.emission_adjoint.power(2) @ np.diag(self.returned)
-        return np.asarray(np.maximum(self.diagonal**2 + indirect, np.finfo(float).tiny))
+        total = np.asarray(self.diagonal**2 + indirect)
+        return np.asarray(np.maximum(total, max(1e-12 * float(total.max()), np.finfo(float).tiny ** 0.5)))
 
     def forward(self, p: FloatArray) -> FloatArray:
         return self.diagonal * p + self.coupling.apply(p)
@@ -151,7 +152,7 @@ def _improved(problem: _Problem, state: _State, damping: float) -> _State | None
     moved = problem.at(np.where(low, problem.lower, np.where(high, problem.upper, state.p)))
     step = _newton_step(problem, moved, ~(low | high), damping)
     trial = problem.at(np.clip(moved.p + step, problem.lower, problem.upper))
-    if trial.objective < state.objective - ENOUGH * state.gap:
+    if trial.objective < state.objective and trial.gap < ENOUGH * state.gap:
         return trial
     newton = _searched(problem, state, _newton_step(problem, state, ~problem.held(state), damping))
     descending = [each for each in (trial, newton) if each is not None and each.objective < state.objective]
@@ -170,24 +171,20 @@ def _newton_step(problem: _Problem, state: _State, free: BoolArray, damping: flo
     H, S, V = coupling.interreflection, coupling.emission, coupling.view
     right = -state.gradient * inverse
     S_scaled, V_scaled = S.multiply(inverse).tocsr(), V.multiply((d * inverse)[:, None]).tocsr()
-    C = np.block(
+    cross = S @ V_scaled
+    C = block_array(
         [
-            [_dense(S_scaled, coupling.emission_adjoint), _dense(S, V_scaled)],
-            [
-                _dense(S, V_scaled).T,
-                _dense(coupling.view_adjoint, V.multiply((d**2 * inverse)[:, None]).tocsr()),
-            ],
-        ]
+            [S_scaled @ coupling.emission_adjoint, cross],
+            [cross.T, coupling.view_adjoint @ V.multiply((d**2 * inverse)[:, None]).tocsr()],
+        ],
+        format="csr",
     )
     n_lit = H.shape[1]
     M = np.block([[problem.returned, H.T], [H, np.zeros((H.shape[0], H.shape[0]))]])
     U_right = np.concatenate([S @ right, coupling.view_adjoint @ (d * right)])
-    z = solve(np.eye(len(M)) + M @ C, M @ U_right, check_finite=False)
+    # C and M are symmetric, C sparse.
+    z = solve(np.eye(len(M)) + (C @ M).T, M @ U_right, check_finite=False)
     return np.asarray(right - inverse * (coupling.emission_adjoint @ z[:n_lit] + d * (V @ z[n_lit:])))
-
-
-def _dense(left: csr_array, right: csr_array) -> FloatArray:
-    return np.asarray((left @ right).toarray())
 
 
 def _searched(problem: _Problem, state: _State, step: FloatArray) -> _State | None:
