@@ -11,7 +11,7 @@ from scipy.interpolate import PchipInterpolator
 
 from calibration.records import CalibrationError, Float32Array, FloatArray, Response
 
-_TERMS = 4
+_TERMS = 3
 _LEAST_PAIRS = 100
 _CURVE_POINTS = 257
 
@@ -27,9 +27,10 @@ class NoiseModel:
 def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: float) -> Response:
     """The curve that makes levels proportional to exposure time.
 
-    Inverse response g(y) = y + y (1 - y) (a_0 + a_1 y + …), y = level / full scale, so g(0) = 0 and g(1) = 1. For two
-    exposures of one sample g(y_2) t_1 = g(y_1) t_2 whatever its brightness: linear in a (after T. Mitsunaga and
-    S. K. Nayar, Radiometric self calibration, CVPR 1999).
+    Inverse response g(y) = y + y² (a_0 + a_1 y + …), y = level / full scale: the unit of light is set by weak light,
+    where g rises with slope 1, because ratios of exposures say nothing about it. For two exposures of one sample
+    g(y_2) t_1 = g(y_1) t_2 whatever its brightness: linear in a (after T. Mitsunaga and S. K. Nayar, Radiometric self
+    calibration, CVPR 1999). Beyond 97 % of full scale the curve is extrapolated.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
             f"camera response: {len(target)} pairs of usable samples, at least {_LEAST_PAIRS} are needed: the exposures "
             "must overlap between 1 % and 97 % of full scale; check exposure range and lamp"
         )
-    ridge = 1e-3 * np.sqrt(len(target)) * np.abs(matrix).mean() * np.eye(_TERMS)
+    ridge = 1e-4 * np.sqrt(len(target)) * np.abs(matrix).mean() * np.eye(_TERMS)
     a = np.linalg.lstsq(np.vstack([matrix, ridge]), np.append(target, np.zeros(_TERMS)), rcond=None)[0]
     dense = np.linspace(0, 1, _CURVE_POINTS)
     linear = dense + _shape_terms(dense) @ a
@@ -72,8 +73,8 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
 
 
 def _shape_terms(y: FloatArray) -> FloatArray:
-    """(..., terms) y (1 - y) y^k."""
-    return np.stack([y * (1 - y) * y**k for k in range(_TERMS)], axis=-1)
+    """(..., terms) y^(k + 2)."""
+    return np.stack([y ** (k + 2) for k in range(_TERMS)], axis=-1)
 
 
 def _exposure_pairs(

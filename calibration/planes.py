@@ -92,13 +92,17 @@ def _plane_through(points: FloatArray) -> FloatArray | None:
 
 
 def assign_planes(
-    transfer: Transfer, x1: FloatArray, x2: FloatArray, planes: FloatArray, limit_px: float
-) -> tuple[IntArray, FloatArray]:
-    """(N,) plane that predicts each correspondence best, -1 beyond the limit; (N,) its error. [px]"""
+    transfer: Transfer, x1: FloatArray, x2: FloatArray, planes: FloatArray, limit_px: float, margin_px: float = 0.0
+) -> IntArray:
+    """(N,) plane that predicts each correspondence best, -1 beyond the limit.
+
+    Also -1 where another plane predicts it within the margin: near an edge of the room blur mixes both walls.
+    """
     errors = np.stack([np.linalg.norm(transfer(x1, plane) - x2, axis=1) for plane in planes])
-    label = errors.argmin(axis=0)
-    error = errors.min(axis=0)
-    return np.where(error <= limit_px, label, -1).astype(np.int64), error
+    good = errors.min(axis=0) <= limit_px
+    if len(planes) > 1:
+        good &= np.partition(errors, 1, axis=0)[1] > margin_px
+    return np.where(good, errors.argmin(axis=0), -1).astype(np.int64)
 
 
 def orthogonal_axes(planes: FloatArray, limit_deg: float = 25.0) -> Axes:

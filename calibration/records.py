@@ -74,12 +74,12 @@ class PinholeModel:
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """A monotone response curve: what a device makes of a linear input, both ends of the range at 0 and 1."""
+    """A monotone response curve: what a device makes of a linear input."""
 
     levels: FloatArray
     """(K,) increasing device levels (camera: digital numbers above black; projector: codes)."""
     linear: FloatArray
-    """(K,) increasing linear light, 0 … 1, at those levels. [1]"""
+    """(K,) increasing linear light at those levels, from 0 to 1 (a camera's end may differ from 1). [1]"""
     rms: float
     """Residual of the fit over the used samples, share of full scale. [1]"""
 

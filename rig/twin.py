@@ -7,6 +7,7 @@ E_i = ρ_i κ e_i p for projector light p, e the geometric irradiance of unit fl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -27,6 +28,10 @@ BoolArray = NDArray[np.bool_]
 
 Vignetting = tuple[float, float]
 """v2, v4: relative illumination 1 + v2 r² + v4 r⁴, r = distance from the principal point / half diagonal."""
+
+
+LEAST_GAIN = 0.02
+"""Projector pixels with less direct light than this share of the median are left black."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,13 +129,34 @@ class RoomTwin:
     projector_xy_px: FloatArray
     """(H, W, 2) measured correspondence; NaN where there is none."""
 
-    @property
+    @cached_property
     def seen_reflectance(self) -> FloatArray:
         """(H·W,) reflectance times camera vignetting at each camera pixel, from the direct light; NaN where unlit."""
         e = white_irradiance(self.scene, self.projector, self.camera_look.points_m, self.camera_look.hits.patch)
         gain = self.direct_gain.ravel()
         usable = (gain > 0) & (e > 0)
         return np.where(usable, gain / np.where(usable, self.flux * e, 1.0), np.nan)
+
+
+    @cached_property
+    def projector_pixel_gains(self) -> tuple[FloatArray, FloatArray]:
+        """(n projector pixels,) direct gain and reflectance × vignetting as the camera measures them; NaN unseen."""
+        where = project(self.camera.lens, self.camera.pose, self.projector_look.points_m)
+        gain = sample(self.direct_gain, where)
+        seen = sample(self.seen_reflectance.reshape(self.camera.lens.shape), where)
+        return gain, seen
+
+    @cached_property
+    def active(self) -> BoolArray:
+        """(n projector pixels,) pixels that the camera sees well enough to steer; the others stay black."""
+        gain, seen = self.projector_pixel_gains
+        known = np.isfinite(gain) & np.isfinite(seen)
+        return np.asarray(known & (np.where(known, gain, 0) > LEAST_GAIN * np.median(gain[known])))
+
+    @cached_property
+    def camera_transport(self) -> LightTransport:
+        """T from the active projector pixels to the camera's pixels."""
+        return camera_view(self, self.active)
 
 
 def camera_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
@@ -153,20 +179,12 @@ def camera_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
     return _transport(twin, active, csr_array(direct[:, np.flatnonzero(active)]), smooth_view(twin.scene, hits, seen))
 
 
-def projector_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
+def projector_view(twin: RoomTwin) -> LightTransport:
     """T from the active projector pixels to what the camera sees at each of them: square, direct part diagonal."""
-    gain, seen = projector_pixel_gains(twin)
-    view = smooth_view(twin.scene, twin.projector_look.hits, np.where(active, seen, 0.0))
-    chosen = np.flatnonzero(active)
-    return _transport(twin, active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
-
-
-def projector_pixel_gains(twin: RoomTwin) -> tuple[FloatArray, FloatArray]:
-    """(n projector pixels,) direct gain and reflectance × vignetting as the camera measures them; NaN unseen."""
-    where = project(twin.camera.lens, twin.camera.pose, twin.projector_look.points_m)
-    gain = sample(twin.direct_gain, where)
-    seen = sample(twin.seen_reflectance.reshape(twin.camera.lens.shape), where)
-    return gain, seen
+    gain, seen = twin.projector_pixel_gains
+    view = smooth_view(twin.scene, twin.projector_look.hits, np.where(twin.active, seen, 0.0))
+    chosen = np.flatnonzero(twin.active)
+    return _transport(twin, twin.active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
 
 
 def sample(image: FloatArray, xy_px: FloatArray) -> FloatArray:
@@ -193,5 +211,4 @@ def _transport(twin: RoomTwin, active: BoolArray, direct: csr_array, view: csr_a
     chosen = np.flatnonzero(active)
     emission = diags_array(twin.scene.reflectance * twin.flux) @ twin.unit_emission[:, chosen]
     radiosity = Radiosity(twin.form_factors, twin.scene.reflectance)
-    patch = twin.projector_look.hits.patch[chosen]
-    return LightTransport(direct, csr_array(emission), radiosity, view, patch)
+    return LightTransport(direct, csr_array(emission), radiosity, view, twin.projector_look.hits.patch[chosen])

@@ -154,7 +154,7 @@ def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, A
 
 def _separation(session: Session, model: RoomRecord) -> dict[str, Any]:
     measured = session.finished("separation").load_image("separation")
-    simulated = session.finished("model").load_image("white")
+    simulated = session.finished("compare").load_image("simulated-white")
     lit = model.lit
     share = float(np.median(measured["global"][lit] / np.maximum(measured["white"][lit], 1e-9)))
     scale = 255 / float(np.quantile(measured["white"][lit], 0.98))

@@ -16,7 +16,7 @@ from rig.terminal import OnStep
 from rig.workflows.capture import Shot, photograph
 from rig.workflows.compensate import View, judged_view, predict
 from rig.workflows.light import LightImage, light_of
-from rig.workflows.model import RoomRecord, load_model
+from rig.workflows.model import RoomRecord, load_model, simulated_white
 from rig.workflows.photometric import load_photometry, measuring_shot
 
 FloatArray = NDArray[np.float64]
@@ -88,6 +88,7 @@ def compare_all(session: Session, on_step: OnStep) -> None:
         predicted = predict(model, session, pattern.codes)
         frames[pattern.name] = _compare_frame(step, pattern.name, measured, predicted, view.mask, model, residuals)
     on_step("compare measured and simulated", total, total)
+    step.save_image("simulated-white", simulated_white(model.twin))
     difference, sigma = (np.concatenate(part) for part in zip(*residuals, strict=True))
     overall = _residual_figures(difference, sigma)
     step.save_image("judged", {"mask": view.mask.astype(np.float32), "target": np.nan_to_num(view.target)}, folder="maps")

@@ -11,7 +11,7 @@ from calibration.photometry import codes_from_linear, linear_from_codes
 from rig.errors import UsageError
 from rig.session import Session, Step
 from rig.terminal import OnStep
-from rig.twin import RoomTwin, camera_view, projector_pixel_gains, projector_view, sample
+from rig.twin import projector_view, sample
 from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry
 from rig.workflows.target import Target
@@ -20,10 +20,6 @@ from sim.compensation import STRATEGIES, compensate
 BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
-
-_LEAST_GAIN = 0.02
-"""Projector pixels with less direct light than this share of the median are left black."""
-
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -55,8 +51,7 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     model = load_model(session)
     response = load_photometry(session).projector
     step.save_image("target", {"grey": target.grey})
-    active = active_pixels(model.twin)
-    transport, camera = projector_view(model.twin, active), camera_view(model.twin, active)
+    active, transport = model.twin.active, projector_view(model.twin)
     wanted = target.grey.ravel()[active].astype(np.float64) * model.level / 255
     summary = {}
     for k, name in enumerate(names):
@@ -66,7 +61,7 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
         image[active] = result.projector_image
         codes = codes_from_linear(response, image.reshape(target.grey.shape), dither_seed=k + 1)
         shown = linear_from_codes(response, codes).ravel()[active].astype(np.float64)
-        predicted = np.asarray(camera @ shown).reshape(model.twin.camera.lens.shape)
+        predicted = np.asarray(model.twin.camera_transport @ shown).reshape(model.twin.camera.lens.shape)
         step.save_image(f"projector-{name}", {"linear": image.reshape(target.grey.shape), "codes": codes.astype(np.float32)})
         step.save_image(f"predicted-{name}", {"light": predicted})
         summary[name] = {
@@ -82,22 +77,14 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
 
 def predict(model: RoomRecord, session: Session, codes: Codes) -> FloatArray:
     """(H, W) camera light above black that the model expects of any codes; unseen projector pixels count as dark."""
-    active = active_pixels(model.twin)
-    linear = linear_from_codes(load_photometry(session).projector, codes).ravel()[active].astype(np.float64)
-    return np.asarray(camera_view(model.twin, active) @ linear).reshape(model.twin.camera.lens.shape)
-
-
-def active_pixels(twin: RoomTwin) -> BoolArray:
-    """Projector pixels that the camera sees well enough to steer."""
-    gain, seen = projector_pixel_gains(twin)
-    known = np.isfinite(gain) & np.isfinite(seen)
-    return np.asarray(known & (np.where(known, gain, 0) > _LEAST_GAIN * np.median(gain[known])))
+    linear = linear_from_codes(load_photometry(session).projector, codes).ravel()[model.twin.active]
+    return np.asarray(model.twin.camera_transport @ linear.astype(np.float64)).reshape(model.twin.camera.lens.shape)
 
 
 def judged_view(model: RoomRecord, step: Step) -> View:
     """Where errors are taken, and the target there."""
     grey = step.load_image("target")["grey"].astype(np.float64)
-    active = active_pixels(model.twin)
+    active = model.twin.active
     xy = model.twin.projector_xy_px.reshape(-1, 2)
     shape = model.twin.camera.lens.shape
     surrounded = np.isfinite(sample(np.where(active.reshape(grey.shape), 1.0, 0.0), xy)).reshape(shape)

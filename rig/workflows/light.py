@@ -57,7 +57,7 @@ class Photometry:
     @property
     def saturation_dn(self) -> int:
         """From here on a pixel counts as clipped."""
-        return int(self.full_scale_dn * 0.985)
+        return int(self.full_scale_dn * 0.95)
 
 
 def light_of(step: Step, pattern: str, shot: Shot, photometry: Photometry) -> LightImage:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -25,9 +26,9 @@ BoolArray = NDArray[np.bool_]
 
 _LEAST_DIRECT = 0.05
 """A pixel is lit when its direct light is above this share of the median of the lit."""
-_LEAST_PIXELS = 12
+_LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
-_SMOOTHING_SHARE = 0.012
+_SMOOTHING_SHARE = 0.003
 """Spread of the smoothing of the global share, of the picture's width."""
 
 
@@ -58,6 +59,8 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     settings = {
         "patch_size_m": profile.room.patch_size_m,
         "target_white_share": profile.brightness.target_white_share,
+        "smoothing_share": _SMOOTHING_SHARE,
+        "least_pixels": _LEAST_PIXELS,
     }
     step = session.step("model", settings=settings, needs=("geometry", "separation", "correspondence"))
     if step.done:
@@ -78,7 +81,6 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     level = profile.brightness.target_white_share * float(np.median(light["white"][lit]))
     step.save_image("direct-gain", {"gain": gain, "lit": lit.astype(np.float32)}, folder="maps")
     step.save_record("model", _record(fit, vignetting, level, profile.room.patch_size_m, light, lit))
-    step.save_image("white", _simulated_white(session, geometry.scene, camera, projector, fit, gain))
     step.finish()
     on_step("build model", 4, 4)
 
@@ -192,15 +194,11 @@ def _record(
     }
 
 
-def _simulated_white(
-    session: Session, scene: Scene, camera: Optic, projector: Optic, fit: ReflectanceFit, gain: FloatArray
-) -> dict[str, FloatArray]:
-    """Direct and global light of white as the finished model predicts them."""
-    twin = _twin(session, scene.with_reflectance(fit.reflectance), camera, projector, fit.flux, gain)
-    everything = np.ones(projector.lens.n_pixels, dtype=bool)
-    transport = camera_view(twin, everything)
-    white = np.ones(projector.lens.n_pixels)
-    shape = camera.lens.shape
+def simulated_white(twin: RoomTwin) -> dict[str, FloatArray]:
+    """(H, W) direct and global light of white as the model predicts them."""
+    transport = camera_view(twin, np.ones(twin.projector.lens.n_pixels, dtype=bool))
+    white = np.ones(twin.projector.lens.n_pixels)
+    shape = twin.camera.lens.shape
     return {"direct": (transport.direct @ white).reshape(shape), "global": (transport.global_ @ white).reshape(shape)}
 
 
@@ -223,7 +221,12 @@ def _twin(
 
 
 def load_model(session: Session) -> RoomRecord:
-    """The finished step's model."""
+    """The finished step's model, read from the disk once for each of its results."""
+    return _read_model(session, session.finished("model").outputs_sha256)
+
+
+@lru_cache(maxsize=1)
+def _read_model(session: Session, outputs_sha256: str) -> RoomRecord:
     step = session.finished("model")
     record, maps = step.load_record("model"), step.load_image("direct-gain")
     light = session.finished("separation").load_image("separation")

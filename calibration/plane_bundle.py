@@ -1,0 +1,159 @@
+"""Plane-constrained bundle adjustment: both lenses, relative pose and walls from points that lie on the walls.
+
+A camera pixel's ray meets its plane, the point is projected into the projector and compared: two equations a
+correspondence and no unknown of its own. Walls at right angles fix the focal lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.epipolar import DataSheets
+from calibration.pinhole import bearings, project, rotation_of, vector_of
+from calibration.planes import Axes, IntArray, Transfer, assign_planes
+from calibration.records import FloatArray, PinholeModel
+from calibration.robust_fit import Fit, Residual, Ties, covariance, robust_fit
+
+LENS_TERMS = ("f", "cx", "cy", "k1", "k2", "p1", "p2")
+"""Focal length and principal point as shares of nominal, width and height; distortion."""
+_CAMERA_SIGMA = (0.05, 0.03, 0.03, 0.1, 0.05, 0.005, 0.005)
+_PROJECTOR_SIGMA = (0.05, 0.10, 0.40, 0.1, 0.05, 0.005, 0.005)
+_EXPECTED = (1.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
+_TIE_WEIGHT = 0.1
+"""Noise of 0.1 px, and some ten neighbouring points with one error: variance of an independent observation. [px²]"""
+_POSE, _TURN, _PLANES = 14, 20, 23
+_MARGIN_PX = 8.0
+_CLUSTER_PX = 32
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """A solution: both devices, the walls, and which points were used."""
+
+    camera: PinholeModel
+    projector: PinholeModel
+    planes: FloatArray
+    axes: Axes
+    label: IntArray
+    """(N,) plane of each point, -1 where none predicts it."""
+    sigmas: dict[str, float]
+    """Standard deviations of the lens terms. [px or 1]"""
+
+
+def transfer_of(camera: PinholeModel, projector: PinholeModel) -> Transfer:
+    """Where camera pixels land in the projector if their points lie on a plane, normal / offset (3,)."""
+
+    def transfer(x1: FloatArray, plane: FloatArray) -> FloatArray:
+        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+        return _landed(projector, rays, rays @ plane)
+
+    return transfer
+
+
+def _landed(projector: PinholeModel, rays: FloatArray, along: FloatArray) -> FloatArray:
+    return project(projector, rays / np.where(np.abs(along) > 1e-9, along, 1e-9)[:, None])
+
+
+def adjust(
+    x1: FloatArray,
+    x2: FloatArray,
+    start: tuple[PinholeModel, PinholeModel],
+    planes: FloatArray,
+    axes: Axes,
+    sheets: DataSheets,
+    limits_px: tuple[float, ...],
+) -> Bundle:
+    """Fit, with points assigned to planes anew, within a smaller limit, before each round."""
+    camera, projector = start
+    z = _start(camera, projector, planes, axes, sheets)
+    for limit_px in limits_px:
+        label = assign_planes(transfer_of(camera, projector), x1, x2, planes, limit_px, _MARGIN_PX)
+        used = label >= 0
+        residual = _residual(x1[used], x2[used], label[used], axes, sheets)
+        fit = robust_fit(residual, z, _ties(len(z)), iterations=25, least_scale_px=0.3)
+        z = fit.z
+        camera, projector = _models(z, sheets)
+        planes = _planes(z, axes)
+    turned = Axes(_directions(z, axes), axes.of_plane)
+    return Bundle(camera, projector, planes, turned, label, _sigmas(fit, x1[used], sheets))
+
+
+def _start(
+    camera: PinholeModel, projector: PinholeModel, planes: FloatArray, axes: Axes, sheets: DataSheets
+) -> FloatArray:
+    def lens(model: PinholeModel, focal_px: float) -> list[float]:
+        x, y = model.principal_point_px
+        return [model.focal_px[0] / focal_px, x / model.width_px, y / model.height_px, *model.distortion[:4]]
+
+    offsets = [
+        [float(plane @ axes.directions[axis])] if axis >= 0 else plane.tolist()
+        for plane, axis in zip(planes, axes.of_plane, strict=True)
+    ]
+    lenses = [lens(camera, sheets.camera_focal_px), lens(projector, sheets.projector_focal_px)]
+    return np.concatenate([*lenses, vector_of(projector.rotation), projector.translation_m, np.zeros(3), *offsets])
+
+
+def _ties(n: int) -> Ties:
+    expected, sigma = np.zeros(n), np.full(n, np.inf)
+    expected[:_POSE] = _EXPECTED * 2
+    sigma[:_POSE] = _CAMERA_SIGMA + _PROJECTOR_SIGMA
+    return Ties(expected, sigma, _TIE_WEIGHT)
+
+
+def _models(z: FloatArray, sheets: DataSheets) -> tuple[PinholeModel, PinholeModel]:
+    translation = np.asarray(z[17:20] / np.linalg.norm(z[17:20]))
+    camera = _lens_model(z[:7], sheets.camera_focal_px, sheets.camera_shape, np.eye(3), np.zeros(3))
+    rotation = rotation_of(z[14:17])
+    return camera, _lens_model(z[7:14], sheets.projector_focal_px, sheets.projector_shape, rotation, translation)
+
+
+def _lens_model(
+    z: FloatArray, focal_px: float, shape: tuple[int, int], rotation: FloatArray, translation: FloatArray
+) -> PinholeModel:
+    height_px, width_px = shape
+    f = float(z[0] * focal_px)
+    centre = (float(z[1] * width_px), float(z[2] * height_px))
+    k1, k2, p1, p2 = (float(v) for v in z[3:7])
+    return PinholeModel(width_px, height_px, (f, f), centre, (k1, k2, p1, p2, 0.0), rotation, translation)
+
+
+def _directions(z: FloatArray, axes: Axes) -> FloatArray:
+    return np.asarray(axes.directions @ rotation_of(z[_TURN:_PLANES]).T)
+
+
+def _planes(z: FloatArray, axes: Axes) -> FloatArray:
+    directions = _directions(z, axes)
+    planes = np.empty((len(axes.of_plane), 3))
+    at = _PLANES
+    for k, axis in enumerate(axes.of_plane):
+        planes[k] = z[at] * directions[axis] if axis >= 0 else z[at : at + 3]
+        at += 1 if axis >= 0 else 3
+    return planes
+
+
+def _residual(x1: FloatArray, x2: FloatArray, label: IntArray, axes: Axes, sheets: DataSheets) -> Residual:
+    kept: dict[bytes, FloatArray] = {}  # only seven of some thirty unknowns change the camera's rays
+
+    def residual(z: FloatArray) -> FloatArray:
+        camera, projector = _models(z, sheets)
+        key = z[:7].tobytes()
+        if key not in kept:
+            if len(kept) > 1:
+                kept.pop(next(iter(kept)))
+            kept[key] = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+        rays = kept[key]
+        along = (rays * _planes(z, axes)[label]).sum(1)
+        return np.asarray(np.clip(_landed(projector, rays, along) - x2, -1e4, 1e4))
+
+    return residual
+
+
+def _sigmas(fit: Fit, x1: FloatArray, sheets: DataSheets) -> dict[str, float]:
+    cell = (x1 // _CLUSTER_PX).astype(np.int64)
+    deviation = np.sqrt(np.diag(covariance(fit, cell[:, 0] * 100_000 + cell[:, 1]))[:_POSE])
+    (h1, w1), (h2, w2) = sheets.camera_shape, sheets.projector_shape
+    units = [sheets.camera_focal_px, w1, h1, 1, 1, 1, 1, sheets.projector_focal_px, w2, h2, 1, 1, 1, 1]
+    names = [f"{device}_{term}" for device in ("camera", "projector") for term in LENS_TERMS]
+    return {name: float(d * u) for name, d, u in zip(names, deviation, units, strict=True)}

@@ -1,0 +1,108 @@
+"""Triangulation of points that were projected by OpenCV, not by our own camera model."""
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
+from calibration.triangulation import average_by_projector_pixel, stands_alone, triangulate
+
+
+def device(
+    turn_rad: tuple[float, float, float], translation_m: tuple[float, float, float], **lens: object
+) -> PinholeModel:
+    numbers: dict[str, object] = {
+        "width_px": 1280,
+        "height_px": 800,
+        "focal_px": (1650.0, 1710.0),
+        "principal_point_px": (620.0, 830.0),
+        "distortion": (-0.05, 0.9, -0.007, -0.002, -3.0),
+    }
+    rotation = np.asarray(cv2.Rodrigues(np.array(turn_rad, dtype=np.float64))[0])
+    return PinholeModel(**{**numbers, **lens}, rotation=rotation, translation_m=np.array(translation_m))  # type: ignore[arg-type]
+
+
+CAMERA = device(
+    (0.02, 0.1, -0.01),
+    (0.3, 0.2, 0.1),
+    focal_px=(2800.0, 2790.0),
+    principal_point_px=(1500.0, 1090.0),
+    distortion=(-0.23, 0.15, -0.001, 0.001, -0.03),
+)
+PROJECTOR = device((0.05, 0.45, 0.08), (-0.1, 0.15, 0.05))
+
+
+def seen_by(model: PinholeModel, points_m: np.ndarray) -> np.ndarray:
+    fx, fy = model.focal_px
+    cx, cy = model.principal_point_px
+    matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    vector = cv2.Rodrigues(model.rotation)[0]
+    image = cv2.projectPoints(points_m, vector, model.translation_m, matrix, np.array(model.distortion))[0]
+    return np.asarray(image).reshape(-1, 2)
+
+
+@pytest.fixture
+def points_m() -> np.ndarray:
+    rng = np.random.default_rng(7)
+    return rng.uniform((-0.2, -0.15, 0.9), (0.2, 0.15, 1.3), (300, 3))
+
+
+def test_points_come_back_from_what_both_devices_see_of_them(points_m: np.ndarray) -> None:
+    found = triangulate(seen_by(CAMERA, points_m), seen_by(PROJECTOR, points_m), CAMERA, PROJECTOR)
+    assert np.abs(found.points_m - points_m).max() < 1e-7
+    assert found.epipolar_px.max() < 1e-4
+
+
+def test_a_shift_across_the_epipolar_line_is_measured_in_projector_pixels(points_m: np.ndarray) -> None:
+    straight = device((0, 0, 0), (-0.2, 0, 0), distortion=(0, 0, 0, 0, 0), focal_px=(1000.0, 1000.0))
+    camera = device((0, 0, 0), (0, 0, 0), distortion=(0, 0, 0, 0, 0))
+    shown = seen_by(straight, points_m) + np.array([0, 1.5])
+    found = triangulate(seen_by(camera, points_m), shown, camera, straight)
+    assert found.epipolar_px == pytest.approx(1.5)
+    assert np.abs(found.points_m - points_m)[:, 2].max() < 0.002
+
+
+def test_noise_moves_points_as_the_geometry_says(points_m: np.ndarray) -> None:
+    """Depth error = z² / (f b) × pixel error, here some 0.15 mm for 0.1 px in the projector alone."""
+    rng = np.random.default_rng(8)
+    camera, projector = device((0, 0, 0), (0, 0, 0)), device((0, 0, 0), (-0.4, 0, 0))
+    noisy = seen_by(projector, points_m) + rng.normal(0, 0.1, (len(points_m), 2)) * (1, 0)
+    error = triangulate(seen_by(camera, points_m), noisy, camera, projector).points_m - points_m
+    expected = 0.1 * points_m[:, 2] ** 2 / (1650 * 0.4)
+    assert np.sqrt(np.mean((error[:, 2] / expected) ** 2)) == pytest.approx(1, abs=0.15)
+
+
+def test_devices_in_the_same_place_are_refused(points_m: np.ndarray) -> None:
+    xy = seen_by(CAMERA, points_m)
+    with pytest.raises(CalibrationError, match=r"0 m apart, at least 1e-06 m"):
+        triangulate(xy, xy, CAMERA, CAMERA)
+
+
+def test_rays_that_meet_behind_the_devices_give_no_point() -> None:
+    camera, projector = device((0, 0, 0), (0, 0, 0)), device((0, 0, 0), (-0.4, 0, 0))
+    apart = triangulate(np.array([[500.0, 800.0]]), np.array([[700.0, 800.0]]), camera, projector)
+    assert np.isnan(apart.points_m).all()
+    parallel = triangulate(np.array([[620.0, 830.0]]), np.array([[620.0, 830.0]]), camera, projector)
+    assert np.isnan(parallel.points_m).all()
+
+
+def test_camera_pixels_of_one_projector_pixel_are_averaged() -> None:
+    codes = np.full((4, 5, 2), np.nan, dtype=np.float32)
+    codes[1, 1:4] = (7, 2)
+    codes[2, 4] = (6, 3)
+    codes[0, 0] = (6.5, 3)  # on a border: belongs to neither
+    reason = np.where(np.isnan(codes[..., 0]), PixelReason.DARK, PixelReason.VALID).astype(np.uint8)
+    pairs = average_by_projector_pixel(Correspondence(codes, reason, (4, 8)))
+    assert pairs.projector_xy_px.tolist() == [[7, 2], [6, 3]]
+    assert pairs.camera_xy_px.tolist() == [[2, 1], [4, 2]]
+    assert pairs.n_pixels.tolist() == [3, 1]
+
+
+def test_a_point_far_from_its_neighbours_stands_alone() -> None:
+    column, row = np.meshgrid(np.arange(10.0), np.arange(6.0))
+    xy = np.column_stack([column.ravel(), row.ravel()])
+    distance_m = np.full(len(xy), 2.0)
+    distance_m[23] = 2.1
+    alone = stands_alone(xy, distance_m, (6, 10))
+    assert np.flatnonzero(alone).tolist() == [23]
+    assert stands_alone(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([2.0, 2.0]), (6, 10)).all()
