@@ -16,10 +16,12 @@ def device(
         "height_px": 800,
         "focal_px": (1650.0, 1710.0),
         "principal_point_px": (620.0, 830.0),
-        "distortion": (-0.05, 0.9, -0.007, -0.002, -3.0),
+        "distortion": (-0.05, 0.4, -0.007, -0.002, -1.0),
     }
     rotation = np.asarray(cv2.Rodrigues(np.array(turn_rad, dtype=np.float64))[0])
-    return PinholeModel(**{**numbers, **lens}, rotation=rotation, translation_m=np.array(translation_m))  # type: ignore[arg-type]
+    return PinholeModel(
+        **{**numbers, **lens}, rotation=rotation, translation_m=np.array(translation_m, dtype=float)
+    )  # type: ignore[arg-type]
 
 
 CAMERA = device(

@@ -1,7 +1,6 @@
 """`rig scan`: on a rendered scene whose points are known, and on a published scan of a real object."""
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -162,7 +161,7 @@ def test_a_zero_baseline_is_named(folder: Path) -> None:
 
 def test_a_dark_recording_says_why_there_are_no_points(tmp_path: Path) -> None:
     write_photographs(tmp_path, light=2)
-    with pytest.raises(CalibrationFailed, match="100.0 % dark"):
+    with pytest.raises(CalibrationFailed, match=r"100\.0 % dark"):
         run_scan(write_manifest(tmp_path), tmp_path / "cloud.ply")
 
 
@@ -177,13 +176,13 @@ def test_a_cloud_survives_writing_and_reading(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def published(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[dict[str, object], np.ndarray]]:
+def published(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, object], np.ndarray]:
     if not (PUBLISHED / "scan_0020").is_dir():
         pytest.skip(f"no published scan at {PUBLISHED}; PROCAM_RIG_DATA names the folder that has it")
     folder = tmp_path_factory.mktemp("published")
     (folder / "replay.toml").write_text(published_manifest())
     result = run_scan(folder / "replay.toml", folder / "cloud.ply")
-    yield result, read_ply(folder / "cloud.ply")[0].astype(np.float64)
+    return result, read_ply(folder / "cloud.ply")[0].astype(np.float64)
 
 
 def published_manifest() -> str:
