@@ -1,0 +1,146 @@
+"""Separation of a synthetic scene whose direct and global light are known pixel by pixel."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration.patterns import checker_patterns
+from calibration.records import CalibrationError, Correspondence, PixelReason
+from calibration.separation import separate, separate_by_pattern
+
+PROJECTOR = (192, 256)
+CAMERA = (220, 300)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A wall that the projector lights directly, and light that comes back from everywhere."""
+
+    direct: np.ndarray
+    global_: np.ndarray
+    xy: np.ndarray
+    """(H, W, 2) projector coordinates of the camera's pixels."""
+    defocus_px: float
+    noise: float
+    leak: float
+    """Share of full light that unlit checks get."""
+
+    @property
+    def white(self) -> np.ndarray:
+        return self.direct + self.global_
+
+    def photograph(self, codes: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        light = self.leak + (1 - self.leak) * codes.astype(np.float64) / 255
+        sharp = cv2.GaussianBlur(light, (0, 0), self.defocus_px, borderType=cv2.BORDER_REPLICATE)
+        # Light that went to and fro no longer knows the checks, but still how much of the picture is lit.
+        spread = cv2.GaussianBlur(light, (0, 0), 40, borderType=cv2.BORDER_REFLECT)
+        seen = [
+            cv2.remap(x, *np.moveaxis(self.xy, -1, 0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for x in (sharp, spread)
+        ]
+        image = self.direct * seen[0] + self.global_ * seen[1]
+        shot = np.sqrt(np.maximum(image, 0) + 0.01) * self.noise
+        return (image + shot * rng.normal(size=image.shape)).astype(np.float32)
+
+    def checkers(self) -> list[np.ndarray]:
+        rng = np.random.default_rng(11)
+        return [self.photograph(pattern.codes, rng) for pattern in checker_patterns(PROJECTOR)]
+
+    def correspondence(self) -> Correspondence:
+        """As decoded and refined: a twentieth of a pixel off."""
+        error = np.random.default_rng(12).normal(0, 0.05, self.xy.shape)
+        reason = np.zeros(CAMERA, dtype=np.uint8)
+        return Correspondence((self.xy + error).astype(np.float32), reason, PROJECTOR)
+
+
+def scene(defocus_px: float = 0.6, noise: float = 0.01, leak: float = 0.0) -> Scene:
+    y, x = np.mgrid[: CAMERA[0], : CAMERA[1]].astype(np.float64)
+    xy = np.stack([10 + 0.78 * x + 0.02 * y, 8 + 0.77 * y - 0.01 * x], axis=-1).astype(np.float32)
+    direct = 0.5 + 0.15 * np.sin(x / 40) + 0.1 * np.cos(y / 25)
+    global_ = 0.3 + 0.1 * np.sin(x / 90 + y / 70)
+    return Scene(direct, global_, xy, defocus_px, noise, leak)
+
+
+def bias(found: np.ndarray, true: np.ndarray, valid: np.ndarray) -> float:
+    return float(np.mean(found[valid] - true[valid]) / np.mean(true[valid]))
+
+
+def patterns() -> list[np.ndarray]:
+    return [pattern.codes for pattern in checker_patterns(PROJECTOR)]
+
+
+@pytest.mark.parametrize(("defocus_px", "limit"), [(0.3, 0.005), (0.6, 0.01), (0.9, 0.02)])
+@pytest.mark.parametrize("noise", [0.002, 0.02])
+@pytest.mark.parametrize("leak", [0.0, 0.05])
+def test_with_a_correspondence_both_parts_are_right_to_one_percent(
+    defocus_px: float, limit: float, noise: float, leak: float
+) -> None:
+    """Blur of 0.9 px reaches into the middle of checks of 8 px: there the bias doubles."""
+    true = scene(defocus_px, noise, leak)
+    found = separate_by_pattern(
+        true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32), leak=leak
+    )
+    assert found.valid.mean() > 0.95
+    assert abs(bias(found.direct, true.direct, found.valid)) < limit
+    assert abs(bias(found.global_, true.global_, found.valid)) < 1.7 * limit
+    assert np.allclose((found.direct + found.global_)[found.valid], true.white[found.valid], atol=1e-5)
+
+
+def test_each_pixel_is_right_within_its_noise() -> None:
+    true = scene(noise=0.01)
+    found = separate_by_pattern(
+        true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32)
+    )
+    error = (found.direct - true.direct)[found.valid] / true.direct[found.valid]
+    assert np.std(error) < 0.02
+
+
+def test_pixels_without_a_projector_pixel_are_not_valid() -> None:
+    true = scene()
+    map_ = true.correspondence()
+    map_.projector_xy_px[50:60, 70:80] = np.nan
+    map_.reason[50:60, 70:80] = PixelReason.DARK
+    found = separate_by_pattern(true.checkers(), patterns(), map_, white=true.white.astype(np.float32))
+    assert not found.valid[50:60, 70:80].any()
+    assert found.valid[100:200, 100:200].all()
+
+
+@pytest.mark.parametrize("leak", [0.0, 0.05, 0.2])
+def test_without_a_correspondence_the_parts_follow_the_formulae_of_nayar(leak: float) -> None:
+    """No blur and no noise: L+ and L- are exact, and so has to be the result."""
+    rng = np.random.default_rng(13)
+    direct, global_ = rng.uniform(0.2, 0.8, (2, *CAMERA))
+    lit = (0.5 * (1 - leak) + leak) * global_
+    frames = [direct + lit, leak * direct + lit] * 6
+    found = separate(frames, leak=leak)  # type: ignore[arg-type]
+    assert found.direct == pytest.approx(direct, abs=1e-5)
+    assert found.global_ == pytest.approx(global_, abs=1e-5)
+    assert found.valid.all()
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.01])
+def test_without_a_correspondence_the_bias_stays_within_three_percent(noise: float) -> None:
+    true = scene(0.4, noise)
+    found = separate(true.checkers(), white=true.white.astype(np.float32))
+    assert abs(bias(found.direct, true.direct, found.valid)) < 0.03
+    assert np.allclose(found.direct + found.global_, true.white, rtol=1e-4)
+
+
+def test_frames_may_come_one_at_a_time() -> None:
+    true = scene()
+    at_once = separate(true.checkers())
+    one_by_one = separate(frame for frame in true.checkers())
+    assert np.array_equal(at_once.direct, one_by_one.direct)
+
+
+def test_too_few_frames_are_refused() -> None:
+    with pytest.raises(CalibrationError, match="5 checker frames, at least 6"):
+        separate([np.ones((4, 4), dtype=np.float32)] * 5)
+
+
+@pytest.mark.parametrize("leak", [-0.1, 0.5, 0.9])
+def test_a_leak_that_separates_nothing_is_refused(leak: float) -> None:
+    with pytest.raises(CalibrationError, match="leak"):
+        separate([np.ones((4, 4), dtype=np.float32)] * 6, leak=leak)
