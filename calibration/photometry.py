@@ -25,12 +25,13 @@ class NoiseModel:
 
 
 def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: float) -> Response:
-    """The curve that makes levels proportional to exposure time.
+    """Find the curve that makes levels proportional to exposure time.
 
-    Inverse response g(y) = y + y² (a_0 + a_1 y + …), y = level / full scale: the unit of light is set by weak light,
-    where g rises with slope 1, because ratios of exposures say nothing about it. For two exposures of one sample
-    g(y_2) t_1 = g(y_1) t_2 whatever its brightness: linear in a (after T. Mitsunaga and S. K. Nayar, Radiometric self
-    calibration, CVPR 1999). Beyond 97 % of full scale the curve is extrapolated.
+    Inverse response g(y) = y + y² (a_0 + a_1 y + …), y = level / full scale: the unit of light is set by
+    weak light, where g rises with slope 1, because ratios of exposures say nothing about it. For two
+    exposures of one sample g(y_2) t_1 = g(y_1) t_2 whatever its brightness: linear in a (after T. Mitsunaga
+    and S. K. Nayar, Radiometric self calibration, CVPR 1999). Beyond 97 % of full scale the curve is
+    extrapolated.
 
     Parameters
     ----------
@@ -54,8 +55,8 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
     matrix, target = np.concatenate(rows), np.concatenate(right)
     if len(target) < _LEAST_PAIRS:
         raise CalibrationError(
-            f"camera response: {len(target)} pairs of usable samples, at least {_LEAST_PAIRS} are needed: the exposures "
-            "must overlap between 1 % and 97 % of full scale; check exposure range and lamp"
+            f"camera response: {len(target)} pairs of usable samples, at least {_LEAST_PAIRS} are needed: "
+            "the exposures must overlap between 1 % and 97 % of full scale; check exposure range and lamp"
         )
     ridge = 1e-4 * np.sqrt(len(target)) * np.abs(matrix).mean() * np.eye(_TERMS)
     a = np.linalg.lstsq(np.vstack([matrix, ridge]), np.append(target, np.zeros(_TERMS)), rcond=None)[0]
@@ -63,8 +64,8 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
     linear = dense + _shape_terms(dense) @ a
     if (np.diff(linear) <= 0).any():
         raise CalibrationError(
-            "camera response: the curve found does not rise everywhere; the exposures that the camera reports are "
-            "wrong, or the light changed during the sweep"
+            "camera response: the curve found does not rise everywhere; the exposures that the camera reports "
+            "are wrong, or the light changed during the sweep"
         )
     rate = np.where(usable, y + _shape_terms(y) @ a, np.nan) / times[:, None]
     counted = np.isfinite(rate).sum(axis=0) >= 2
@@ -80,7 +81,7 @@ def _shape_terms(y: FloatArray) -> FloatArray:
 def _exposure_pairs(
     y: FloatArray, times: FloatArray, usable: NDArray[np.bool_]
 ) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Equations of neighbouring exposures and of the next but one, weighted by the noise of light (shot noise)."""
+    """Equations of neighbouring exposures and of the next but one, weighted by shot noise."""
     for k in range(len(times)):
         for m in (k + 1, k + 2):
             if m < len(times):
@@ -115,8 +116,8 @@ def fit_noise_model(first: FloatArray, second: FloatArray, clip: float) -> Noise
     slope, offset = np.linalg.lstsq(matrix * weight[:, None], variances * weight, rcond=None)[0]
     if slope <= 0:
         raise CalibrationError(
-            f"noise does not grow with light (slope {slope:.3g} dn): frames are processed or averaged in the camera; "
-            "switch its noise reduction off"
+            f"noise does not grow with light (slope {slope:.3g} dn): frames are processed or averaged in the "
+            "camera; switch its noise reduction off"
         )
     return NoiseModel(float(1 / slope), float(np.sqrt(max(offset, 0.0))))
 
@@ -159,10 +160,13 @@ def linear_from_codes(response: Response, codes: NDArray[np.uint8]) -> Float32Ar
     return np.asarray(table[codes])
 
 
-def codes_from_linear(response: Response, linear: FloatArray, dither_seed: int | None = None) -> NDArray[np.uint8]:
+def codes_from_linear(
+    response: Response, linear: FloatArray, dither_seed: int | None = None
+) -> NDArray[np.uint8]:
     """Projector codes of linear light 0 … 1.
 
-    With a seed, a value between two codes is rounded at random so that its mean is right; without, to the nearest.
+    With a seed, a value between two codes is rounded at random so that its mean is right; without, to the
+    nearest.
     """
     table = np.interp(np.arange(256), response.levels, response.linear)
     light = np.clip(linear, table[0], table[-1])
