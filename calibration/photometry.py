@@ -64,7 +64,7 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
     linear = dense + _shape_terms(dense) @ a
     if (np.diff(linear) <= 0).any():
         raise CalibrationError(
-            "camera response: the curve found does not rise everywhere; the exposures that the camera reports "
+            "camera response: the curve found does not rise everywhere; the exposures that the camera tells "
             "are wrong, or the light changed during the sweep"
         )
     rate = np.where(usable, y + _shape_terms(y) @ a, np.nan) / times[:, None]
