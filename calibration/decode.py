@@ -21,8 +21,8 @@ def decode_gray(
     *,
     white: Frame | None = None,
     black: Frame | None = None,
-    contrast_limit: float,
-    bit_limit: float,
+    contrast_limit: float | NDArray[np.floating],
+    bit_limit: float | NDArray[np.floating],
     saturation: float | None = None,
     code: CodeName = "gray",
     first_code: tuple[int, int] = (0, 0),
@@ -38,7 +38,7 @@ def decode_gray(
     projector_shape : (height, width)
     white, black : (H, W), optional
         Full frames; without them the largest and smallest value of each pixel over all frames.
-    contrast_limit, bit_limit : float
+    contrast_limit, bit_limit : float or (H, W)
         Least white minus black, and least difference of a pattern and its inverse, in the frames' unit.
     saturation : float, optional
         Values from here on are clipped.
@@ -88,7 +88,7 @@ def _decode_axis(
     code: CodeName,
     axis: str,
     size_px: int,
-    bit_limit: float,
+    bit_limit: float | NDArray[np.floating],
     threshold: Frame | None,
 ) -> tuple[Float32Array, BoolArray]:
     """(H, W) position, and pixels that some bit leaves open.

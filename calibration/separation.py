@@ -91,8 +91,8 @@ def _insert(ranked: Float32Array, image: Float32Array, outer: np.ufunc, inner: n
 
 
 
-MARGIN_PX = 2.4
-"""Distance from a check's edges, in projector pixels, from which on a pixel counts as fully lit or fully unlit."""
+MARGIN_PX = 2
+"""Projector pixels next to a check's edge that count as neither fully lit nor fully unlit."""
 
 
 def separate_by_pattern(
@@ -102,6 +102,7 @@ def separate_by_pattern(
     *,
     white: Float32Array,
     leak: float = 0.0,
+    margin_px: int = MARGIN_PX,
 ) -> Separation:
     """Split the light of white where the correspondence tells what each pixel was lit with.
 
@@ -120,14 +121,20 @@ def separate_by_pattern(
         Linear light above black of a white picture.
     leak : float
         As for :func:`separate`.
+    margin_px : int
+        Less than half a check.
 
     Returns
     -------
     Separation
         Valid where the correspondence is and both kinds of shift occurred.
+
+    Raises
+    ------
+    CalibrationError
+        If both kinds of shift occurred nowhere: the checks are too small for the margin, or nothing corresponds.
     """
-    size = 2 * round(MARGIN_PX) + 1
-    element = np.ones((size, size), dtype=np.uint8)
+    element = np.ones((2 * margin_px + 1,) * 2, dtype=np.uint8)
     xy = np.nan_to_num(correspondence.projector_xy_px, nan=-9.0)
     x, y = (np.ascontiguousarray(xy[..., k], dtype=np.float32) for k in (0, 1))
     light = np.zeros((2, *x.shape), dtype=np.float32)
@@ -142,5 +149,10 @@ def separate_by_pattern(
     lit, unlit = light / np.maximum(count, 1)
     direct = np.where(both, (lit - unlit) / (1 - leak), 0).astype(np.float32)
     valid = both & (direct > 0) & (direct < 1.2 * white)
+    if not valid.any():
+        raise CalibrationError(
+            f"no pixel lies {margin_px} px inside a lit check in one shift and inside an unlit one in another: use "
+            "larger checks ([patterns] checker_size_px), or look at the correspondence map"
+        )
     direct = np.where(valid, direct, 0)
     return Separation(direct, np.maximum(white - direct, 0).astype(np.float32), valid)

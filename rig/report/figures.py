@@ -116,7 +116,7 @@ def _draw_view(axes: Any, twin: RoomTwin) -> None:
         axes.scatter(*position, color=colour, s=36, zorder=11)
     low, high = vertices.min(axis=(0, 1)), vertices.max(axis=(0, 1))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low)
+    axes.set_box_aspect(high - low, zoom=1.45)
     axes.view_init(elev=28, azim=-133)
     axes.set_axis_off()
     from matplotlib.cm import ScalarMappable

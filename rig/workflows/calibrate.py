@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
+import cv2
 import numpy as np
 
 from calibration.decode import decode_gray
@@ -20,12 +21,17 @@ from rig.profile import Profile
 from rig.session import Session, Step
 from rig.terminal import OnStep
 from rig.workflows.capture import Shot, frame_name, photograph
+from rig.workflows.light import Photometry
 from rig.workflows.photometric import load_photometry, reference_exposure_s
 
 CODE = "long-run"
-_SIGMAS = 4.0
-"""A bit counts when pattern and inverse differ by more than so many standard deviations of their noise."""
+_SIGMAS = 2.0
+"""A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
+
+An unlit pixel passes by chance in all of some twenty bits with a probability below 1e-20."""
 _LEAST_VALID_SHARE = 0.01
+_EDGE_SHARE = 0.005
+"""Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
 
 
 def photograph_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
@@ -89,8 +95,7 @@ def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> C
         if name.startswith(CODE)
     }
     white, black = load("white"), load("black")
-    noise_dn = _typical_noise_dn(white, photometry.offset_dn, photometry.gain_e_per_dn, photometry.read_noise_dn)
-    limit = _SIGMAS * np.sqrt(2) * noise_dn
+    limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, photometry)
     return decode_gray(
         frames,
         projector_shape,
@@ -103,10 +108,10 @@ def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> C
     )
 
 
-def _typical_noise_dn(white: np.ndarray, offset_dn: float, gain: float, read_noise_dn: float) -> float:
-    """Standard deviation of a frame at half of white's median: what decides about a bit of a typical pixel."""
-    level = max(float(np.median(white)) - offset_dn, 0.0) / 2
-    return float(np.sqrt(level / gain + read_noise_dn**2 + 1 / 12))
+def _noise_dn(white: np.ndarray, black: np.ndarray, photometry: Photometry) -> np.ndarray:
+    """(H, W) standard deviation of a half-lit frame."""
+    level = np.maximum((white.astype(np.float32) + black) / 2 - photometry.offset_dn, 0)
+    return np.asarray(np.sqrt(level / photometry.gain_e_per_dn + photometry.read_noise_dn**2 + 1 / 12))
 
 
 def load_correspondence(session: Session) -> Correspondence:
@@ -148,11 +153,17 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
 
 
 def _well_inside(correspondence: Correspondence) -> np.ndarray:
-    """Pixels with a sub-pixel coordinate: integer codes (at edges of surfaces) are left out."""
+    """Pixels away from edges of the picture and of surfaces, where sub-pixel coordinates are biased.
+
+    At such edges the refinement keeps integer codes, so these tell where the edges are.
+    """
     xy = correspondence.projector_xy_px
     with np.errstate(invalid="ignore"):
         whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
-    return np.asarray(correspondence.valid & ~whole)
+    refined = (correspondence.valid & ~whole).astype(np.uint8)
+    size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
+    inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
+    return inside if inside.sum() > 0.2 * refined.sum() else refined > 0
 
 
 def _in_metres(pair: PairCalibration, profile: Profile) -> PairCalibration:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from calibration.patterns import checker_patterns, flat
-from calibration.separation import separate, separate_by_pattern
+from calibration.separation import MARGIN_PX, separate, separate_by_pattern
 from rig.pair import Rig
 from rig.session import Session, Step
 from rig.terminal import OnStep
@@ -23,7 +23,7 @@ def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
     """Photograph white and the checkers, and split white into direct and global light."""
     patterns = rig.profile.patterns
     shot = measuring_shot(rig, session, repeats=1)
-    settings = {"exposures_s": shot.exposures_s, "checker": [patterns.checker_size_px, patterns.checker_shifts], "method": "known pattern"}
+    settings = {"exposures_s": shot.exposures_s, "checker": [patterns.checker_size_px, patterns.checker_shifts]}
     step = session.step("separation", settings=settings, needs=("response", "correspondence"))
     if step.done:
         return
@@ -38,7 +38,11 @@ def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
     correspondence = load_correspondence(session)
     bright = separate(frames, white=white.value)
     known = separate_by_pattern(
-        frames, [pattern.codes for pattern in checkers], correspondence, white=white.value
+        frames,
+        [pattern.codes for pattern in checkers],
+        correspondence,
+        white=white.value,
+        margin_px=min(MARGIN_PX, (patterns.checker_size_px - 1) // 3),
     )
     step.save_image(
         "separation",

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from sim.compensation.result import Compensation, checked_target, finished
 from sim.light_transport import LightTransport
+from sim.scene import FloatArray
 
 
 def none(
@@ -23,16 +24,25 @@ def none(
     Parameters
     ----------
     gain : float, optional
-        Default: the least-squares gain <T c, c> / <T c, T c>, no larger than keeps the image in range.
-        1.0: the target itself, as the paper compares.
+        Default: the one with the smallest mean absolute error (the figure that strategies are compared by), no larger
+        than keeps the image in range: the median of c / (T c), each pixel weighted by T c. 1.0: the target itself, as
+        the paper compares.
     """
     started = time.perf_counter()
     c = checked_target(transport, target, lower, upper)
     if gain is None:
         Tc = np.asarray(transport @ c)
-        power = float(Tc @ Tc)
-        best = float(Tc @ c) / power if power > 0 else 0.0
+        best = _weighted_median(c[Tc > 0] / Tc[Tc > 0], Tc[Tc > 0])
         peak = float(c.max())
         gain = min(best, upper / peak) if peak > 0 else best
     seconds = time.perf_counter() - started
     return finished(transport, c, gain * c, lower, upper, seconds, notes={"gain": gain})
+
+
+def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+    """Where half of the weight lies below; 0 for no values."""
+    if not values.size:
+        return 0.0
+    order = np.argsort(values)
+    below = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(below, below[-1] / 2)])
