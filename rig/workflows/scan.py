@@ -59,7 +59,7 @@ def run_scan(
     DeviceLost
         Photographs cannot be used.
     CalibrationFailed
-        No point is left, or camera and projector coincide.
+        No point is left, most pixels are beyond the epipolar limit, or camera and projector coincide.
     """
     started_s = time.perf_counter()
     manifest = load_manifest(manifest_path)
@@ -73,6 +73,7 @@ def run_scan(
         found = triangulate(pairs.camera_xy_px, pairs.projector_xy_px, camera, projector)
     except CalibrationError as error:
         raise CalibrationFailed(f"{manifest_path}: {error}") from error
+    epipolar_median_px = _agreement_px(manifest_path, found, epipolar_limit_px)
     kept = _kept(pairs, found, correspondence.projector_shape, epipolar_limit_px)
     _refuse_nothing(manifest_path, correspondence, kept, limit_dn)
     points = found.points_m[kept] * _PER_METRE[manifest.unit]
@@ -83,7 +84,7 @@ def run_scan(
         "points": int(kept.sum()),
         "unit": manifest.unit,
         "valid_share": float(correspondence.valid.mean()),
-        "epipolar_median_px": float(np.median(found.epipolar_px)),
+        "epipolar_median_px": epipolar_median_px,
         "left_out": int((~kept).sum()),
         "seconds": time.perf_counter() - started_s,
         "output": str(output_path),
@@ -115,6 +116,19 @@ def _decode(manifest: Manifest, frames: dict[str, Photograph], limit_dn: float) 
         bit_limit=limit_dn,
         first_code=manifest.first_code,
     )
+
+
+def _agreement_px(path: Path, found: Triangulation, limit_px: float) -> float:
+    """Median epipolar distance; nan when nothing was seen."""
+    if not len(found.epipolar_px):
+        return float("nan")
+    median_px = float(np.median(found.epipolar_px))
+    if median_px > limit_px:
+        raise CalibrationFailed(
+            f"{path}: projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit is "
+            f"{limit_px:g} px: check lenses, pose, [projector.crop] and first_code"
+        )
+    return median_px
 
 
 def _kept(

@@ -159,10 +159,59 @@ def test_a_zero_baseline_is_named(folder: Path) -> None:
         run_scan(write_manifest(folder, baseline=0.0), folder / "cloud.ply")
 
 
+def test_numbers_that_do_not_belong_to_the_photographs_are_refused(folder: Path) -> None:
+    path = write_manifest(folder)
+    path.write_text(path.read_text() + "[projector.crop]\ntop_px = 12\n")
+    with pytest.raises(CalibrationFailed, match=r"lie 12\.\d px \(median\) from their epipolar lines"):
+        run_scan(path, folder / "cloud.ply")
+
+
 def test_a_dark_recording_says_why_there_are_no_points(tmp_path: Path) -> None:
     write_photographs(tmp_path, light=2)
     with pytest.raises(CalibrationFailed, match=r"100\.0 % dark"):
         run_scan(write_manifest(tmp_path), tmp_path / "cloud.ply")
+
+
+def test_cropped_photographs_give_the_same_points(folder: Path) -> None:
+    run_scan(write_manifest(folder), folder / "whole.ply")
+    left, top = 30, 20
+    for path in folder.glob("gray-*.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[top:, left:])
+    path = write_manifest(folder)
+    text = (
+        path.read_text()
+        .replace("width_px = 200", "width_px = 170")
+        .replace("height_px = 150", "height_px = 130")
+    )
+    path.write_text(text + f"\n[camera.crop]\nleft_px = {left}\ntop_px = {top}\n")
+    run_scan(path, folder / "cropped.ply")
+    whole, cropped = (read_ply(folder / f"{name}.ply")[0] for name in ("whole", "cropped"))
+    assert 0.5 * len(whole) < len(cropped) < len(whole)
+    assert np.quantile(cKDTree(whole).query(cropped)[0], 0.95) < 1e-3
+
+
+def test_photographs_without_inverses_need_white_and_black_only(folder: Path) -> None:
+    with_inverses = run_scan(write_manifest(folder), folder / "cloud.ply")
+    for name, level in (("w", 180), ("b", 20)):
+        cv2.imwrite(str(folder / f"{name}.png"), np.full(CAMERA_SHAPE, level, dtype=np.uint8))
+    path = write_manifest(folder)
+    lines = [line for line in path.read_text().splitlines() if "inverse" not in line.split("=")[0]]
+    path.write_text("\n".join(lines) + '\n[frames]\nwhite = "w.png"\nblack = "b.png"\n')
+    result = run_scan(path, folder / "plain.ply")
+    assert result["points"] == pytest.approx(with_inverses["points"], rel=0.05)
+
+
+def test_a_code_that_begins_elsewhere_is_named_by_its_first_code(tmp_path: Path) -> None:
+    """Photographs of columns 20 … 127 only, as if the projector were 108 wide and its code began at 20."""
+    write_photographs(tmp_path)
+    run_scan(write_manifest(tmp_path), tmp_path / "whole.ply")
+    path = write_manifest(tmp_path)
+    text = path.read_text().replace("width_px = 128", "width_px = 108")
+    path.write_text(text + "first_code = [20, 0]\n[projector.crop]\nleft_px = 20\n")
+    run_scan(path, tmp_path / "part.ply")
+    whole, part = (read_ply(tmp_path / f"{name}.ply")[0] for name in ("whole", "part"))
+    assert 0.5 * len(whole) < len(part) < len(whole)
+    assert cKDTree(whole).query(part)[0].max() < 1e-3
 
 
 def test_a_cloud_survives_writing_and_reading(tmp_path: Path) -> None:
