@@ -125,8 +125,8 @@ def _agreement_px(path: Path, found: Triangulation, limit_px: float) -> float:
     median_px = float(np.median(found.epipolar_px))
     if median_px > limit_px:
         raise CalibrationFailed(
-            f"{path}: projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit is "
-            f"{limit_px:g} px: check lenses, pose, [projector.crop] and first_code"
+            f"{path}: projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit "
+            f"is {limit_px:g} px: check lenses, pose, [projector.crop] and first_code"
         )
     return median_px
 

@@ -10,8 +10,8 @@ from calibration.patterns import checker_patterns
 from calibration.records import CalibrationError, Correspondence, PixelReason
 from calibration.separation import separate, separate_by_pattern
 
-PROJECTOR = (192, 256)
-CAMERA = (220, 300)
+PROJECTOR = (128, 160)
+CAMERA = (140, 180)
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Scene:
         light = self.leak + (1 - self.leak) * codes.astype(np.float64) / 255
         sharp = cv2.GaussianBlur(light, (0, 0), self.defocus_px, borderType=cv2.BORDER_REPLICATE)
         # Light that went to and fro no longer knows the checks, but still how much of the picture is lit.
-        spread = cv2.GaussianBlur(light, (0, 0), 40, borderType=cv2.BORDER_REFLECT)
+        spread = cv2.blur(light, (96, 96), borderType=cv2.BORDER_REFLECT)
         seen = [
             cv2.remap(x, *np.moveaxis(self.xy, -1, 0), cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             for x in (sharp, spread)
@@ -105,6 +105,14 @@ def test_pixels_without_a_projector_pixel_are_not_valid() -> None:
     found = separate_by_pattern(true.checkers(), patterns(), map_, white=true.white.astype(np.float32))
     assert not found.valid[50:60, 70:80].any()
     assert found.valid[100:200, 100:200].all()
+
+
+def test_where_nothing_corresponds_nothing_is_separated() -> None:
+    true = scene()
+    xy = np.full((*CAMERA, 2), np.nan, dtype=np.float32)
+    dark = Correspondence(xy, np.full(CAMERA, PixelReason.DARK, dtype=np.uint8), PROJECTOR)
+    with pytest.raises(CalibrationError, match="no pixel lies 2 px inside a lit check"):
+        separate_by_pattern(true.checkers(), patterns(), dark, white=true.white.astype(np.float32))
 
 
 @pytest.mark.parametrize("leak", [0.0, 0.05, 0.2])
