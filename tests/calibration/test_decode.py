@@ -206,3 +206,12 @@ def test_invalid_pixels_stay_invalid_and_do_not_harm_their_neighbours(
     assert np.isnan(refined.projector_xy_px[invalid]).all()
     beside = cv2.dilate(invalid.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~invalid
     assert np.abs(refined.projector_xy_px - xy)[beside].max() < 0.75
+
+
+def test_a_bit_limit_may_differ_from_pixel_to_pixel() -> None:
+    frames = photographs(centred(truth(0.7)))
+    limit = np.full(CAMERA, 10.0, dtype=np.float32)
+    limit[:, 60:] = 300
+    reason = decode_gray(frames, PROJECTOR, contrast_limit=20, bit_limit=limit).reason
+    assert (reason[10:-10, 10:59] == PixelReason.VALID).all()
+    assert (reason[10:-10, 61:-10] == PixelReason.UNCERTAIN_BIT).all()
