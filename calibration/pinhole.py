@@ -61,4 +61,4 @@ def rotation_of(vector: ArrayLike) -> FloatArray:
 
 def vector_of(rotation: FloatArray) -> FloatArray:
     """(3,) Rodrigues vector of a rotation. [rad]"""
-    return np.asarray(cv2.Rodrigues(rotation)[0]).ravel()
+    return np.asarray(cv2.Rodrigues(rotation)[0], dtype=np.float64).ravel()

@@ -65,7 +65,7 @@ def fit_vignetting(
 
 
 def _illumination(v: FloatArray, r: FloatArray) -> FloatArray:
-    return np.maximum(1 + r**2 * (v[0] + r**2 * v[1]), 0.05)
+    return np.asarray(np.maximum(1 + r**2 * (v[0] + r**2 * v[1]), 0.05))
 
 
 class Source(IntEnum):

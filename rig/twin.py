@@ -57,7 +57,7 @@ class Optic:
 def optic(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> Optic:
     """The simulator's lens and pose for a calibrated device."""
     lens = Lens(
-        model.width_px, model.height_px, model.focal_px, model.principal_point_px, tuple(model.distortion)
+        model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion
     )
     return Optic(lens, Pose(model.rotation, model.translation_m), vignetting)
 

@@ -1,0 +1,1 @@
+"""What a rig is made of: protocols, the simulated pair on its bench, replay of recordings."""

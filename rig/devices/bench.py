@@ -103,9 +103,9 @@ class Bench:
         blur = self.settings.projector.blur_px
         picture = cv2.GaussianBlur(linear, (0, 0), blur) if blur > 0 else linear
         fine = cv2.remap(picture, *self._map, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        fine *= self._direct_gain
+        lit = np.multiply(fine, self._direct_gain, dtype=np.float32)
         height, width = self.camera.shape
-        return np.asarray(cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
+        return np.asarray(cv2.resize(lit, (width, height), interpolation=cv2.INTER_AREA), dtype=np.float32)
 
     def _ambient_radiosity(self) -> Float32Array:
         """Room light: even irradiance on every surface, with its interreflection."""
@@ -166,7 +166,7 @@ def _direct_band(
     pixels = pixels_of(projector, surface.points_m)
     height, width = projector.shape
     with np.errstate(invalid="ignore"):
-        inside = (pixels > -0.5).all(axis=-1) & (pixels < (width - 0.5, height - 0.5)).all(axis=-1)
+        inside = np.asarray((pixels > -0.5).all(axis=-1) & (pixels < (width - 0.5, height - 0.5)).all(axis=-1))
     to_projector = projector.position_m - surface.points_m[inside]
     axes = np.array([wall.axis for wall in room.walls])[surface.wall[inside]]
     cosine = np.abs(np.take_along_axis(to_projector, axes[:, None], axis=1)[:, 0])
@@ -179,7 +179,7 @@ def _direct_band(
         * _point_reflectance(room, surface)[inside]
     )
     pixels = np.where(inside[..., None], np.clip(pixels, 0, (width - 1, height - 1)), -10.0).astype(np.float32)
-    return pixels[..., 0], pixels[..., 1], gain
+    return np.asarray(pixels[..., 0]), np.asarray(pixels[..., 1]), gain
 
 
 def _point_reflectance(room: BenchRoom, surface: SurfacePoints) -> FloatArray:

@@ -176,7 +176,9 @@ class SimulatedCamera:
         if self._cache is None or not np.array_equal(self._cache[0], codes):
             light = self.bench.light(codes).total
             blur = self.bench.settings.camera.blur_px
-            self._cache = (codes, cv2.GaussianBlur(light, (0, 0), blur) if blur > 0 else light)
+            blurred = np.asarray(cv2.GaussianBlur(light, (0, 0), blur) if blur > 0 else light, dtype=np.float32)
+            self._cache = (codes, blurred)
+            return blurred
         return self._cache[1]
 
     def _random(self, time_s: float, purpose: int) -> np.random.Generator:

@@ -42,13 +42,13 @@ def grey(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[np.uint
     shown = 255 * (np.clip(np.nan_to_num(levels), 0, 255) / 255) ** (1 / 2.2)
     if mask is not None:
         shown = np.where(mask, shown, shown / 3)
-    return np.asarray(shown, dtype=np.uint8)
+    return shown.astype(np.uint8)
 
 
 def signed_error(error: NDArray[Any], mask: BoolArray) -> NDArray[np.uint8]:
     """Blue too dark, red too bright; grey outside the mask."""
     share = np.clip(np.nan_to_num(error) / ERROR_RANGE, -1, 1) / 2 + 0.5
-    colours = (255 * colormaps["RdBu_r"](share)[..., :3]).astype(np.uint8)
+    colours = np.asarray(255 * colormaps["RdBu_r"](share)[..., :3], dtype=np.float64).astype(np.uint8)
     colours[~mask] = (96, 96, 100)
     return colours
 
@@ -57,7 +57,7 @@ def ramp(values: NDArray[Any], mask: BoolArray, name: str = "viridis") -> NDArra
     """Values between their extremes in the mask as colours."""
     low, high = (float(np.min(values[mask])), float(np.max(values[mask]))) if mask.any() else (0.0, 1.0)
     share = np.clip((np.nan_to_num(values) - low) / max(high - low, 1e-12), 0, 1)
-    colours = (255 * colormaps[name](share)[..., :3]).astype(np.uint8)
+    colours = np.asarray(255 * colormaps[name](share)[..., :3], dtype=np.float64).astype(np.uint8)
     colours[~mask] = (32, 36, 46)
     return colours
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.decode import decode_gray
 from calibration.geometry import PairCalibration, calibrate_pair, scale_from_baseline, scale_from_spots
-from calibration.gray import bits_for
+from calibration.gray import CodeName, bits_for
 from calibration.patterns import flat, gray_code_patterns
 from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
 from calibration.room import RoomBox, room_from_pair
@@ -24,7 +24,7 @@ from rig.workflows.capture import Shot, frame_name, photograph
 from rig.workflows.light import Photometry
 from rig.workflows.photometric import load_photometry, reference_exposure_s
 
-CODE = "long-run"
+CODE: CodeName = "long-run"
 _SIGMAS = 2.0
 """A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
 

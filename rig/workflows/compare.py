@@ -102,7 +102,7 @@ def _against_target(light: FloatArray, view: View, level: float) -> dict[str, fl
     signed = (grey - view.target)[view.mask]
     absolute = np.abs(signed)
     shown, wanted = (np.where(view.mask, image, 0.0) for image in (grey, view.target))
-    _, similarity = structural_similarity(shown, wanted, data_range=255.0, full=True)
+    _, similarity = structural_similarity(shown, wanted, data_range=255.0, full=True)  # type: ignore[no-untyped-call]
     return {
         "mean": float(absolute.mean()),
         "sd": float(absolute.std()),

@@ -52,7 +52,7 @@ class Photometry:
         slope = (linear[1] - linear[0]) / (levels[1] - levels[0])
         inside = np.interp(above, levels, linear)
         low = np.where(above < levels[0], linear[0] + (above - levels[0]) * slope, inside)
-        return low.astype(np.float32)
+        return np.asarray(low, dtype=np.float32)
 
     @property
     def saturation_dn(self) -> int:
@@ -94,7 +94,8 @@ def _noise(linear: Float32Array, photometry: Photometry) -> Float32Array:
     """Variance of one frame's linear light: shot noise, read noise and rounding."""
     scale = np.float32(photometry.camera.linear[-1] / photometry.camera.levels[-1])
     digital = np.maximum(linear / scale, 0)
-    return (digital / np.float32(photometry.gain_e_per_dn) + np.float32(photometry.read_noise_dn**2 + 1 / 12)) * scale**2
+    shot_noise = digital / np.float32(photometry.gain_e_per_dn)
+    return np.asarray((shot_noise + np.float32(photometry.read_noise_dn**2 + 1 / 12)) * scale**2, dtype=np.float32)
 
 
 def response_record(response: Response) -> dict[str, Any]:

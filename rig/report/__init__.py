@@ -1,0 +1,1 @@
+"""Results for people: the session report, figures, tables."""
