@@ -1,4 +1,9 @@
-"""Controller of projector-camera rigs."""
+"""Controller of projector-camera rigs.
+
+A script opens a session and a rig and calls the verbs of the command line one after the other:
+:func:`calibrate`, :func:`separate`, :func:`model`, :func:`compensate`, :func:`compare`, :func:`write_report`
+(docs/tutorials/first-session.md).
+"""
 
 from rig.errors import (
     CalibrationFailed,
@@ -16,6 +21,7 @@ from rig.errors import (
 from rig.pair import Rig, open_rig
 from rig.profile import load_profile
 from rig.session import Session
+from rig.workflows.verbs import calibrate, compare, compensate, model, separate, write_report
 
 __all__ = [
     "CalibrationFailed",
@@ -31,6 +37,12 @@ __all__ = [
     "SessionLocked",
     "SettingRefused",
     "UsageError",
+    "calibrate",
+    "compare",
+    "compensate",
     "load_profile",
+    "model",
     "open_rig",
+    "separate",
+    "write_report",
 ]

@@ -1,0 +1,104 @@
+"""The verbs of the command line for scripts: each does what is missing of one stage of a session.
+
+All take an open rig and an open session and tell their progress to ``on_step``; errors are those of
+:mod:`rig.errors`.
+The heavy parts are imported when a verb is called, so that ``import rig`` stays quick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from calibration.records import CalibrationError
+from rig.errors import CalibrationFailed
+from rig.pair import Rig
+from rig.session import Session
+from rig.terminal import OnStep, silent
+from sim.errors import SimulationError
+
+STRATEGIES = ("none", "direct", "paper", "exact", "bounded")
+
+
+@contextmanager
+def _one_error_tree() -> Iterator[None]:
+    """`calibration` and `sim` cannot know the rig's errors; a caller of the rig should see no others."""
+    try:
+        yield
+    except (CalibrationError, SimulationError) as error:
+        raise CalibrationFailed(str(error)) from error
+
+
+@_one_error_tree()
+def calibrate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
+    """Find exposure, response curves, correspondence, lenses, poses and walls."""
+    from rig.workflows.calibrate import decode_gray_code, fit_geometry, photograph_gray_code
+    from rig.workflows.photometric import find_exposure, measure_responses
+
+    for step in (find_exposure, measure_responses, photograph_gray_code, decode_gray_code, fit_geometry):
+        step(rig, session, on_step)
+
+
+@_one_error_tree()
+def separate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
+    """Tell direct from global light by shifted checkers. Needs `calibrate`."""
+    from rig.workflows.separate import separate_light
+
+    separate_light(rig, session, on_step)
+
+
+@_one_error_tree()
+def model(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
+    """Model the room in patches: reflectance, vignetting, brightness scale. Needs `separate`."""
+    from rig.workflows.model import build_model
+
+    build_model(rig.profile, session, on_step)
+
+
+@_one_error_tree()
+def compensate(
+    rig: Rig,
+    session: Session,
+    target: str | Path | None = None,
+    strategies: Sequence[str] = STRATEGIES,
+    on_step: OnStep = silent,
+) -> None:
+    """Compute each strategy's projector image for a target and predict its camera image. Needs `model`.
+
+    Parameters
+    ----------
+    target
+        A picture of the projector's size; default: a photograph that ships with scikit-image.
+    strategies
+        Of ``none, direct, paper, exact, bounded``; ``none`` is always among them.
+    """
+    from rig.workflows.compensate import check_strategies, compute_compensation
+    from rig.workflows.target import load_target
+
+    picture = load_target(None if target is None else Path(target), rig.projector.shape)
+    compute_compensation(session, picture, check_strategies(tuple(strategies)), on_step)
+
+
+@_one_error_tree()
+def compare(rig: Rig, session: Session, on_step: OnStep = silent) -> dict[str, Any]:
+    """Project and photograph every strategy, and write and return the metrics. Needs `compensate`."""
+    from rig.workflows.compare import compare_all, project_and_photograph
+    from rig.workflows.metrics import collect_metrics
+
+    project_and_photograph(rig, session, on_step)
+    compare_all(session, on_step)
+    metrics = collect_metrics(session, rig, "compare")
+    session.write_metrics(metrics)
+    return metrics
+
+
+def write_report(session: Session, on_step: OnStep = silent) -> Path:
+    """Write report.html of a compared session and return its path."""
+    from rig.report.page import write_report as write_page
+
+    metrics = session.read_metrics()
+    path = write_page(session, metrics, on_step)
+    session.write_metrics({**metrics, "report": str(path)})
+    return path
