@@ -1,4 +1,4 @@
-"""Relative pose of a camera and a projector, and their lenses as far as two views tell, without any scene model."""
+"""Relative pose of a camera and a projector, and their lenses as far as two views tell; no scene model."""
 
 from __future__ import annotations
 
@@ -42,7 +42,8 @@ class DataSheets:
         return cls(focal[0], focal[1], camera_shape, projector_shape)
 
 
-# Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre / width, / height; rotation; translation.
+# Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre as shares of width and height;
+# rotation, translation.
 _EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
 _SIGMA = np.array([0.05, 0.05, 0.02, 0.05, 0.05, 0.02, 0.06, 0.3, *[np.inf] * 6])
 _POSE = 8
@@ -52,18 +53,18 @@ def models_of(q: FloatArray, sheets: DataSheets) -> tuple[PinholeModel, PinholeM
     """Camera and projector of a vector of unknowns; baseline 1."""
     (h1, w1), (h2, w2) = sheets.camera_shape, sheets.projector_shape
     f1, f2 = float(q[0] * sheets.camera_focal_px), float(q[3] * sheets.projector_focal_px)
-    k, l = (float(q[1]), float(q[2]), 0.0, 0.0, 0.0), (float(q[4]), float(q[5]), 0.0, 0.0, 0.0)
+    k_camera, k_projector = ((float(a), float(b), 0.0, 0.0, 0.0) for a, b in (q[1:3], q[4:6]))
     centre, shifted = ((w1 - 1) / 2, (h1 - 1) / 2), (float(q[6] * w2), float(q[7] * h2))
-    camera = PinholeModel(w1, h1, (f1, f1), centre, k, np.eye(3), np.zeros(3))
+    camera = PinholeModel(w1, h1, (f1, f1), centre, k_camera, np.eye(3), np.zeros(3))
     translation = np.asarray(q[11:14] / np.linalg.norm(q[11:14]))
-    return camera, PinholeModel(w2, h2, (f2, f2), shifted, l, rotation_of(q[8:11]), translation)
+    return camera, PinholeModel(w2, h2, (f2, f2), shifted, k_projector, rotation_of(q[8:11]), translation)
 
 
 def fit_epipolar(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> list[tuple[PinholeModel, PinholeModel]]:
     """Candidates for both devices, the best first; each from another lens shift to start at.
 
-    The fit is tied to the data sheets: with optical axes that nearly meet, two views alone do not determine the focal
-    lengths, and the planes of the next stage come out as planes even so.
+    The fit is tied to the data sheets: with optical axes that nearly meet, two views do not determine the
+    focal lengths; the planes of the next stage come out as planes even so.
 
     Raises
     ------
@@ -76,8 +77,8 @@ def fit_epipolar(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> list[tup
     fits = [robust_fit(residual, s, ties, iterations=20, least_scale_px=0.3) for s in starts]
     if not fits:
         raise CalibrationError(
-            "no relative pose fits the correspondences: baseline zero, or the map is wrong; move the camera aside, and "
-            "look at the correspondence map"
+            "no relative pose fits the correspondences: baseline zero, or the map is wrong; move the camera "
+            "aside, and look at the correspondence map"
         )
     fits.sort(key=lambda fit: _merit(fit, ties))
     chosen: list[tuple[PinholeModel, PinholeModel]] = []
@@ -97,7 +98,7 @@ def _median(fit: Fit) -> float:
 def _in_front(
     camera: PinholeModel, projector: PinholeModel, x1: FloatArray, x2: FloatArray
 ) -> tuple[tuple[PinholeModel, PinholeModel], float]:
-    """The translation's sign that most points lie in front with (distances do not depend on it), and their share."""
+    """Choose the translation's sign with most points in front (distances do not change); their share."""
     other = replace(projector, translation_m=-projector.translation_m)
     shares = [float(triangulated(camera, p, x1, x2)[1].mean()) for p in (projector, other)]
     return (camera, projector if shares[0] >= shares[1] else other), max(shares)
@@ -131,11 +132,11 @@ def _essential_start(
     if essential is None or essential.shape[0] < 3:
         return None
     _, rotation, translation, _ = cv2.recoverPose(essential[:3], a, b, np.eye(3))
-    return np.concatenate([q[:_POSE], vector_of(rotation), translation.ravel()])
+    return np.concatenate([q[:_POSE], vector_of(np.asarray(rotation, dtype=np.float64)), np.ravel(translation)])
 
 
 def _sampson(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> Residual:
-    """(N, 1) Sampson distances. [px]"""
+    """Sampson distances (N, 1) in px, as a function of the unknowns."""
 
     def residual(q: FloatArray) -> FloatArray:
         camera, projector = models_of(q, sheets)
@@ -154,7 +155,7 @@ def _sampson(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> Residual:
 def triangulated(
     camera: PinholeModel, projector: PinholeModel, x1: FloatArray, x2: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """(N, 3) points on the camera's rays nearest to the projector's, and whether they lie in front of both."""
+    """(N, 3) points on the camera's rays nearest to the projector's; whether they lie in front of both."""
     a, b = world_rays(camera, x1), world_rays(projector, x2)
     offset = projector.position_m - camera.position_m
     cosine = (a * b).sum(1)
@@ -190,6 +191,7 @@ def check_parallax(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
     parallax_px = float(np.median(np.linalg.norm(fit.residual, axis=1)))
     if parallax_px < MIN_PARALLAX_PX:
         raise CalibrationError(
-            f"the parallax between camera and projector is {parallax_px:.2f} px, the limit is {MIN_PARALLAX_PX:g} px: "
-            "the baseline is (nearly) zero and depth cannot be triangulated. Move the camera aside by 0.3 m or more"
+            f"the median parallax between camera and projector is {parallax_px:.2f} px, below the limit of "
+            f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero and depth cannot be triangulated. "
+            "Move the camera aside by 0.3 m or more"
         )

@@ -1,9 +1,9 @@
 """Self-calibration of a camera and a projector from dense correspondences in a room with flat walls.
 
-Three stages. (1) Epipolar: relative pose from the essential matrix, refined over both focal lengths, k1 and the
-projector's lens shift, tied to the data sheets: with optical axes that nearly meet, two views alone do not determine
-the focal lengths. (2) The triangulated points are split into planes. (3) Plane-constrained bundle adjustment: every
-point lies on its plane, so a correspondence gives two equations and no unknown; walls at right angles fix the focal
+Three stages. (1) Epipolar: relative pose from the essential matrix, refined over focal lengths, distortion and
+lens shift, tied to the data sheets: with optical axes that nearly meet, two views do not determine the focal
+lengths. (2) The triangulated points are split into planes. (3) Plane-constrained bundle adjustment: every point
+lies on its plane, so a correspondence gives two equations and no unknown; walls at right angles fix the focal
 lengths, and all terms of both lenses become determined.
 """
 
@@ -23,7 +23,7 @@ from calibration.records import CalibrationError, FloatArray, PinholeModel
 
 MIN_POINTS = 500
 LEAST_INLIER_SHARE = 0.5
-_FEW, _SOME, _MANY = 4000, 8000, 40000
+_FEW, _SOME, _MANY = 4000, 8000, 60000
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
@@ -49,7 +49,7 @@ class PairCalibration:
 
     @property
     def baseline(self) -> float:
-        """Distance of the two centres of projection; 1 until scaled. [m]"""
+        """Distance of the two centres of projection in metres; 1 until scaled."""
         return float(np.linalg.norm(self.projector.position_m - self.camera.position_m))
 
 
@@ -90,10 +90,9 @@ def calibrate_pair(
     on_step(1, 3)
     bundle = _best_bundle(x1, x2, candidates, sheets, right_angles)
     on_step(2, 3)
-    pair = (bundle.camera, bundle.projector)
-    bundle = adjust(x1, x2, pair, bundle.planes, bundle.axes, sheets, (1.0,))
+    refined = adjust(x1, x2, bundle.devices, bundle.planes, bundle.axes, sheets, (1.0,))
     on_step(3, 3)
-    return _finished(bundle, x1, x2)
+    return _finished(refined or bundle, x1, x2)
 
 
 def scale_pair(pair: PairCalibration, factor: float) -> PairCalibration:
@@ -126,7 +125,7 @@ def scale_from_spots(pair: PairCalibration, spots_px: ArrayLike, distance_m: flo
 
 
 def points_of_projector_pixels(pair: PairCalibration, xy_px: FloatArray) -> FloatArray:
-    """(N, 3) surface points that projector pixels light: the first plane in front. NaN where there is none."""
+    """(N, 3) surface points that projector pixels light: first plane in front; NaN where there is none."""
     origin, rays = pair.projector.position_m, world_rays(pair.projector, xy_px)
     with np.errstate(divide="ignore"):
         along = (1 - pair.planes @ origin)[None, :] / (rays @ pair.planes.T)
@@ -137,8 +136,8 @@ def points_of_projector_pixels(pair: PairCalibration, xy_px: FloatArray) -> Floa
 def _check_count(n: int) -> None:
     if n < MIN_POINTS:
         raise CalibrationError(
-            f"{n} correspondences, at least {MIN_POINTS} are needed: look at exposure, focus and how much of the "
-            "projector's picture the camera sees"
+            f"{n} correspondences, at least {MIN_POINTS} are needed: look at exposure, focus and how much of "
+            "the projector's picture the camera sees"
         )
 
 
@@ -157,20 +156,19 @@ def _best_bundle(
         if len(planes) < 2:
             continue
         bundle = _adjusted_twice(candidate, planes, x1[:_SOME], x2[:_SOME], sheets, right_angles)
-        share = float((bundle.label >= 0).mean())
-        if share > best_share:
-            best, best_share = bundle, share
-        if share > 0.9:
+        if bundle is not None and bundle.share > best_share:
+            best, best_share = bundle, bundle.share
+        if best_share > 0.9:
             break
     if most_planes < 2:
         raise CalibrationError(
-            f"the correspondences lie on {most_planes} plane: a flat scene does not determine the lenses; aim at a "
-            "corner, so that at least two walls are lit and seen"
+            f"the correspondences lie on {most_planes} plane(s), 2 are needed: a flat scene does "
+            "not determine the lenses; aim at a corner, so that at least two walls are lit and seen"
         )
     if best is None or best_share < LEAST_INLIER_SHARE:
         raise CalibrationError(
             f"flat walls explain only {100 * best_share:.0f} % of the correspondences, the limit is "
-            f"{100 * LEAST_INLIER_SHARE:.0f} %: check the fields of view in the profile, and aim at bare walls"
+            f"{100 * LEAST_INLIER_SHARE:.0f} %: check the fields of view in the profile, aim at bare walls"
         )
     return best
 
@@ -188,19 +186,20 @@ def _adjusted_twice(
     x2: FloatArray,
     sheets: DataSheets,
     right_angles: bool,
-) -> Bundle:
-    """Fit, look for the planes again with the lenses then known, and fit again."""
+) -> Bundle | None:
+    """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
     first = adjust(x1, x2, pair, planes, _free(planes), sheets, (4.0, 1.5))
-    if right_angles:
+    if right_angles and first is not None:
         axes = orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG)
-        first = adjust(x1, x2, (first.camera, first.projector), first.planes, axes, sheets, (1.5,))
-    pair = (first.camera, first.projector)
-    planes = _planes_of(pair, x1, x2)
+        first = adjust(x1, x2, first.devices, first.planes, axes, sheets, (1.5,))
+    if first is None:
+        return None
+    planes = _planes_of(first.devices, x1, x2)
     if len(planes) < 2:
         return first
     axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else _free(planes)
-    second = adjust(x1, x2, pair, planes, axes, sheets, (1.5, 1.0))
-    return second if (second.label >= 0).sum() >= (first.label >= 0).sum() else first
+    second = adjust(x1, x2, first.devices, planes, axes, sheets, (1.5, 1.0))
+    return first if second is None or second.share < 0.98 * first.share else second
 
 
 def _free(planes: FloatArray) -> Axes:

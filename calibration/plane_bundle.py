@@ -1,4 +1,4 @@
-"""Plane-constrained bundle adjustment: both lenses, relative pose and walls from points that lie on the walls.
+"""Plane-constrained bundle adjustment: both lenses, relative pose and walls from points on the walls.
 
 A camera pixel's ray meets its plane, the point is projected into the projector and compared: two equations a
 correspondence and no unknown of its own. Walls at right angles fix the focal lengths.
@@ -21,10 +21,12 @@ LENS_TERMS = ("f", "cx", "cy", "k1", "k2", "p1", "p2")
 _CAMERA_SIGMA = (0.05, 0.03, 0.03, 0.1, 0.05, 0.005, 0.005)
 _PROJECTOR_SIGMA = (0.05, 0.10, 0.40, 0.1, 0.05, 0.005, 0.005)
 _EXPECTED = (1.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0)
-_TIE_WEIGHT = 0.1
-"""Noise of 0.1 px, and some ten neighbouring points with one error: variance of an independent observation. [px²]"""
+_TIE_WEIGHT = 0.02
+"""Variance of an independent observation: noise of 0.1 px, some neighbours with one error. [px²]"""
 _POSE, _TURN, _PLANES = 14, 20, 23
-_MARGIN_PX = 8.0
+_MARGIN_SHARE = 0.008
+"""Points that two planes predict within this share of the projector's width lie near an edge: not used."""
+_LEAST_POINTS = 200
 _CLUSTER_PX = 32
 
 
@@ -37,9 +39,19 @@ class Bundle:
     planes: FloatArray
     axes: Axes
     label: IntArray
-    """(N,) plane of each point, -1 where none predicts it."""
+    """(N,) plane of each point, -1 where none predicts it to within the last limit."""
     sigmas: dict[str, float]
     """Standard deviations of the lens terms. [px or 1]"""
+
+    @property
+    def devices(self) -> tuple[PinholeModel, PinholeModel]:
+        """Camera and projector."""
+        return self.camera, self.projector
+
+    @property
+    def share(self) -> float:
+        """Share of the points that the planes explain."""
+        return float((self.label >= 0).mean())
 
 
 def transfer_of(camera: PinholeModel, projector: PinholeModel) -> Transfer:
@@ -64,19 +76,26 @@ def adjust(
     axes: Axes,
     sheets: DataSheets,
     limits_px: tuple[float, ...],
-) -> Bundle:
-    """Fit, with points assigned to planes anew, within a smaller limit, before each round."""
+) -> Bundle | None:
+    """Fit, with points assigned to planes anew, within a smaller limit, before each round.
+
+    None where fewer than 200 points are left: the start was wrong.
+    """
     camera, projector = start
     z = _start(camera, projector, planes, axes, sheets)
+    margin_px = _MARGIN_SHARE * sheets.projector_shape[1]
     for limit_px in limits_px:
-        label = assign_planes(transfer_of(camera, projector), x1, x2, planes, limit_px, _MARGIN_PX)
+        label = assign_planes(transfer_of(camera, projector), x1, x2, planes, limit_px, margin_px)
         used = label >= 0
+        if used.sum() < _LEAST_POINTS:
+            return None
         residual = _residual(x1[used], x2[used], label[used], axes, sheets)
         fit = robust_fit(residual, z, _ties(len(z)), iterations=25, least_scale_px=0.3)
         z = fit.z
         camera, projector = _models(z, sheets)
         planes = _planes(z, axes)
     turned = Axes(_directions(z, axes), axes.of_plane)
+    label = assign_planes(transfer_of(camera, projector), x1, x2, planes, limits_px[-1])
     return Bundle(camera, projector, planes, turned, label, _sigmas(fit, x1[used], sheets))
 
 

@@ -12,7 +12,7 @@ from calibration.records import BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 Transfer = Callable[[FloatArray, FloatArray], FloatArray]
-"""(camera pixels (N, 2), plane (3,)) → projector pixels (N, 2) if the points lay on the plane normal · x = 1."""
+"""(camera pixels (N, 2), plane (3,)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
 
 _INLIER_PX = 1.5
 _TRIALS = 400
@@ -36,7 +36,7 @@ def segment_planes(
 ) -> FloatArray:
     """(K, 3) planes as normal / offset, the one with most points first; sequential RANSAC with a fixed seed.
 
-    Three neighbouring points (in the camera's picture) make a plane; its points are those whose correspondence it
+    Neighbouring points (in the camera's picture) make a plane; its points are those whose correspondence it
     predicts to within 1.5 px. Planes with less than 2 % of the points are left out.
     """
     random = np.random.default_rng(1)
@@ -92,7 +92,12 @@ def _plane_through(points: FloatArray) -> FloatArray | None:
 
 
 def assign_planes(
-    transfer: Transfer, x1: FloatArray, x2: FloatArray, planes: FloatArray, limit_px: float, margin_px: float = 0.0
+    transfer: Transfer,
+    x1: FloatArray,
+    x2: FloatArray,
+    planes: FloatArray,
+    limit_px: float,
+    margin_px: float = 0.0,
 ) -> IntArray:
     """(N,) plane that predicts each correspondence best, -1 beyond the limit.
 
@@ -106,9 +111,9 @@ def assign_planes(
 
 
 def orthogonal_axes(planes: FloatArray, limit_deg: float = 25.0) -> Axes:
-    """The orthogonal frame that fits the planes' normals; planes further than the limit from all axes get -1.
+    """Fit an orthogonal frame to the planes' normals; planes further than the limit from all axes get -1.
 
-    The limit is wide, because before the lenses are known the angles between walls are off by up to ten degrees.
+    The limit is wide: before the lenses are known the angles between walls are off by up to ten degrees.
     """
     normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
     first = normals[0]

@@ -115,9 +115,9 @@ def _solve(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatAr
 def covariance(fit: Fit, cluster: np.ndarray) -> FloatArray:
     """(n, n) of the solution, by the sandwich formula over clusters of points.
 
-    Neighbouring points share their error (sub-pixel windows overlap, a wall is not quite flat), so a cluster counts as
-    one observation: Liang and Zeger, Biometrika 73 (1986). Each tie counts as one more, so that an unknown that the
-    points do not determine has the standard deviation of its tie.
+    Neighbouring points share their error (sub-pixel windows overlap, a wall is not quite flat), so a cluster
+    counts as one observation: Liang and Zeger, Biometrika 73 (1986). Each tie counts as one more, so that an
+    unknown that the points do not determine has the standard deviation of its tie.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A synthetic box room: what a camera and a projector with known lenses see of it, without calibration's own code."""
+"""A synthetic box room, seen by a camera and a projector with known lenses; independent of calibration."""
 
 from dataclasses import dataclass, replace
 
@@ -55,9 +55,7 @@ class Device:
         local = (points_m - np.array(self.position_m)) @ self.rotation.T
         vector = cv2.Rodrigues(self.rotation)[0]
         shift = -self.rotation @ np.array(self.position_m)
-        xy, _ = cv2.projectPoints(
-            points_m.reshape(-1, 1, 3), vector, shift, self.matrix, np.array(self.distortion)
-        )
+        xy, _ = cv2.projectPoints(points_m.reshape(-1, 1, 3), vector, shift, self.matrix, np.array(self.distortion))
         xy = np.asarray(xy).reshape(-1, 2)
         size = np.array(self.shape[::-1])
         seen = (xy > -0.5).all(1) & (xy < size - 0.5).all(1) & (local[:, 2] > 0.1)
@@ -80,6 +78,8 @@ PROJECTOR = Device(
     -0.6,
 )
 
+FACES = (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling"))
+
 
 @dataclass(frozen=True)
 class SyntheticRoom:
@@ -97,7 +97,7 @@ class SyntheticRoom:
     seed: int = 7
 
     def hits(self, device, xy_px):
-        """(N, 3) first surface points along a device's pixels, NaN where there is none; (N,) distance to an edge."""
+        """(N, 3) first surface points along pixels, NaN where there is none; (N,) distance to an edge."""
         origin, rays = np.array(device.position_m), device.rays(xy_px)
         wall = np.where(rays > 0, np.array(self.size_m), 0.0)
         with np.errstate(divide="ignore"):
@@ -105,13 +105,14 @@ class SyntheticRoom:
         axis = along.argmin(1)
         points = origin + along.min(1)[:, None] * rays
         high = np.take_along_axis(rays, axis[:, None], 1)[:, 0] > 0
-        names = np.array([["x0", "x1"], ["y0", "y1"], ["floor", "ceiling"]])[axis, high.astype(int)]
+        names = np.array(FACES)[axis, high.astype(int)]
         points[~np.isin(names, self.faces)] = np.nan
-        inside = np.sort(np.minimum(np.abs(points), np.abs(np.array(self.size_m) - points)), axis=1)
-        return points, inside[:, 1]
+        standing = np.array([[name in self.faces for name in pair] for pair in FACES]).T
+        to_faces = np.where(standing[:, None], np.abs(np.stack([points, np.array(self.size_m) - points])), np.inf)
+        return points, np.sort(to_faces.min(axis=0), axis=1)[:, 1]
 
     def correspondences(self, step_px=4):
-        """(N, 2) camera and (N, 2) projector pixels: noise, a few outliers, a bias near edges as defocus makes it."""
+        """(N, 2) camera and projector pixels: noise, some outliers, a bias near edges as of defocus."""
         height, width = self.camera.shape
         rows, columns = np.mgrid[0:height:step_px, 0:width:step_px]
         xy = np.column_stack([columns.ravel(), rows.ravel()]).astype(np.float64)
