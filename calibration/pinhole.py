@@ -30,28 +30,28 @@ def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = 8) -> 
     return ideal
 
 
-def bearings(xy_px: FloatArray, focal_px: float, principal_point_px: ArrayLike, distortion: ArrayLike) -> FloatArray:
+def bearings(xy_px: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike) -> FloatArray:
     """(N, 3) directions (x, y, 1) of pixels in the device's frame."""
-    plane = undistort((xy_px - np.asarray(principal_point_px)) / focal_px, distortion)
+    plane = undistort((xy_px - np.asarray(principal_point_px)) / np.asarray(focal_px), distortion)
     return np.column_stack([plane, np.ones(len(plane))])
 
 
-def image_of(points: FloatArray, focal_px: float, principal_point_px: ArrayLike, distortion: ArrayLike) -> FloatArray:
+def image_of(points: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike) -> FloatArray:
     """(N, 2) pixels of points in the device's frame."""
     depth = np.where(np.abs(points[:, 2:]) > 1e-9, points[:, 2:], 1e-9)
-    return np.asarray(distort(points[:, :2] / depth, distortion) * focal_px + np.asarray(principal_point_px))
+    return np.asarray(distort(points[:, :2] / depth, distortion) * np.asarray(focal_px) + np.asarray(principal_point_px))
 
 
 def world_rays(model: PinholeModel, xy_px: FloatArray) -> FloatArray:
     """(N, 3) unit directions of pixels in the world."""
-    rays = bearings(xy_px, model.focal_px[0], model.principal_point_px, model.distortion) @ model.rotation
+    rays = bearings(xy_px, model.focal_px, model.principal_point_px, model.distortion) @ model.rotation
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 
 def project(model: PinholeModel, points_m: FloatArray) -> FloatArray:
     """(N, 2) pixels of world points. [px]"""
     local = points_m @ model.rotation.T + model.translation_m
-    return image_of(local, model.focal_px[0], model.principal_point_px, model.distortion)
+    return image_of(local, model.focal_px, model.principal_point_px, model.distortion)
 
 
 def rotation_of(vector: ArrayLike) -> FloatArray:

@@ -64,7 +64,7 @@ def timing_figure(seconds: Mapping[str, float]) -> str:
 
 def room_figure(twin: RoomTwin) -> str:
     """Plan from above and a view into the room, patches coloured by reflectance."""
-    figure = Figure(figsize=(12, 4.9))
+    figure = Figure(figsize=(12, 4.6))
     _draw_plan(figure.add_subplot(1, 2, 1), twin)
     _draw_view(figure.add_subplot(1, 2, 2, projection="3d"), twin)
     return png_figure(figure)
@@ -116,7 +116,7 @@ def _draw_view(axes: Any, twin: RoomTwin) -> None:
         axes.scatter(*position, color=colour, s=36, zorder=11)
     low, high = vertices.min(axis=(0, 1)), vertices.max(axis=(0, 1))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.45)
+    axes.set_box_aspect(high - low, zoom=1.12)
     axes.view_init(elev=28, azim=-133)
     axes.set_axis_off()
     from matplotlib.cm import ScalarMappable

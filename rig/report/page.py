@@ -176,19 +176,17 @@ def _correspondence(session: Session) -> dict[str, Any]:
     step = session.finished("correspondence")
     image, record = step.load_image("correspondence"), step.load_record("correspondence")
     valid = image["reason"] == 0
-    counts = record["reasons"]
-    legend = ", ".join(f"{name} {100 * share:.1f} %" for name, share in counts.items() if share > 0)
-    colours = ", ".join(f"{name} {_colour_word(k)}" for k, (name, _) in enumerate(pictures.reason_legend()))
+    shares = list(record["reasons"].values())
     return {
-        "correspondence_text": f"Projector pixel that each camera pixel sees, from Gray code with inverses. {legend}. "
-        f"Colours of the right picture: {colours}.",
+        "correspondence_text": "Projector pixel that each camera pixel sees, from Gray code with inverses, and why a "
+        "pixel has none.",
+        "reasons": [
+            {"name": name, "colour": colour, "share": f"{100 * share:.1f} %"}
+            for (name, colour), share in zip(pictures.reason_legend(), shares, strict=True)
+        ],
         "correspondence_images": [
             pictures.picture(pictures.ramp(image["column"], valid, "turbo"), "Projector column"),
             pictures.picture(pictures.ramp(image["row"], valid, "turbo"), "Projector row"),
             pictures.picture(pictures.reasons(image["reason"]), "Validity: why a pixel is or is not used"),
         ],
     }
-
-
-def _colour_word(k: int) -> str:
-    return ("green", "black", "yellow", "orange", "violet", "blue")[k]
