@@ -12,9 +12,11 @@ from calibration.records import BoolArray, CalibrationError, FloatArray, Pinhole
 from calibration.robust_fit import Fit, Residual, Ties, robust_fit
 
 MIN_PARALLAX_PX = 2.0
-_STARTS = ((0.5, 0.5), (0.5, 0.75), (0.5, 1.0), (0.5, 0.25), (0.5, 0.0), (0.62, 0.5), (0.38, 0.5))
-"""Projector's principal point as shares of width and height: lens shift is mostly vertical."""
-_FIT_POINTS = 1500
+COLUMN_SHARES = (0.5, 0.6, 0.4)
+_ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
+"""Where the projector's principal point may be, as shares of width and height: lens shift is mostly vertical."""
+_FIT_POINTS = 1000
+_FLAT_SHARE, _FLAT_PX = 0.97, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +48,7 @@ class DataSheets:
 # rotation, translation.
 _EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
 _SIGMA = np.array([0.05, 0.05, 0.02, 0.05, 0.05, 0.02, 0.06, 0.3, *[np.inf] * 6])
+_START_SIGMA = (0.03, 0.12)
 _POSE = 8
 
 
@@ -60,35 +63,49 @@ def models_of(q: FloatArray, sheets: DataSheets) -> tuple[PinholeModel, PinholeM
     return camera, PinholeModel(w2, h2, (f2, f2), shifted, k_projector, rotation_of(q[8:11]), translation)
 
 
-def fit_epipolar(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> list[tuple[PinholeModel, PinholeModel]]:
-    """Candidates for both devices, the best first; each from another lens shift to start at.
+def fit_epipolar(
+    x1: FloatArray, x2: FloatArray, sheets: DataSheets, column_share: float
+) -> list[tuple[PinholeModel, PinholeModel]]:
+    """Candidates for both devices, the best first; each from another vertical lens shift to start at.
 
     The fit is tied to the data sheets: with optical axes that nearly meet, two views do not determine the
     focal lengths; the planes of the next stage come out as planes even so.
 
-    Raises
-    ------
-    CalibrationError
-        If no relative pose fits.
+    Empty where no relative pose fits.
     """
     few = slice(0, _FIT_POINTS)
-    residual, ties = _sampson(x1[few], x2[few], sheets), _ties(min(len(x1), _FIT_POINTS))
-    starts = [start for share in _STARTS if (start := _essential_start(x1, x2, sheets, share)) is not None]
-    fits = [robust_fit(residual, s, ties, iterations=20, least_scale_px=0.3) for s in starts]
-    if not fits:
-        raise CalibrationError(
-            "no relative pose fits the correspondences: baseline zero, or the map is wrong; move the camera "
-            "aside, and look at the correspondence map"
-        )
-    fits.sort(key=lambda fit: _merit(fit, ties))
-    chosen: list[tuple[PinholeModel, PinholeModel]] = []
-    behind: list[tuple[PinholeModel, PinholeModel]] = []
-    for fit in fits:
-        pair, share = _in_front(*models_of(fit.z, sheets), x1[few], x2[few])
-        known = any(_same_pose(pair[1], other[1]) for other in chosen + behind)
-        if not known and _median(fit) <= max(1.0, 2 * _median(fits[0])):
-            (chosen if share > 0.9 else behind).append(pair)
-    return chosen + behind
+    starts = [(column_share, row_share) for row_share in _ROW_SHARES]
+    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], sheets, shares)) is not None]
+    return _distinct(fits, x1[few], x2[few], sheets) if fits else []
+
+
+def _fit_near(x1: FloatArray, x2: FloatArray, sheets: DataSheets, shares: tuple[float, float]) -> Fit | None:
+    """Fit with the projector's principal point held near a start.
+
+    The epipolar lines hardly tell it from a rotation, but with a wrong one points come to lie behind the devices.
+    """
+    start = _essential_start(x1, x2, sheets, shares)
+    if start is None:
+        return None
+    expected, sigma = _EXPECTED.copy(), _SIGMA.copy()
+    expected[6:8], sigma[6:8] = shares, _START_SIGMA
+    return robust_fit(
+        _sampson(x1, x2, sheets), start, _ties(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
+    )
+
+
+def _distinct(
+    fits: list[Fit], x1: FloatArray, x2: FloatArray, sheets: DataSheets
+) -> list[tuple[PinholeModel, PinholeModel]]:
+    """Solutions that differ, those with nearly all points in front first, then the likeliest."""
+    ties = _ties(_EXPECTED, _SIGMA, len(x1))
+    limit = max(1.0, 2 * min(_median(fit) for fit in fits))
+    found: list[tuple[tuple[PinholeModel, PinholeModel], float]] = []
+    for fit in sorted(fits, key=lambda fit: _merit(fit, ties)):
+        pair, share = _in_front(*models_of(fit.z, sheets), x1, x2)
+        if _median(fit) <= limit and not any(_same_pose(pair[1], other[1]) for other, _ in found):
+            found.append((pair, share))
+    return [pair for pair, _ in sorted(found, key=lambda entry: entry[1] < 0.98)]
 
 
 def _median(fit: Fit) -> float:
@@ -109,9 +126,9 @@ def _same_pose(a: PinholeModel, b: PinholeModel) -> bool:
     return bool(turn < 0.01 and np.abs(a.position_m - b.position_m).max() < 0.01)
 
 
-def _ties(n: int) -> Ties:
+def _ties(expected: FloatArray, sigma: FloatArray, n: int) -> Ties:
     # One standard deviation off the data sheet must be worth 0.1 px over all points.
-    return Ties(_EXPECTED, _SIGMA, n * 0.1**2)
+    return Ties(expected, sigma, n * 0.1**2)
 
 
 def _merit(fit: Fit, ties: Ties) -> float:
@@ -186,7 +203,7 @@ def check_parallax(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
     camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), sheets)
     u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
     start = np.concatenate([_EXPECTED[:_POSE], vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)])
-    ties = Ties(_EXPECTED[free], _SIGMA[free], len(x1) * 0.1**2)
+    ties = _ties(_EXPECTED[free], _SIGMA[free], len(x1))
     fit = robust_fit(residual, start, ties, iterations=15, least_scale_px=1.0)
     parallax_px = float(np.median(np.linalg.norm(fit.residual, axis=1)))
     if parallax_px < MIN_PARALLAX_PX:
@@ -194,4 +211,38 @@ def check_parallax(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
             f"the median parallax between camera and projector is {parallax_px:.2f} px, below the limit of "
             f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero and depth cannot be triangulated. "
             "Move the camera aside by 0.3 m or more"
+        )
+
+
+def check_not_flat(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
+    """Fit one plane's homography between both pictures, with distortion: it must leave points over.
+
+    Raises
+    ------
+    CalibrationError
+        If it explains 97 % of the points to within 3 px.
+    """
+    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), sheets)
+    x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
+    a = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+    b = bearings(x2, projector.focal_px[0], projector.principal_point_px, projector.distortion)
+    cv2.setRNGSeed(0)
+    homography, _ = cv2.findHomography(a[:, :2], b[:, :2], cv2.RANSAC, 20 / projector.focal_px[0])
+    if np.size(homography) != 9:
+        return
+
+    def residual(z: FloatArray) -> FloatArray:
+        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, [z[8], z[9], 0, 0, 0])
+        moved = rays @ np.append(z[:8], 1.0).reshape(3, 3).T
+        image = image_of(moved, projector.focal_px[0], projector.principal_point_px, [z[10], z[11], 0, 0, 0])
+        return np.asarray(np.clip(image - x2, -1e4, 1e4))
+
+    start = np.append(np.asarray(homography, dtype=np.float64).ravel()[:8], np.zeros(4))
+    ties = _ties(start, np.array([np.inf] * 8 + [0.05, 0.02] * 2), len(x1))
+    fit = robust_fit(residual, start, ties, iterations=15, least_scale_px=1.0)
+    explained = float((np.linalg.norm(fit.residual, axis=1) < _FLAT_PX).mean())
+    if explained > _FLAT_SHARE:
+        raise CalibrationError(
+            f"one plane explains {100 * explained:.1f} % of the correspondences: a flat scene does not determine "
+            "the lenses; aim at a corner, so that at least two walls are lit and seen"
         )

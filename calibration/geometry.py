@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.epipolar import DataSheets, check_parallax, fit_epipolar, triangulated
+from calibration.epipolar import COLUMN_SHARES, DataSheets, check_not_flat, check_parallax, fit_epipolar, triangulated
 from calibration.pinhole import project, world_rays
 from calibration.plane_bundle import Bundle, adjust, transfer_of
 from calibration.planes import Axes, orthogonal_axes, segment_planes
@@ -23,6 +24,7 @@ from calibration.records import CalibrationError, FloatArray, PinholeModel
 
 MIN_POINTS = 500
 LEAST_INLIER_SHARE = 0.5
+_GOOD_SHARE = 0.9
 _FEW, _SOME, _MANY = 4000, 8000, 60000
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
@@ -86,11 +88,11 @@ def calibrate_pair(
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
     check_parallax(x1[:_FEW], x2[:_FEW], sheets)
-    candidates = fit_epipolar(x1[:_FEW], x2[:_FEW], sheets)
+    check_not_flat(x1[:_FEW], x2[:_FEW], sheets)
     on_step(1, 3)
-    bundle = _best_bundle(x1, x2, candidates, sheets, right_angles)
+    bundle = _best_bundle(x1, x2, sheets, right_angles)
     on_step(2, 3)
-    refined = adjust(x1, x2, bundle.devices, bundle.planes, bundle.axes, sheets, (1.0,))
+    refined = adjust(x1, x2, bundle.devices, bundle.planes, bundle.axes, sheets, (1.0,), 20)
     on_step(3, 3)
     return _finished(refined or bundle, x1, x2)
 
@@ -141,33 +143,24 @@ def _check_count(n: int) -> None:
         )
 
 
-def _best_bundle(
-    x1: FloatArray,
-    x2: FloatArray,
-    candidates: list[tuple[PinholeModel, PinholeModel]],
-    sheets: DataSheets,
-    right_angles: bool,
-) -> Bundle:
+def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: DataSheets, right_angles: bool) -> Bundle:
     """First candidate whose planes explain nearly all points, or the one that explains most."""
-    best, best_share, most_planes = None, 0.0, 0
-    for candidate in candidates:
+    best, best_share = None, 0.0
+    for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], sheets, share) for share in COLUMN_SHARES):
         planes = _planes_of(candidate, x1, x2)
-        most_planes = max(most_planes, len(planes))
         if len(planes) < 2:
             continue
         bundle = _adjusted_twice(candidate, planes, x1[:_SOME], x2[:_SOME], sheets, right_angles)
-        if bundle is not None and bundle.share > best_share:
-            best, best_share = bundle, bundle.share
-        if best_share > 0.9:
+        if bundle is None:
+            continue
+        share = bundle.share_on_axes if right_angles else bundle.share
+        if share > best_share:
+            best, best_share = bundle, share
+        if best_share > _GOOD_SHARE:
             break
-    if most_planes < 2:
+    if best is None or best.share < LEAST_INLIER_SHARE:
         raise CalibrationError(
-            f"the correspondences lie on {most_planes} plane(s), 2 are needed: a flat scene does "
-            "not determine the lenses; aim at a corner, so that at least two walls are lit and seen"
-        )
-    if best is None or best_share < LEAST_INLIER_SHARE:
-        raise CalibrationError(
-            f"flat walls explain only {100 * best_share:.0f} % of the correspondences, the limit is "
+            f"flat walls explain only {100 * (best.share if best else 0):.0f} % of the correspondences, the limit is "
             f"{100 * LEAST_INLIER_SHARE:.0f} %: check the fields of view in the profile, aim at bare walls"
         )
     return best
@@ -188,17 +181,17 @@ def _adjusted_twice(
     right_angles: bool,
 ) -> Bundle | None:
     """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
-    first = adjust(x1, x2, pair, planes, _free(planes), sheets, (4.0, 1.5))
+    first = adjust(x1, x2, pair, planes, _free(planes), sheets, (4.0, 1.5), 6)
     if right_angles and first is not None:
         axes = orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG)
-        first = adjust(x1, x2, first.devices, first.planes, axes, sheets, (1.5,))
+        first = adjust(x1, x2, first.devices, first.planes, axes, sheets, (1.5,), 12)
     if first is None:
         return None
     planes = _planes_of(first.devices, x1, x2)
     if len(planes) < 2:
         return first
     axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else _free(planes)
-    second = adjust(x1, x2, first.devices, planes, axes, sheets, (1.5, 1.0))
+    second = adjust(x1, x2, first.devices, planes, axes, sheets, (1.5, 1.0), 8)
     return first if second is None or second.share < 0.98 * first.share else second
 
 

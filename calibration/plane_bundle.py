@@ -27,6 +27,7 @@ _POSE, _TURN, _PLANES = 14, 20, 23
 _MARGIN_SHARE = 0.008
 """Points that two planes predict within this share of the projector's width lie near an edge: not used."""
 _LEAST_POINTS = 200
+_NOWHERE_PX = -1e6
 _CLUSTER_PX = 32
 
 
@@ -53,13 +54,23 @@ class Bundle:
         """Share of the points that the planes explain."""
         return float((self.label >= 0).mean())
 
+    @property
+    def share_on_axes(self) -> float:
+        """Share of the points on planes perpendicular to an axis of the room."""
+        on_axis = np.append(self.axes.of_plane >= 0, False)
+        return float(on_axis[self.label].mean())
+
 
 def transfer_of(camera: PinholeModel, projector: PinholeModel) -> Transfer:
     """Where camera pixels land in the projector if their points lie on a plane, normal / offset (3,)."""
 
     def transfer(x1: FloatArray, plane: FloatArray) -> FloatArray:
         rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
-        return _landed(projector, rays, rays @ plane)
+        along = rays @ plane
+        landed = _landed(projector, rays, along)
+        # The same plane mirrored behind the devices would land on the same pixels.
+        depth = (rays @ projector.rotation[2]) + projector.translation_m[2] * along
+        return np.where(((along > 0) & (depth > 0))[:, None], landed, _NOWHERE_PX)
 
     return transfer
 
@@ -76,6 +87,7 @@ def adjust(
     axes: Axes,
     sheets: DataSheets,
     limits_px: tuple[float, ...],
+    iterations: int,
 ) -> Bundle | None:
     """Fit, with points assigned to planes anew, within a smaller limit, before each round.
 
@@ -90,7 +102,7 @@ def adjust(
         if used.sum() < _LEAST_POINTS:
             return None
         residual = _residual(x1[used], x2[used], label[used], axes, sheets)
-        fit = robust_fit(residual, z, _ties(len(z)), iterations=25, least_scale_px=0.3)
+        fit = robust_fit(residual, z, _ties(len(z)), iterations=iterations, least_scale_px=0.3)
         z = fit.z
         camera, projector = _models(z, sheets)
         planes = _planes(z, axes)
