@@ -82,14 +82,3 @@ class Response:
     """(K,) increasing linear light at those levels, from 0 to 1 (a camera's end may differ from 1). [1]"""
     rms: float
     """Residual of the fit over the used samples, share of full scale. [1]"""
-
-
-@dataclass(frozen=True, slots=True)
-class Plane:
-    """A fitted wall: points x with normal · x = offset; the normal points to the lit side (the devices)."""
-
-    normal: FloatArray
-    """(3,) unit."""
-    offset_m: float
-    rms_m: float
-    n_points: int

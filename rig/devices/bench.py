@@ -88,17 +88,6 @@ class Bench:
         """(H, W) relative illumination of the camera's pixels."""
         return relative_illumination(self.camera, _pixel_grid(self.camera.shape)).astype(np.float32)
 
-    @property
-    def lit_share(self) -> float:
-        """Share of the room's surface that the projector can reach."""
-        area = self.room.cell_area_m2
-        reached = np.minimum(self._pixel_area_by_cell(), area)
-        return float(reached.sum() / area.sum())
-
-    def _pixel_area_by_cell(self) -> FloatArray:
-        density = self._emission @ np.ones(self._emission.shape[1], dtype=np.float32)
-        return np.asarray(np.where(density > 0, self.room.cell_area_m2, 0.0))
-
     def _direct(self, linear: Float32Array) -> Float32Array:
         blur = self.settings.projector.blur_px
         picture = cv2.GaussianBlur(linear, (0, 0), blur) if blur > 0 else linear
