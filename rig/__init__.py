@@ -5,23 +5,26 @@ A script opens a session and a rig and calls the verbs of the command line one a
 (docs/tutorials/first-session.md).
 """
 
-from rig.errors import (
-    CalibrationFailed,
-    CaptureTimeout,
-    DeviceError,
-    DeviceLost,
-    ProfileError,
-    RigError,
-    SessionCorrupt,
-    SessionError,
-    SessionLocked,
-    SettingRefused,
-    UsageError,
-)
-from rig.pair import Rig, open_rig
-from rig.profile import load_profile
-from rig.session import Session
-from rig.workflows.verbs import calibrate, compare, compensate, model, separate, write_report
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.errors import (
+        CalibrationFailed,
+        CaptureTimeout,
+        DeviceError,
+        DeviceLost,
+        ProfileError,
+        RigError,
+        SessionCorrupt,
+        SessionError,
+        SessionLocked,
+        SettingRefused,
+        UsageError,
+    )
+    from rig.pair import Rig, open_rig
+    from rig.profile import load_profile
+    from rig.session import Session
+    from rig.workflows.verbs import calibrate, compare, compensate, model, separate, write_report
 
 __all__ = [
     "CalibrationFailed",
@@ -46,3 +49,16 @@ __all__ = [
     "separate",
     "write_report",
 ]
+
+if not TYPE_CHECKING:
+    # Each name is imported when it is first used: `rig --help` needs no numpy, and Ctrl-C meets a quiet import.
+    _HOMES = {"Rig": "pair", "open_rig": "pair", "load_profile": "profile", "Session": "session"} | dict.fromkeys(
+        ("calibrate", "compare", "compensate", "model", "separate", "write_report"), "workflows.verbs"
+    )
+
+    def __getattr__(name):
+        if name not in __all__:
+            raise AttributeError(f"module 'rig' has no attribute {name!r}")
+        from importlib import import_module
+
+        return getattr(import_module(f"rig.{_HOMES.get(name, 'errors')}"), name)

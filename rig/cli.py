@@ -6,7 +6,9 @@ Exit status: 0 ok, 1 outside limits, 2 usage or profile, 3 device, 4 session, 13
 from __future__ import annotations
 
 import json
+import os
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,12 +17,19 @@ from cyclopts import App, Parameter
 
 from rig.errors import RigError, UsageError
 
+
+def _version() -> str:
+    return version("procam-rig")
+
+
 app = App(
     name="rig",
     help="Controller of a projector-camera rig: calibrate a room, simulate its interreflection, compensate it, "
     "and measure what was gained.\n\nStart with: rig run runs/first -p sim-room",
     help_format="markdown",
+    version=_version,
     version_flags=["--version"],
+    suppress_keyboard_interrupt=False,
 )
 profile_app = App(name="profile", help="Check hardware profiles without opening any device.")
 app.command(profile_app)
@@ -32,30 +41,38 @@ ProfileOption = Annotated[
 ]
 SessionFolder = Annotated[Path, Parameter(help="Folder of the session; made if it does not exist.")]
 Target = Annotated[Path | None, Parameter(help="Picture to show (PNG, JPEG, TIFF, EXR); default: a test picture.")]
+Fit = Annotated[
+    bool, Parameter(name="--fit", negative="", help="Scale and crop a target of another size to the projector's.")
+]
 Strategies = Annotated[
     str, Parameter(help="Strategies to project, separated by commas: none, direct, paper, exact, bounded.")
 ]
 DEFAULT_STRATEGIES = "none,direct,paper,exact,bounded"
 
 
-def main() -> None:
-    """Entry point of the command `rig`."""
-    sys.exit(run_command(sys.argv[1:]))
-
-
 def run_command(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
     try:
-        result = app(arguments, exit_on_error=False, print_error=True, result_action="return_value")
-    except cyclopts.CycloptsError:
+        result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        sys.stdout.flush()
+    except cyclopts.CycloptsError as error:
+        print(f"rig: {error}\ntry: {_help_of(arguments)}", file=sys.stderr)
         return 2
+    except BrokenPipeError:  # whoever reads the result has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
     except RigError as error:
         print(f"rig: {error}", file=sys.stderr)
         return error.exit_code
-    except KeyboardInterrupt:
-        print("rig: interrupted; nothing is lost, run the same command again to go on", file=sys.stderr)
-        return 130
     return result if isinstance(result, int) else 0
+
+
+def _help_of(arguments: list[str]) -> str:
+    """The command that explains the verb, or all verbs when there is no such verb."""
+    named = arguments[:2] if arguments[:1] == ["profile"] else arguments[:1]
+    known = ({*app}, {*profile_app})
+    verbs = [word for word, there in zip(named, known, strict=False) if word in there]
+    return " ".join(["rig", *verbs, "--help"])
 
 
 def _print_json(value: dict[str, Any]) -> None:
@@ -68,6 +85,7 @@ def run(
     *,
     profile: ProfileOption = None,
     target: Target = None,
+    fit: Fit = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     dry_run: Annotated[bool, Parameter(negative="", help="Print the plan and stop.")] = False,
     as_json: Json = False,
@@ -82,7 +100,7 @@ def run(
     from rig.terminal import TerminalProgress
     from rig.workflows.whole import Request, plan_session, run_session
 
-    request = Request(session, profile, target, tuple(strategies.split(",")))
+    request = Request(session, profile, target, _names(strategies), fit)
     if dry_run:
         plan = plan_session(request)
         _print_json(plan) if as_json else print_plan(plan)
@@ -93,33 +111,54 @@ def run(
     return 0 if result["within_limits"] else 1
 
 
-def _verb(upto: str, session: Path, profile: str | None, target: Path | None, strategies: str, as_json: bool) -> int:
+def _names(strategies: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in strategies.split(","))
+
+
+def _verb(
+    upto: str,
+    as_json: bool,
+    session: Path,
+    profile: str | None,
+    target: Path | None = None,
+    fit: bool = False,
+    strategies: str = DEFAULT_STRATEGIES,
+) -> int:
     from rig.report.tables import print_part
     from rig.terminal import TerminalProgress
     from rig.workflows.whole import Request, run_part
 
     with TerminalProgress() as progress:
-        result = run_part(Request(session, profile, target, tuple(strategies.split(","))), upto, progress)
+        result = run_part(Request(session, profile, target, _names(strategies), fit), upto, progress)
     _print_json(result) if as_json else print_part(upto, result)
     return 0 if result.get("within_limits", True) else 1
 
 
 @app.command
 def calibrate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
-    """Photometry, Gray code and geometry: response curves, lenses, poses, room."""
-    return _verb("calibrate", session, profile, None, "none", as_json)
+    """Photometry, Gray code and geometry: response curves, lenses, poses, room.
+
+    Example: rig calibrate runs/first -p sim-room
+    """
+    return _verb("calibrate", as_json, session, profile)
 
 
 @app.command
 def separate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
-    """Separate direct from global light with shifted checkers."""
-    return _verb("separate", session, profile, None, "none", as_json)
+    """Separate direct from global light with shifted checkers; calibrates first what is not calibrated.
+
+    Example: rig separate runs/first
+    """
+    return _verb("separate", as_json, session, profile)
 
 
 @app.command
 def model(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
-    """Build the room model: patches, reflectance, vignetting, brightness scale."""
-    return _verb("model", session, profile, None, "none", as_json)
+    """Build the room model: patches, reflectance, vignetting, brightness scale.
+
+    Example: rig model runs/first --json
+    """
+    return _verb("model", as_json, session, profile)
 
 
 @app.command
@@ -128,11 +167,15 @@ def compensate(
     *,
     profile: ProfileOption = None,
     target: Target = None,
+    fit: Fit = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
-    """Compute the projector images of each strategy for a target, and predict what the camera will see."""
-    return _verb("compensate", session, profile, target, strategies, as_json)
+    """Compute the projector images of each strategy for a target, and predict what the camera will see.
+
+    Example: rig compensate runs/first --target picture.png --strategies paper,bounded
+    """
+    return _verb("compensate", as_json, session, profile, target, fit, strategies)
 
 
 @app.command
@@ -141,16 +184,23 @@ def compare(
     *,
     profile: ProfileOption = None,
     target: Target = None,
+    fit: Fit = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
-    """Project and photograph each strategy and compare measurement with target and with simulation."""
-    return _verb("compare", session, profile, target, strategies, as_json)
+    """Project and photograph each strategy and compare measurement with target and with simulation.
+
+    Example: rig compare runs/first --target picture.png
+    """
+    return _verb("compare", as_json, session, profile, target, fit, strategies)
 
 
 @app.command
 def report(session: SessionFolder, *, as_json: Json = False) -> int:
-    """Write report.html of a session that has been compared."""
+    """Write report.html of a session that has been compared.
+
+    Example: rig report runs/first
+    """
     from rig.workflows.whole import rewrite_report
 
     path = rewrite_report(session)
@@ -164,7 +214,10 @@ def check(
     profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
     as_json: Json = False,
 ) -> int:
-    """Open a rig and measure what every rig must keep: latency, darkness, linearity, noise, additivity."""
+    """Open a rig and measure what every rig must keep: latency, darkness, linearity, noise, additivity.
+
+    Example: rig check -p sim-room
+    """
     from rig.report.tables import print_check
     from rig.terminal import TerminalProgress
     from rig.workflows.check import run_check
@@ -177,7 +230,10 @@ def check(
 
 @app.command
 def devices(*, as_json: Json = False) -> int:
-    """List cameras and display outputs that this machine's kernel shows."""
+    """List cameras and display outputs that this machine's kernel shows.
+
+    Example: rig devices --json
+    """
     from rig.report.tables import print_devices
     from rig.workflows.devices import list_devices
 
@@ -188,7 +244,10 @@ def devices(*, as_json: Json = False) -> int:
 
 @profile_app.command(name="check")
 def profile_check(*files: str, as_json: Json = False) -> int:
-    """Validate profiles: every problem of every file, a line each."""
+    """Validate profiles: every problem of every file, a line each.
+
+    Example: rig profile check hw_profiles/*.toml
+    """
     from rig.profile import check_profiles
 
     if not files:
@@ -208,7 +267,10 @@ def paper(
     figures: Annotated[Path | None, Parameter(help="Folder for pictures like the paper's figures.")] = None,
     as_json: Json = False,
 ) -> int:
-    """Repeat the six configurations of Dehos et al. 2014, the published figures beside ours."""
+    """Repeat the six configurations of Dehos et al. 2014, the published figures beside ours.
+
+    Example: rig paper --figures figures/
+    """
     from rig.report.tables import print_paper
     from rig.terminal import TerminalProgress
     from rig.workflows.paper import run_paper
@@ -226,7 +288,10 @@ def simulate(
     tolerance: Annotated[float, Parameter(help="Wanted error, % of white.")] = 1.0,
     as_json: Json = False,
 ) -> int:
-    """Plan and run a simulation as fine as a tolerance needs, without any device."""
+    """Plan and run a simulation as fine as a tolerance needs, without any device.
+
+    Example: rig simulate paper-room --tolerance 0.5
+    """
     from rig.report.tables import print_simulation
     from rig.terminal import TerminalProgress
     from rig.workflows.simulate import run_simulate
@@ -244,7 +309,10 @@ def scan(
     output: Annotated[Path, Parameter(name=["--output", "-o"], help="Point cloud to write.")] = Path("cloud.ply"),
     as_json: Json = False,
 ) -> int:
-    """Turn Gray-code photographs and known lenses into a point cloud (.ply)."""
+    """Turn Gray-code photographs and known lenses into a point cloud (.ply).
+
+    Example: rig scan photographs/replay.toml -o cloud.ply
+    """
     from rig.report.tables import print_scan
     from rig.terminal import TerminalProgress
     from rig.workflows.scan import run_scan
@@ -253,7 +321,3 @@ def scan(
         result = run_scan(manifest, output, on_step=progress)
     _print_json(result) if as_json else print_scan(result)
     return 0
-
-
-if __name__ == "__main__":
-    main()

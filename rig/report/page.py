@@ -91,7 +91,7 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         "frame_text": f"{len(frames)} frames, {len(notes)} events (stale or lost frames, retries)."
         + (f" The first {_MAX_EVENTS} are shown." if len(notes) > _MAX_EVENTS else ""),
         "frame_events": notes[:_MAX_EVENTS],
-        "repeat": f"rig run {session.path} -p {profile.name}",
+        "repeat": f"rig run {session.path.name} -p {profile.name}",
         "provenance": f"Profile {profile.name}, sha256 {profile.sha256[:16]}…; the session folder holds an exact copy. "
         f"Target: {session.finished('compensate').settings['target']}, sha256 "
         f"{session.finished('compensate').settings['target_sha256'][:16]}….",

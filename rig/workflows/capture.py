@@ -49,8 +49,10 @@ def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, name: st
     """One frame to disk, and what went wrong on the way to the session's log."""
     before = len(rig.events)
     raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
-    for event in rig.events[before:]:
-        session.note({"step": step.name, "frame": name, "event": event.kind, "detail": event.detail})
+    events = enumerate(rig.events[before:])
+    notes = [{"step": step.name, "frame": name, "nth": k, "event": e.kind, "detail": e.detail} for k, e in events]
+    known = [line["note"] for line in session.frame_log() if line["event"] == "note"] if notes else []
+    for note in notes:
+        if note not in known:  # a run that was killed here has noted it already
+            session.note(note)
     step.save_frame(name, raw, pattern=pattern.name)
-
-

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from typing import cast
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.devices.bench import Bench
 from rig.devices.bench_room import reflectance_at
+from rig.devices.simulated import SimulatedCamera
 from rig.pair import Rig
 from rig.session import Session
 from rig.twin import Optic
@@ -17,10 +20,18 @@ FloatArray = NDArray[np.float64]
 
 
 def score(rig: Rig, session: Session) -> dict[str, float] | None:
-    """The error of each calibrated quantity; None on a rig that has no truth."""
-    bench = getattr(rig.camera, "bench", None)
-    if not isinstance(bench, Bench):
+    """The error of each calibrated quantity, from step `truth`; None on a rig that has no truth."""
+    if rig.profile.bench is None:
         return None
+    step = session.step("truth", needs=("geometry", "separation", "model"))
+    if not step.done:
+        step.save_record("truth", _scores(cast("SimulatedCamera", rig.camera).bench, session))
+        step.finish()
+    scores: dict[str, float] = step.load_record("truth")
+    return scores
+
+
+def _scores(bench: Bench, session: Session) -> dict[str, float]:
     model = load_model(session)
     scores = _pose_errors(bench, model.twin.camera, model.twin.projector)
     scores["surface_median_mm"] = _surface_error_mm(bench, model)

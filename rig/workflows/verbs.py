@@ -100,5 +100,5 @@ def write_report(session: Session, on_step: OnStep = silent) -> Path:
 
     metrics = session.read_metrics()
     path = write_page(session, metrics, on_step)
-    session.write_metrics({**metrics, "report": str(path)})
+    session.write_metrics({**metrics, "report": path.name})
     return path

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from calibration.records import CalibrationError
 from rig.errors import CalibrationFailed, SessionError
+from rig.journal import JOURNAL_NAME, Event, read_events
 from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
 from rig.report.page import write_report
@@ -55,18 +56,40 @@ class Request:
 
 
 def plan_session(request: Request) -> dict[str, Any]:
-    """What a run would do, without opening a device or touching the session."""
+    """What a run would do; opens no device, and only reads the session.
+
+    Raises what a run would raise before its first frame: ProfileError, UsageError, SessionError.
+    """
     profile = _profile_of(request)
-    load_target(request.target, profile.projector.shape, request.fit)
+    target = load_target(request.target, profile.projector.shape, request.fit)
     strategies = check_strategies(request.strategies)
     exists = (request.folder / "session.json").exists()
-    done = set()
-    if exists:
-        with Session.open(request.folder, profile) as session:
-            done = {name for name in STEPS if session.is_finished(name)}
+    done = _finished(request.folder, profile, target, strategies) if exists else set()
     frames = _frame_counts(profile, len(strategies))
     steps = [{"step": name, "done": name in done, "frames": frames.get(name, 0)} for name in STEPS]
     return {"session": str(request.folder), "profile": profile.name, "exists": exists, "steps": steps}
+
+
+def _finished(folder: Path, profile: Profile, target: Target, strategies: tuple[str, ...]) -> set[str]:
+    """Steps that a run would skip, from the journal alone; another process may be working on the session."""
+    if (folder / "profile.toml").read_bytes() != profile.raw:
+        raise SessionError(
+            f"{folder}: was made with another profile than {profile.path}; leave the profile out, or give a new folder"
+        )
+    begun: dict[str, Event] = {}
+    done: set[str] = set()
+    for event in read_events(folder / JOURNAL_NAME):
+        if event["event"] == "begin":
+            begun[event["step"]] = event["settings"]
+        if event["event"] == "finish":
+            done.add(event["step"])
+        elif "step" in event:
+            done.discard(event["step"])
+    wanted = {"target_sha256": target.sha256, "strategies": list(strategies)}
+    computed = begun.get("compensate", {})
+    if any(computed.get(key) != value for key, value in wanted.items()):
+        done -= {"compensate", "project", "compare"}
+    return done
 
 
 def _frame_counts(profile: Profile, n_strategies: int) -> dict[str, int]:
@@ -96,20 +119,50 @@ def run_part(request: Request, upto: str, on_step: OnStep) -> dict[str, Any]:
 
 
 def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict[str, Any]:
-    profile = _profile_of(request)
+    named = _profile_of(request)
     check_strategies(request.strategies)
     stages = STAGES[: STAGES.index(upto) + 1]
     needs_target = "compensate" in stages
-    target = load_target(request.target, profile.projector.shape, request.fit) if needs_target else None
-    with Session.open(request.folder, profile) as session:
-        with open_rig(profile, resume_at_s=session.last_clock_s) as rig, _one_error_tree():
-            for stage in stages:
-                _STAGE_RUNS[stage](rig, session, target, request, on_step)
-            metrics = collect_metrics(session, rig, upto)
-        if upto == "compare":
-            metrics["report"] = str(write_report(session, metrics, on_step))
-        session.write_metrics(metrics)
-    return {**metrics, "elapsed_s": time.perf_counter() - started_s}
+    target = load_target(request.target, named.projector.shape, request.fit) if needs_target else None
+    with ExitStack() as stack, _one_error_tree():
+        opening = _Opening(named, stack)
+        if not (request.folder / "session.json").exists():
+            opening.rig()  # devices that do not open leave no session behind
+        session = stack.enter_context(Session.open(request.folder, named if request.profile else None))
+        opening.profile = named if request.profile else session.profile
+        opening.resume_at_s = session.last_clock_s
+        rig = cast("Rig", opening)
+        for stage in stages:
+            _STAGE_RUNS[stage](rig, session, target, request, on_step)
+        metrics = collect_metrics(session, rig, upto)
+        if upto != "compare":
+            session.write_metrics(metrics)
+            return {**metrics, "elapsed_s": time.perf_counter() - started_s}
+        report = write_report(session, metrics, on_step)
+        session.write_metrics({**metrics, "report": report.name})
+    return {**metrics, "report": str(report), "elapsed_s": time.perf_counter() - started_s}
+
+
+class _Opening:
+    """Stands for a rig: has its profile, and opens it when a step asks for more.
+
+    A session whose steps are all done needs no device.
+    """
+
+    def __init__(self, profile: Profile, stack: ExitStack):
+        self.profile = profile
+        self.resume_at_s = 0.0
+        self._stack = stack
+        self._rig: Rig | None = None
+
+    def rig(self) -> Rig:
+        """Open once, until the stack unwinds."""
+        if self._rig is None:
+            self._rig = self._stack.enter_context(open_rig(self.profile, resume_at_s=self.resume_at_s))
+        return self._rig
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rig(), name)
 
 
 def _profile_of(request: Request) -> Profile:
