@@ -1,0 +1,109 @@
+"""How often each Gray code is misread in the closed, bright simulated room: python benchmarks/gray_codes.py [PROFILE].
+
+Both codes are photographed on the same simulated rig (noise, blur, interreflection) and decoded with the same
+limits; every pixel that the decoder calls valid is compared with the projector pixel that the bench's geometry says.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.decode import decode_gray
+from calibration.gray import CodeName
+from calibration.patterns import flat, gray_code_patterns
+from rig import Rig, open_rig
+from rig.devices.bench import Bench
+from rig.devices.bench_optics import directions, pixels_of
+from rig.devices.bench_room import trace
+from rig.devices.simulated import SimulatedCamera
+
+FloatArray = NDArray[np.float64]
+_SIGMAS = 2.0
+_WRONG_PX = 2.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How well one code was read."""
+
+    code: CodeName
+    valid_share: float
+    """Of the camera's pixels."""
+    wrong_share: float
+    """Of the valid ones: further than 2 projector pixels from the truth."""
+    wrong_median_px: float
+    worst_px: float
+
+
+def read_code(rig: Rig, code: CodeName) -> Reading:
+    """Photograph, decode, compare with the bench."""
+    bench = bench_of(rig)
+    shape = rig.projector.shape
+    frames = {
+        pattern.name: rig.shoot(pattern.codes, name=pattern.name).pixels[..., 0]
+        for pattern in gray_code_patterns(shape, code=code)
+    }
+    white, black = (rig.shoot(flat(shape, c).codes, name=f"flat-{c}").pixels[..., 0] for c in (255, 0))
+    limit = _SIGMAS * np.sqrt(2) * _noise_dn(rig, white, black)
+    found = decode_gray(frames, shape, white=white, black=black, contrast_limit=limit, bit_limit=limit, code=code)
+    error = np.linalg.norm(found.projector_xy_px - true_projector_xy(bench), axis=-1)[found.valid]
+    wrong = error > _WRONG_PX
+    median = float(np.median(error[wrong])) if wrong.any() else 0.0
+    return Reading(code, float(found.valid.mean()), float(wrong.mean()), median, float(error.max()))
+
+
+def bench_of(rig: Rig) -> Bench:
+    """The truth behind a simulated rig."""
+    if not isinstance(rig.camera, SimulatedCamera):
+        raise SystemExit("only a simulated rig knows the truth; give a profile with driver = 'simulated'")
+    return rig.camera.bench
+
+
+def true_projector_xy(bench: Bench) -> FloatArray:
+    """(H, W, 2) projector pixel that each camera pixel's centre sees, by the bench's own geometry."""
+    height, width = bench.camera.shape
+    grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float64)
+    surface = trace(bench.room, bench.camera.position_m, directions(bench.camera, grid))
+    return np.asarray(pixels_of(bench.projector, surface.points_m))
+
+
+def _noise_dn(rig: Rig, white: NDArray[np.uint16], black: NDArray[np.uint16]) -> FloatArray:
+    """(H, W) standard deviation of a half-lit frame, from the bench's sensor."""
+    sensor = bench_of(rig).settings.camera
+    gain = sensor.full_well_e / (rig.camera.full_scale_dn - sensor.black_level_dn)
+    level = np.maximum((white / 2 + black / 2) - sensor.black_level_dn, 0)
+    return np.asarray(np.sqrt(level / gain + (sensor.read_noise_e / gain) ** 2 + 1 / 12))
+
+
+def expose(rig: Rig, aim: float = 0.85) -> None:
+    """Set the exposure so that white stays just below saturation."""
+    exposure_s = rig.profile.camera.exposure_s
+    for _ in range(10):
+        white = rig.shoot(flat(rig.projector.shape, 255).codes, name="white", exposure_s=exposure_s).pixels
+        level = float(np.quantile(white, 0.999)) / rig.camera.full_scale_dn
+        if abs(level - aim) < 0.1 * aim:
+            return
+        shortest, longest = rig.camera.exposure_range_s
+        factor = 0.25 if level > 0.98 else aim / max(level, 0.01)
+        exposure_s = float(np.clip(exposure_s * factor, shortest, longest))
+
+
+def main(profile: str = "sim-room") -> None:
+    """Print a line for each code."""
+    with open_rig(profile) as rig:
+        expose(rig)
+        print(f"{profile}: valid = share of all camera pixels; wrong = share of the valid, beyond {_WRONG_PX:g} px")
+        for code in ("gray", "long-run"):
+            r = read_code(rig, code)
+            print(
+                f"{code:9} valid {100 * r.valid_share:5.1f} %  wrong {100 * r.wrong_share:5.2f} %  "
+                f"median of the wrong {r.wrong_median_px:6.1f} px  worst {r.worst_px:6.1f} px"
+            )
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:2])
