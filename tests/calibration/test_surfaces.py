@@ -1,0 +1,154 @@
+"""Planes found in points, and the room made of them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.geometry import PairCalibration
+from calibration.planes import assign_planes, orthogonal_axes, segment_planes
+from calibration.records import CalibrationError, PinholeModel
+from calibration.room import room_from_pair
+
+SIZE_M = (4.8, 4.8, 2.4)
+WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
+
+
+def model(device, rotation, translation_m):
+    height, width = device.shape
+    focal = (device.focal_px, device.focal_px)
+    distortion = tuple(device.distortion)
+    return PinholeModel(width, height, focal, device.principal_point_px, distortion, rotation, translation_m)
+
+
+def true_pair(room, faces):
+    """What a perfect calibration of the room would give, in metres, in the camera's frame."""
+    turn, at = room.camera.rotation, np.array(room.camera.position_m)
+    camera = model(room.camera, np.eye(3), np.zeros(3))
+    relative = room.projector.rotation @ turn.T
+    projector = model(room.projector, relative, room.projector.rotation @ (at - room.projector.position_m))
+    planes = []
+    for face in faces:
+        normal = np.eye(3)[WALLS[face]]
+        position = 0.0 if face in ("x0", "y0", "floor") else room.size_m[WALLS[face]]
+        planes.append(turn @ normal / (position - normal @ at))
+    axes = tuple(WALLS[face] for face in faces)
+    return PairCalibration(camera, projector, np.array(planes), axes, turn.T, 0.1, 0.1, 0.1, {}, 1.0)
+
+
+def test_the_room_of_the_bench_comes_out_in_the_frame_of_the_bench(room):
+    box = room_from_pair(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
+    assert box.size_m == pytest.approx(SIZE_M)
+    assert box.seen == ("x1", "y1", "floor", "ceiling")
+    assert np.allclose(box.camera.position_m, room.camera.position_m)
+    assert np.allclose(box.projector.position_m, room.projector.position_m)
+    assert np.allclose(box.camera.rotation, room.camera.rotation)
+    assert np.allclose(box.projector.rotation, room.projector.rotation)
+
+
+def test_a_seen_wall_stands_where_it_was_measured_whatever_the_tape_says(room):
+    box = room_from_pair(true_pair(room, ("x1", "y1", "floor", "ceiling")), (5.0, 4.8, 9.9))
+    assert box.size_m == pytest.approx((5.0, 4.8, 2.4))
+    assert box.camera.position_m[0] == pytest.approx(room.camera.position_m[0] + 0.2)
+
+
+def test_without_a_tape_measure_unseen_walls_stand_half_a_metre_behind(room):
+    box = room_from_pair(true_pair(room, ("x1", "y1", "floor", "ceiling")), None)
+    behind = min(room.camera.position_m[0], room.projector.position_m[0]) - 0.5
+    assert box.size_m[0] == pytest.approx(4.8 - behind)
+    assert "0.5 m behind" in box.notes
+    assert "x0" in box.notes
+
+
+def test_an_open_room_has_only_the_faces_that_were_seen(room):
+    box = room_from_pair(true_pair(room, ("x1", "y1", "floor")), SIZE_M, closed=False)
+    assert box.faces == box.seen == ("x1", "y1", "floor")
+
+
+@pytest.mark.parametrize("corner", [(4.8, 4.8), (0.0, 4.8), (0.0, 0.0), (4.8, 0.0)])
+def test_any_corner_gives_a_room_that_is_turned_by_quarters_and_not_mirrored(room, corner):
+    x, y = corner
+    seen = ("x1" if x else "x0", "y1" if y else "y0", "floor", "ceiling")
+    # From the middle of the room, a little to the corner's right and left.
+    other = room.changed(
+        camera={"position_m": (2.2, 2.6, 1.4), "look_at_m": (x, y, 1.1)},
+        projector={"position_m": (2.5, 2.3, 1.2), "look_at_m": (x, y, 1.2)},
+    )
+    box = room_from_pair(true_pair(other, seen), SIZE_M)
+    turn = box.camera.rotation.T @ other.camera.rotation
+    assert np.allclose(np.abs(turn).max(axis=1), 1)
+    assert np.linalg.det(turn) == pytest.approx(1)
+    assert turn[2, 2] == pytest.approx(1)
+    assert (np.array(box.size_m) > box.camera.position_m).all()
+    assert (box.camera.position_m > 0).all()
+    assert box.seen == ("x1", "y1", "floor", "ceiling")
+
+
+def test_two_walls_on_one_axis_make_no_room(room):
+    with pytest.raises(CalibrationError, match="aim at a corner"):
+        room_from_pair(true_pair(room, ("floor", "ceiling")), SIZE_M)
+
+
+def test_planes_that_fit_no_axis_make_no_room(room):
+    pair = replace(true_pair(room, ("x1", "y1")), axes=(-1, -1))
+    with pytest.raises(CalibrationError, match="right angles"):
+        room_from_pair(pair, SIZE_M)
+
+
+def straight(x1, plane):
+    """A camera of focal length 500 px; the projector stands 1 to the right, looking the same way."""
+    rays = np.column_stack([x1 / 500, np.ones(len(x1))])
+    points = rays / (rays @ plane)[:, None]
+    return (points[:, :2] - [1.0, 0.0]) / points[:, 2:] * 500
+
+
+def two_walls(random):
+    """Points on planes z = 4 and x = 2 seen by that camera, each with its projector pixel and which wall it is."""
+    x1 = random.uniform(-400, 400, (3000, 2))
+    planes = np.array([[0, 0, 1 / 4], [1 / 2, 0, 0]])
+    along = np.column_stack([x1 / 500, np.ones(len(x1))]) @ planes.T
+    wall = along.argmax(axis=1)
+    x2 = np.where(wall[:, None] == 0, straight(x1, planes[0]), straight(x1, np.array([0.5, 0, 1e-12])))
+    points = np.column_stack([x1 / 500, np.ones(len(x1))]) / along.max(axis=1)[:, None]
+    return x1, x2 + random.normal(0, 0.1, x2.shape), points, planes, wall
+
+
+def test_two_walls_are_told_apart_and_strays_left_out():
+    random = np.random.default_rng(2)
+    x1, x2, points, planes, wall = two_walls(random)
+    stray = random.random(len(x1)) < 0.05
+    x2[stray] += random.uniform(20, 60, (stray.sum(), 2))
+    points[stray] *= random.uniform(0.5, 0.9, (stray.sum(), 1))
+    found = segment_planes(points, straight, x2, x1, np.ones(len(x1), dtype=bool))
+    assert len(found) == 2
+    order = np.argsort(-found[:, 2])
+    assert np.allclose(found[order], planes, atol=1e-3)
+    label = assign_planes(straight, x1, x2, found[order], limit_px=2.0)
+    assert (label[stray] == -1).mean() > 0.98
+    assert (label[~stray] == wall[~stray]).mean() > 0.99
+
+
+def test_points_near_an_edge_belong_to_no_wall_when_a_margin_is_asked_for():
+    x1, x2, _, planes, wall = two_walls(np.random.default_rng(3))
+    label = assign_planes(straight, x1, x2, planes, limit_px=2.0, margin_px=8.0)
+    # The walls meet at x = 2, z = 4: column 250.
+    near = np.abs(x1[:, 0] - 250) < 5
+    far = np.abs(x1[:, 0] - 250) > 60
+    assert (label[near] == -1).all()
+    assert (label[far] == wall[far]).mean() > 0.99
+
+
+def test_axes_are_exactly_orthogonal_and_nearest_to_the_normals():
+    turn = np.linalg.qr(np.random.default_rng(4).normal(size=(3, 3)))[0]
+    normals = turn + np.random.default_rng(5).normal(0, 0.02, (3, 3))
+    axes = orthogonal_axes(np.vstack([normals / 3, -normals[:1] / 2]))
+    assert np.allclose(axes.directions @ axes.directions.T, np.eye(3))
+    assert axes.of_plane[0] == axes.of_plane[3]
+    assert sorted(axes.of_plane[:3]) == [0, 1, 2]
+    assert np.degrees(np.arccos(np.abs(axes.directions @ turn.T).max(axis=1))).max() < 3
+
+
+def test_a_sloping_ceiling_is_on_no_axis():
+    slope = np.array([0, np.sin(np.radians(40)), np.cos(np.radians(40))])
+    axes = orthogonal_axes(np.vstack([np.eye(3), slope]))
+    assert axes.of_plane[3] == -1
