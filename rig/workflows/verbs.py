@@ -64,6 +64,8 @@ def compensate(
     target: str | Path | None = None,
     strategies: Sequence[str] = STRATEGIES,
     on_step: OnStep = silent,
+    *,
+    fit: bool = False,
 ) -> None:
     """Compute each strategy's projector image for a target and predict its camera image. Needs `model`.
 
@@ -73,11 +75,13 @@ def compensate(
         A picture of the projector's size; default: a photograph that ships with scikit-image.
     strategies
         Of ``none, direct, paper, exact, bounded``; ``none`` is always among them.
+    fit
+        Scale and crop a picture of another size.
     """
     from rig.workflows.compensate import check_strategies, compute_compensation
     from rig.workflows.target import load_target
 
-    picture = load_target(None if target is None else Path(target), rig.projector.shape)
+    picture = load_target(None if target is None else Path(target), rig.projector.shape, fit)
     compute_compensation(session, picture, check_strategies(tuple(strategies)), on_step)
 
 

@@ -1,0 +1,180 @@
+"""Every fenced block of every page is run or checked, in the order in which a reader meets it."""
+
+import json
+import re
+import shlex
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sybil import Document, Example
+from sybil.evaluators.python import PythonEvaluator
+from sybil.parsers.markdown import CodeBlockParser
+
+from rig.cli import run_command
+from rig.devices.manifest import load_manifest
+from rig.profile import Profile
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", ROOT / "tests" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+QUICK = {"sim-room": "ci-tiny", "hw_profiles/sim-room.toml": "ci-tiny"}
+"""Pages name the room that people look at; the tests take the same room at few pixels."""
+RUN = re.compile(r"^```(python|console|bash|toml|json)", re.MULTILINE)
+FENCE = re.compile(r"^```([a-z]*)[^\n]*\n", re.MULTILINE)
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+NOT_A_FILE = ("http://", "https://", "#")
+SOUND = {0, 1}
+"""Exit status: 1 says that a result is outside its limits, which is a result."""
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", [p for p in PAGES if RUN.search(p.read_text("utf-8"))], ids=name_of)
+def test_every_block_of_the_page_runs(page: Path, reader: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    document = blocks_of(page)
+    document.namespace["_capsys"] = capsys
+    for example in document.examples():
+        example.evaluate()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_block_names_a_language_that_is_checked(page: Path) -> None:
+    languages = FENCE.findall(page.read_text(encoding="utf-8"))[::2]
+    assert set(languages) <= {"python", "console", "bash", "toml", "json", "text"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_links_lead_somewhere(page: Path) -> None:
+    targets = LINK.findall(page.read_text(encoding="utf-8"))
+    files = [target.partition("#")[0] for target in targets if not target.startswith(NOT_A_FILE)]
+    assert [file for file in files if not (page.parent / file).exists()] == []
+
+
+def test_every_page_is_reached_from_the_readme() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    pages = [name_of(page) for page in PAGES[1:] if "decisions" not in page.parts]
+    assert [page for page in pages if f"({page})" not in text] == []
+
+
+def test_the_tutorials_session_has_at_most_fifteen_lines() -> None:
+    page = (ROOT / "docs/tutorials/first-session.md").read_text(encoding="utf-8")
+    script = page.split("```python\n")[1].split("```")[0]
+    assert 5 < len(script.strip().splitlines()) <= 15
+    assert script.count("ci-tiny") == 1
+
+
+def test_a_json_block_that_shows_keys_that_do_not_exist_is_found() -> None:
+    assert missing_keys({"a": 1, "b": {"c": 2}}, {"a": 3, "b": {}}) == ["b.c"]
+
+
+def blocks_of(page: Path) -> Document:
+    """A page with all its executable blocks, in order."""
+    parsers = [
+        CodeBlockParser("python", PythonEvaluator()),
+        CodeBlockParser("console", run_console),
+        CodeBlockParser("bash", check_shell),
+        CodeBlockParser("toml", check_toml),
+        CodeBlockParser("json", lambda example: json.loads(example.parsed) and None),
+    ]
+    return Document.parse(str(page), *parsers)
+
+
+def run_console(example: Example) -> None:
+    """Run each `$ rig …`; what the page shows below it, if JSON, has to have the keys of the real answer."""
+    parts = re.split(r"^\$ ", example.parsed, flags=re.MULTILINE)[1:]
+    assert parts, "a console block begins its commands with '$ '"
+    for part in parts:
+        command, _, shown = part.partition("\n")
+        if command.startswith("rig "):
+            run_rig(command, shown, example.namespace["_capsys"])
+        else:
+            check_shell_line(command)
+
+
+def run_rig(command: str, shown: str, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = [QUICK.get(word, word) for word in shlex.split(command, comments=True)[1:]]
+    capsys.readouterr()
+    status = run_command(arguments)
+    answer = capsys.readouterr()
+    assert status in SOUND, f"{command}: exit status {status}\n{answer.err}"
+    if shown.strip().startswith("{"):
+        assert missing_keys(json.loads(shown), json.loads(answer.out)) == [], command
+
+
+def missing_keys(shown: Any, real: Any, place: str = "") -> list[str]:
+    """Keys that a page shows and the real answer lacks."""
+    if not isinstance(shown, dict):
+        return []
+    missing = [f"{place}{key}" for key in shown if key not in real]
+    inner = [missing_keys(value, real[key], f"{place}{key}.") for key, value in shown.items() if key in real]
+    return missing + [name for names in inner for name in names]
+
+
+def check_shell(example: Example) -> None:
+    for line in example.parsed.splitlines():
+        check_shell_line(line.split("#")[0].strip())
+
+
+def check_shell_line(line: str) -> None:
+    """Make targets and scripts exist; packages are those that continuous integration installs."""
+    words = shlex.split(line)
+    if not words:
+        return
+    if words[0] == "make":
+        makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+        assert re.search(rf"^{words[1]}:", makefile, re.MULTILINE), f"no target {words[1]}"
+    elif words[:3] == ["sudo", "apt-get", "install"]:
+        needed = (ROOT / ".ci" / "run").read_text(encoding="utf-8").split()
+        assert [word for word in words[3:] if word not in needed] == []
+    elif words[0] in {".venv/bin/python", "python"}:
+        script = words[2] if words[1] == "-m" else words[1]
+        assert script == "pytest" or (ROOT / script).is_file(), line
+    else:
+        assert words[0] in {"git", "cd", "source"}, f"how is {line!r} to be checked?"
+
+
+def check_toml(example: Example) -> None:
+    """A whole file has to be valid as it stands; a part of one, laid over the last whole one (or `ci-tiny`)."""
+    data = tomllib.loads(example.parsed)
+    tiny = ROOT / "hw_profiles" / "ci-tiny.toml"
+    base = example.namespace.get("_whole") or tomllib.loads(tiny.read_text(encoding="utf-8"))
+    whole = data if "schema" in data else overlaid(base, data)
+    if "schema" in data:
+        example.namespace["_whole"] = data
+    if "refresh_rate_hz" in whole["projector"]:
+        Profile.parse(toml_of(whole).encode(), ROOT / "hw_profiles" / "page.toml")
+    else:
+        Path("page.toml").write_text(toml_of(whole), encoding="utf-8")
+        load_manifest(Path("page.toml"))
+
+
+def overlaid(base: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
+    """The base with a part's keys; [scale] and [replay] are replaced as a whole."""
+    result = dict(base)
+    for key, value in part.items():
+        own = result.get(key)
+        merges = isinstance(value, dict) and isinstance(own, dict) and key not in {"scale", "replay"}
+        result[key] = overlaid(own, value) if merges and own is not None else value
+    if result.get("driver") is None and result.get("camera", {}).get("driver") == "replay":
+        result.pop("bench", None)
+    return result
+
+
+def toml_of(table: dict[str, Any], prefix: str = "") -> str:
+    """TOML of nested tables; enough for profiles and manifests."""
+    lines = [f"{key} = {toml_value(value)}" for key, value in table.items() if not isinstance(value, dict)]
+    for key, value in table.items():
+        if isinstance(value, dict):
+            lines += [f"[{prefix}{key}]", toml_of(value, f"{prefix}{key}.")]
+    return "\n".join(lines)
+
+
+def toml_value(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml_value(one)}" for key, one in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return json.dumps(value) if isinstance(value, bool | str) else repr(value)

@@ -1,0 +1,77 @@
+"""The reference pages say what the code says."""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from rig.cli import app
+from rig.devices import bench_settings
+from rig.profile import Profile
+
+ROOT = Path(__file__).parents[2]
+ROW = re.compile(r"^\| `([a-z_0-9]+)` \| (.+?) \| (.+) \|$", re.MULTILINE)
+PARTS_OF_BENCH = {
+    "[[bench.posters]]": bench_settings.Poster,
+    "[bench.camera]": bench_settings.BenchCamera,
+    "[bench.projector]": bench_settings.BenchProjector,
+}
+
+
+def page(name: str) -> str:
+    return (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8")
+
+
+def tables_of_the_code() -> dict[str, Mapping[str, FieldInfo]]:
+    """Fields of each table of a profile, by the heading that the page gives it."""
+    tables = {
+        f"[{name}]": model.model_fields
+        for name, field in Profile.model_fields.items()
+        if (model := model_of(field)) is not None
+    }
+    top = {field.alias or name: field for name, field in Profile.model_fields.items() if f"[{name}]" not in tables}
+    return {"Top level": top} | tables | {name: part.model_fields for name, part in PARTS_OF_BENCH.items()}
+
+
+def model_of(field: FieldInfo) -> type[BaseModel] | None:
+    options = [field.annotation, *getattr(field.annotation, "__args__", ())]
+    return next((o for o in options if isinstance(o, type) and issubclass(o, BaseModel)), None)
+
+
+def sections(text: str) -> dict[str, str]:
+    parts = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    return {part.partition("\n")[0].strip("` "): part for part in parts}
+
+
+def as_written(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(as_written, value)) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def test_the_profile_page_has_exactly_the_tables_of_the_code() -> None:
+    assert list(sections(page("profile.md"))) == list(tables_of_the_code())
+
+
+@pytest.mark.parametrize("table", tables_of_the_code())
+def test_the_profile_page_has_every_key_with_its_default(table: str) -> None:
+    shown = {key: default for key, default, _ in ROW.findall(sections(page("profile.md"))[table])}
+    real = {
+        key: "required" if field.is_required() else as_written(field.default)
+        for key, field in tables_of_the_code()[table].items()
+    }
+    assert shown == real
+
+
+def test_the_command_line_page_has_exactly_the_verbs_of_the_code() -> None:
+    verbs = {name for name in app if not name.startswith("-")}
+    shown = {words.split()[1] for words in re.findall(r"^\| `(rig [^`]+)`", page("command-line.md"), re.MULTILINE)}
+    assert shown == verbs
