@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.devices.bench import Bench
 from rig.devices.clock import VirtualClock
-from rig.devices.manifest import load_manifest
+from rig.devices.manifest import check_photographs, load_manifest
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
 from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
 from rig.devices.simulated import SimulatedCamera, SimulatedProjector
@@ -274,6 +274,7 @@ def _recording(profile: Profile) -> Recording:
             manifest.projector_shape,
         )
         frames = photographed_frames(manifest, camera.channels)
+        check_photographs(manifest)
     else:
         theirs = load_profile(source / "profile.toml")
         recorded = (theirs.camera.shape, theirs.camera.full_scale_dn, theirs.projector.shape)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -30,6 +31,8 @@ class TerminalProgress:
         )
         self._progress = Progress(*columns, console=self._console)
         self._tasks: dict[str, TaskID] = {}
+        self._line = ""
+        """What is to be printed when the next step begins: a step may grow while it runs."""
 
     def __enter__(self) -> TerminalProgress:
         if self._console.is_terminal:
@@ -41,13 +44,15 @@ class TerminalProgress:
     ) -> None:
         if self._console.is_terminal:
             self._progress.stop()
+        elif self._line:
+            self._console.out(self._line, highlight=False)
 
     def __call__(self, label: str, done: int, total: int) -> None:
         """Show that `done` of `total` parts of the step `label` are there."""
         if not self._console.is_terminal:
-            if done >= total and label not in self._tasks:
-                self._tasks[label] = TaskID(len(self._tasks))
-                self._console.print(f"{label}: {total} done", highlight=False)
+            if self._line and not self._line.startswith(f"{label}: "):
+                self._console.out(self._line, highlight=False)
+            self._line = f"{label}: {done} of {total} done"
             return
         if label not in self._tasks:
             self._tasks[label] = self._progress.add_task(label, total=total)
@@ -56,7 +61,7 @@ class TerminalProgress:
 
 def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
     """A table on stdout; numbers to the right."""
-    table = Table(title=title, title_justify="left")
+    table = Table(title=escape(title), title_justify="left")
     for k, column in enumerate(columns):
         table.add_column(column, justify="left" if k == 0 else "right")
     for row in rows:
@@ -66,5 +71,5 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
 
 def _text(cell: object) -> str:
     if isinstance(cell, float):
-        return f"{cell:.4g}" if abs(cell) < 1e-2 and cell != 0 else f"{cell:.2f}"
-    return "" if cell is None else str(cell)
+        return f"{cell:.3g}" if 0 < abs(cell) < 0.1 else f"{cell:.2f}"
+    return "" if cell is None else escape(str(cell))

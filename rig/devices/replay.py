@@ -228,7 +228,7 @@ def _read_frame(path: Path) -> Pixels:
 
 
 def photographed_frames(manifest: Manifest, channels: int) -> dict[str, tuple[RecordedFrame, ...]]:
-    """Photographs by the pattern that they show; a grey camera sees the mean of their colours.
+    """Photographs by the pattern that they show; a grey camera sees their luma.
 
     Raises ProfileError that names every photograph that is not there.
     """

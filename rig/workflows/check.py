@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import CalibrationFailed, CaptureTimeout
 from rig.pair import Rig, open_rig
 from rig.profile import load_profile
 from rig.terminal import OnStep
@@ -15,6 +16,11 @@ FloatArray = NDArray[np.float64]
 
 _LATENCY_TRIALS = 12
 _PARTS = 5
+_LEAST_SIGNAL = 0.01
+"""White has to be brighter than black by this share of full scale, or there is nothing to measure."""
+_FRAMES_WAITED = 200
+_LEAST_CHANGE = 0.02
+"""Share of a change of brightness by which a frame shows it; noise of a frame's mean is far below."""
 
 
 def run_check(profile_name: str, on_step: OnStep) -> dict[str, Any]:
@@ -22,8 +28,10 @@ def run_check(profile_name: str, on_step: OnStep) -> dict[str, Any]:
     profile = load_profile(profile_name)
     with open_rig(profile) as rig:
         exposure_s = _expose(rig)
+        _refuse_darkness(rig, exposure_s)
         on_step("check", 1, _PARTS)
         latency = _latency(rig, exposure_s)
+        rig.set_exposure(exposure_s)
         on_step("check", 2, _PARTS)
         noise = _noise(rig)
         on_step("check", 3, _PARTS)
@@ -36,16 +44,17 @@ def run_check(profile_name: str, on_step: OnStep) -> dict[str, Any]:
         _row("white above black, share of full scale", noise["signal_share"], 0.05, least=True),
         _row("clipped pixels with white on, share", noise["clipped_share"], 0.002),
         _row("temporal noise at white, % of signal", noise["noise_percent"], 5.0),
-        _row("latency of the display, s", latency["max_s"], profile.projector.latency_s),
+        _row("latency of the display, s", latency["max"], profile.projector.latency_s),
         _row("change of white between first and last frame, %", drift, 1.0),
         _row("left half + right half against white, %", additivity, 1.0),
     ]
     return {
         "profile": profile.name,
         "exposure_s": exposure_s,
+        "latency_s": latency,
         "checks": rows,
         "stale_frames_rejected": stale,
-        "suggested": {"projector.latency_s": round(latency["max_s"] + 0.25 / profile.projector.refresh_rate_hz, 4)},
+        "suggested": {"projector.latency_s": round(latency["max"] + 0.25 / profile.projector.refresh_rate_hz, 4)},
         "within_limits": all(row["passed"] for row in rows),
     }
 
@@ -72,33 +81,57 @@ def _expose(rig: Rig) -> float:
     return exposure_s
 
 
+def _refuse_darkness(rig: Rig, exposure_s: float) -> None:
+    difference = float(np.quantile(_shoot(rig, 255, "white") - _shoot(rig, 0, "black"), 0.99))
+    limit = _LEAST_SIGNAL * rig.camera.full_scale_dn
+    if difference < limit:
+        raise CalibrationFailed(
+            f"projector white is only {difference:.1f} dn brighter than black at {exposure_s:.4g} s, the limit is "
+            f"{limit:.0f} dn: no light of the projector reaches the camera. Look at lens caps, aim and room light."
+        )
+
+
 def _latency(rig: Rig, exposure_s: float) -> dict[str, float]:
     """From the display's time stamp to light: frames are taken without waiting, until they show the change.
 
-    The light's share of an exposure that the change cuts tells when it came.
+    The light's share of an exposure that the change cuts tells when it came, so the exposures last as long as
+    the camera's period and leave no gap; a darker code keeps them from saturating.
     """
-    dark, bright = _shoot(rig, 0, "black").mean(), _shoot(rig, 255, "white").mean()
+    longest_s = rig.camera.exposure_range_s[1]
+    rig.set_exposure(max(exposure_s, min(1 / rig.profile.camera.frame_rate_hz, longest_s)))
+    dark = float(_shoot(rig, 0, "black").mean())
+    code, bright = _unsaturated(rig)
     delays = []
     for trial in range(_LATENCY_TRIALS):
-        code, before, after = (0, bright, dark) if trial % 2 == 0 else (255, dark, bright)
-        shown = rig.projector.show(np.full(rig.projector.shape, code, np.uint8), name=f"latency-{trial}")
+        shown_code, before, after = (0, bright, dark) if trial % 2 == 0 else (code, dark, bright)
+        shown = rig.projector.show(np.full(rig.projector.shape, shown_code, np.uint8), name=f"latency-{trial}")
         delays.append(_change_s(rig, shown.on_screen_s, before, after) - shown.on_screen_s)
-    rig.set_exposure(exposure_s)
-    return {"mean_s": float(np.mean(delays)), "max_s": float(np.max(delays))}
+    return {"mean": float(np.mean(delays)), "max": float(np.max(delays))}
+
+
+def _unsaturated(rig: Rig) -> tuple[int, float]:
+    """Brightest of a few codes that does not saturate, still shown, and the mean of its frame."""
+    for code in (255, 192, 128, 64):
+        frame = _shoot(rig, code, f"level-{code:03d}")
+        if np.quantile(frame, 0.999) < 0.9 * rig.camera.full_scale_dn:
+            break
+    return code, float(frame.mean())
 
 
 def _change_s(rig: Rig, on_screen_s: float, before: float, after: float) -> float:
-    """When the light changed. [s]"""
+    """When the light changed, on the rig's clock. [s]."""
     seen: set[int] = set()
-    for _ in range(200):
+    for _ in range(_FRAMES_WAITED):
         frame = rig.camera.capture(after_s=on_screen_s, timeout_s=rig.profile.timing.timeout_s)
         if frame.sequence in seen or frame.started_s < on_screen_s:
             continue
         seen.add(frame.sequence)
         share = (float(frame.pixels.mean()) - before) / (after - before)
-        if share > 0.05:
+        if share > _LEAST_CHANGE:
             return frame.started_s + (1 - min(share, 1.0)) * frame.exposure_s
-    return float("inf")
+    raise CaptureTimeout(
+        f"a new picture was not seen in {_FRAMES_WAITED} frames after it was shown; does the camera see the projector?"
+    )
 
 
 def _noise(rig: Rig) -> dict[str, float]:
