@@ -49,16 +49,16 @@ def world_rays(model: PinholeModel, xy_px: FloatArray) -> FloatArray:
 
 
 def project(model: PinholeModel, points_m: FloatArray) -> FloatArray:
-    """(N, 2) pixels of world points. [px]"""
+    """(N, 2) pixels of world points."""
     local = points_m @ model.rotation.T + model.translation_m
     return image_of(local, model.focal_px, model.principal_point_px, model.distortion)
 
 
 def rotation_of(vector: ArrayLike) -> FloatArray:
-    """(3, 3) rotation of a Rodrigues vector. [rad]"""
+    """(3, 3) rotation of a Rodrigues vector in radians."""
     return np.asarray(cv2.Rodrigues(np.asarray(vector, dtype=np.float64).reshape(3, 1))[0])
 
 
 def vector_of(rotation: FloatArray) -> FloatArray:
-    """(3,) Rodrigues vector of a rotation. [rad]"""
+    """(3,) Rodrigues vector of a rotation, in radians."""
     return np.asarray(cv2.Rodrigues(rotation)[0], dtype=np.float64).ravel()

@@ -169,7 +169,7 @@ class _Room:
     iterations: int
 
     def solve(self, flux: float, unseen: float) -> tuple[FloatArray, FloatArray]:
-        """(P,) reflectance and indirect irradiance F B; patches seen in global light only give their own ρ = g / (F B)."""
+        """(P,) reflectance and indirect irradiance F B; patches in global light only give their own ρ = g / (F B)."""
         rho = np.where(self.lit, self.direct_over_irradiance / flux, unseen)
         rho = np.clip(rho, LEAST_REFLECTANCE, MOST_REFLECTANCE)
         emission = rho * flux * self.irradiance
