@@ -30,16 +30,22 @@ def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = 8) -> 
     return ideal
 
 
-def bearings(xy_px: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike) -> FloatArray:
+def bearings(
+    xy_px: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike
+) -> FloatArray:
     """(N, 3) directions (x, y, 1) of pixels in the device's frame."""
     plane = undistort((xy_px - np.asarray(principal_point_px)) / np.asarray(focal_px), distortion)
     return np.column_stack([plane, np.ones(len(plane))])
 
 
-def image_of(points: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike) -> FloatArray:
+def image_of(
+    points: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike
+) -> FloatArray:
     """(N, 2) pixels of points in the device's frame."""
     depth = np.where(np.abs(points[:, 2:]) > 1e-9, points[:, 2:], 1e-9)
-    return np.asarray(distort(points[:, :2] / depth, distortion) * np.asarray(focal_px) + np.asarray(principal_point_px))
+    return np.asarray(
+        distort(points[:, :2] / depth, distortion) * np.asarray(focal_px) + np.asarray(principal_point_px)
+    )
 
 
 def world_rays(model: PinholeModel, xy_px: FloatArray) -> FloatArray:
