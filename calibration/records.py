@@ -38,11 +38,11 @@ class Correspondence:
     """Which projector pixel each camera pixel sees."""
 
     projector_xy_px: Float32Array
-    """(H, W, 2) projector column and row, sub-pixel where refined; NaN where not valid. [px]"""
+    """(H, W, 2) projector column and row, sub-pixel where refined; NaN where not valid, in pixels."""
     reason: NDArray[np.uint8]
     """(H, W) PixelReason codes."""
     projector_shape: tuple[int, int]
-    """(height, width) of the projector. [px]"""
+    """(height, width) of the projector, in pixels."""
 
     @property
     def valid(self) -> BoolArray:
@@ -64,11 +64,11 @@ class PinholeModel:
     rotation: FloatArray
     """(3, 3) device_from_world."""
     translation_m: FloatArray
-    """(3,) device_from_world. [m]"""
+    """(3,) device_from_world, in metres."""
 
     @property
     def position_m(self) -> FloatArray:
-        """(3,) centre of projection in the world. [m]"""
+        """(3,) centre of projection in the world, in metres."""
         return np.asarray(-self.rotation.T @ self.translation_m)
 
 

@@ -56,9 +56,7 @@ class Optic:
 
 def optic(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> Optic:
     """The simulator's lens and pose for a calibrated device."""
-    lens = Lens(
-        model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion
-    )
+    lens = Lens(model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion)
     return Optic(lens, Pose(model.rotation, model.translation_m), vignetting)
 
 
@@ -136,7 +134,6 @@ class RoomTwin:
         gain = self.direct_gain.ravel()
         usable = (gain > 0) & (e > 0)
         return np.where(usable, gain / np.where(usable, self.flux * e, 1.0), np.nan)
-
 
     @cached_property
     def projector_pixel_gains(self) -> tuple[FloatArray, FloatArray]:

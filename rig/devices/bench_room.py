@@ -42,7 +42,7 @@ class Wall:
 
     @property
     def centres_m(self) -> tuple[FloatArray, FloatArray]:
-        """Cell centres along the two axes. [m]"""
+        """Cell centres along the two axes, in metres."""
         a, b = self.edges_m
         return (a[1:] + a[:-1]) / 2, (b[1:] + b[:-1]) / 2
 
@@ -145,9 +145,7 @@ def _parallel_block(receiver: Wall, emitter: Wall) -> Float32Array:
     (na, nb), (ca, cb), (ea, eb) = receiver.shape, receiver.centres_m, emitter.edges_m
     offsets_a = np.concatenate([ea[:1] - ca[::-1], ea[1:] - ca[0]])
     offsets_b = np.concatenate([eb[:1] - cb[::-1], eb[1:] - cb[0]])
-    corners = _parallel_corner(
-        offsets_a[:, None], offsets_b[None, :], abs(emitter.position_m - receiver.position_m)
-    )
+    corners = _parallel_corner(offsets_a[:, None], offsets_b[None, :], abs(emitter.position_m - receiver.position_m))
     table = np.diff(np.diff(corners, axis=0), axis=1).astype(np.float32)
     ia = np.arange(na)[None, :] - np.arange(na)[:, None] + na - 1
     ib = np.arange(nb)[None, :] - np.arange(nb)[:, None] + nb - 1
@@ -262,4 +260,3 @@ def _bracket(points_m: FloatArray, wall: Wall, c: int) -> tuple[IntArray, FloatA
     position = np.clip(position, 0, len(centres) - 1)
     lower = np.minimum(position.astype(np.int64), len(centres) - 2)
     return lower, position - lower
-

@@ -45,7 +45,7 @@ class Clock(Protocol):
     """The rig's only source of time and its only way to wait."""
 
     def now_s(self) -> float:
-        """Monotonic time. [s]"""
+        """Monotonic time, in seconds."""
         ...
 
     def wait_until_s(self, time_s: float) -> None:
@@ -59,7 +59,7 @@ class Camera(Protocol):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, channels) of its frames. [px]"""
+        """(height, width, channels) of its frames, in pixels."""
         ...
 
     @property
@@ -98,7 +98,7 @@ class Projector(Protocol):
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width). [px]"""
+        """(height, width), in pixels."""
         ...
 
     def open(self) -> None:

@@ -43,7 +43,7 @@ class SimulatedProjector:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(height, width). [px]"""
+        """(height, width), in pixels."""
         return self._bench.projector.shape
 
     def open(self) -> None:
@@ -114,7 +114,7 @@ class SimulatedCamera:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, 1). [px]"""
+        """(height, width, 1), in pixels."""
         return (*self.bench.camera.shape, 1)
 
     @property

@@ -22,7 +22,9 @@ def error_scale() -> str:
     """The colour scale of the error pictures."""
     figure = Figure(figsize=(4.2, 0.62))
     axes = figure.add_subplot()
-    axes.imshow(np.linspace(-1, 1, 256)[None, :], aspect="auto", cmap="RdBu_r", extent=(-ERROR_RANGE, ERROR_RANGE, 0, 1))
+    axes.imshow(
+        np.linspace(-1, 1, 256)[None, :], aspect="auto", cmap="RdBu_r", extent=(-ERROR_RANGE, ERROR_RANGE, 0, 1)
+    )
     axes.set_yticks([])
     axes.set_xticks([-64, -32, 0, 32, 64])
     axes.tick_params(labelsize=8, colors=_SOFT)
@@ -79,7 +81,13 @@ def _draw_plan(axes: Axes, twin: RoomTwin) -> None:
             ray = _edge_ray(device, x)
             end = position[:2] + ray[:2] * _reach(position, ray, low, high)
             axes.plot([position[0], end[0]], [position[1], end[1]], color=colour, lw=1, ls="--")
-        axes.plot(*position[:2], "o", color=colour, ms=8, label=f"{name} ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) m")
+        axes.plot(
+            *position[:2],
+            "o",
+            color=colour,
+            ms=8,
+            label=f"{name} ({position[0]:.2f}, {position[1]:.2f}, {position[2]:.2f}) m",
+        )
     axes.set_aspect("equal")
     axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=2)
     _style(axes, "x, m", "y, m")
@@ -105,7 +113,9 @@ def _draw_view(axes: Any, twin: RoomTwin) -> None:
     colours = colormaps["viridis"](scale(reflectance))
     # Faces that look towards the viewer would hide the room.
     behind = twin.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
-    axes.add_collection3d(Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4))
+    axes.add_collection3d(
+        Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4)
+    )
     for device, colour in ((twin.camera, _CAMERA), (twin.projector, _PROJECTOR)):
         position, size = device.pose.position_m, 0.9
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (device.lens.width_px - 1, device.lens.height_px - 1)

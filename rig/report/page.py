@@ -58,6 +58,7 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
     profile = session.profile
     best = metrics["compensation"]["strategy"]
     gain = measured["compensated"]["mean"] / measured["uncompensated"]["mean"]
+    room_size = " × ".join(f"{length:.3f}" for length in geometry["room_size_m"])
     frames = [event for event in session.frame_log() if event["event"] == "frame"]
     notes = [event["note"] for event in session.frame_log() if event["event"] == "note"]
     return {
@@ -67,9 +68,15 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         "passed": metrics["within_limits"],
         "verdict": f"{sum(r['passed'] for r in metrics['limits'])} of {len(metrics['limits'])} checks passed",
         "headline": [
-            _headline(measured["compensated"]["mean"], "grey levels of 255", f"measured mean error of '{best}', "
-                      f"{gain:.2f} × the uncompensated {measured['uncompensated']['mean']:.1f}"),
-            _headline(comparison["rmse"], "grey levels", "measured against simulated (rms), on frames not used for fitting"),
+            _headline(
+                measured["compensated"]["mean"],
+                "grey levels of 255",
+                f"measured mean error of '{best}', "
+                f"{gain:.2f} × the uncompensated {measured['uncompensated']['mean']:.1f}",
+            ),
+            _headline(
+                comparison["rmse"], "grey levels", "measured against simulated (rms), on frames not used for fitting"
+            ),
             _headline(geometry["rms_px"], "px", "reprojection error (rms) of camera and projector together"),
         ],
         "brightness": f"{profile.brightness.target_white_share:g} × the median of projector white",
@@ -79,7 +86,7 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         f"that were shown. Over all frames: rms {comparison['rmse']:.2f}, bias {comparison['bias']:+.2f} grey levels; "
         f"{100 * comparison['within_3_sigma']:.1f} % of the pixels within three standard deviations of the noise. "
         "None of these frames was used to fit the model.",
-        "geometry_text": f"Baseline {1000 * geometry['baseline_m']:.0f} mm. Room {' × '.join(f'{s:.3f}' for s in geometry['room_size_m'])} m; "
+        "geometry_text": f"Baseline {1000 * geometry['baseline_m']:.0f} mm. Room {room_size} m; "
         f"seen: {', '.join(geometry['faces_seen'])}. {len(model.twin.scene.reflectance)} patches, mean reflectance "
         f"{metrics['model']['reflectance_mean']:.3f}. {geometry['room_notes']}",
         "limits": [
@@ -106,7 +113,8 @@ def _headline(value: float, unit: str, text: str) -> dict[str, str]:
 def _truth_table(truth: Mapping[str, float] | None) -> dict[str, Any] | None:
     if not truth:
         return None
-    return {"head": ["what", "error"], "rows": [[key.replace("_", " "), f"{value:.4g}"] for key, value in truth.items()]}
+    rows = [[key.replace("_", " "), f"{value:.4g}"] for key, value in truth.items()]
+    return {"head": ["what", "error"], "rows": rows}
 
 
 def _comparison_table(frames: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
@@ -135,14 +143,17 @@ def _strategies(session: Session, metrics: Mapping[str, Any], model: RoomRecord)
             pictures.picture(codes.astype(np.uint8), f"Codes sent to the projector, {name}"),
             pictures.picture(pictures.grey(predicted, mask), f"Predicted camera image, {name}"),
             pictures.picture(pictures.grey(measured, mask), f"Measured camera image, {name}"),
-            pictures.picture(pictures.signed_error(measured - judged["target"], mask), f"Measured minus target, {name}"),
+            pictures.picture(
+                pictures.signed_error(measured - judged["target"], mask), f"Measured minus target, {name}"
+            ),
         ]
         rows.append({"name": _TITLES[name], "images": images})
     return {"strategies": rows, "strategy_table": _strategy_table(metrics["strategies"], names)}
 
 
 def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
-    head = ["strategy", "measured mean", "sd", "max", "rms", "SSIM", "predicted mean", "predicted rms", "clipped, %", "iterations"]
+    head = ["strategy", "measured mean", "sd", "max", "rms", "SSIM"]
+    head += ["predicted mean", "predicted rms", "clipped, %", "iterations"]
     rows = []
     for name in names:
         m, p = entries[name]["measured"], entries[name]["predicted"]

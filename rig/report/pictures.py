@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 matplotlib.use("Agg")
 
-from matplotlib import colormaps  # noqa: E402 - after the back end is chosen
-from matplotlib.figure import Figure  # noqa: E402
+from matplotlib import colormaps
+from matplotlib.figure import Figure
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -42,7 +42,7 @@ def grey(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[np.uint
     shown = 255 * (np.clip(np.nan_to_num(levels), 0, 255) / 255) ** (1 / 2.2)
     if mask is not None:
         shown = np.where(mask, shown, shown / 3)
-    return shown.astype(np.uint8)
+    return np.asarray(shown, dtype=np.float64).astype(np.uint8)
 
 
 def signed_error(error: NDArray[Any], mask: BoolArray) -> NDArray[np.uint8]:

@@ -40,7 +40,9 @@ def project_and_photograph(rig: Rig, session: Session, on_step: OnStep) -> None:
     """Show every compensation image and the held-out pictures, and photograph them."""
     shot = measuring_shot(rig, session)
     compensated = session.finished("compensate")
-    step = session.step("project", settings={"exposures_s": shot.exposures_s, "repeats": shot.repeats}, needs=("compensate",))
+    step = session.step(
+        "project", settings={"exposures_s": shot.exposures_s, "repeats": shot.repeats}, needs=("compensate",)
+    )
     if step.done:
         return
     patterns = [
@@ -91,7 +93,9 @@ def compare_all(session: Session, on_step: OnStep) -> None:
     step.save_image("simulated-white", simulated_white(model.twin))
     difference, sigma = (np.concatenate(part) for part in zip(*residuals, strict=True))
     overall = _residual_figures(difference, sigma)
-    step.save_image("judged", {"mask": view.mask.astype(np.float32), "target": np.nan_to_num(view.target)}, folder="maps")
+    step.save_image(
+        "judged", {"mask": view.mask.astype(np.float32), "target": np.nan_to_num(view.target)}, folder="maps"
+    )
     step.save_record("comparison", {"overall": overall, "frames": frames, "strategies": strategies})
     step.finish()
 

@@ -21,6 +21,7 @@ BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
 
+
 @dataclass(frozen=True, eq=False)
 class View:
     """The pixels that count, and the target as the camera should see it."""
@@ -62,13 +63,14 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
         codes = codes_from_linear(response, image.reshape(target.grey.shape), dither_seed=k + 1)
         shown = linear_from_codes(response, codes).ravel()[active].astype(np.float64)
         predicted = np.asarray(model.twin.camera_transport @ shown).reshape(model.twin.camera.lens.shape)
-        step.save_image(f"projector-{name}", {"linear": image.reshape(target.grey.shape), "codes": codes.astype(np.float32)})
+        linear = image.reshape(target.grey.shape)
+        step.save_image(f"projector-{name}", {"linear": linear, "codes": codes.astype(np.float32)})
         step.save_image(f"predicted-{name}", {"light": predicted})
         summary[name] = {
             "clipped_share": float(result.clipped.mean()),
             "iterations": result.iterations,
             "solver_rms": result.residual_rms * 255 / model.level,
-            "notes": {key: value for key, value in result.notes.items()},
+            "notes": dict(result.notes),
         }
     on_step("compute compensation images", len(names), len(names))
     step.save_record("compensation", {"strategies": summary, "active_share": float(active.mean())})

@@ -67,7 +67,9 @@ def light_of(step: Step, pattern: str, shot: Shot, photometry: Photometry) -> Li
     for exposure, exposure_s in enumerate(shot.exposures_s):
         mean, clipped = _mean_of_repeats(step, pattern, exposure, shot.repeats, table, photometry)
         ratio = np.float32(exposure_s / photometry.reference_exposure_s)
-        variance = (_noise(mean, photometry) / shot.repeats + _noise(photometry.black[exposure_s], photometry) / 4) / ratio**2
+        variance = (
+            _noise(mean, photometry) / shot.repeats + _noise(photometry.black[exposure_s], photometry) / 4
+        ) / ratio**2
         weight = np.where(clipped, np.float32(0), 1 / variance)
         value = (mean - photometry.black[exposure_s]) / ratio
         if weight_sum is None:

@@ -202,9 +202,7 @@ def simulated_white(twin: RoomTwin) -> dict[str, FloatArray]:
     return {"direct": (transport.direct @ white).reshape(shape), "global": (transport.global_ @ white).reshape(shape)}
 
 
-def _twin(
-    session: Session, scene: Scene, camera: Optic, projector: Optic, flux: float, gain: FloatArray
-) -> RoomTwin:
+def _twin(session: Session, scene: Scene, camera: Optic, projector: Optic, flux: float, gain: FloatArray) -> RoomTwin:
     xy = load_correspondence(session).projector_xy_px.astype(np.float64)
     return RoomTwin(
         scene,

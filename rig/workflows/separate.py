@@ -65,9 +65,7 @@ def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
     step.finish()
 
 
-def _stack(
-    step: Step, names: list[str], shot: Shot, photometry: Photometry, on_step: OnStep
-) -> Iterator[Float32Array]:
+def _stack(step: Step, names: list[str], shot: Shot, photometry: Photometry, on_step: OnStep) -> Iterator[Float32Array]:
     for k, name in enumerate(names):
         on_step("separate direct and global", k, len(names))
         yield light_of(step, name, shot, photometry).value
