@@ -17,7 +17,12 @@ from rig.devices.manifest import load_manifest
 from rig.profile import Profile
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", ROOT / "tests" / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "tests" / "README.md",
+    *sorted((ROOT / "docs").rglob("*.md")),
+]
 QUICK = {"sim-room": "ci-tiny", "hw_profiles/sim-room.toml": "ci-tiny"}
 """Pages name the room that people look at; the tests take the same room at few pixels."""
 RUN = re.compile(r"^```(python|console|bash|toml|json)", re.MULTILINE)

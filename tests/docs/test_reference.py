@@ -1,5 +1,6 @@
 """The reference pages say what the code says."""
 
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +13,7 @@ from pydantic.fields import FieldInfo
 from rig.cli import app
 from rig.devices import bench_settings
 from rig.profile import Profile
+from rig.workflows.whole import STEPS
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\| `([a-z_0-9]+)` \| (.+?) \| (.+) \|$", re.MULTILINE)
@@ -75,3 +77,22 @@ def test_the_command_line_page_has_exactly_the_verbs_of_the_code() -> None:
     verbs = {name for name in app if not name.startswith("-")}
     shown = {words.split()[1] for words in re.findall(r"^\| `(rig [^`]+)`", page("command-line.md"), re.MULTILINE)}
     assert shown == verbs
+
+
+def test_the_command_line_page_shows_every_key_of_the_metrics(compared_session: Path) -> None:
+    text = page("command-line.md").split("$ rig run runs/room --json\n")[1].split("```")[0]
+    shown = json.loads(text)
+    real = json.loads((compared_session / "metrics.json").read_text(encoding="utf-8"))
+    assert set(shown) == set(real) | {"elapsed_s"}
+    for part in ("geometry", "separation", "model", "compensation", "measured", "comparison", "truth"):
+        assert set(shown[part]) == set(real[part]), part
+    assert set(shown["measured"]["compensated"]) == set(real["measured"]["compensated"])
+
+
+def test_the_session_page_names_every_step_in_order_and_no_file_that_is_not_there(compared_session: Path) -> None:
+    text = page("session-folder.md")
+    steps = re.findall(r"^\| `([a-z]+)` \|", sections(text)["Steps"], re.MULTILINE)
+    assert tuple(steps) == STEPS
+    files = re.findall(r"`((?:maps|images|calibration)/[a-z0-9-]+-001\.(?:exr|json))`", text)
+    assert len(files) > 10
+    assert [file for file in files if not (compared_session / file).is_file()] == []
