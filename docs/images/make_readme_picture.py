@@ -17,11 +17,12 @@ matplotlib.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rig import Session
 
-Image = NDArray[np.float64]
+Image = NDArray[np.floating]
 _ERROR_RANGE = 64
 _EVERY = 3
 """Every third pixel is enough for a page."""
@@ -62,7 +63,7 @@ def _cut(image: Image, mask: NDArray[np.bool_]) -> Image:
     return inside[rows[0] : rows[-1] : _EVERY, columns[0] : columns[-1] : _EVERY]
 
 
-def _grey(axis: plt.Axes, image: Image, mask: NDArray[np.bool_], title: str) -> None:
+def _grey(axis: Axes, image: Image, mask: NDArray[np.bool_], title: str) -> None:
     axis.imshow(_cut(image, mask), cmap="gray", vmin=0, vmax=255)
     axis.set_title(title, fontsize=10)
 

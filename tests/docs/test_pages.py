@@ -2,6 +2,7 @@
 
 import json
 import re
+import runpy
 import shlex
 import tomllib
 from pathlib import Path
@@ -12,6 +13,7 @@ from sybil import Document, Example
 from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
 
+from rig import open_rig
 from rig.cli import run_command
 from rig.devices.manifest import load_manifest
 from rig.profile import Profile
@@ -183,3 +185,12 @@ def toml_value(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(toml_value, value)) + "]"
     return json.dumps(value) if isinstance(value, bool | str) else repr(value)
+
+
+def test_the_long_run_code_is_misread_far_less_often_as_its_page_says() -> None:
+    benchmark = runpy.run_path(str(ROOT / "benchmarks" / "gray_codes.py"))
+    with open_rig("ci-tiny") as rig:
+        benchmark["expose"](rig)
+        wrong = {code: benchmark["read_code"](rig, code).wrong_share for code in ("gray", "long-run")}
+    assert wrong["gray"] > 0.02
+    assert wrong["long-run"] < 0.1 * wrong["gray"]
