@@ -38,7 +38,8 @@ class Kill:
     after_s: float
     exit_status: int
     journal_lines: int
-    last_event: str
+    last_written: str
+    said: str
 
 
 def command(folder: Path, profile: str) -> list[str]:
@@ -55,9 +56,7 @@ def undisturbed(root: Path, profile: str) -> tuple[Path, float]:
 
 def kill_once(folder: Path, profile: str, after_s: float, how: signal.Signals) -> Kill | None:
     """Start a run and end it after a while; None when it came to its end before."""
-    with subprocess.Popen(
-        command(folder, profile), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as run:
+    with subprocess.Popen(command(folder, profile), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         try:
             _, said = run.communicate(timeout=after_s)
             if run.returncode:
@@ -72,7 +71,7 @@ def kill_once(folder: Path, profile: str, after_s: float, how: signal.Signals) -
         return None
     journal = folder / "journal.jsonl"
     lines = journal.read_bytes().splitlines() if journal.exists() else []
-    return Kill(after_s, run.returncode, len(lines), _short(lines))
+    return Kill(after_s, run.returncode, len(lines), _short(lines), said)
 
 
 def _short(lines: list[bytes]) -> str:
@@ -85,12 +84,12 @@ def _short(lines: list[bytes]) -> str:
 
 
 def disturbed(
-    folder: Path, profile: str, kills: int, whole_s: float, dice: random.Random, how: signal.Signals
+    folder: Path, profile: str, signals: Sequence[signal.Signals], whole_s: float, dice: random.Random
 ) -> list[Kill]:
-    """A session that is killed up to so many times and then may end."""
+    """A session that gets one signal after the other, each in a run of its own, and then may end."""
     made: list[Kill] = []
-    while len(made) < kills:
-        kill = kill_once(folder, profile, dice.uniform(0.05, 0.9) * whole_s / min(kills, 2), how)
+    for how in signals:
+        kill = kill_once(folder, profile, dice.uniform(0.05, 0.9) * whole_s / min(len(signals), 2), how)
         if kill is None:
             break
         made.append(kill)
@@ -128,12 +127,12 @@ def measure(
     while done < kills:
         session += 1
         place = folder / f"disturbed-{session}" / NAME
-        made = disturbed(place, profile, min(each, kills - done), whole_s, dice, how)
+        made = disturbed(place, profile, [how] * min(each, kills - done), whole_s, dice)
         for kill in made:
             done += 1
             print(
                 f"{session:7d}  {done:4d}  {kill.after_s:7.2f}  {kill.exit_status:6d}  "
-                f"{kill.journal_lines:13d}  {kill.last_event}"
+                f"{kill.journal_lines:13d}  {kill.last_written}"
             )
         found = differences(expected, results(place))
         left = [str(p) for p in place.rglob("*.part")]
