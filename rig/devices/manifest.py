@@ -260,9 +260,7 @@ def _whole_numbers(pixels: NDArray[Any], path: Path) -> Photograph:
         digital = np.clip(np.rint(pixels), 0, 65535).astype(np.uint16)
         if np.array_equal(digital, pixels) and digital.max() > 1:
             return np.asarray(digital)
-    raise DeviceLost(
-        f"{path}: has {pixels.dtype} values that are no digital numbers 0 … 65535; use 8 or 16 bits"
-    )
+    raise DeviceLost(f"{path}: has {pixels.dtype} values that are no digital numbers 0 … 65535; use 8 or 16 bits")
 
 
 def grey(photograph: Photograph) -> Photograph:

@@ -9,11 +9,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 Codes = NDArray[np.uint8]
 """(H, W) or (H, W, 3) projector codes."""
+
+
+def signature_of(codes: Codes) -> str:
+    """A picture in 48 grey numbers, as hex: tells whether two pictures are the same but for rounding."""
+    grey = codes if codes.ndim == 2 else codes.mean(axis=2).astype(np.uint8)
+    return np.asarray(cv2.resize(grey, (8, 6), interpolation=cv2.INTER_AREA), dtype=np.uint8).tobytes().hex()
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rig.devices.clock import VirtualClock
 from rig.devices.manifest import Manifest, grey, read_photograph
-from rig.devices.protocols import Codes, RawFrame, Shown
+from rig.devices.protocols import Codes, RawFrame, Shown, signature_of
 from rig.errors import CaptureTimeout, DeviceLost, ProfileError, SettingRefused
 from rig.images import read_exr
 from rig.journal import JOURNAL_NAME, corrupt_line, read_events
@@ -25,6 +25,8 @@ Pixels = NDArray[np.uint16]
 _NEAR_EXPOSURE = 0.05
 """Relative; cameras round what they are asked for."""
 _SHOWN_NAMES = 8
+_SAME_PICTURE = 4
+"""Codes by which block means of a picture may differ from the recorded one: rounding, dither."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +37,8 @@ class RecordedFrame:
     """None when the recording does not say (photographs)."""
     read: Callable[[], Pixels]
     """(H, W, C) digital numbers."""
+    signature: str = ""
+    """Of the codes that were shown; empty when not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +84,23 @@ class ReplayProjector:
             raise DeviceLost("the replayed projector is closed: open the rig before showing a picture")
         if codes.dtype != np.uint8 or codes.shape not in (self.shape, (*self.shape, 3)):
             raise SettingRefused(
-                f"the recording was made with uint8 codes of shape {self.shape}, "
-                f"not {codes.dtype} of {codes.shape}"
+                f"the recording was made with uint8 codes of shape {self.shape}, not {codes.dtype} of {codes.shape}"
             )
         if name not in self._recording.frames:
-            raise DeviceLost(
-                f"{self._recording.source}: the recording has no frame {name!r}; it has {self._known()}"
-            )
+            raise DeviceLost(f"{self._recording.source}: the recording has no frame {name!r}; it has {self._known()}")
+        self._check_picture(codes, name)
         self.shown_name = name
         return Shown(self._clock.now_s(), name)
+
+    def _check_picture(self, codes: Codes, name: str) -> None:
+        known = {frame.signature for frame in self._recording.frames[name]} - {""}
+        asked = np.frombuffer(bytes.fromhex(signature_of(codes)), np.uint8).astype(int)
+        off = [int(np.abs(np.frombuffer(bytes.fromhex(s), np.uint8).astype(int) - asked).max()) for s in known]
+        if off and min(off) > _SAME_PICTURE:
+            raise DeviceLost(
+                f"{self._recording.source}: {name!r} was recorded with another picture (block means differ by "
+                f"{min(off)} codes, the limit is {_SAME_PICTURE}); use the target and settings of the recording"
+            )
 
     def _known(self) -> str:
         names = sorted(self._recording.frames)
@@ -185,8 +197,7 @@ class ReplayCamera:
         if not frames:
             known = ", ".join(f"{e:.6g}" for e in sorted({f.exposure_s or 0.0 for f in every}))
             raise DeviceLost(
-                f"{self._recording.source}: the recording has {name!r} exposed {known} s, "
-                f"not {self._exposure_s:.6g} s"
+                f"{self._recording.source}: the recording has {name!r} exposed {known} s, not {self._exposure_s:.6g} s"
             )
         key = (name, self._exposure_s)
         index = self._used.get(key, 0)
@@ -211,7 +222,8 @@ def recorded_frames(session: Path) -> dict[str, tuple[RecordedFrame, ...]]:
                 by_file = {file: entry for file, entry in by_file.items() if entry[0] != event["step"]}
             elif event["event"] == "frame":
                 frame, file = event["frame"], event["file"]
-                recorded = RecordedFrame(frame["exposure_s"], partial(_read_frame, session / file))
+                read = partial(_read_frame, session / file)
+                recorded = RecordedFrame(frame["exposure_s"], read, frame.get("signature", ""))
                 by_file[file] = (event["step"], frame["pattern"], recorded)
         except (KeyError, TypeError) as error:
             raise corrupt_line(journal, number) from error
@@ -232,9 +244,7 @@ def photographed_frames(manifest: Manifest, channels: int) -> dict[str, tuple[Re
 
     Raises ProfileError that names every photograph that is not there.
     """
-    missing = [
-        f"{manifest.path}: {name}: no file {p}" for name, p in manifest.frames.items() if not p.is_file()
-    ]
+    missing = [f"{manifest.path}: {name}: no file {p}" for name, p in manifest.frames.items() if not p.is_file()]
     if missing:
         raise ProfileError("\n".join(missing))
     return {

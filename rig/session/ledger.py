@@ -23,6 +23,8 @@ class FrameDetails:
     exposure_s: float
     started_s: float
     sequence: int
+    signature: str = ""
+    """Of the codes that were shown (:func:`rig.devices.protocols.signature_of`); empty when not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +55,7 @@ class Run:
     def hash_outputs(self) -> str:
         """Hash of what was written, whatever the files are called and whenever they were made."""
         return hash_json(
-            sorted(
-                [e.kind, e.name, e.sha256, e.frame.exposure_s if e.frame else 0.0]
-                for e in self.files.values()
-            )
+            sorted([e.kind, e.name, e.sha256, e.frame.exposure_s if e.frame else 0.0] for e in self.files.values())
         )
 
 
@@ -116,9 +115,7 @@ class Ledger:
             self.write_summary()
         return self.runs[step][-1]
 
-    def add_file(
-        self, run: Run, kind: FileKind, name: str, path: Path, frame: FrameDetails | None = None
-    ) -> None:
+    def add_file(self, run: Run, kind: FileKind, name: str, path: Path, frame: FrameDetails | None = None) -> None:
         """Journal a file that is on the disk, unless the journal has it with the same bytes."""
         file, sha256 = path.relative_to(self.folder).as_posix(), sha256_of(path)
         if run.files.get((kind, name)) == FileEntry(kind, name, file, path.stat().st_size, sha256, frame):

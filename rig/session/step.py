@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.protocols import RawFrame
+from rig.devices.protocols import Codes, RawFrame, signature_of
 from rig.errors import SessionCorrupt, SessionError
 from rig.images import read_exr, write_exr
 from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, Run, write_json
@@ -88,10 +88,11 @@ class Step:
         entry = self._run.files.get((kind, name))
         return entry is not None and self._ledger.is_intact(entry, verify=verify or self._verify)
 
-    def save_frame(self, name: str, raw: RawFrame, *, pattern: str | None = None) -> None:
+    def save_frame(self, name: str, raw: RawFrame, *, pattern: str | None = None, codes: Codes | None = None) -> None:
         """Write a frame to ``frames/STEP/NNNN.exr``; its times go to the journal.
 
-        ``pattern`` is what was shown (default: ``name``); a replay finds the frame by it and by the exposure.
+        ``pattern`` is what was shown (default: ``name``); a replay finds the frame by it and by the exposure, and
+        refuses to show it for a picture that is not like ``codes``.
         Raises SessionError when the step is finished or the disk is full.
         """
         pixels = raw.pixels
@@ -102,7 +103,11 @@ class Step:
         attributes = {"rig:step": self.name, "rig:name": name, "rig:exposure_s": repr(raw.exposure_s)}
         write_exr(path, channels, attributes)
         details = FrameDetails(
-            pattern or name, float(raw.exposure_s), float(raw.started_s), int(raw.sequence)
+            pattern or name,
+            float(raw.exposure_s),
+            float(raw.started_s),
+            int(raw.sequence),
+            "" if codes is None else signature_of(codes),
         )
         self._ledger.add_file(self._run, "frame", name, path, details)
 
@@ -112,9 +117,7 @@ class Step:
         channels = read_exr(self._ledger.folder / entry.file)
         pixels = np.dstack([channels[c] for c in _CHANNELS[len(channels)]]).astype(np.uint16)
         if entry.frame is None:
-            raise SessionCorrupt(
-                f"{entry.file}: the journal has no exposure for it; repeat step {self.name!r}"
-            )
+            raise SessionCorrupt(f"{entry.file}: the journal has no exposure for it; repeat step {self.name!r}")
         return RawFrame(pixels, entry.frame.exposure_s, entry.frame.started_s, entry.frame.sequence)
 
     def save_image(

@@ -101,9 +101,7 @@ class Session:
     ) -> None:
         self.close()
 
-    def step(
-        self, name: str, *, settings: Mapping[str, Any] | None = None, needs: Sequence[str] = ()
-    ) -> Step:
+    def step(self, name: str, *, settings: Mapping[str, Any] | None = None, needs: Sequence[str] = ()) -> Step:
         """Begin a step, or go on with it where it stopped.
 
         Settings and the outputs of the steps in ``needs`` are its inputs: with the same ones it goes on (or
@@ -182,14 +180,10 @@ def _check_folder(folder: Path, *, may_create: bool) -> None:
     if (folder / "session.json").is_file():
         return
     if not may_create:
-        raise SessionError(
-            f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`"
-        )
+        raise SessionError(f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        foreign = sorted(
-            p.name for p in folder.iterdir() if p.name.removesuffix(PART_SUFFIX) not in _OWN_NAMES
-        )
+        foreign = sorted(p.name for p in folder.iterdir() if p.name.removesuffix(PART_SUFFIX) not in _OWN_NAMES)
     except OSError as error:
         raise session_error(error, folder) from error
     if foreign:
@@ -199,9 +193,7 @@ def _check_folder(folder: Path, *, may_create: bool) -> None:
 def _read_or_create(folder: Path, profile: Profile | None, seed: int) -> tuple[dict[str, Any], Profile]:
     if not (folder / "session.json").is_file():
         if profile is None:
-            raise SessionError(
-                f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`"
-            )
+            raise SessionError(f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`")
         return _create(folder, profile, seed), profile
     header = _read_header(folder / "session.json")
     own = _read_profile(folder, header)
@@ -238,8 +230,7 @@ def _read_header(path: Path) -> dict[str, Any]:
         raise SessionCorrupt(f"{path}: is damaged; restore it from a copy, or start a new session") from error
     if schema > SCHEMA:
         raise SessionError(
-            f"{path}: layout {schema} is newer than {SCHEMA}, the newest that this version reads; "
-            "update procam-rig"
+            f"{path}: layout {schema} is newer than {SCHEMA}, the newest that this version reads; update procam-rig"
         )
     if not isinstance(seed, int) or not isinstance(sha256, str):
         raise SessionCorrupt(f"{path}: is damaged; restore it from a copy, or start a new session")
@@ -251,9 +242,7 @@ def _read_profile(folder: Path, header: Mapping[str, Any]) -> Profile:
     try:
         raw = (folder / "profile.toml").read_bytes()
     except OSError as error:
-        raise SessionCorrupt(
-            f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it"
-        ) from error
+        raise SessionCorrupt(f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it") from error
     profile = Profile.parse(raw, Path(header["profile"]["source"]))
     if profile.sha256 != header["profile"]["sha256"]:
         raise SessionCorrupt(f"{folder / 'profile.toml'}: was changed; restore it, or start a new session")

@@ -55,4 +55,4 @@ def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, name: st
     for note in notes:
         if note not in known:  # a run that was killed here has noted it already
             session.note(note)
-    step.save_frame(name, raw, pattern=pattern.name)
+    step.save_frame(name, raw, pattern=pattern.name, codes=pattern.codes)

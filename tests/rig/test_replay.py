@@ -6,7 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.devices.protocols import RawFrame
+from rig.devices.clock import VirtualClock
+from rig.devices.protocols import RawFrame, signature_of
+from rig.devices.replay import RecordedFrame, Recording, ReplayProjector
 from rig.errors import DeviceLost, ProfileError, SessionCorrupt, SessionError, SettingRefused
 from rig.pair import Rig, open_rig
 from rig.profile import Profile
@@ -73,9 +75,7 @@ def test_exposures_are_told_apart(profile: Profile) -> None:
 
 def test_an_exposure_that_was_not_recorded_is_refused(profile: Profile) -> None:
     with open_rig(profile) as rig:
-        with pytest.raises(
-            SettingRefused, match=r"nothing was recorded at 0\.05 s; the nearest is 0\.01667 s"
-        ):
+        with pytest.raises(SettingRefused, match=r"nothing was recorded at 0\.05 s; the nearest is 0\.01667 s"):
             rig.set_exposure(0.05)
         rig.set_exposure(0.1)
         with pytest.raises(DeviceLost, match=r"has 'black' exposed 0\.01667 s, not 0\.1 s"):
@@ -183,3 +183,17 @@ def test_a_manifest_of_another_camera_is_refused(photographed: Profile) -> None:
     photographed.recording.write_text(text.replace("full_scale_dn = 4095", "full_scale_dn = 255"))
     with pytest.raises(ProfileError, match=r"the camera's full scale is 4095, but 255 in .*replay\.toml"):
         open_rig(photographed)
+
+
+def test_a_picture_that_was_not_recorded_is_refused(tiny_profile: Profile, tmp_path: Path) -> None:
+    shape = tiny_profile.projector.shape
+    recorded = np.full(shape, 128, np.uint8)
+    frame = RecordedFrame(0.01, lambda: np.zeros(tiny_profile.camera.shape, np.uint16), signature_of(recorded))
+    recording = Recording(tmp_path, tiny_profile.camera.shape, shape, 4095, (0.001, 1.0), {"shown": (frame,)})
+    projector = ReplayProjector(recording, VirtualClock())
+    projector.open()
+    assert projector.show(recorded + 1, name="shown").name == "shown"
+    other = recorded.copy()
+    other[: shape[0] // 2] = 0
+    with pytest.raises(DeviceLost, match="another picture"):
+        projector.show(other, name="shown")

@@ -402,7 +402,8 @@ def test_notes_and_frames_are_logged_in_order(tmp_path: Path, tiny_profile: Prof
     with Session.open(tmp_path / "s") as session:
         note, frame = session.frame_log()
     assert note["note"] == {"kind": "stale", "time_s": 0.5}
-    assert frame["frame"] == {"pattern": "black", "exposure_s": 0.01 / 3, "started_s": 1.0, "sequence": 10}
+    details = {"pattern": "black", "exposure_s": 0.01 / 3, "started_s": 1.0, "sequence": 10, "signature": ""}
+    assert frame["frame"] == details
 
 
 @pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "white space"])
