@@ -70,11 +70,24 @@ def print_paper(result: dict[str, Any]) -> None:
                 f"{100 * entry['share_white']:.0f} %",
                 f"{entry['error_uncompensated']['mean']:.1f} ± {entry['error_uncompensated']['sd']:.1f}",
                 _plus_minus(published, "error_uncompensated"),
-                *(f"{strategies[name]['mean']:.1f} ± {strategies[name]['sd']:.1f}" for name in ("paper", "exact", "bounded")),
+                *(
+                    f"{strategies[name]['mean']:.1f} ± {strategies[name]['sd']:.1f}"
+                    for name in ("paper", "exact", "bounded")
+                ),
                 _plus_minus(published, "error_compensated"),
             )
         )
-    head = ["configuration", "indirect min/mean/max", "once reflected", "without", "published", "paper", "exact", "bounded", "published with"]
+    head = [
+        "configuration",
+        "indirect min/mean/max",
+        "once reflected",
+        "without",
+        "published",
+        "paper",
+        "exact",
+        "bounded",
+        "published with",
+    ]
     print_table("Dehos et al. 2014, repeated: errors in grey levels of 255", head, rows)
 
 

@@ -15,9 +15,7 @@ def _cameras(root: Path) -> list[dict[str, Any]]:
     by_id = root / "dev/v4l/by-id"
     names = {link.resolve().name: link.name for link in sorted(by_id.iterdir())} if by_id.is_dir() else {}
     nodes = sorted((root / "sys/class/video4linux").glob("video*"))
-    return [
-        {"node": node.name, "name": _text(node / "name"), "stable_id": names.get(node.name)} for node in nodes
-    ]
+    return [{"node": node.name, "name": _text(node / "name"), "stable_id": names.get(node.name)} for node in nodes]
 
 
 def _outputs(root: Path) -> list[dict[str, Any]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,9 @@ from rig.errors import UsageError
 from rig.images import read_picture
 
 Float32Array = NDArray[np.float32]
+
+_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
+"""Of red, green and blue (Rec. 709)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +42,7 @@ def load_target(path: Path | None, shape: tuple[int, int], fit: bool = False) ->
     if path is None:
         return Target("photograph 'astronaut' of scikit-image, mean 123, sd 46", default_picture(shape))
     picture = read_picture(path)
-    grey = picture[..., :3] @ np.array([0.2126, 0.7152, 0.0722], np.float32) if picture.shape[2] >= 3 else picture[..., 0]
+    grey = picture @ _LUMINANCE if picture.shape[2] == 3 else picture[..., 0]
     if grey.shape != shape and not fit:
         raise UsageError(
             f"{path}: {grey.shape[1]} x {grey.shape[0]} px, but the projector has {shape[1]} x {shape[0]} px; "
@@ -54,8 +58,8 @@ def default_picture(shape: tuple[int, int]) -> Float32Array:
     """A photograph of the projector's shape, rescaled to mean 123 and standard deviation 46."""
     from skimage.data import astronaut
 
-    rgb = astronaut().astype(np.float32)
-    grey = _fitted(rgb @ np.array([0.2126, 0.7152, 0.0722], np.float32), shape)
+    read: Callable[[], NDArray[np.uint8]] = astronaut
+    grey = _fitted(read().astype(np.float32) @ _LUMINANCE, shape)
     for _ in range(30):
         grey = np.clip((grey - grey.mean()) / max(float(grey.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
     return grey.astype(np.float32)
