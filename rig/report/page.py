@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from jinja2 import Environment
 
+from rig.errors import SessionError
 from rig.report import figures, pictures
 from rig.report.timing import seconds_by_step
 from rig.session import Session
@@ -31,7 +32,9 @@ _MAX_EVENTS = 40
 
 
 def write_report(session: Session, metrics: Mapping[str, Any], on_step: OnStep) -> Path:
-    """Write report.html into the session and return its path."""
+    """Write report.html into the session and return its path. Raises SessionError before the first comparison."""
+    if "measured" not in metrics:
+        raise SessionError(f"{session.path}: nothing was compared yet; run `rig run {session.path}` first")
     on_step("write report", 0, 3)
     model = load_model(session)
     context = _words(session, metrics, model) | _separation(session, model) | _correspondence(session)

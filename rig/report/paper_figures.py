@@ -48,14 +48,13 @@ def write_paper_figures(
     images : sequence of PaperImages
         One a configuration, in the result's order.
     directory : Path
-        Made if need be.
+        Exists.
 
     Returns
     -------
     list of Path
         The files written.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     configurations: list[Mapping[str, Any]] = list(result["configurations"])
     paths = []
     for configuration, shown in zip(configurations, images, strict=True):

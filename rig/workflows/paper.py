@@ -17,6 +17,7 @@ from rich.table import Table
 from skimage.color import deltaE_ciede2000, rgb2lab
 from skimage.metrics import structural_similarity
 
+from rig.errors import UsageError
 from rig.report.paper_figures import PaperImages, write_paper_figures
 from rig.workflows.paper_checks import exceptions, published_effects, sensitivity_remark
 from rig.workflows.paper_photographs import PHOTOGRAPHS, photograph
@@ -145,6 +146,11 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
         desired image itself is projected, as the paper compares. Pixels that see no surface (no ceiling) do
         not count.
     """
+    if figures_dir is not None:
+        try:
+            figures_dir.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{figures_dir}: no folder for figures ({error.strerror}); give another") from error
     total = len(CONFIGURATIONS) + 2 + (figures_dir is not None)
     on_step("form factors", 0, total)
     factors = {ceiling: form_factors(paper_room(ceiling), "paper") for ceiling in (True, False)}

@@ -136,7 +136,8 @@ def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict
             _STAGE_RUNS[stage](rig, session, target, request, on_step)
         metrics = collect_metrics(session, rig, upto)
         if upto != "compare":
-            session.write_metrics(metrics)
+            if not session.is_finished("compare"):  # else metrics.json stays that of the last comparison
+                session.write_metrics(metrics)
             return {**metrics, "elapsed_s": time.perf_counter() - started_s}
         report = write_report(session, metrics, on_step)
         session.write_metrics({**metrics, "report": report.name})

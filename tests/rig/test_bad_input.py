@@ -155,6 +155,15 @@ def test_no_session_and_no_profile(rig, tmp_path: Path) -> None:
     assert not (tmp_path / "new").exists()
 
 
+def test_a_report_of_what_was_not_compared(rig, tmp_path: Path, tiny_profile: Profile) -> None:
+    folder = tmp_path / "session"
+    with Session.open(folder, tiny_profile) as session:
+        expect(rig("report", folder), SESSION, "works on it since")
+        session.write_metrics({"geometry": {"rms_px": 0.1}})
+    expect(rig("report", folder), SESSION, "run `rig run")
+    assert not (folder / "report.html").exists()
+
+
 def test_a_folder_with_other_files_is_left_alone(rig, tmp_path: Path) -> None:
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "thesis.txt").write_text("all I have")

@@ -104,6 +104,14 @@ def test_an_unknown_scene_is_wrong_usage(capsys: Capture) -> None:
     assert "corner" in captured.err
 
 
+def test_figures_need_a_folder(capsys: Capture, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert run_command(["paper", "--figures", str(tmp_path / "file")]) == 2
+    captured = capsys.readouterr()
+    assert "no folder for figures" in captured.err
+    assert captured.out == ""
+
+
 def test_it_runs_as_a_module_too() -> None:
     said = rig("--version")
     assert said.returncode == 0

@@ -82,6 +82,7 @@ def test_a_finished_session_runs_again_without_devices(
     assert json.loads(capsys.readouterr().out)["within_limits"]
     assert (copy / "metrics.json").read_bytes() == before
     assert run_command(["separate", str(copy), "--json"]) == 0
+    assert (copy / "metrics.json").read_bytes() == before, "a part does not replace the whole"
 
 
 def test_another_target_repeats_what_depends_on_it_and_keeps_the_old_files(
