@@ -142,9 +142,7 @@ def isolated(xy: Float32Array, valid: BoolArray, limit_px: float) -> BoolArray:
     """
     filled = np.where(valid[..., None], xy, -1e4).astype(np.float32)
     far = np.zeros(valid.shape, dtype=bool)
-    neighbours = cv2.boxFilter(
-        valid.astype(np.float32), -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
+    neighbours = cv2.boxFilter(valid.astype(np.float32), -1, (5, 5), normalize=False, borderType=cv2.BORDER_CONSTANT)
     for k in (0, 1):
         # Two filters, one filled low and one filled high: inside a lit area both agree with the true median.
         low = cv2.medianBlur(np.ascontiguousarray(filled[..., k]), 5)

@@ -24,9 +24,7 @@ class Pattern:
     """(H, W)."""
 
 
-def gray_code_patterns(
-    shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray"
-) -> Iterator[Pattern]:
+def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:
     """Gray code of the columns, then of the rows, most significant bit first.
 
     Names: `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …; the number is the bit.

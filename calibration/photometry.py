@@ -160,9 +160,7 @@ def linear_from_codes(response: Response, codes: NDArray[np.uint8]) -> Float32Ar
     return np.asarray(table[codes])
 
 
-def codes_from_linear(
-    response: Response, linear: FloatArray, dither_seed: int | None = None
-) -> NDArray[np.uint8]:
+def codes_from_linear(response: Response, linear: FloatArray, dither_seed: int | None = None) -> NDArray[np.uint8]:
     """Projector codes of linear light 0 … 1.
 
     With a seed, a value between two codes is rounded at random so that its mean is right; without, to the

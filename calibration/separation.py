@@ -59,9 +59,7 @@ def separate(
         For too few frames or a leak outside 0 … 0.5.
     """
     if not 0 <= leak < 0.5:
-        raise CalibrationError(
-            f"leak {leak:g} is outside 0 … 0.5: so blurred, checks separate nothing; use larger"
-        )
+        raise CalibrationError(f"leak {leak:g} is outside 0 … 0.5: so blurred, checks separate nothing; use larger")
     kept = ranks + 1
     high: Float32Array | None = None
     count = 0

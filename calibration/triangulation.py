@@ -125,9 +125,7 @@ def _epipolar_px(a: FloatArray, b: FloatArray, baseline: FloatArray, projector: 
     return np.asarray(np.abs((plane * normals).sum(axis=1)) / np.maximum(slope, 1e-15))
 
 
-def stands_alone(
-    projector_xy_px: FloatArray, distance_m: FloatArray, projector_shape: tuple[int, int]
-) -> BoolArray:
+def stands_alone(projector_xy_px: FloatArray, distance_m: FloatArray, projector_shape: tuple[int, int]) -> BoolArray:
     """(N,) points without any neighbour within 3 projector pixels whose distance agrees within 1 %.
 
     Parameters

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import cyclopts
 from cyclopts import App, Parameter
 
-from rig.errors import RigError, UsageError
+from rig.errors import RigError, SessionError, UsageError
 
 
 def _version() -> str:
@@ -59,12 +59,21 @@ def run_command(arguments: list[str]) -> int:
         print(f"rig: {error}\ntry: {_help_of(arguments)}", file=sys.stderr)
         return 2
     except BrokenPipeError:  # whoever reads the result has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 0
+    except OSError as error:  # never a mistake of the program's: a disk or a file that refuses
+        _drop_output()
+        print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
+        return SessionError.exit_code
     except RigError as error:
         print(f"rig: {error}", file=sys.stderr)
         return error.exit_code
     return result if isinstance(result, int) else 0
+
+
+def _drop_output() -> None:
+    """What is still to be printed would fail again when the interpreter ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _help_of(arguments: list[str]) -> str:

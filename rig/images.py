@@ -122,9 +122,7 @@ def read_picture(path: str | os.PathLike[str]) -> Float32Array:
 def _picture_channels(path: Path, names: list[str]) -> list[int]:
     known = next((c for c in _PICTURE_CHANNELS if set(c) <= set(names)), None)
     if known is None:
-        raise UsageError(
-            f"{path}: has channels {', '.join(names)}; a picture needs R, G, B or Y: export it as such"
-        )
+        raise UsageError(f"{path}: has channels {', '.join(names)}; a picture needs R, G, B or Y: export it as such")
     return [names.index(c) for c in known]
 
 
@@ -136,9 +134,7 @@ def _grey_levels(picture: NDArray[np.generic]) -> Float32Array:
 def _check_levels(path: Path, levels: Float32Array) -> None:
     bad = int(np.count_nonzero(~np.isfinite(levels)))
     if bad:
-        raise UsageError(
-            f"{path}: {bad} of {levels.size} values are NaN or infinite; replace them by numbers"
-        )
+        raise UsageError(f"{path}: {bad} of {levels.size} values are NaN or infinite; replace them by numbers")
     negative = int(np.count_nonzero(levels < 0))
     if negative:
         raise UsageError(

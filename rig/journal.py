@@ -25,9 +25,7 @@ def read_events(path: Path) -> list[Event]:
     try:
         data = path.read_bytes()
     except OSError as error:
-        raise SessionError(
-            f"{path}: cannot be read: {error.strerror}; is this a session's folder?"
-        ) from error
+        raise SessionError(f"{path}: cannot be read: {error.strerror}; is this a session's folder?") from error
     return _parse(path, data[: _complete_bytes(data)])
 
 
@@ -50,9 +48,7 @@ def _parse(path: Path, data: bytes) -> list[Event]:
 
 def corrupt_line(path: Path, number: int) -> SessionCorrupt:
     """Build the error for a line that this product did not write."""
-    return SessionCorrupt(
-        f"{path}: line {number} is damaged; restore the file from a copy, or start a new session"
-    )
+    return SessionCorrupt(f"{path}: line {number} is damaged; restore the file from a copy, or start a new session")
 
 
 class Journal:

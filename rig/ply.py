@@ -23,9 +23,7 @@ _PROPERTIES = (
 )
 
 
-def write_ply(
-    path: Path, points: ArrayLike, colours: NDArray[np.uint8], comments: Sequence[str] = ()
-) -> None:
+def write_ply(path: Path, points: ArrayLike, colours: NDArray[np.uint8], comments: Sequence[str] = ()) -> None:
     """Write (N, 3) points and (N, 3) uint8 red, green, blue; the file is complete or not there.
 
     Raises SessionError when the disk is full or refuses.
@@ -57,8 +55,6 @@ def read_ply(path: Path) -> tuple[NDArray[np.float32], NDArray[np.uint8]]:
     body = raw[end + len(_HEADER_END) :]
     count = next((int(line.split()[2]) for line in header if line.startswith("element vertex")), -1)
     if len(body) != count * _VERTEX.itemsize:
-        raise UsageError(
-            f"{path}: has {len(body)} bytes of {count} points, expected {count * _VERTEX.itemsize}"
-        )
+        raise UsageError(f"{path}: has {len(body)} bytes of {count} points, expected {count * _VERTEX.itemsize}")
     vertices = np.frombuffer(body, dtype=_VERTEX)
     return vertices["xyz"].copy(), vertices["rgb"].copy()

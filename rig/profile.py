@@ -66,9 +66,7 @@ class CameraProfile(_Table):
     def _starts_inside_its_range(self) -> CameraProfile:
         shortest, longest = self.exposure_range_s
         if not shortest <= self.exposure_s <= longest:
-            raise ValueError(
-                f"exposure_s {self.exposure_s:g} is outside exposure_range_s {shortest:g} … {longest:g}"
-            )
+            raise ValueError(f"exposure_s {self.exposure_s:g} is outside exposure_range_s {shortest:g} … {longest:g}")
         return self
 
 
@@ -227,8 +225,7 @@ def _refuse_newer(data: dict[str, Any], path: Path) -> None:
     schema = data.get("schema")
     if isinstance(schema, int) and schema > SCHEMA:
         raise ProfileError(
-            f"{path}: schema: {schema} is newer than {SCHEMA}, the newest that this version reads; "
-            "update procam-rig"
+            f"{path}: schema: {schema} is newer than {SCHEMA}, the newest that this version reads; update procam-rig"
         )
 
 
@@ -238,16 +235,12 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
     camera, projector = (table.get("driver") if isinstance(table, dict) else None for table in tables)
     problems = []
     if {camera, projector} == set(get_args(Driver)):
-        problems.append(
-            f"projector.driver: {projector!r}, but the camera's is {camera!r}; both have to be the same"
-        )
+        problems.append(f"projector.driver: {projector!r}, but the camera's is {camera!r}; both have to be the same")
     for table, driver in (("bench", "simulated"), ("replay", "replay")):
         if camera == driver and table not in data:
             problems.append(f"{table}: missing; driver = {driver!r} needs a [{table}] table")
         if camera in get_args(Driver) and camera != driver and table in data:
-            problems.append(
-                f"{table}: only for driver = {driver!r}, the camera's is {camera!r}; remove the table"
-            )
+            problems.append(f"{table}: only for driver = {driver!r}, the camera's is {camera!r}; remove the table")
     return problems
 
 
@@ -260,9 +253,7 @@ def load_profile(path_or_name: str | Path) -> Profile:
     try:
         raw = path.read_bytes()
     except OSError as error:
-        raise ProfileError(
-            f"{path}: cannot be read: {error.strerror}; check the name and its permissions"
-        ) from error
+        raise ProfileError(f"{path}: cannot be read: {error.strerror}; check the name and its permissions") from error
     return Profile.parse(raw, path)
 
 
@@ -277,9 +268,7 @@ def _find(path_or_name: str | Path) -> Path:
             if (folder / name).is_file():
                 return folder / name
     known = sorted({file.stem for folder in folders for file in folder.glob("*.toml")})
-    raise ProfileError(
-        f"{path_or_name}: no such profile; give a file or one of {', '.join(known) or '(none)'}"
-    )
+    raise ProfileError(f"{path_or_name}: no such profile; give a file or one of {', '.join(known) or '(none)'}")
 
 
 @dataclass(frozen=True, slots=True)

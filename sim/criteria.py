@@ -69,6 +69,4 @@ def overall_once_reflected_share(transport: LightTransport, p: FloatArray) -> fl
 def difference(visible: FloatArray, desired: FloatArray) -> Difference:
     """Statistics of |visible - desired|."""
     error = np.abs(np.asarray(visible, dtype=np.float64) - desired)
-    return Difference(
-        float(error.mean()), float(error.std()), float(error.max()), float(np.sqrt(np.mean(error**2)))
-    )
+    return Difference(float(error.mean()), float(error.std()), float(error.max()), float(np.sqrt(np.mean(error**2))))

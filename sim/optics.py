@@ -30,17 +30,14 @@ class Lens:
     def __post_init__(self) -> None:
         if self.width_px < 1 or self.height_px < 1 or min(self.focal_px) <= 0:
             raise SimulationError(
-                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; "
-                "all must be above 0"
+                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; all must be above 0"
             )
 
     @classmethod
     def from_horizontal_field_of_view(cls, width_px: int, height_px: int, hfov_deg: float) -> Lens:
         """Square pixels, centred, no distortion; the field of view counts from pixel edge to pixel edge."""
         if not 0 < hfov_deg < 180:
-            raise SimulationError(
-                f"horizontal field of view {hfov_deg:g} degrees; it must lie between 0 and 180"
-            )
+            raise SimulationError(f"horizontal field of view {hfov_deg:g} degrees; it must lie between 0 and 180")
         focal_px = float(width_px / 2 / np.tan(np.radians(hfov_deg) / 2))
         return cls(width_px, height_px, (focal_px, focal_px), ((width_px - 1) / 2, (height_px - 1) / 2))
 
@@ -94,9 +91,7 @@ class Pose:
         forward = np.asarray(target_m, dtype=np.float64) - position
         right = np.cross(forward, np.asarray(up, dtype=np.float64))
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(forward) or not np.any(forward):
-            raise SimulationError(
-                "look_at: the target is at the position, or straight along 'up'; change one"
-            )
+            raise SimulationError("look_at: the target is at the position, or straight along 'up'; change one")
         forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
         level = np.stack([right, np.cross(forward, right), forward])
         cosine, sine = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))

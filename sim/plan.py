@@ -149,8 +149,7 @@ def measured_law(build: SceneOfPatchSize, coarse_m: float) -> ErrorLaw:
     seconds = time.perf_counter() - started
     solved = [solver.solve(standard_light(scene)) for solver, scene in zip(solvers, scenes, strict=True)]
     differences = [
-        100 * difference_rms(scenes[i], solved[i], scenes[i + 1], solved[i + 1])
-        for i in range(len(scenes) - 1)
+        100 * difference_rms(scenes[i], solved[i], scenes[i + 1], solved[i + 1]) for i in range(len(scenes) - 1)
     ]
     order = 1.0
     if len(differences) > 1 and min(differences) > 1e-9:
@@ -165,9 +164,7 @@ def difference_rms(coarse: Scene, B_coarse: FloatArray, fine: Scene, B_fine: Flo
     """RMS over the surface of the difference of two piecewise constant radiosities on the same faces."""
     parents = []
     for face, same in zip(coarse.faces, fine.faces, strict=True):
-        u, v = np.meshgrid(
-            (np.arange(same.columns) + 0.5) / same.columns, (np.arange(same.rows) + 0.5) / same.rows
-        )
+        u, v = np.meshgrid((np.arange(same.columns) + 0.5) / same.columns, (np.arange(same.rows) + 0.5) / same.rows)
         parents.append(face.patch_at(np.stack([u.ravel(), v.ravel()], axis=1)))
     squared = (B_coarse[np.concatenate(parents)] - B_fine) ** 2
     return float(np.sqrt((fine.areas * squared).sum() / fine.areas.sum()))

@@ -52,9 +52,7 @@ class Radiosity:
         n = len(form_factors.areas)
         rho = np.asarray(reflectance, dtype=np.float64)
         if rho.shape not in ((), (n,)):
-            raise SimulationError(
-                f"reflectance of shape {rho.shape} for {n} patches; one number or one a patch"
-            )
+            raise SimulationError(f"reflectance of shape {rho.shape} for {n} patches; one number or one a patch")
         if not ((rho >= 0) & (rho <= 1)).all():
             raise SimulationError(f"reflectance {rho.min():.4g} ... {rho.max():.4g}; it must lie in 0 ... 1")
         self.form_factors = form_factors
@@ -166,23 +164,17 @@ def _conjugate_gradients(
     )
 
 
-def jacobi(
-    G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 20_000
-) -> tuple[FloatArray, int]:
+def jacobi(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 20_000) -> tuple[FloatArray, int]:
     """Solve (I - G) B = E by Jacobi's iteration (eq. 6), a bounce of light a step; returns B, steps."""
     B = E.copy()
     for step in range(1, limit + 1):
         previous, B = B, E + G @ B
         if np.abs(B - previous).max() <= tolerance * np.abs(E).max():
             return B, step
-    raise SimulationError(
-        f"Jacobi: not within {tolerance:.0e} after {limit} steps; the spectral radius is near 1"
-    )
+    raise SimulationError(f"Jacobi: not within {tolerance:.0e} after {limit} steps; the spectral radius is near 1")
 
 
-def gauss_seidel(
-    G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 5_000
-) -> tuple[FloatArray, int]:
+def gauss_seidel(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 5_000) -> tuple[FloatArray, int]:
     """Solve (I - G) B = E by Gauss and Seidel's iteration (eq. 6); returns B, sweeps."""
     B = E.copy()
     for sweep in range(1, limit + 1):

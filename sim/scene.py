@@ -42,9 +42,7 @@ class Face:
             object.__setattr__(self, field, np.asarray(getattr(self, field), dtype=np.float64).reshape(3))
         lengths = np.linalg.norm([self.edge_u_m, self.edge_v_m], axis=1)
         if not (lengths.min() > 0 and np.isfinite(lengths).all() and np.isfinite(self.origin_m).all()):
-            raise SimulationError(
-                f"face {self.name}: edge lengths {lengths} m; both must be above 0 and finite"
-            )
+            raise SimulationError(f"face {self.name}: edge lengths {lengths} m; both must be above 0 and finite")
         cosine = float(self.edge_u_m @ self.edge_v_m) / float(lengths.prod())
         if abs(cosine) > 1e-6:
             raise SimulationError(
@@ -149,9 +147,7 @@ class Scene:
     @cached_property
     def areas(self) -> FloatArray:
         """(P,) areas [m²]."""
-        return np.concatenate(
-            [np.full(face.n_patches, np.prod(face.size_m) / face.n_patches) for face in self.faces]
-        )
+        return np.concatenate([np.full(face.n_patches, np.prod(face.size_m) / face.n_patches) for face in self.faces])
 
     def with_reflectance(self, reflectance: ArrayLike) -> Scene:
         """Give the same scene another reflectance, one number or one a patch."""

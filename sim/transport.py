@@ -93,9 +93,7 @@ def physical_transport(
     beam = _beam(scene, projector_lens, projector_pose, projector_lens.pixel_grid())
     seen = _beam(scene, camera_lens, camera_pose, camera_lens.pixel_grid())
     direct = _direct(scene, projector_lens, projector_pose, seen)
-    return LightTransport(
-        direct, emission, radiosity, smooth_view(scene, seen.hits, seen.reflectance), beam.hits.patch
-    )
+    return LightTransport(direct, emission, radiosity, smooth_view(scene, seen.hits, seen.reflectance), beam.hits.patch)
 
 
 @dataclass(frozen=True, eq=False)

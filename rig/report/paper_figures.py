@@ -36,9 +36,7 @@ class PaperImages:
     """When white is projected; share in [0, 1]."""
 
 
-def write_paper_figures(
-    result: Mapping[str, Any], images: Sequence[PaperImages], directory: Path
-) -> list[Path]:
+def write_paper_figures(result: Mapping[str, Any], images: Sequence[PaperImages], directory: Path) -> list[Path]:
     """Write all figures as PNG.
 
     Parameters
@@ -133,9 +131,7 @@ def _bars(
             color=colour if inside else "black",
             fontsize=9,
         )
-    axes.set_xticks(
-        places, [str(configuration["title"]) for configuration in configurations], rotation=20, ha="right"
-    )
+    axes.set_xticks(places, [str(configuration["title"]) for configuration in configurations], rotation=20, ha="right")
     axes.set_title(title)
     axes.set_ylabel(unit)
     axes.axhline(0, color="black", linewidth=0.8)
@@ -158,9 +154,7 @@ def _indirect_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
         ours, theirs = configuration["indirect"], configuration["published"]["indirect"]
         for offset, values in ((-0.2, ours), (0.2, theirs)):
             below, above = values["mean"] - values["min"], values["max"] - values["mean"]
-            axes.errorbar(
-                place + offset, values["mean"], [[below], [above]], color="black", capsize=3, linewidth=0.9
-            )
+            axes.errorbar(place + offset, values["mean"], [[below], [above]], color="black", capsize=3, linewidth=0.9)
     return figure
 
 

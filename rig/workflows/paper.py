@@ -103,9 +103,7 @@ CONFIGURATIONS = (
         "indoor",
         _published((43, 71, 140), None, (-115, 217), (27, 20), (32, 17)),
     ),
-    Configuration(
-        "grey", "Uniform grey 70", "grey", _published((28, 46, 64), None, (-48, 48), (10, 8), (21, 3))
-    ),
+    Configuration("grey", "Uniform grey 70", "grey", _published((28, 46, 64), None, (-48, 48), (10, 8), (21, 3))),
     Configuration(
         "quarter",
         "25 % of the surface",
@@ -201,9 +199,7 @@ TABLE_COLUMNS = (
 
 def paper_table(result: Mapping[str, Any]) -> Table:
     """Table of ours, and under each row the published figures."""
-    table = Table(
-        *TABLE_COLUMNS, title="Dehos et al. 2014 again (grey levels of 255; mean ± sd of the error)"
-    )
+    table = Table(*TABLE_COLUMNS, title="Dehos et al. 2014 again (grey levels of 255; mean ± sd of the error)")
     for configuration in result["configurations"]:
         strategies = configuration["strategies"]
         table.add_row(
@@ -308,8 +304,7 @@ def _run(
         },
         "error_uncompensated": _scores(uncompensated, desired, seen),
         "strategies": {
-            name: _scores(solution.predicted, desired, seen)
-            | {"clipped_share": float(solution.clipped[seen].mean())}
+            name: _scores(solution.predicted, desired, seen) | {"clipped_share": float(solution.clipped[seen].mean())}
             for name, solution in solutions.items()
         },
         "published": dict(configuration.published),

@@ -60,9 +60,7 @@ def published_effects(results: Mapping[str, Result]) -> list[dict[str, Any]]:
         share["no_ceiling"],
         100,
     )
-    add(
-        "reflectance 0.4: less indirect light", "13 against 71", indirect["dark_walls"], indirect["reference"]
-    )
+    add("reflectance 0.4: less indirect light", "13 against 71", indirect["dark_walls"], indirect["reference"])
     add(
         "reflectance 0.4: larger once-reflected share (%)",
         "35 against 60",
@@ -98,10 +96,7 @@ def exceptions(effects: list[dict[str, Any]]) -> list[str]:
 def sensitivity_remark(rows: list[dict[str, Any]]) -> str:
     """In how many other poses the paper's rule moves the mean error as published."""
     lower = sum(row["reference"]["paper"] < row["reference"]["uncompensated"] for row in rows)
-    raised = {
-        name: sum(row[name]["paper"] > row[name]["uncompensated"] for row in rows)
-        for name in ("indoor", "grey")
-    }
+    raised = {name: sum(row[name]["paper"] > row[name]["uncompensated"] for row in rows) for name in ("indoor", "grey")}
     return (
         f"Of {len(rows)} other poses the paper's rule lowers the reference's mean error in {lower}, "
         f"raises the indoor photograph's in {raised['indoor']} and the grey's in {raised['grey']}."

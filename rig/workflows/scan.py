@@ -140,9 +140,7 @@ def _kept(
     return np.asarray(kept)
 
 
-def _refuse_nothing(
-    path: Path, correspondence: Correspondence, kept: NDArray[np.bool_], limit_dn: float
-) -> None:
+def _refuse_nothing(path: Path, correspondence: Correspondence, kept: NDArray[np.bool_], limit_dn: float) -> None:
     if kept.any():
         return
     share = {reason.name: 100 * float((correspondence.reason == reason).mean()) for reason in PixelReason}

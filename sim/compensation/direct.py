@@ -10,9 +10,7 @@ from sim.compensation.result import Compensation, checked_target, diagonal_of, d
 from sim.light_transport import LightTransport
 
 
-def direct(
-    transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0
-) -> Compensation:
+def direct(transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
     """Project c / D, clamped: ignores interreflection."""
     started = time.perf_counter()
     c = checked_target(transport, target, lower, upper)

@@ -17,9 +17,7 @@ from sim.scene import FloatArray
 DENSE_LIMIT = 4000
 
 
-def exact(
-    transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0
-) -> Compensation:
+def exact(transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
     """Project T⁻¹ c, exact at pixel level, then clamped.
 
     By Woodbury's identity: (I + H S D⁻¹ V) q = H S D⁻¹ c and p = D⁻¹ (c - V q), where H = (I - G)⁻¹ G and q
@@ -55,9 +53,7 @@ def _iterated(coupling: Coupling, inverse: FloatArray, right: FloatArray) -> tup
         matvec=lambda q: q + H @ (S @ (inverse * (V @ q))),
         dtype=np.dtype(np.float64),
     )
-    q, failed = gmres(
-        operator, right, rtol=1e-10, restart=100, callback=steps.append, callback_type="pr_norm"
-    )
+    q, failed = gmres(operator, right, rtol=1e-10, restart=100, callback=steps.append, callback_type="pr_norm")
     if failed:
         raise SimulationError(
             f"exact compensation: GMRES not at 1e-10 after {len(steps)} steps; use the bounded strategy"

@@ -27,9 +27,7 @@ def required_emission(transport: LightTransport, target: FloatArray) -> FloatArr
     return np.asarray(B - transport.radiosity.gather(B))
 
 
-def paper(
-    transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0
-) -> Compensation:
+def paper(transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
     """L' = E' / D x c / B' (eq. 16), clamped; 0 where B' = 0.
 
     Patches that the camera does not see get B' = 0, so the light they return is never subtracted.

@@ -59,13 +59,9 @@ def checked_target(transport: LightTransport, target: ArrayLike, lower: float, u
     """
     values = np.asarray(target, dtype=np.float64)
     if values.shape != (transport.shape[0],):
-        raise SimulationError(
-            f"target of shape {values.shape}; the transport has {transport.shape[0]} camera pixels"
-        )
+        raise SimulationError(f"target of shape {values.shape}; the transport has {transport.shape[0]} camera pixels")
     if not np.isfinite(values).all():
-        raise SimulationError(
-            f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite"
-        )
+        raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
     if not lower < upper:
         raise SimulationError(f"projector range {lower:g} ... {upper:g} is empty; lower must be below upper")
     return values

@@ -27,11 +27,7 @@ def _sample_points(face: Face) -> FloatArray:
     u, v = np.meshgrid(np.arange(face.columns), np.arange(face.rows))
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
     return np.stack(
-        [
-            face.points((u.ravel() + du) / face.columns, (v.ravel() + dv) / face.rows)
-            for dv in offsets
-            for du in offsets
-        ]
+        [face.points((u.ravel() + du) / face.columns, (v.ravel() + dv) / face.rows) for dv in offsets for du in offsets]
     )
 
 

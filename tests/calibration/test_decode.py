@@ -154,9 +154,7 @@ def test_a_missing_inverse_among_others_is_named() -> None:
 
 
 def rounded(xy: np.ndarray) -> Correspondence:
-    return Correspondence(
-        np.rint(xy).astype(np.float32), np.zeros(xy.shape[:2], dtype=np.uint8), (1000, 1000)
-    )
+    return Correspondence(np.rint(xy).astype(np.float32), np.zeros(xy.shape[:2], dtype=np.uint8), (1000, 1000))
 
 
 @pytest.mark.parametrize("scale", [0.7, 0.9, 1.1, 1.5])

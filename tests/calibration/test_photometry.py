@@ -38,16 +38,12 @@ def expanding(x: np.ndarray) -> np.ndarray:
     return np.sinh(0.6 * x) / np.sinh(0.6)
 
 
-def exposed(
-    curve: Curve, exposures: np.ndarray, n: int = 4000, seed: int = 3
-) -> tuple[np.ndarray, np.ndarray]:
+def exposed(curve: Curve, exposures: np.ndarray, n: int = 4000, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
     """Two frames (K, N) above black: all brightnesses, with shot noise, read noise and rounding."""
     rng = np.random.default_rng(seed)
     brightness = rng.uniform(0.05, 0.95, n)
     light = np.minimum(np.outer(exposures, brightness), 1.0)
-    electrons = rng.poisson(light * FULL_WELL_E, (2, *light.shape)) + rng.normal(
-        0, READ_NOISE_E, (2, *light.shape)
-    )
+    electrons = rng.poisson(light * FULL_WELL_E, (2, *light.shape)) + rng.normal(0, READ_NOISE_E, (2, *light.shape))
     levels = np.rint(FULL_SCALE_DN * curve(np.clip(electrons / FULL_WELL_E, 0, None)))
     return levels[0], np.minimum(levels[1], FULL_SCALE_DN)
 
@@ -140,9 +136,7 @@ def response() -> Response:
 
 def test_codes_survive_the_way_to_light_and_back(response: Response) -> None:
     codes = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    assert np.array_equal(
-        codes_from_linear(response, linear_from_codes(response, codes).astype(np.float64)), codes
-    )
+    assert np.array_equal(codes_from_linear(response, linear_from_codes(response, codes).astype(np.float64)), codes)
 
 
 def test_without_dither_the_nearest_code_is_chosen(response: Response) -> None:

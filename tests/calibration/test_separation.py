@@ -90,9 +90,7 @@ def test_with_a_correspondence_both_parts_are_right_to_one_percent(
 
 def test_each_pixel_is_right_within_its_noise() -> None:
     true = scene(noise=0.01)
-    found = separate_by_pattern(
-        true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32)
-    )
+    found = separate_by_pattern(true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32))
     error = (found.direct - true.direct)[found.valid] / true.direct[found.valid]
     assert np.std(error) < 0.02
 

@@ -19,9 +19,7 @@ def device(
         "distortion": (-0.05, 0.4, -0.007, -0.002, -1.0),
     }
     rotation = np.asarray(cv2.Rodrigues(np.array(turn_rad, dtype=np.float64))[0])
-    return PinholeModel(
-        **{**numbers, **lens}, rotation=rotation, translation_m=np.array(translation_m, dtype=float)
-    )  # type: ignore[arg-type]
+    return PinholeModel(**{**numbers, **lens}, rotation=rotation, translation_m=np.array(translation_m, dtype=float))  # type: ignore[arg-type]
 
 
 CAMERA = device(

@@ -32,9 +32,7 @@ class TestPair:
                 frame = rig.shoot(flat(rig, name), name=name)
                 assert frame.pixels.mean() == pytest.approx(levels[name], rel=0.02)
 
-    def test_what_the_devices_cannot_do_is_refused_and_changes_nothing(
-        self, open_back_end: Open, flat: Flat
-    ) -> None:
+    def test_what_the_devices_cannot_do_is_refused_and_changes_nothing(self, open_back_end: Open, flat: Flat) -> None:
         with open_back_end() as rig:
             expected = rig.shoot(flat(rig, "white"), name="white")
             with pytest.raises(SettingRefused, match="shape"):

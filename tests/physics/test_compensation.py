@@ -116,10 +116,7 @@ def test_the_papers_rule_is_its_equations():
     target = _picture(transport) * 255
     G = 0.7 * transport.radiosity.form_factors.matrix
     B = np.array(
-        [
-            target[transport.pixel_patch == i].mean() if (transport.pixel_patch == i).any() else 0
-            for i in range(576)
-        ]
+        [target[transport.pixel_patch == i].mean() if (transport.pixel_patch == i).any() else 0 for i in range(576)]
     )
     E = B - G @ B
     assert np.allclose(required_emission(transport, target), E)
@@ -145,9 +142,7 @@ def test_none_takes_the_best_gain_or_the_one_given():
     assert best.notes["gain"] * target.max() <= 1 + 1e-12
     for gain in (0.9 * best.notes["gain"], 0.97 * best.notes["gain"]):
         assert compensate("none", transport, target, gain=gain).residual_rms >= best.residual_rms
-    assert np.array_equal(
-        compensate("none", transport, target, gain=1.0).projector_image, np.clip(target, 0, 1)
-    )
+    assert np.array_equal(compensate("none", transport, target, gain=1.0).projector_image, np.clip(target, 0, 1))
 
 
 @pytest.mark.parametrize("name", STRATEGIES)

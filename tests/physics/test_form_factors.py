@@ -91,9 +91,7 @@ def test_a_turned_room_has_the_same_factors():
     angle = 0.4
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     faces = [
-        Face(
-            f.name, turn @ f.origin_m, turn @ f.edge_u_m, turn @ f.edge_v_m, f.rows, f.columns, f.first_patch
-        )
+        Face(f.name, turn @ f.origin_m, turn @ f.edge_u_m, turn @ f.edge_v_m, f.rows, f.columns, f.first_patch)
         for f in scene.faces
     ]
     turned = Scene("turned", tuple(faces), scene.reflectance, convex=True)

@@ -54,9 +54,7 @@ def test_the_error_law_falls_with_the_patch_size():
 
 
 def test_what_does_not_fit_is_refused_with_a_tolerance_that_does():
-    with pytest.raises(
-        SimulationError, match=r"the limit is 100 MB; try a tolerance of ([\d.]+) %"
-    ) as refused:
+    with pytest.raises(SimulationError, match=r"the limit is 100 MB; try a tolerance of ([\d.]+) %") as refused:
         plan("paper-room", 0.1, memory_limit_mb=100.0)
     advised = float(str(refused.value).split("tolerance of ")[1].split(" ")[0])
     assert plan("paper-room", advised * 1.05, memory_limit_mb=100.0).peak_mb <= 100.0

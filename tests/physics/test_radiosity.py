@@ -43,9 +43,7 @@ def test_the_error_bound_holds(cube):
 
 
 def test_light_is_neither_made_nor_lost():
-    scene = room(
-        (2.0, 1.5, 1.0), 0.25, {"floor": 0.2, "ceiling": 0.9, "x0": 0.0, "x1": 0.5, "y0": 0.7, "y1": 1.0}
-    )
+    scene = room((2.0, 1.5, 1.0), 0.25, {"floor": 0.2, "ceiling": 0.9, "x0": 0.0, "x1": 0.5, "y0": 0.7, "y1": 1.0})
     factors = form_factors(scene)
     E = np.random.default_rng(3).random(scene.n_patches)
     B = Radiosity(factors, scene.reflectance).solve(E)

@@ -23,9 +23,7 @@ def test_every_normal_points_into_the_room():
 
 def test_the_boxs_normals_point_out_of_the_box():
     scene = room_with_box()
-    box = np.concatenate(
-        [np.arange(f.n_patches) + f.first_patch for f in scene.faces if f.name.startswith("box")]
-    )
+    box = np.concatenate([np.arange(f.n_patches) + f.first_patch for f in scene.faces if f.name.startswith("box")])
     outwards = scene.centres[box] - np.array([2.4, 2.4, 0.5])
     assert ((outwards * scene.normals[box]).sum(axis=1) > 0).all()
 

@@ -59,9 +59,7 @@ def test_the_coupling_is_the_global_part(paper_transport):
 
 
 def test_each_pixels_flux_reaches_the_room_times_reflectance():
-    scene = room(
-        (4.8, 4.8, 2.4), 0.4, {"floor": 0.2, "ceiling": 0.9, "x0": 0.5, "x1": 0.6, "y0": 0.5, "y1": 0.6}
-    )
+    scene = room((4.8, 4.8, 2.4), 0.4, {"floor": 0.2, "ceiling": 0.9, "x0": 0.5, "x1": 0.6, "y0": 0.5, "y1": 0.6})
     lens = Lens(48, 36, (40.0, 41.0), (23.0, 18.0), (-0.05, 0.01, 0.001, 0.0, 0.0))
     transport = coaxial_transport(scene, form_factors(scene), lens, POSE, "physical", "area", subsamples=1)
     received = scene.areas @ transport.emission
@@ -128,9 +126,7 @@ def test_the_box_throws_a_shadow_that_the_camera_sees():
 
 
 def test_smooth_indirect_light_keeps_a_constant_and_each_pixels_reflectance():
-    scene = room(
-        (2.0, 2.0, 2.0), 0.5, {"floor": 0.2, "ceiling": 0.9, "x0": 0.5, "x1": 0.6, "y0": 0.5, "y1": 0.6}
-    )
+    scene = room((2.0, 2.0, 2.0), 0.5, {"floor": 0.2, "ceiling": 0.9, "x0": 0.5, "x1": 0.6, "y0": 0.5, "y1": 0.6})
     pose = Pose.look_at((0.4, 0.4, 1.0), (2.0, 2.0, 1.0))
     transport = physical_transport(scene, form_factors(scene), LENS, pose, LENS, pose)
     assert np.allclose(transport.view @ scene.reflectance, scene.reflectance[transport.pixel_patch])
@@ -154,9 +150,7 @@ def test_difference_reports_absolute_errors():
 def test_parts_that_do_not_fit_together_are_refused(paper_transport):
     radiosity: Radiosity = paper_transport.radiosity
     with pytest.raises(SimulationError, match="do not fit together"):
-        LightTransport(
-            csr_array((4, 4)), csr_array((3, 4)), radiosity, csr_array((4, 3)), np.zeros(4, dtype=int)
-        )
+        LightTransport(csr_array((4, 4)), csr_array((3, 4)), radiosity, csr_array((4, 3)), np.zeros(4, dtype=int))
 
 
 def test_unknown_conventions_are_refused():

@@ -63,9 +63,7 @@ def test_the_bounded_optimum_as_measured_halves_the_error_and_more(metrics: dict
     assert rms["bounded"] <= min(rms.values()) * 1.01
 
 
-def test_every_strategy_is_judged_on_the_scale_that_the_session_decided(
-    metrics: dict[str, Any], folder: Path
-) -> None:
+def test_every_strategy_is_judged_on_the_scale_that_the_session_decided(metrics: dict[str, Any], folder: Path) -> None:
     with Session.open(folder) as session:
         record = session.finished("model").load_record("model")
     assert record["level"] == pytest.approx(0.7 * record["white_median"])

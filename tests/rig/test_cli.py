@@ -141,6 +141,14 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     assert said == b""
 
 
+def test_a_result_that_cannot_be_printed_is_one_line_on_stderr() -> None:
+    with Path("/dev/full").open("w") as full:
+        command = [sys.executable, "-m", "rig", "devices", "--json"]
+        said = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert said.returncode == 4
+    assert said.stderr == "rig: [Errno 28] No space left on device; check the disk, then run the same command again\n"
+
+
 def test_ctrl_c_while_it_starts_is_quiet() -> None:
     code = (
         "import os, signal, sys\n"

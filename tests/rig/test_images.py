@@ -18,9 +18,7 @@ def random_generator() -> np.random.Generator:
 
 
 def test_channels_come_back_by_name_not_by_order(tmp_path: Path) -> None:
-    channels = {
-        name: np.full((3, 4), value, np.float32) for name, value in [("row", 1), ("col", 2), ("mask", 3)]
-    }
+    channels = {name: np.full((3, 4), value, np.float32) for name, value in [("row", 1), ("col", 2), ("mask", 3)]}
     write_exr(tmp_path / "map.exr", channels)
     back = read_exr(tmp_path / "map.exr")
     assert {name: float(back[name][0, 0]) for name in back} == {"row": 1, "col": 2, "mask": 3}

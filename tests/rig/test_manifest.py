@@ -190,9 +190,7 @@ def test_values_above_full_scale_are_refused(folder: Path) -> None:
 
 @pytest.mark.parametrize("share", [0.1, 0.5, 0.9, 0.99])
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".tif"])
-def test_a_truncated_photograph_is_an_error_and_not_half_a_picture(
-    tmp_path: Path, suffix: str, share: float
-) -> None:
+def test_a_truncated_photograph_is_an_error_and_not_half_a_picture(tmp_path: Path, suffix: str, share: float) -> None:
     path = tmp_path / f"photograph{suffix}"
     pixels = np.random.default_rng(3).integers(0, 255, (200, 300, 3), dtype=np.uint8)
     cv2.imwrite(str(path), pixels)
@@ -205,9 +203,7 @@ def test_a_truncated_photograph_is_an_error_and_not_half_a_picture(
 
 @pytest.mark.parametrize(("suffix", "dtype"), [(".png", np.uint8), (".png", np.uint16), (".tif", np.uint16)])
 @pytest.mark.parametrize("channels", [1, 3])
-def test_digital_numbers_are_read_as_they_are(
-    tmp_path: Path, suffix: str, dtype: type, channels: int
-) -> None:
+def test_digital_numbers_are_read_as_they_are(tmp_path: Path, suffix: str, dtype: type, channels: int) -> None:
     rng = np.random.default_rng(4)
     pixels = rng.integers(0, np.iinfo(dtype).max, (*SHAPE, channels), dtype=dtype)  # type: ignore[type-var]
     path = tmp_path / f"frame{suffix}"

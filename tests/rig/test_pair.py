@@ -151,9 +151,7 @@ def test_a_frame_is_asked_for_after_the_latency(profile: Profile) -> None:
         (None, "timeout"),
     ],
 )
-def test_a_bad_frame_is_rejected_noted_and_asked_for_again(
-    profile: Profile, fault: Fault | None, kind: str
-) -> None:
+def test_a_bad_frame_is_rejected_noted_and_asked_for_again(profile: Profile, fault: Fault | None, kind: str) -> None:
     with make_rig(profile, fault) as rig:
         rig.set_exposure(0.02)
         frame = rig.shoot(white(), name="white")
@@ -182,9 +180,7 @@ def test_a_gap_in_the_count_is_noted(profile: Profile) -> None:
 @pytest.mark.parametrize("fault", [very_stale, None])
 def test_it_gives_up_after_the_retries_and_says_how_often(profile: Profile, fault: Fault | None) -> None:
     with make_rig(profile, *[fault] * 9) as rig:
-        with pytest.raises(
-            CaptureTimeout, match=r"no good frame of 'white' in 4 attempts of 2 s \((stale|timeout)\)"
-        ):
+        with pytest.raises(CaptureTimeout, match=r"no good frame of 'white' in 4 attempts of 2 s \((stale|timeout)\)"):
             rig.shoot(white(), name="white")
         assert len(rig.events) == 4
 
@@ -260,9 +256,7 @@ def test_a_projector_that_does_not_open_leaves_the_camera_closed(profile: Profil
 
 def test_threads_shoot_one_after_the_other(profile: Profile) -> None:
     with make_rig(profile) as rig:
-        threads = [
-            Thread(target=lambda: [rig.shoot(white(), name="white") for _ in range(20)]) for _ in range(4)
-        ]
+        threads = [Thread(target=lambda: [rig.shoot(white(), name="white") for _ in range(20)]) for _ in range(4)]
         for thread in threads:
             thread.start()
         for thread in threads:

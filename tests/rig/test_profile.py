@@ -104,10 +104,7 @@ def test_a_newer_schema_is_refused_before_anything_else() -> None:
 
 def test_camera_and_projector_have_to_be_of_one_kind() -> None:
     lines = problems(changed('driver = "simulated"', 'driver = "replay"'))
-    assert (
-        "lab.toml: projector.driver: 'simulated', but the camera's is 'replay'; both have to be the same"
-        in lines
-    )
+    assert "lab.toml: projector.driver: 'simulated', but the camera's is 'replay'; both have to be the same" in lines
     assert "lab.toml: replay: missing; driver = 'replay' needs a [replay] table" in lines
 
 
@@ -118,10 +115,7 @@ def test_a_simulated_rig_needs_a_bench() -> None:
 
 
 def test_a_recording_is_looked_for_beside_the_profile(tmp_path: Path) -> None:
-    text = (
-        TINY[: TINY.index("[bench]")].replace('"simulated"', '"replay"')
-        + '[replay]\nmanifest = "photos/r.toml"\n'
-    )
+    text = TINY[: TINY.index("[bench]")].replace('"simulated"', '"replay"') + '[replay]\nmanifest = "photos/r.toml"\n'
     profile = Profile.parse(text.encode(), tmp_path / "lab.toml")
     assert profile.recording == tmp_path / "photos" / "r.toml"
     assert problems(text + 'session = "x"') == [

@@ -55,9 +55,7 @@ def files(axis: str, bits: int, inverse: bool, suffix: str) -> str:
     return f"[{', '.join(names)}]"
 
 
-def write_manifest(
-    folder: Path, suffix: str = ".png", unit: str = "mm", baseline: float = BASELINE_MM
-) -> Path:
+def write_manifest(folder: Path, suffix: str = ".png", unit: str = "mm", baseline: float = BASELINE_MM) -> Path:
     path = folder / "replay.toml"
     path.write_text(f"""
 schema = 1
@@ -178,11 +176,7 @@ def test_cropped_photographs_give_the_same_points(folder: Path) -> None:
     for path in folder.glob("gray-*.png"):
         cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[top:, left:])
     path = write_manifest(folder)
-    text = (
-        path.read_text()
-        .replace("width_px = 200", "width_px = 170")
-        .replace("height_px = 150", "height_px = 130")
-    )
+    text = path.read_text().replace("width_px = 200", "width_px = 170").replace("height_px = 150", "height_px = 130")
     path.write_text(text + f"\n[camera.crop]\nleft_px = {left}\ntop_px = {top}\n")
     run_scan(path, folder / "cropped.ply")
     whole, cropped = (read_ply(folder / f"{name}.ply")[0] for name in ("whole", "cropped"))

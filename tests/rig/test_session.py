@@ -215,9 +215,7 @@ def test_records_keep_every_digit(tmp_path: Path, tiny_profile: Profile) -> None
     assert back["pair"] == [float(np.float32(0.1)), "x"]
 
 
-def test_other_settings_begin_a_new_run_that_overwrites_nothing(
-    tmp_path: Path, tiny_profile: Profile
-) -> None:
+def test_other_settings_begin_a_new_run_that_overwrites_nothing(tmp_path: Path, tiny_profile: Profile) -> None:
     with Session.open(tmp_path / "s", tiny_profile) as session:
         for run, level in enumerate((1.0, 2.0, 1.0), start=1):
             step = session.step("target", settings={"level": level})
@@ -267,9 +265,7 @@ def test_a_finished_step_is_not_written_to(tmp_path: Path, tiny_profile: Profile
 
 def test_a_missing_step_names_the_command_to_run(tmp_path: Path, tiny_profile: Profile) -> None:
     with Session.open(tmp_path / "s", tiny_profile) as session:
-        with pytest.raises(
-            SessionError, match=r"step 'gray' has not been started; run `rig calibrate .*s` first"
-        ):
+        with pytest.raises(SessionError, match=r"step 'gray' has not been started; run `rig calibrate .*s` first"):
             session.finished("gray", verb="calibrate")
         session.step("gray")
         with pytest.raises(SessionError, match="step 'gray' is not finished"):
@@ -283,9 +279,7 @@ def test_a_lost_file_is_repeated_and_nothing_else(tmp_path: Path, tiny_profile: 
         workflow(session)
     (tmp_path / "s" / "frames" / "gray" / "0001.exr").unlink()
     with Session.open(tmp_path / "s") as session:
-        with pytest.raises(
-            SessionCorrupt, match=r"1 files of step 'gray' .* first frames/gray/0001\.exr; run `rig"
-        ):
+        with pytest.raises(SessionCorrupt, match=r"1 files of step 'gray' .* first frames/gray/0001\.exr; run `rig"):
             session.finished("gray")
         gray = session.step("gray", settings={"bits": [0, 1, 2]}, needs=["black"])
         assert not gray.done
@@ -310,9 +304,7 @@ def test_a_changed_byte_is_found_on_verify(tmp_path: Path, tiny_profile: Profile
 
 def test_a_second_process_is_told_who_has_it(tmp_path: Path, tiny_profile: Profile) -> None:
     with Session.open(tmp_path / "s", tiny_profile):
-        with pytest.raises(
-            SessionLocked, match=rf"process {os.getpid()} on \S+ works on it since 20\d\d-"
-        ) as caught:
+        with pytest.raises(SessionLocked, match=rf"process {os.getpid()} on \S+ works on it since 20\d\d-") as caught:
             Session.open(tmp_path / "s")
         assert caught.value.exit_code == 4
     Session.open(tmp_path / "s").close()
@@ -335,9 +327,7 @@ def test_a_killed_process_leaves_no_lock(tmp_path: Path, tiny_profile: Profile) 
 
 def test_another_profile_is_refused_by_name_and_hash(tmp_path: Path, tiny_profile: Profile) -> None:
     Session.open(tmp_path / "s", tiny_profile).close()
-    other = Profile.parse(
-        tiny_profile.raw.replace(b'name = "ci-tiny"', b'name = "lab-b"'), Path("lab-b.toml")
-    )
+    other = Profile.parse(tiny_profile.raw.replace(b'name = "ci-tiny"', b'name = "lab-b"'), Path("lab-b.toml"))
     with pytest.raises(SessionError) as caught:
         Session.open(tmp_path / "s", other)
     for part in (
