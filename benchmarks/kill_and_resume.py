@@ -56,6 +56,8 @@ def undisturbed(root: Path, profile: str) -> tuple[Path, float]:
 
 def kill_once(folder: Path, profile: str, after_s: float, how: signal.Signals) -> Kill | None:
     """Start a run and end it after a while; None when it came to its end before."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # a background job's, which its children would inherit
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     with subprocess.Popen(command(folder, profile), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
         try:
             _, said = run.communicate(timeout=after_s)

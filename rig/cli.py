@@ -6,7 +6,6 @@ Exit status: 0 ok, 1 outside limits, 2 usage or profile, 3 device, 4 session, 13
 from __future__ import annotations
 
 import json
-import os
 import sys
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Annotated, Any
 import cyclopts
 from cyclopts import App, Parameter
 
-from rig.errors import RigError, SessionError, UsageError
+from rig.errors import RigError, UsageError
 
 
 def _version() -> str:
@@ -54,26 +53,13 @@ def run_command(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
     try:
         result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
-        sys.stdout.flush()
     except cyclopts.CycloptsError as error:
         print(f"rig: {error}\ntry: {_help_of(arguments)}", file=sys.stderr)
         return 2
-    except BrokenPipeError:  # whoever reads the result has seen enough
-        _drop_output()
-        return 0
-    except OSError as error:  # never a mistake of the program's: a disk or a file that refuses
-        _drop_output()
-        print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
-        return SessionError.exit_code
     except RigError as error:
         print(f"rig: {error}", file=sys.stderr)
         return error.exit_code
     return result if isinstance(result, int) else 0
-
-
-def _drop_output() -> None:
-    """What is still to be printed would fail again when the interpreter ends."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _help_of(arguments: list[str]) -> str:
