@@ -273,8 +273,8 @@ def _recording(profile: Profile) -> Recording:
             manifest.full_scale_dn,
             manifest.projector_shape,
         )
-        frames = photographed_frames(manifest, camera.channels)
         check_photographs(manifest)
+        frames = photographed_frames(manifest, camera.channels)
     else:
         theirs = load_profile(source / "profile.toml")
         recorded = (theirs.camera.shape, theirs.camera.full_scale_dn, theirs.projector.shape)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rig.devices.clock import VirtualClock
 from rig.devices.manifest import Manifest, grey, read_photograph
 from rig.devices.protocols import Codes, RawFrame, Shown, signature_of
-from rig.errors import CaptureTimeout, DeviceLost, ProfileError, SettingRefused
+from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.images import read_exr
 from rig.journal import JOURNAL_NAME, corrupt_line, read_events
 
@@ -240,13 +240,7 @@ def _read_frame(path: Path) -> Pixels:
 
 
 def photographed_frames(manifest: Manifest, channels: int) -> dict[str, tuple[RecordedFrame, ...]]:
-    """Photographs by the pattern that they show; a grey camera sees their luma.
-
-    Raises ProfileError that names every photograph that is not there.
-    """
-    missing = [f"{manifest.path}: {name}: no file {p}" for name, p in manifest.frames.items() if not p.is_file()]
-    if missing:
-        raise ProfileError("\n".join(missing))
+    """Photographs by the pattern that they show; a grey camera sees their luma."""
     return {
         name: (RecordedFrame(None, partial(_read_photograph, path, channels)),)
         for name, path in manifest.frames.items()
