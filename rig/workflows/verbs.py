@@ -7,31 +7,19 @@ The heavy parts are imported when a verb is called, so that ``import rig`` stays
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from calibration.records import CalibrationError
-from rig.errors import CalibrationFailed
 from rig.pair import Rig
 from rig.session import Session
 from rig.terminal import OnStep, silent
-from sim.errors import SimulationError
+from rig.workflows.error_tree import one_error_tree
 
 STRATEGIES = ("none", "direct", "paper", "exact", "bounded")
 
 
-@contextmanager
-def _one_error_tree() -> Iterator[None]:
-    """`calibration` and `sim` cannot know the rig's errors; a caller of the rig should see no others."""
-    try:
-        yield
-    except (CalibrationError, SimulationError) as error:
-        raise CalibrationFailed(str(error)) from error
-
-
-@_one_error_tree()
+@one_error_tree()
 def calibrate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
     """Find exposure, response curves, correspondence, lenses, poses and walls."""
     from rig.workflows.calibrate import decode_gray_code, fit_geometry, photograph_gray_code
@@ -41,7 +29,7 @@ def calibrate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
         step(rig, session, on_step)
 
 
-@_one_error_tree()
+@one_error_tree()
 def separate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
     """Tell direct from global light by shifted checkers. Needs `calibrate`."""
     from rig.workflows.separate import separate_light
@@ -49,7 +37,7 @@ def separate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
     separate_light(rig, session, on_step)
 
 
-@_one_error_tree()
+@one_error_tree()
 def model(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
     """Model the room in patches: reflectance, vignetting, brightness scale. Needs `separate`."""
     from rig.workflows.model import build_model
@@ -57,7 +45,7 @@ def model(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
     build_model(rig.profile, session, on_step)
 
 
-@_one_error_tree()
+@one_error_tree()
 def compensate(
     rig: Rig,
     session: Session,
@@ -85,7 +73,7 @@ def compensate(
     compute_compensation(session, picture, check_strategies(tuple(strategies)), on_step)
 
 
-@_one_error_tree()
+@one_error_tree()
 def compare(rig: Rig, session: Session, on_step: OnStep = silent) -> dict[str, Any]:
     """Project and photograph every strategy, and write and return the metrics. Needs `compensate`."""
     from rig.workflows.compare import compare_all, project_and_photograph

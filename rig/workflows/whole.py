@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
-from calibration.records import CalibrationError
-from rig.errors import CalibrationFailed, SessionError
+from rig.errors import SessionError
 from rig.journal import JOURNAL_NAME, Event, read_events
 from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
@@ -20,12 +19,12 @@ from rig.terminal import OnStep
 from rig.workflows.calibrate import decode_gray_code, fit_geometry, photograph_gray_code
 from rig.workflows.compare import compare_all, project_and_photograph
 from rig.workflows.compensate import check_strategies, compute_compensation
+from rig.workflows.error_tree import one_error_tree
 from rig.workflows.metrics import collect_metrics
 from rig.workflows.model import build_model
 from rig.workflows.photometric import find_exposure, measure_responses
 from rig.workflows.separate import separate_light
 from rig.workflows.target import Target, load_target
-from sim.errors import SimulationError
 
 STAGES = ("calibrate", "separate", "model", "compensate", "compare")
 """The verbs of a session, in order; each includes those before it."""
@@ -124,7 +123,7 @@ def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict
     stages = STAGES[: STAGES.index(upto) + 1]
     needs_target = "compensate" in stages
     target = load_target(request.target, named.projector.shape, request.fit) if needs_target else None
-    with ExitStack() as stack, _one_error_tree():
+    with ExitStack() as stack, one_error_tree():
         opening = _Opening(named, stack)
         if not (request.folder / "session.json").exists():
             opening.rig()  # devices that do not open leave no session behind
@@ -173,15 +172,6 @@ def _profile_of(request: Request) -> Profile:
     if not copy.exists():
         raise SessionError(f"{request.folder}: there is no session here; name a profile, e.g. -p sim-room")
     return load_profile(copy)
-
-
-@contextmanager
-def _one_error_tree() -> Iterator[None]:
-    """`calibration` and `sim` do not know the rig's error tree: here, and only here, theirs become part of it."""
-    try:
-        yield
-    except (CalibrationError, SimulationError) as error:
-        raise CalibrationFailed(str(error)) from error
 
 
 def _calibrate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
