@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from rich.console import Console
+
 from rig.terminal import print_table
+
+_PAPER_WIDTH = 128
 
 
 def print_plan(plan: dict[str, Any]) -> None:
@@ -58,47 +62,14 @@ def print_devices(result: dict[str, Any]) -> None:
 
 
 def print_paper(result: dict[str, Any]) -> None:
-    """The six configurations beside the published figures."""
-    rows = []
-    for entry in result["configurations"]:
-        published = entry["published"]
-        strategies = entry["strategies"]
-        rows.append(
-            (
-                entry["name"],
-                "{min:.0f} / {mean:.0f} / {max:.0f}".format(**entry["indirect"]),
-                f"{100 * entry['share_white']:.0f} %",
-                f"{entry['error_uncompensated']['mean']:.1f} ± {entry['error_uncompensated']['sd']:.1f}",
-                _plus_minus(published, "error_uncompensated"),
-                *(
-                    f"{strategies[name]['mean']:.1f} ± {strategies[name]['sd']:.1f}"
-                    for name in ("paper", "exact", "bounded")
-                ),
-                _plus_minus(published, "error_compensated"),
-            )
-        )
-    head = [
-        "configuration",
-        "indirect min/mean/max",
-        "once reflected",
-        "without",
-        "published",
-        "paper",
-        "exact",
-        "bounded",
-        "published with",
-    ]
-    print_table("Dehos et al. 2014, repeated: errors in grey levels of 255", head, rows)
+    """The six configurations, the published figures under each; not narrower than it can be read."""
+    from rig.workflows.paper import paper_table
 
-
-def _plus_minus(published: dict[str, Any], key: str) -> str:
-    value = published.get(key)
-    if not value:
-        return ""
-    if isinstance(value, dict):
-        sd = value.get("sd")
-        return f"{value['mean']:g} ± {sd:g}" if sd is not None else f"{value['mean']:g}"
-    return str(value)
+    Console(width=max(Console().width, _PAPER_WIDTH)).print(paper_table(result))
+    for name, text in result["conventions"].items():
+        print(f"{name}: {text}")
+    for text in result["exceptions"]:
+        print(f"exception: {text}")
 
 
 def print_simulation(result: dict[str, Any]) -> None:

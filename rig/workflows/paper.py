@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from skimage.color import deltaE_ciede2000, rgb2lab
 from skimage.metrics import structural_similarity
@@ -168,6 +169,7 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
         "coverage_quarter": _named(results, "quarter")["coverage"],
         "configurations": results,
         "effects": effects,
+        "conventions": dict(CONVENTIONS),
         "exceptions": exceptions(effects),
         "row_sums": {"min": float(row_sums.min()), "max": float(row_sums.max())},
         "spectral_radius": float(np.abs(np.linalg.eigvals(factors[True].matrix)).max()),
@@ -184,12 +186,21 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
     return summary
 
 
+CONVENTIONS = {
+    "indirect": "B - E over the patches that at least one pixel sees; each patch counts once (min, mean, max)",
+    "share_white": "direct light over all light, each summed over the camera's pixels, projector white",
+    "required_emission": "E' of eq. 13 with B' = 0 on patches that no pixel sees (min, max over all patches)",
+    "error": "|visible - desired| over all pixels that light a surface; sd is that of the absolute difference",
+    "error_uncompensated": "the desired image itself is projected",
+}
+"""What is averaged over what."""
+
 TABLE_COLUMNS = (
     "configuration",
     "lit",
-    "indirect min / mean / max",
-    "once-reflected",
-    "required E'",
+    "indirect light",
+    "once",
+    "needed E'",
     "without",
     "paper",
     "exact",
@@ -199,7 +210,9 @@ TABLE_COLUMNS = (
 
 def paper_table(result: Mapping[str, Any]) -> Table:
     """Table of ours, and under each row the published figures."""
-    table = Table(*TABLE_COLUMNS, title="Dehos et al. 2014 again (grey levels of 255; mean ± sd of the error)")
+    table = Table(title="Dehos et al. 2014 again, grey levels of 255", title_justify="left", box=SIMPLE_HEAD)
+    for column in TABLE_COLUMNS:
+        table.add_column(column, no_wrap=True, justify="left" if column == TABLE_COLUMNS[0] else "right")
     for configuration in result["configurations"]:
         strategies = configuration["strategies"]
         table.add_row(
