@@ -68,11 +68,6 @@ class Look:
     points_m: FloatArray
     """(N, 3); NaN where a ray meets nothing."""
 
-    @property
-    def meets(self) -> BoolArray:
-        """(N,) bool."""
-        return np.asarray(self.hits.patch >= 0)
-
 
 def look(scene: Scene, device: Optic) -> Look:
     """Follow every pixel of a device to the scene."""

@@ -87,7 +87,7 @@ def compare_all(session: Session, on_step: OnStep) -> None:
     for k, pattern in enumerate(held_out_patterns(model.twin.projector.lens.shape)):
         on_step("compare measured and simulated", len(names) + k, total)
         measured = light_of(projected, pattern.name, shot, photometry)
-        predicted = predict(model, session, pattern.codes)
+        predicted = predict(model, photometry.projector, pattern.codes)
         frames[pattern.name] = _compare_frame(step, pattern.name, measured, predicted, view.mask, model, residuals)
     on_step("compare measured and simulated", total, total)
     step.save_image("simulated-white", simulated_white(model.twin))

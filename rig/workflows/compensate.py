@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.photometry import codes_from_linear, linear_from_codes
+from calibration.records import Response
 from rig.errors import UsageError
 from rig.session import Session, Step
 from rig.terminal import OnStep
@@ -26,8 +27,6 @@ FloatArray = NDArray[np.float64]
 class View:
     """The pixels that count, and the target as the camera should see it."""
 
-    active: BoolArray
-    """(n projector pixels,) pixels that are driven."""
     mask: BoolArray
     """(H, W) camera pixels over which errors are taken: lit, valid, and not at the picture's edge."""
     target: FloatArray
@@ -61,11 +60,9 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
         image = np.zeros(active.size)
         image[active] = result.projector_image
         codes = codes_from_linear(response, image.reshape(target.grey.shape), dither_seed=k + 1)
-        shown = linear_from_codes(response, codes).ravel()[active].astype(np.float64)
-        predicted = np.asarray(model.twin.camera_transport @ shown).reshape(model.twin.camera.lens.shape)
         linear = image.reshape(target.grey.shape)
         step.save_image(f"projector-{name}", {"linear": linear, "codes": codes.astype(np.float32)})
-        step.save_image(f"predicted-{name}", {"light": predicted})
+        step.save_image(f"predicted-{name}", {"light": predict(model, response, codes)})
         summary[name] = {
             "clipped_share": float(result.clipped.mean()),
             "iterations": result.iterations,
@@ -77,9 +74,9 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     step.finish()
 
 
-def predict(model: RoomRecord, session: Session, codes: Codes) -> FloatArray:
+def predict(model: RoomRecord, response: Response, codes: Codes) -> FloatArray:
     """(H, W) camera light above black that the model expects of any codes; unseen projector pixels count as dark."""
-    linear = linear_from_codes(load_photometry(session).projector, codes).ravel()[model.twin.active]
+    linear = linear_from_codes(response, codes).ravel()[model.twin.active]
     return np.asarray(model.twin.camera_transport @ linear.astype(np.float64)).reshape(model.twin.camera.lens.shape)
 
 
@@ -93,4 +90,4 @@ def judged_view(model: RoomRecord, step: Step) -> View:
     mask = surrounded & model.lit
     # Grey level 0 is a wish like any other: shift so that `sample` does not take it for missing.
     wanted = sample(grey + 1.0, xy).reshape(shape) - 1.0
-    return View(active, mask, np.where(mask, wanted, np.nan))
+    return View(mask, np.where(mask, wanted, np.nan))

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.patterns import flat, level_patterns
 from calibration.photometry import fit_camera_response, fit_noise_model, fit_projector_response
-from calibration.records import Response
 from rig.errors import CalibrationFailed
 from rig.pair import Rig
 from rig.session import Session, Step
 from rig.terminal import OnStep
 from rig.workflows.capture import Shot, frame_name, photograph, shoot_one
-from rig.workflows.light import Float32Array, Photometry, light_of, response_of, response_record
+from rig.workflows.light import Photometry, light_of, response_of, response_record
 
 _AIM = 0.85
 """Where the brightest permille of projector white should lie, share of full scale."""
@@ -130,20 +131,7 @@ def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, shot: Shot, 
         ).astype(np.float32)
         for e, exposure_s in enumerate(shot.exposures_s)
     }
-    return _with(bare, response, black)
-
-
-def _with(photometry: Photometry, projector: Response, black: dict[float, Float32Array]) -> Photometry:
-    return Photometry(
-        photometry.reference_exposure_s,
-        photometry.offset_dn,
-        photometry.full_scale_dn,
-        photometry.camera,
-        projector,
-        photometry.gain_e_per_dn,
-        photometry.read_noise_dn,
-        black,
-    )
+    return replace(bare, black=black)
 
 
 def _fit_projector(step: Step, photometry: Photometry, levels: list[int], shot: Shot) -> Photometry:
@@ -154,7 +142,7 @@ def _fit_projector(step: Step, photometry: Photometry, levels: list[int], shot: 
     codes = sorted(images)
     weight = white[lit].astype(np.float64).sum()
     linear = np.array([images[code][lit].astype(np.float64).sum() / weight for code in codes])
-    return _with(photometry, fit_projector_response(np.array(codes), linear), dict(photometry.black))
+    return replace(photometry, projector=fit_projector_response(np.array(codes), linear))
 
 
 def _save(step: Step, photometry: Photometry) -> None:

@@ -15,15 +15,12 @@ from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
 from rig.report.page import write_report
 from rig.session import Session
-from rig.terminal import OnStep
-from rig.workflows.calibrate import decode_gray_code, fit_geometry, photograph_gray_code
+from rig.terminal import OnStep, silent
+from rig.workflows import verbs
 from rig.workflows.compare import compare_all, project_and_photograph
 from rig.workflows.compensate import check_strategies, compute_compensation
 from rig.workflows.error_tree import one_error_tree
 from rig.workflows.metrics import collect_metrics
-from rig.workflows.model import build_model
-from rig.workflows.photometric import find_exposure, measure_responses
-from rig.workflows.separate import separate_light
 from rig.workflows.target import Target, load_target
 
 STAGES = ("calibrate", "separate", "model", "compensate", "compare")
@@ -50,7 +47,7 @@ class Request:
     folder: Path
     profile: str | None
     target: Path | None = None
-    strategies: tuple[str, ...] = ("none", "direct", "paper", "exact", "bounded")
+    strategies: tuple[str, ...] = verbs.STRATEGIES
     fit: bool = False
 
 
@@ -175,19 +172,15 @@ def _profile_of(request: Request) -> Profile:
 
 
 def _calibrate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    find_exposure(rig, session, on_step)
-    measure_responses(rig, session, on_step)
-    photograph_gray_code(rig, session, on_step)
-    decode_gray_code(rig, session, on_step)
-    fit_geometry(rig, session, on_step)
+    verbs.calibrate(rig, session, on_step)
 
 
 def _separate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    separate_light(rig, session, on_step)
+    verbs.separate(rig, session, on_step)
 
 
 def _model(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    build_model(rig.profile, session, on_step)
+    verbs.model(rig, session, on_step)
 
 
 def _compensate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
@@ -213,4 +206,4 @@ _STAGE_RUNS: Mapping[str, Callable[[Rig, Session, Target | None, Request, OnStep
 def rewrite_report(folder: Path) -> Path:
     """Write the report of a compared session again."""
     with Session.open(folder) as session:
-        return write_report(session, session.read_metrics(), lambda label, done, total: None)
+        return write_report(session, session.read_metrics(), silent)
