@@ -149,6 +149,25 @@ class Scene:
         """(P,) areas [m²]."""
         return np.concatenate([np.full(face.n_patches, np.prod(face.size_m) / face.n_patches) for face in self.faces])
 
+    @cached_property
+    def closed(self) -> bool:
+        """True if the faces' area vectors add up to nothing, as those of every closed surface do."""
+        vector = (self.areas[:, None] * self.normals).sum(axis=0)
+        return len(self.faces) > 3 and bool(np.abs(vector).max() < 1e-9 * self.areas.sum())
+
+    @cached_property
+    def region(self) -> IntArray:
+        """(P,) index of the face of each patch."""
+        return np.repeat(np.arange(len(self.faces)), [face.n_patches for face in self.faces])
+
+    @cached_property
+    def occluders(self) -> FloatArray:
+        """(M, 4, 3) corners of the faces that something of the scene lies behind [m]."""
+        corners = np.concatenate([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in self.faces])
+        size = float(np.ptp(corners, axis=0).max())
+        hidden = [((corners - face.origin_m) @ face.normal < -1e-9 * size).any() for face in self.faces]
+        return np.asarray(corners.reshape(-1, 4, 3)[np.array(hidden)])
+
     def with_reflectance(self, reflectance: ArrayLike) -> Scene:
         """Give the same scene another reflectance, one number or one a patch."""
         values = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (self.n_patches,))

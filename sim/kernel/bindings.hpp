@@ -1,0 +1,11 @@
+// One function a source file: adds that file's functions to the module.
+#pragma once
+#include <nanobind/nanobind.h>
+
+void bind_closed_form(nanobind::module_ &m);
+void bind_paper(nanobind::module_ &m);
+void bind_polygon(nanobind::module_ &m);
+void bind_occlusion(nanobind::module_ &m);
+void bind_compressed(nanobind::module_ &m);
+void bind_solve(nanobind::module_ &m);
+void bind_image(nanobind::module_ &m);

@@ -1,0 +1,39 @@
+// sim._kernel: what Python sees. Each source binds its own functions; sim/_kernel.pyi states their types.
+#include <nanobind/stl/string.h>
+#include <omp.h>
+
+#include <stdexcept>
+#include <string>
+
+#include "arrays.hpp"
+#include "bindings.hpp"
+#include "level.hpp"
+
+namespace {
+
+const char *NAMES[] = {"baseline", "avx2", "avx512"};
+
+std::string name_of(kernel::Level level) { return NAMES[static_cast<int>(level)]; }
+
+void set_level(const std::string &name) {
+    for (int k = 0; k < 3; ++k)
+        if (name == NAMES[k]) return kernel::set_level(static_cast<kernel::Level>(k));
+    throw std::invalid_argument("unknown instruction set " + name + "; there are baseline, avx2, avx512");
+}
+
+}  // namespace
+
+NB_MODULE(_kernel, m) {
+    m.def("level", [] { return name_of(kernel::level()); });
+    m.def("best_level", [] { return name_of(kernel::best_level()); });
+    m.def("set_level", &set_level, nb::arg("name"));
+    m.def("threads", [] { return omp_get_max_threads(); });
+    m.def("set_threads", [](int n) { omp_set_num_threads(n); }, nb::arg("n"));
+    bind_closed_form(m);
+    bind_paper(m);
+    bind_polygon(m);
+    bind_occlusion(m);
+    bind_compressed(m);
+    bind_solve(m);
+    bind_image(m);
+}
