@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -98,35 +98,49 @@ def refuse(name: str, found: Iterable[Problem]) -> None:
 
 def _examined(vertices: FloatArray, closed: bool, convex: bool, thorough: bool) -> tuple[list[Problem], Topology]:
     """Faults, and the topology of the patches that have a shape."""
-    found = _shape_problems(vertices)
-    shapeless = {patch for problem in found for patch in problem.patches}
-    sound = np.setdiff1d(np.arange(len(vertices)), list(shapeless)).astype(np.intp)
+    faults = _shape_faults(vertices)
+    shapeless = np.concatenate([fault.patches for fault in faults] or [np.zeros(0, dtype=np.intp)])
+    sound = np.setdiff1d(np.arange(len(vertices)), shapeless)
     topology = Topology.of(vertices[sound])
-    if len(sound):
-        found += _scale_problems(topology.size_m)
-        found += _joint_problems(topology, sound, closed, convex)
-        if thorough:
-            found += _crossing_problems(topology, sound)
-    return found, topology
+    scale = _scale_problems(topology.size_m) if len(sound) else []
+    faults += _joint_faults(topology, sound, closed, convex)
+    if thorough:
+        faults += _crossing_faults(topology, sound)
+    return [fault.told(vertices) for fault in faults] + scale, topology
 
 
-def _named(
-    kind: Kind, patches: IntArray, advice: str, figures: Callable[[int], str] | None = None, what: str = "patch"
-) -> list[Problem]:
-    """Nothing for no patches; otherwise the fault. ``figures`` says something of the i-th patch."""
-    if not len(patches):
-        return []
-    rows = patches.reshape(len(patches), -1)
-    words = [" and ".join(map(str, row)) for row in rows[:NAMED]]
-    if figures:
-        words = [f"{word} ({figures(i)})" for i, word in enumerate(words)]
-    more = f" and {len(rows) - NAMED} more" if len(rows) > NAMED else ""
-    counted = f"{len(rows)} {what}{'s' * (len(rows) > 1)}"
-    message = f"{counted}: {', '.join(words)}{more}; {advice}"
-    return [Problem(kind, tuple(int(patch) for patch in np.unique(patches)), message)]
+@dataclass(frozen=True, eq=False)
+class _Fault:
+    """A kind of fault before it is put into words."""
+
+    kind: Kind
+    patches: IntArray
+    """(N,) patches or (N, 2) pairs of them."""
+    advice: str
+    figures: tuple[str, ...] = ()
+    """Something to say of each of the first patches."""
+
+    def told(self, vertices: FloatArray) -> Problem:
+        """Put it into words, with the place of each patch's first corner."""
+        rows = self.patches.reshape(len(self.patches), -1)
+        words = []
+        for i, row in enumerate(rows[:NAMED]):
+            place = ", ".join(f"{coordinate:.4g}" for coordinate in vertices[row[0], 0])
+            figure = f", {self.figures[i]}" if self.figures else ""
+            words.append(f"{' and '.join(map(str, row))} at ({place}) m{figure}")
+        more = [f"and {len(rows) - NAMED} more"] if len(rows) > NAMED else []
+        singular, plural = ("pair", "pairs") if rows.shape[1] == 2 else ("patch", "patches")
+        counted = f"{len(rows)} {singular if len(rows) == 1 else plural}"
+        message = f"{counted}: {'; '.join(words + more)}: {self.advice}"
+        return Problem(self.kind, tuple(int(patch) for patch in np.unique(rows)), message)
 
 
-def _shape_problems(vertices: FloatArray) -> list[Problem]:
+def _named(kind: Kind, patches: IntArray, advice: str, figures: Iterable[str] = ()) -> list[_Fault]:
+    """Nothing for no patches."""
+    return [_Fault(kind, patches, advice, tuple(figures))] if len(patches) else []
+
+
+def _shape_faults(vertices: FloatArray) -> list[_Fault]:
     finite = np.isfinite(vertices).all(axis=(1, 2))
     found = _named("not finite", np.flatnonzero(~finite), "a corner is NaN or infinite; correct the coordinates")
     left = np.flatnonzero(finite)
@@ -155,7 +169,7 @@ def _shape_problems(vertices: FloatArray) -> list[Problem]:
         "non-planar",
         left[bent],
         "the corners of a quad must lie in one plane; cut it into two triangles",
-        lambda i: f"{off_mm[i]:.2g} mm off its plane, limit {limit_mm[i]:.2g} mm",
+        (f"{off:.2g} mm off its plane, limit {limit:.2g} mm" for off, limit in zip(off_mm, limit_mm, strict=True)),
     )
     return found
 
@@ -181,7 +195,7 @@ class _Shape:
         diagonals = vertices[:, 2:] - vertices[:, :2]
         length = np.linalg.norm(np.concatenate([edges, diagonals], axis=1), axis=2)
         longest = length.max(axis=1, initial=0)
-        squared = np.maximum(longest, np.finfo(float).tiny) ** 2
+        squared = np.maximum(longest**2, np.finfo(float).tiny)
         same = length <= 1e-12 * longest[:, None]
         normal = np.cross(diagonals[:, 0], diagonals[:, 1])
         turn = np.cross(np.roll(edges, 1, axis=1), edges)
@@ -212,15 +226,19 @@ def _scale_problems(size_m: float) -> list[Problem]:
     guess = "millimetres taken for metres" if size_m > LARGEST_M else "metres taken for millimetres"
     message = (
         f"the scene is {size_m:.4g} m large, expected {SMALLEST_M:g} ... {LARGEST_M:g} m: probably {guess}; "
-        "give the coordinates in metres (files: the unit they are in)"
+        "give coordinates in metres (of a file, the unit it is in)"
     )
     return [Problem("scale", (), message)]
 
 
-def _joint_problems(topology: Topology, sound: IntArray, closed: bool, convex: bool) -> list[Problem]:
+def _joint_faults(topology: Topology, sound: IntArray, closed: bool, convex: bool) -> list[_Fault]:
     """What is wrong with patches as neighbours; ``sound`` are the numbers of the topology's patches."""
     copies, contacts = _copies(topology)
-    found = _named("duplicate", sound[copies], "same corners, same side; remove one of each pair", what="pair")
+    found = _named(
+        "duplicate",
+        sound[copies],
+        "same corners, same side; remove one of each pair",
+    )
     found += _named(
         "inverted", sound[_inverted(topology)], "looks the other way than its neighbours; reverse its order of corners"
     )
@@ -238,7 +256,11 @@ def _joint_problems(topology: Topology, sound: IntArray, closed: bool, convex: b
     if convex:
         advice = "called convex, but something lies behind the patch, so it may cast a shadow; say convex=False"
         found += _named("not convex", sound[np.flatnonzero(topology.covers)], advice)
-    found += _named("contact", sound[contacts], "same corners, opposite sides: a sheet without thickness", what="pair")
+    found += _named(
+        "contact",
+        sound[contacts],
+        "same corners, opposite sides: a sheet without thickness",
+    )
     found += _named("t-junction", sound[topology.cut], "a corner of another patch lies on an edge; harmless")
     return found
 
@@ -271,24 +293,24 @@ def _inverted(topology: Topology) -> IntArray:
     return np.union1d(np.flatnonzero(np.isin(sheet, sheet[fewer])), second[twisted & ~copied])
 
 
-def _crossing_problems(topology: Topology, sound: IntArray) -> list[Problem]:
+def _crossing_faults(topology: Topology, sound: IntArray) -> list[_Fault]:
     pierce, overlap = piercing_and_overlapping(topology)
     same_side = (topology.normals[overlap[:, 0]] * topology.normals[overlap[:, 1]]).sum(axis=1) > 0
     copies = set(map(tuple, np.concatenate(_copies(topology)).tolist()))
     new = np.array([tuple(pair) not in copies for pair in overlap.tolist()], dtype=bool)
     found = _named(
-        "intersecting", sound[pierce], "the patches cut through each other; cut them where they meet", what="pair"
+        "intersecting",
+        sound[pierce],
+        "the patches cut through each other; cut them where they meet",
     )
     found += _named(
         "overlapping",
         sound[overlap[new & same_side]],
         "the patches share area in one plane, so that it counts twice; remove or cut one",
-        what="pair",
     )
     found += _named(
         "contact",
         sound[overlap[new & ~same_side]],
         "the patches touch back to back or face to face: no light passes between",
-        what="pair",
     )
     return found

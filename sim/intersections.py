@@ -41,7 +41,7 @@ def _near_pairs(vertices: FloatArray) -> IntArray:
     grade = np.floor(np.log2(radius)).astype(int)
     classes = [np.flatnonzero(grade == value) for value in np.unique(grade)]
     trees = [KDTree(centre[members]) for members in classes]
-    found = []
+    found = [np.zeros((0, 2), dtype=np.intp)]
     for i, members in enumerate(classes):
         for j in range(i, len(classes)):
             reach = float(radius[members].max() + radius[classes[j]].max())
