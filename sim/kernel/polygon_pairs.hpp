@@ -1,0 +1,78 @@
+// Exchange areas A F of pairs of flat convex patches of three or four corners.
+//
+// Far pairs: Gauss rules on both patches, eight pairs at a time (levelled/polygon_far.cpp). Near and touching
+// pairs, and those cut by the plane of one of the two: contour integrals (polygon_contour.cpp).
+#pragma once
+#include <cstdint>
+#include <vector>
+
+#include "level.hpp"
+#include "polygon.hpp"
+
+namespace kernel {
+
+constexpr int LANES = 8;
+constexpr int MAX_ORDER = 6;  // of the far rules; above it the contour is cheaper
+// Relative error of n x n Gauss points on both patches: below ERROR_FACTOR n (1 + s rho) (1 + d rho) rho^-2n with
+// rho = g + sqrt(1 + g^2), g = gap / half the longest edge (Bernstein's ellipse). s and d: spread over sum of the
+// extremes of the heights over the other's plane and of the area element. The factor is measured (tests/physics).
+constexpr double ERROR_FACTOR = 4;
+
+// Gauss-Legendre rule on [0, 1].
+struct GaussRule {
+    int n;
+    double node[16], weight[16];
+};
+const GaussRule &gauss_rule(int n);  // 1 ... 16
+
+// Columns of a table of patches. A corner's density is the area element of the bilinear map at that corner.
+enum Field { CORNER = 0, DENSITY = 12, NORMAL = 16, CENTRE = 19, AREA = 22, HALF = 23, THIN = 24, FIELDS = 25 };
+
+// All patches, one row a field; lengths from the middle of the surface.
+struct Patches {
+    std::int64_t n;
+    double extent;  // largest coordinate
+    std::vector<double> field[FIELDS];
+};
+Patches patches_of(const double *vertices, std::int64_t n);
+
+// Some patches j in lanes.
+struct Block {
+    alignas(64) double field[FIELDS][LANES];
+};
+
+// Gauss points of one patch; an odd number is filled up with a point without weight.
+struct Points {
+    int n = 0;  // 0: not made yet
+    double x[MAX_ORDER * MAX_ORDER + 1], y[MAX_ORDER * MAX_ORDER + 1], z[MAX_ORDER * MAX_ORDER + 1];
+    double weight[MAX_ORDER * MAX_ORDER + 1];
+};
+
+// The patch i of a row: its fields, and its points of each order relative to its centre.
+struct Outer {
+    double field[FIELDS];
+    Points points[MAX_ORDER + 1];
+};
+
+struct Demand {
+    double tolerance;   // relative error of a pair
+    int highest_order;  // of the far rules, up to MAX_ORDER
+    double roundoff;    // of coordinates [m]
+};
+
+enum Order { BY_CONTOUR = -1, UNSEEN = 0 };  // or the order of the far rule
+
+// Order for each lane, and the value of lanes with a far rule.
+KERNEL_DECLARE(void far_exchange_areas(Outer &i, const Block &j, const Demand &demand, int *order, double *value))
+
+// Two polygons that lie wholly before each other's plane, to a relative tolerance.
+double contour_exchange_area(const Polygon &a, const Polygon &b, double tolerance);
+
+// The same for any two patches: each is first cut by the other's plane.
+double near_exchange_area(const Patches &patches, std::int64_t i, std::int64_t j, double tolerance);
+
+// Pairs (i, j[0 ... n)); j == nullptr stands for i + 1, i + 2, ...
+void exchange_areas_of_row(const Patches &patches, const Demand &demand, std::int64_t i, const std::int64_t *j,
+                           std::int64_t n, double *out);
+
+}  // namespace kernel
