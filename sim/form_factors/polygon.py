@@ -23,6 +23,8 @@ from sim.scene import FloatArray
 from sim.surface import Surface
 
 FINEST_TOLERANCE = 1e-12
+TOLERANCE_OF_SAMPLES = {4: 2e-3, 9: 2e-4, 16: 1e-5, 25: 1e-6, 36: 1e-7}
+"""Relative error of every pair that a number of samples a patch stands for."""
 HIGHEST_ORDER = 6
 """Points along each side of a patch up to which Gauss points on both patches are cheaper than the contour."""
 
@@ -84,10 +86,9 @@ def exchange_areas_of_pairs(
 def _demand(samples: int | None, tolerance: float) -> tuple[float, int]:
     """Tolerance and highest order of the far rule."""
     if samples is not None:
-        order = isqrt(max(samples, 0))
-        if order * order != samples or not 2 <= order <= HIGHEST_ORDER:
-            raise SimulationError(f"{samples} samples a patch; give a square: 4, 9, 16, 25 or 36")
-        return 10.0 ** -(order + 1), order
+        if samples not in TOLERANCE_OF_SAMPLES:
+            raise SimulationError(f"{samples} samples a patch; give one of {', '.join(map(str, TOLERANCE_OF_SAMPLES))}")
+        return TOLERANCE_OF_SAMPLES[samples], isqrt(samples)
     if not FINEST_TOLERANCE <= tolerance <= 0.1:
         raise SimulationError(f"tolerance {tolerance:g} of a form factor; give {FINEST_TOLERANCE:g} ... 0.1")
     return float(tolerance), HIGHEST_ORDER

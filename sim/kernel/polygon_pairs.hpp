@@ -13,10 +13,14 @@ namespace kernel {
 
 constexpr int LANES = 8;
 constexpr int MAX_ORDER = 6;  // of the far rules; above it the contour is cheaper
-// Relative error of n x n Gauss points on both patches: below ERROR_FACTOR n (1 + s rho) (1 + d rho) rho^-2n with
-// rho = g + sqrt(1 + g^2), g = gap / half the longest edge (Bernstein's ellipse). s and d: spread over sum of the
-// extremes of the heights over the other's plane and of the area element. The factor is measured (tests/physics).
-constexpr double ERROR_FACTOR = 4;
+// Relative error of n x n Gauss points on both patches: below
+//   4 POLE[n] (SIDE[n] + (1 - SIDE[n]) c^4) (1 + s rho / 3) (1 + d rho / 3) rho^-2n,   rho = g + sqrt(1 + g^2),
+// g = gap / half the longest edge (Bernstein's ellipse), c = extent of the larger patch along the line of centres
+// over that edge, s and d = spread over sum of the extremes of the heights over the other's plane and of the area
+// element. POLE and SIDE: the error in 1/r^4 along and across that line, from its Gegenbauer series; how tight it
+// is, is measured in tests/physics.
+constexpr double POLE[MAX_ORDER + 1] = {0, 0, 49.8, 122.9, 245.2, 429.3, 687.8};
+constexpr double SIDE[MAX_ORDER + 1] = {0, 0, 0.0857, 0.0476, 0.0303, 0.0210, 0.0154};
 
 // Gauss-Legendre rule on [0, 1].
 struct GaussRule {

@@ -69,12 +69,12 @@ inline Range density_of(const Block &block) {
     return range;
 }
 
-inline int order_for(double rho, double rises, const Demand &demand) {
-    const double inverse = 1 / (rho * rho);
-    double error = rises * inverse;
+inline int order_for(double rho, double along, double rises, const Demand &demand) {
+    const double inverse = 1 / (rho * rho), c4 = along * along * along * along;
+    double error = 4 * rises * inverse;
     for (int n = 2; n <= demand.highest_order; ++n) {
         error *= inverse;
-        if (n * error <= demand.tolerance) return n;
+        if (error * POLE[n] * (SIDE[n] + (1 - SIDE[n]) * c4) <= demand.tolerance) return n;
     }
     return BY_CONTOUR;
 }
@@ -103,14 +103,16 @@ void orders_of(const Outer &i, const Block &block, const Seen &j, const Demand &
     const Lanes g = (along_j.low - along_i.high) / (distance * half + 1e-300), under = 1.0 + g * g;
     Lanes rho;
     for (int k = 0; k < LANES; ++k) rho[k] = g[k] > 0 ? g[k] + std::sqrt(under[k]) : 1;
-    const Lanes rises_i = (1.0 + spread(over_j) * rho) * (1.0 + spread(density_of(i)) * rho);
-    const Lanes rises_j = (1.0 + spread(over_i) * rho) * (1.0 + spread(density_of(block)) * rho);
-    const Lanes rises = ERROR_FACTOR * most(rises_i, rises_j);
+    const Lanes along = least(most(along_i.high - along_i.low, along_j.high - along_j.low) /
+                                  (2.0 * distance * half + 1e-300), zero + 1.0);
+    const Lanes third = rho / 3.0;
+    const Lanes rises = most((1.0 + spread(over_j) * third) * (1.0 + spread(density_of(i)) * third),
+                             (1.0 + spread(over_i) * third) * (1.0 + spread(density_of(block)) * third));
     const Lanes noise_i = demand.roundoff * (1.0 + distance / f[THIN]), noise_j = demand.roundoff * (1.0 + distance / thin);
     for (int k = 0; k < LANES; ++k) {
         const bool unseen = over_i.high[k] <= noise_i[k] || over_j.high[k] <= noise_j[k];
         const bool cut = over_i.low[k] < -noise_i[k] || over_j.low[k] < -noise_j[k];
-        order[k] = unseen ? UNSEEN : cut ? BY_CONTOUR : order_for(rho[k], rises[k], demand);
+        order[k] = unseen ? UNSEEN : cut ? BY_CONTOUR : order_for(rho[k], along[k], rises[k], demand);
     }
 }
 
