@@ -25,7 +25,7 @@ from sim.surface import Surface
 FINEST_TOLERANCE = 1e-12
 TOLERANCE_OF_SAMPLES = {4: 2e-3, 9: 2e-4, 16: 1e-5, 25: 1e-6, 36: 1e-7}
 """Relative error of every pair that a number of samples a patch stands for."""
-HIGHEST_ORDER = 6
+HIGHEST_ORDER = 10
 """Points along each side of a patch up to which Gauss points on both patches are cheaper than the contour."""
 
 

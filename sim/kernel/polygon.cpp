@@ -178,15 +178,15 @@ void exchange_areas_of_row(const Patches &patches, const Demand &demand, std::in
     for (std::int64_t begin = 0; begin < n; begin += LANES) {
         const int count = static_cast<int>(std::min<std::int64_t>(LANES, n - begin));
         const std::int64_t *others = j ? j + begin : nullptr, first = i + 1 + begin;
-        int order[LANES];
+        int way[LANES];
         double value[LANES];
         fill(patches, others, first, count, block);
-        KERNEL_CALL(far_exchange_areas(outer, block, demand, order, value));
+        KERNEL_CALL(lane_exchange_areas(outer, block, demand, way, value));
         for (int k = 0; k < count; ++k) {
             const std::int64_t other = others ? others[k] : first + k;
-            if (order[k] == BY_CONTOUR) value[k] = near_exchange_area(patches, i, other, demand.tolerance);
+            if (way[k] == BY_CONTOUR) value[k] = near_exchange_area(patches, i, other, demand.tolerance);
             const double most = std::min(patches.field[AREA][i], patches.field[AREA][other]);
-            out[begin + k] = order[k] == UNSEEN ? 0 : std::min(std::max(value[k], 0.0), most);
+            out[begin + k] = way[k] == UNSEEN ? 0 : std::min(std::max(value[k], 0.0), most);
         }
     }
 }
