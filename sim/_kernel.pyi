@@ -3,6 +3,7 @@
 from typing import Any
 
 from numpy import bool_, float64, int64
+import numpy as np
 from numpy.typing import NDArray
 
 def level() -> str: ...
@@ -35,3 +36,14 @@ def reciprocal_product(
     factors: NDArray[Any], areas: NDArray[float64], x: NDArray[float64], out: NDArray[float64]
 ) -> None: ...
 def divide_rows(exchange: NDArray[float64], areas: NDArray[float64], row_sums: NDArray[float64]) -> None: ...
+def polygon_exchange_areas(
+    vertices: NDArray[np.float64], tolerance: float, highest_order: int, exchange: NDArray[np.float64]
+) -> None: ...
+def polygon_exchange_areas_of_pairs(
+    vertices: NDArray[np.float64],
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    tolerance: float,
+    highest_order: int,
+    exchange: NDArray[np.float64],
+) -> None: ...
