@@ -3,7 +3,6 @@
 from typing import Any
 
 from numpy import bool_, float64, int64
-import numpy as np
 from numpy.typing import NDArray
 
 def level() -> str: ...
@@ -54,14 +53,15 @@ def visible_of_pairs(
 ) -> int: ...
 def segments_blocked(
     occluders: NDArray[float64], size: float, begin: NDArray[float64], end: NDArray[float64], blocked: NDArray[bool_]
+) -> None: ...
 def polygon_exchange_areas(
-    vertices: NDArray[np.float64], tolerance: float, highest_order: int, exchange: NDArray[np.float64]
+    vertices: NDArray[float64], tolerance: float, highest_order: int, exchange: NDArray[float64]
 ) -> None: ...
 def polygon_exchange_areas_of_pairs(
-    vertices: NDArray[np.float64],
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
+    vertices: NDArray[float64],
+    first: NDArray[int64],
+    second: NDArray[int64],
     tolerance: float,
     highest_order: int,
-    exchange: NDArray[np.float64],
+    exchange: NDArray[float64],
 ) -> None: ...
