@@ -4,6 +4,7 @@
 """
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -116,10 +117,12 @@ def test_the_papers_quadrature_brightens_a_furnace_within_its_row_sums(measured)
         Radiosity(factors, 0.985)
 
 
-@pytest.mark.xfail(reason="row sums of 1 - 1e-13 pass for below 1", strict=False)
-def test_reflectance_one_in_a_closed_room_is_refused(closed_room):
-    with pytest.raises(SimulationError, match="never fades"):
-        Radiosity(closed_room, 1.0)
+def test_reflectance_one_in_a_closed_room_is_refused_or_said_to_be_worthless(closed_room):
+    # Row sums may be a rounding below 1: then there is a solution, and its bound says what it is worth.
+    bound = np.inf
+    with suppress(SimulationError):
+        bound = Radiosity(closed_room, 1.0).solution(np.ones(576)).error_bound
+    assert bound > 1e9
 
 
 def test_without_reflectance_radiosity_is_emission(closed_room):
@@ -139,7 +142,9 @@ def test_the_facets_of_a_sphere_tend_to_its_factors(measured):
         apart = np.linalg.norm(sphere.centres[:, None] - sphere.centres, axis=2) > 0.7
         exact = sphere.areas / sphere.areas.sum()
         spread.append(np.abs(factors.matrix / exact - 1)[apart].mean())
-    measured("mean of |F_ij / (A_j / 4 pi R²) - 1|, 1280 facets", spread[-1], 0.01)
+        measured(
+            f"mean of |F_ij / (A_j / 4 pi R²) - 1|, {sphere.n_patches} facets", spread[-1], 0.04 / 2**subdivisions * 2
+        )
     # Facets are not equilateral: their normals are off the centroids' radii by a share of their size.
     assert spread[0] / spread[1] > 1.8
     assert spread[1] / spread[2] > 1.8
@@ -360,7 +365,9 @@ def test_half_lit_patches_get_the_light_that_lands_on_them(closed_room, measured
     measured("flux landed over flux sent, off 1", abs(landed(by_area, scene) / SENT - 1), 1e-12)
     by_mean = coaxial_transport(scene, closed_room, LENS, POSE, "physical", "pixel_mean")
     # Equation 5 takes half-lit patches for lit ones: light is created.
-    assert landed(by_mean, scene) / SENT > 1.02
+    created = landed(by_mean, scene) / SENT - 1
+    measured("light created by equation 5", created, 0.3)
+    assert created > 0.02
 
 
 @pytest.mark.parametrize("height_m", [1e-3, 1e-6])
@@ -413,7 +420,9 @@ def test_unlit_and_unseen_patches_are_accounted_for(closed_room, measured):
     target = np.full(LENS.n_pixels, 0.5)
     exact = compensate("exact", transport, target, lower=-np.inf, upper=np.inf)
     measured("exact: rms from the target", exact.residual_rms / 0.5, 1e-9)
-    assert compensate("paper", transport, target, lower=-np.inf, upper=np.inf).residual_rms > 0.02
+    paper = compensate("paper", transport, target, lower=-np.inf, upper=np.inf)
+    measured("paper: rms from the target", paper.residual_rms / 0.5, 0.5)
+    assert paper.residual_rms > 0.02
 
 
 def gray_code_pictures(ambient):
