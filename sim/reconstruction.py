@@ -49,11 +49,19 @@ def quadratics(scene: Scene, means: FloatArray) -> FloatArray:
         Mean of each patch, 0 or more.
     """
     coefficients = np.concatenate([_face_quadratics(face, means[face.patches]) for face in scene.faces])
-    lowest = coefficients.min(axis=(1, 2))
-    share = np.where(lowest < 0, means / np.maximum(means - lowest, np.finfo(float).tiny), 1.0)[:, None, None]
-    # Clipped last: the share leaves a rounding error below 0.
-    drawn = np.maximum(means[:, None, None] + share * (coefficients - means[:, None, None]), 0.0)
-    return np.where(lowest[:, None, None] < 0, drawn, coefficients)
+    return _without_negatives(coefficients.reshape(-1, 9), means).reshape(-1, 3, 3)
+
+
+def _without_negatives(values: FloatArray, means: FloatArray) -> FloatArray:
+    """Rows of values, each drawn towards its mean until its lowest is 0."""
+    lowest = values.min(axis=1)
+    below = np.flatnonzero(lowest < 0)
+    if below.size:
+        mean = means[below, None]
+        share = mean / (mean - lowest[below, None])
+        # The share leaves a rounding error below 0.
+        values[below] = np.maximum(mean + share * (values[below] - mean), 0.0)
+    return values
 
 
 def _face_quadratics(face: Face, means: FloatArray) -> FloatArray:
@@ -93,9 +101,8 @@ def fans(surface: Surface, means: FloatArray) -> tuple[FloatArray, FloatArray]:
     sectors /= sectors.sum(axis=1, keepdims=True)
     rim = (sectors * (at_corners + np.roll(at_corners, -1, axis=1))).sum(axis=1)
     centre = 3 * means - rim
-    share = np.where(centre < 0, means / np.maximum(means - centre, np.finfo(float).tiny), 1.0)
-    values = means[:, None] + share[:, None] * (np.column_stack([at_corners, centre]) - means[:, None])
-    return np.ascontiguousarray(corners), np.maximum(values, 0.0)
+    values = _without_negatives(np.column_stack([at_corners, centre]), means)
+    return np.ascontiguousarray(corners), values
 
 
 def _corner_values(surface: Surface, means: FloatArray, from_centre: FloatArray) -> FloatArray:
