@@ -1,64 +1,91 @@
 """The native kernel, sim/kernel: arrays are contiguous, outputs are filled in place."""
 
-import numpy as np
+from typing import Any
+
+from numpy import bool_, float64, int32, int64, uint8
 from numpy.typing import NDArray
-
-_Floats = NDArray[np.float64]
-_Indices = NDArray[np.intp]
-
 
 def level() -> str: ...
 def best_level() -> str: ...
 def set_level(name: str) -> None: ...
 def threads() -> int: ...
 def set_threads(n: int) -> None: ...
+def grid_form_factors(
+    frames: NDArray[float64],
+    counts: NDArray[int64],
+    facing: NDArray[bool_],
+    factors: NDArray[float64],
+    row_sums: NDArray[float64],
+) -> None: ...
+def rectangle_exchange_areas(
+    low: NDArray[float64],
+    high: NDArray[float64],
+    axis: NDArray[int64],
+    sign: NDArray[float64],
+    exchange: NDArray[float64],
+) -> None: ...
+def paper_exchange_areas(
+    points: NDArray[float64],
+    normals: NDArray[float64],
+    offsets: NDArray[float64],
+    areas: NDArray[float64],
+    exchange: NDArray[float64],
+) -> None: ...
+def reciprocal_product(
+    factors: NDArray[Any], areas: NDArray[float64], x: NDArray[float64], out: NDArray[float64]
+) -> None: ...
+def divide_rows(exchange: NDArray[float64], areas: NDArray[float64], row_sums: NDArray[float64]) -> None: ...
 
 class Device:
     def __init__(
-        self, width: int, height: int, lens: _Floats, rotation: _Floats, position: _Floats
+        self, width: int, height: int, lens: NDArray[float64], rotation: NDArray[float64], position: NDArray[float64]
     ) -> None: ...
 
 class Tracer:
-    def __init__(self, rectangles: _Floats, corners: _Floats, frames: _Floats) -> None: ...
+    def __init__(self, rectangles: NDArray[float64], corners: NDArray[float64], frames: NDArray[float64]) -> None: ...
     def trace(
         self,
-        origins: _Floats,
-        directions: _Floats,
-        face: _Indices,
-        patch: _Indices,
-        distance: _Floats,
-        uv: _Floats,
-        cosine: _Floats,
+        origins: NDArray[float64],
+        directions: NDArray[float64],
+        face: NDArray[int64],
+        patch: NDArray[int64],
+        distance: NDArray[float64],
+        uv: NDArray[float64],
+        cosine: NDArray[float64],
     ) -> None: ...
-    def blocked(self, start: _Floats, end: _Floats, stopped: NDArray[np.uint8]) -> None: ...
+    def blocked(self, start: NDArray[float64], end: NDArray[float64], stopped: NDArray[uint8]) -> None: ...
     def light(
         self,
         device: Device,
-        picture: _Floats,
-        reflectance: _Floats,
-        areas: _Floats,
+        picture: NDArray[float64],
+        reflectance: NDArray[float64],
+        areas: NDArray[float64],
         subsamples: int,
         physical: bool,
-        direct: _Floats,
-        patch: NDArray[np.int32],
-        place: _Floats,
-        emission: _Floats,
+        direct: NDArray[float64],
+        patch: NDArray[int32],
+        place: NDArray[float64],
+        emission: NDArray[float64],
     ) -> None: ...
 
-def shade_constant(patch: NDArray[np.int32], value: _Floats, indirect: _Floats) -> None: ...
+def shade_constant(patch: NDArray[int32], value: NDArray[float64], indirect: NDArray[float64]) -> None: ...
 def shade_quadratic(
-    patch: NDArray[np.int32], place: _Floats, coefficients: _Floats, indirect: _Floats
+    patch: NDArray[int32], place: NDArray[float64], coefficients: NDArray[float64], indirect: NDArray[float64]
 ) -> None: ...
 def shade_fan(
-    patch: NDArray[np.int32], place: _Floats, corners: _Floats, values: _Floats, indirect: _Floats
+    patch: NDArray[int32],
+    place: NDArray[float64],
+    corners: NDArray[float64],
+    values: NDArray[float64],
+    indirect: NDArray[float64],
 ) -> None: ...
 def gather(
     tracer: Tracer,
-    points: _Floats,
-    normals: _Floats,
-    vertices: _Floats,
-    patch_normals: _Floats,
-    radiosity: _Floats,
+    points: NDArray[float64],
+    normals: NDArray[float64],
+    vertices: NDArray[float64],
+    patch_normals: NDArray[float64],
+    radiosity: NDArray[float64],
     shadows: bool,
-    received: _Floats,
+    received: NDArray[float64],
 ) -> None: ...
