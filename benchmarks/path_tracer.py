@@ -79,11 +79,19 @@ def scene_of(mi: Any, picture: FloatArray, max_depth: int) -> Any:
     view = {"fov": FIELD_DEG, "to_world": to_world}
     bitmap = mi.Bitmap(np.repeat(picture[..., None], 3, axis=2).astype(np.float32))
     texture = {"type": "bitmap", "bitmap": bitmap, "raw": True, "filter_type": "nearest", "wrap_mode": "clamp"}
-    film = {"type": "hdrfilm", "width": WIDTH_PX, "height": HEIGHT_PX, "pixel_format": "rgb", "rfilter": {"type": "box"}}
+    film = {
+        "type": "hdrfilm",
+        "width": WIDTH_PX,
+        "height": HEIGHT_PX,
+        "pixel_format": "rgb",
+        "rfilter": {"type": "box"},
+    }
+    box = {"rfilter": {"type": "box"}}
     content: dict[str, Any] = {
         "type": "scene",
         "integrator": {"type": "path", "max_depth": max_depth, "rr_depth": ROULETTE_DEPTH},
-        "sensor": {"type": "perspective", "fov_axis": "x", "near_clip": 0.01, "far_clip": 100.0, "film": film} | view,
+        "sensor": {"type": "perspective", "fov_axis": "x", "near_clip": 0.01, "far_clip": 100.0, "film": film | box}
+        | view,
         "projector": {"type": "projector", "irradiance": texture} | view,
     }
     white = {"type": "diffuse", "reflectance": {"type": "rgb", "value": REFLECTANCE}}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim import _kernel
 from sim.optics import Lens, Pose, rays_at
@@ -51,19 +52,19 @@ def irradiance_reference(
 
 
 def gathered(
-    surface: Surface, radiosity: FloatArray, lens: Lens, pose: Pose, patch: IntArray, tolerance: float
+    surface: Surface, radiosity: FloatArray, lens: Lens, pose: Pose, patch: NDArray[np.int32], tolerance: float
 ) -> FloatArray:
     """(H, W) irradiance of the surface points that the pixels see.
 
-    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle is what its
-    corners predict, is filled bilinearly; any other is split, down to single pixels along edges.
+    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle and sides are what
+    its corners predict, is filled bilinearly; any other is split, down to single pixels along edges.
 
     Parameters
     ----------
     patch : (H, W) int
         The patch that each pixel sees, -1 for none.
     tolerance : float
-        Largest deviation of a cell's middle from its corners' prediction, as a share of it.
+        Largest deviation of a cell's middle and sides from its corners' prediction, as a share of it.
     """
     height, width = patch.shape
     region = np.where(patch >= 0, surface.region[patch], -1)
@@ -79,11 +80,14 @@ def gathered(
         for y in (top, bottom):
             for x in (left, right):
                 wanted[y, x] = True
-        wanted[middle_y[whole], middle_x[whole]] = True
+        probes = [(middle_y, middle_x), (top, middle_x), (bottom, middle_x), (middle_y, left), (middle_y, right)]
+        for y, x in probes:
+            wanted[y[whole], x[whole]] = True
         _fill(surface, radiosity, lens, pose, patch, wanted & np.isnan(values), values)
-        predicted = _bilinear(values, cells, middle_y, middle_x)
-        found = values[middle_y, middle_x]
-        accepted = whole & (np.abs(found - predicted) <= tolerance * predicted)
+        accepted = whole
+        for y, x in probes:
+            predicted = _bilinear(values, cells, y, x)
+            accepted = accepted & (np.abs(values[y, x] - predicted) <= tolerance * predicted)
         _interpolate(values, cells[accepted])
         cells = _split(cells[~accepted])
     return values
@@ -94,7 +98,7 @@ def _fill(
     radiosity: FloatArray,
     lens: Lens,
     pose: Pose,
-    patch: IntArray,
+    patch: NDArray[np.int32],
     wanted: BoolArray,
     values: FloatArray,
 ) -> None:
@@ -131,7 +135,7 @@ def _split(cells: IntArray) -> IntArray:
     every = np.concatenate([np.stack(child, axis=1) for child in children])
     # A side of one pixel has its middle at its start: that child has no height (or width) unless the cell had none.
     flat_y, flat_x = np.tile(bottom == top, 4), np.tile(right == left, 4)
-    return every[((every[:, 2] > every[:, 0]) | flat_y) & ((every[:, 3] > every[:, 1]) | flat_x)]
+    return np.asarray(every[((every[:, 2] > every[:, 0]) | flat_y) & ((every[:, 3] > every[:, 1]) | flat_x)])
 
 
 def _bilinear(values: FloatArray, cells: IntArray, y: IntArray, x: IntArray) -> FloatArray:

@@ -23,11 +23,14 @@ from sim.optics import Lens, Pose, project, rays_at, solid_angles
 from sim.radiosity import Radiosity
 from sim.rays import blocked, device_of, trace, tracer_of
 from sim.reconstruction import fans, quadratics
-from sim.scene import FloatArray, IntArray, Scene
+from sim.scene import FloatArray, Scene
 from sim.surface import Surface
 from sim.transport import Convention, EmissionRule, bilinear
 
 Reconstruction = Literal["patch", "smooth", "gather"]
+
+PARTS_A_PATCH = 100
+"""Parts of pixels that should fall on a patch, if all were lit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +47,7 @@ class SimulatedImage:
     """(P,) E: light of the projector that each patch sends back."""
     radiosity: FloatArray
     """(P,) B: all light that each patch sends back."""
-    pixel_patch: IntArray
+    pixel_patch: NDArray[np.int32]
     """(H, W) the patch that each pixel sees, -1 for none."""
     seconds: Mapping[str, float]
     """Time of each stage: light, solve, reconstruct."""
@@ -60,7 +63,7 @@ def simulate_image(
     convention: Convention = "paper",
     emission: EmissionRule = "area",
     reconstruction: Reconstruction = "smooth",
-    subsamples: int = 2,
+    subsamples: int | None = None,
     gather_tolerance: float = 1e-3,
     camera_lens: Lens | None = None,
     camera_pose: Pose | None = None,
@@ -85,8 +88,9 @@ def simulate_image(
     reconstruction : {"smooth", "patch", "gather"}
         Of the indirect light: continuous within each flat region and true to the patches' means; constant a
         patch (eq. 9); or gathered from all patches at the pixels (slow: 0.1 to 10 s).
-    subsamples : int
-        ``area``: each pixel is split into subsamples x subsamples parts.
+    subsamples : int, optional
+        ``area``: each pixel is split into subsamples x subsamples parts; from 2 to 8 by itself, so that about a
+        hundred parts fall on a patch.
     gather_tolerance : float
         ``gather``: what interpolation between gathered pixels may cost, as a share.
     camera_lens, camera_pose : optional
@@ -101,7 +105,8 @@ def simulate_image(
     picture = _checked(surface, form_factors, lens, projector_image)
     _check_choices(convention, emission, reconstruction, subsamples)
     marks = [time.perf_counter()]
-    parts = subsamples if emission == "area" else 0
+    wanted = int(np.clip(np.ceil(np.sqrt(PARTS_A_PATCH * surface.n_patches / lens.n_pixels)), 2, 8))
+    parts = 0 if emission == "pixel_mean" else wanted if subsamples is None else subsamples
     E, seen = _lit(surface, lens, pose, picture, convention == "physical", parts)
     if camera_lens is not None or camera_pose is not None:
         camera_lens, camera_pose = camera_lens or lens, camera_pose or pose
@@ -161,7 +166,7 @@ def _received(surface: Surface, form_factors: FormFactors, E: FloatArray, B: Flo
     dark = rho < 1e-3
     H = (B - E) / np.where(dark, 1.0, rho)
     if dark.any():
-        H[dark] = form_factors.matrix[dark] @ B
+        H[dark] = form_factors.apply(B)[dark]
     return np.maximum(H, 0.0)
 
 
@@ -226,7 +231,7 @@ def _checked(surface: Surface, form_factors: FormFactors, lens: Lens, projector_
     return picture
 
 
-def _check_choices(convention: str, emission: str, reconstruction: str, subsamples: int) -> None:
+def _check_choices(convention: str, emission: str, reconstruction: str, subsamples: int | None) -> None:
     for name, value, known in (
         ("convention", convention, ("paper", "physical")),
         ("emission rule", emission, ("area", "pixel_mean")),
@@ -234,5 +239,5 @@ def _check_choices(convention: str, emission: str, reconstruction: str, subsampl
     ):
         if value not in known:
             raise SimulationError(f"unknown {name} {value!r}; there are {', '.join(known)}")
-    if subsamples < 1:
+    if subsamples is not None and subsamples < 1:
         raise SimulationError(f"{subsamples} subsamples a pixel; at least 1")

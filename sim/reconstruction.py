@@ -142,5 +142,5 @@ def _gradients(surface: Surface, means: FloatArray, vertex: IntArray) -> FloatAr
 def _summed(index: IntArray, values: FloatArray, n: int) -> FloatArray:
     """Sum of the values of each index, over the first axis."""
     columns = values.reshape(len(values), -1)
-    sums = [np.bincount(index, column, minlength=n) for column in columns.T]
-    return np.stack(sums, axis=1).reshape(n, *values.shape[1:])
+    sums = np.stack([np.bincount(index, column, minlength=n) for column in columns.T], axis=1)
+    return np.asarray(sums.reshape(n, *values.shape[1:]), dtype=np.float64)

@@ -173,12 +173,12 @@ class Scene:
     def tracer(self) -> _kernel.Tracer:
         """What meets rays and stops segments."""
         rows = [
-            [*f.origin_m, *(f.axes[0] / f.size_m[0]), *(f.axes[1] / f.size_m[1]), *f.normal]
-            + [f.columns, f.rows, f.first_patch]
+            np.concatenate([f.origin_m, f.axes[0] / f.size_m[0], f.axes[1] / f.size_m[1], f.normal, counts])
             for f in self.faces
+            for counts in [(f.columns, f.rows, f.first_patch)]
         ]
         corners = np.stack([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in self.faces])
-        return _kernel.Tracer(np.array(rows, dtype=np.float64), corners, np.zeros((0, 12)))
+        return _kernel.Tracer(np.array(rows), corners, np.zeros((0, 12)))
 
     def with_reflectance(self, reflectance: ArrayLike) -> Scene:
         """Give the same scene another reflectance, one number or one a patch."""
