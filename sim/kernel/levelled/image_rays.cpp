@@ -7,6 +7,8 @@ namespace kernel::image::KERNEL_LEVEL {
 
 namespace {
 
+double unit_range(double x) { return x < 0 ? 0 : x > 1 ? 1 : x; }
+
 // Image point to the plane z = 1, by Newton's method from the distorted point.
 void undistort(const Device &d, int n, double *px, double *py, double *jacobian) {
     for (int k = 0; k < n; ++k) {
@@ -27,6 +29,31 @@ void undistort(const Device &d, int n, double *px, double *py, double *jacobian)
         px[k] = x;
         py[k] = y;
         jacobian[k] = det;
+    }
+}
+
+// The patch of each hit, and the place in it. Loops apart, so that the second becomes vectors.
+void find_cells(const Rectangle *rectangles, int n, Hits &hits) {
+    double columns[BLOCK], rows[BLOCK], first[BLOCK];
+    for (int k = 0; k < n; ++k) {
+        const Rectangle &face = rectangles[hits.face[k] < 0 ? 0 : hits.face[k]];
+        columns[k] = face.columns;
+        rows[k] = face.rows;
+        first[k] = face.first;
+    }
+    for (int k = 0; k < n; ++k) {
+        const double u = unit_range(hits.u[k]), v = unit_range(hits.v[k]);
+        const double x = u * columns[k], y = v * rows[k];
+        const double whole_x = static_cast<double>(static_cast<std::int64_t>(x));
+        const double whole_y = static_cast<double>(static_cast<std::int64_t>(y));
+        const double column = whole_x < columns[k] ? whole_x : columns[k] - 1;
+        const double row = whole_y < rows[k] ? whole_y : rows[k] - 1;
+        hits.u[k] = u;
+        hits.v[k] = v;
+        hits.s[k] = x - column;
+        hits.t[k] = y - row;
+        const auto patch = static_cast<std::int64_t>(first[k] + row * columns[k] + column);
+        hits.patch[k] = (hits.towards[k] > 0) & (hits.face[k] >= 0) ? patch : -1;
     }
 }
 
@@ -59,9 +86,9 @@ void meet_rectangles(const Rectangle *rectangles, std::int64_t count, const Rays
     constexpr double low = -1e-9, high = 1 + 1e-9, miss = std::numeric_limits<double>::infinity();
     const int n = rays.n;
     for (int k = 0; k < n; ++k) {
-        hits.face[k] = hits.patch[k] = -1;
+        hits.face[k] = -1;
         hits.at[k] = miss;
-        hits.u[k] = hits.v[k] = hits.s[k] = hits.t[k] = hits.towards[k] = 0;
+        hits.u[k] = hits.v[k] = hits.towards[k] = 0;
     }
     for (std::int64_t index = 0; index < count; ++index) {
         const Rectangle face = rectangles[index];
@@ -81,18 +108,7 @@ void meet_rectangles(const Rectangle *rectangles, std::int64_t count, const Rays
             hits.towards[k] = met ? -towards : hits.towards[k];
         }
     }
-    for (int k = 0; k < n; ++k) {
-        if (hits.face[k] < 0) continue;
-        const Rectangle &face = rectangles[hits.face[k]];
-        const double u = std::fmin(std::fmax(hits.u[k], 0.0), 1.0), v = std::fmin(std::fmax(hits.v[k], 0.0), 1.0);
-        const double x = u * face.columns, y = v * face.rows;
-        const double column = std::fmin(std::floor(x), face.columns - 1), row = std::fmin(std::floor(y), face.rows - 1);
-        hits.u[k] = u;
-        hits.v[k] = v;
-        hits.s[k] = x - column;
-        hits.t[k] = y - row;
-        if (hits.towards[k] > 0) hits.patch[k] = static_cast<std::int64_t>(face.first + row * face.columns + column);
-    }
+    find_cells(rectangles, n, hits);
 }
 
 void pixel_flux(const Device &device, const Aim &lens, const Hits &hits, int n, bool physical, double *flux) {
