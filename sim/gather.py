@@ -56,8 +56,9 @@ def gathered(
 ) -> FloatArray:
     """(H, W) irradiance of the surface points that the pixels see.
 
-    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle and sides are what
-    its corners predict, is filled bilinearly; any other is split, down to single pixels along edges.
+    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle
+    and sides are what its corners predict, is filled bilinearly; any other is split, down to single pixels along
+    edges.
 
     Parameters
     ----------

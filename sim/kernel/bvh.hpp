@@ -43,13 +43,14 @@ inline double meet(const Flat &flat, Vec origin, Vec direction) {
 
 struct Box {
     Vec low{1e300, 1e300, 1e300}, high{-1e300, -1e300, -1e300};
-    void grow(Vec p, double margin = 0) {
-        low = {std::min(low.x, p.x - margin), std::min(low.y, p.y - margin), std::min(low.z, p.z - margin)};
-        high = {std::max(high.x, p.x + margin), std::max(high.y, p.y + margin), std::max(high.z, p.z + margin)};
-    }
+    // An empty box changes nothing.
     void grow(const Box &box) {
-        grow(box.low);
-        grow(box.high);
+        low = {std::min(low.x, box.low.x), std::min(low.y, box.low.y), std::min(low.z, box.low.z)};
+        high = {std::max(high.x, box.high.x), std::max(high.y, box.high.y), std::max(high.z, box.high.z)};
+    }
+    void grow(Vec p, double margin = 0) {
+        const Vec room{margin, margin, margin};
+        grow(Box{p - room, p + room});
     }
     double half_area() const {
         const Vec d = high - low;
@@ -73,9 +74,15 @@ class Bvh {
     }
 
     // Index of the polygon met first beyond `nearest`, or -1; `at` is where. Equal distances: the lower index.
-    std::int32_t first_hit(Vec origin, Vec direction, double nearest, double &at) const {
+    // likely: a polygon that is probably met, such as that of the ray before, or -1; it only saves time.
+    std::int32_t first_hit(Vec origin, Vec direction, double nearest, double &at, std::int32_t likely = -1) const {
         std::int32_t found = -1;
         at = std::numeric_limits<double>::infinity();
+        const double guess = likely < 0 ? 0.0 : meet(flats_[likely], origin, direction);
+        if (guess > nearest && guess < at) {
+            at = guess;
+            found = likely;
+        }
         walk(origin, direction, nearest, at, [&](std::int32_t flat) {
             const double here = meet(flats_[flat], origin, direction);
             if (here > nearest && (here < at || (here == at && flat < found))) {
@@ -97,8 +104,6 @@ class Bvh {
             return here > low && here < high;
         });
     }
-
-    const Flat &flat(std::int32_t index) const { return flats_[index]; }
 
   private:
     struct Node {
@@ -171,7 +176,8 @@ class Bvh {
         while (top) {
             const std::int32_t index = stack[--top];
             const Node &node = nodes_[index];
-            if (entry(node.box, origin, inverse, low) > high) continue;
+            // A miss is infinite, and so is `high` before the first hit.
+            if (entry(node.box, origin, inverse, low) >= high) continue;
             for (std::int32_t k = 0; k < node.count; ++k)
                 if (visit(order_[node.first + k])) return true;
             if (node.count) continue;

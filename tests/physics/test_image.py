@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from sim import _kernel
+from sim import image as image_module
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.gather import irradiance, irradiance_reference
@@ -13,7 +14,7 @@ from sim.image import simulate_image
 from sim.mesh import Mesh
 from sim.optics import Lens, Pose, pixel_rays
 from sim.rays import blocked, trace
-from sim.reconstruction import fans, quadratics
+from sim.reconstruction import fan_values, fans, quadratic_values, quadratics
 from sim.scene import intersect, intersect_reference
 from sim.scenes import corner, paper_room, parallel_plates, room, room_with_box
 from sim.transport import coaxial_transport, physical_transport
@@ -215,6 +216,31 @@ def test_smooth_light_has_no_step_between_patches_of_a_wall(build):
         flat = simulate_image(surface, factors, narrow, ahead, picture, reconstruction="patch").indirect[1]
         assert np.abs(np.diff(flat)).max() / flat.mean() > 0.02
         assert steps.max() < 0.003
+
+
+@pytest.mark.parametrize("build", [lambda scene: scene, _as_mesh, _triangles], ids=["scene", "quads", "triangles"])
+def test_linear_light_arrives_at_the_pixels_as_it_is(build):
+    surface, rays = build(room_with_box(0.5)), pixel_rays(BENT, POSE).reshape(-1, 3)
+    hits = trace(surface, POSE.position_m, rays)
+    points = POSE.position_m + hits.distance[:, None] * rays
+    _, seen = image_module._lit(surface, BENT, POSE, np.ones(BENT.shape), True, 0)
+    assert np.array_equal(seen.patch.ravel(), hits.patch)
+    found = image_module._indirect(surface, _linear(surface.centres), seen, "smooth")
+    assert np.allclose(found.ravel(), surface.reflectance[hits.patch] * _linear(points), rtol=1e-9)
+
+
+def test_pixels_get_what_the_numpy_references_say():
+    scene, rng = room(patch_size_m=0.8), np.random.default_rng(7)
+    means, patch = rng.random(scene.n_patches), rng.integers(scene.n_patches, size=(20, 30)).astype(np.int32)
+    place, out = rng.random((20, 30, 2)), np.empty((20, 30))
+    coefficients = quadratics(scene, means)
+    _kernel.shade_quadratic(patch, place, coefficients, out)
+    assert np.allclose(out.ravel(), quadratic_values(coefficients, patch.ravel(), place.reshape(-1, 2)), rtol=1e-12)
+    for mesh in (_as_mesh(scene), _triangles(scene)):
+        corners, values = fans(mesh, np.resize(means, mesh.n_patches))
+        place = 0.2 * (rng.random((20, 30, 2)) - 0.5)
+        _kernel.shade_fan(patch, place, corners, values, out)
+        assert np.allclose(out.ravel(), fan_values(corners, values, patch.ravel(), place.reshape(-1, 2)), rtol=1e-9)
 
 
 def test_smooth_light_is_never_negative_beside_darkness():
