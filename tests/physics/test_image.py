@@ -22,7 +22,6 @@ from sim.transport import coaxial_transport, physical_transport
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
 BENT = Lens(64, 48, (28.0, 27.0), (30.0, 25.0), (-0.1, 0.02, 1e-3, -2e-3, 0.0))
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.3, 1.1))
-pytestmark = pytest.mark.filterwarnings("ignore:.*row sums")
 TRACED = Path(__file__).parents[1] / "data" / "path_tracer_blocks.npz"
 
 
