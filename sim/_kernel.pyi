@@ -1,5 +1,8 @@
 """The native kernel, sim/kernel: arrays are contiguous, outputs are filled in place."""
 
+from typing import Any
+
+from numpy import bool_, float64, int64
 import numpy as np
 from numpy.typing import NDArray
 
@@ -8,22 +11,40 @@ def best_level() -> str: ...
 def set_level(name: str) -> None: ...
 def threads() -> int: ...
 def set_threads(n: int) -> None: ...
+def grid_form_factors(
+    frames: NDArray[float64],
+    counts: NDArray[int64],
+    facing: NDArray[bool_],
+    factors: NDArray[float64],
+    row_sums: NDArray[float64],
+) -> None: ...
+def rectangle_exchange_areas(
+    low: NDArray[float64],
+    high: NDArray[float64],
+    axis: NDArray[int64],
+    sign: NDArray[float64],
+    exchange: NDArray[float64],
+) -> None: ...
+def paper_exchange_areas(
+    points: NDArray[float64],
+    normals: NDArray[float64],
+    offsets: NDArray[float64],
+    areas: NDArray[float64],
+    exchange: NDArray[float64],
+) -> None: ...
+def reciprocal_product(
+    factors: NDArray[Any], areas: NDArray[float64], x: NDArray[float64], out: NDArray[float64]
+) -> None: ...
+def divide_rows(exchange: NDArray[float64], areas: NDArray[float64], row_sums: NDArray[float64]) -> None: ...
+def polygon_exchange_areas(
+    vertices: NDArray[np.float64], tolerance: float, highest_order: int, exchange: NDArray[np.float64]
+) -> None: ...
+def polygon_exchange_areas_of_pairs(
+    vertices: NDArray[np.float64],
+    first: NDArray[np.int64],
+    second: NDArray[np.int64],
+    tolerance: float,
+    highest_order: int,
+    exchange: NDArray[np.float64],
+) -> None: ...
 
-class CompressedMatrix:
-    """Compressed exchange areas: sim/kernel/compressed_matrix.hpp."""
-
-    def __init__(
-        self,
-        vertices: NDArray[np.float64],
-        normals: NDArray[np.float64],
-        areas: NDArray[np.float64],
-        region: NDArray[np.int64],
-        occluders: NDArray[np.float64],
-        tolerance: float,
-        leaf_size: int,
-    ) -> None: ...
-    def step(self, limit: int) -> float: ...
-    def apply(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> None: ...
-    def exact_rows(self, rows: NDArray[np.int64], x: NDArray[np.float64], y: NDArray[np.float64]) -> None: ...
-    def blocks(self) -> tuple[int, int, int, int]: ...
-    def numbers(self) -> tuple[int, int, int, int]: ...
