@@ -3,7 +3,6 @@
 from typing import Any
 
 from numpy import bool_, float64, int64
-import numpy as np
 from numpy.typing import NDArray
 
 def level() -> str: ...

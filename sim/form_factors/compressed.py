@@ -28,7 +28,7 @@ FINEST, COARSEST = 1e-6, 1e-1
 """Tolerances taken: numbers are kept in single precision, and above 0.1 nothing is left of the light."""
 LEAF_PATCHES = 32
 """Largest cluster that is not divided."""
-SAMPLED_ROWS = 200
+SAMPLED_ROWS = 100
 """Rows evaluated again for the estimate of the error."""
 
 
@@ -64,6 +64,8 @@ class CompressedFormFactors:
     """``none`` or ``rays``: what was really done."""
     seconds: float
     """Spent, the measurement of the error included."""
+    seconds_build: float
+    """Spent before that."""
     stored_mb: float
     """Memory of the blocks [MB = 1e6 bytes]."""
     blocks: Blocks
@@ -73,6 +75,11 @@ class CompressedFormFactors:
     def apply(self, x: ArrayLike) -> FloatArray:
         """F x for x of shape (P,) or (P, K): what each patch receives from radiosities x."""
         return _apply(self.kernel, np.asarray(x, dtype=np.float64), len(self.areas))
+
+    def exchange(self, x: FloatArray) -> FloatArray:
+        """diag(A) F x, (P,) or (P, K): the symmetric product."""
+        areas = self.areas if np.ndim(x) == 1 else self.areas[:, None]
+        return np.asarray(areas * self.apply(x))
 
 
 @dataclass(frozen=True)
@@ -123,6 +130,7 @@ def compressed_form_factors(
         done = kernel.step(1024)
         if on_progress:
             on_progress(done)
+    seconds_build = time.perf_counter() - started
     row_sums = _apply(kernel, np.ones(surface.n_patches), surface.n_patches)
     excess = row_sums - 1
     closure = np.abs(excess).max() if surface.closed else max(excess.max(), 0.0)
@@ -135,6 +143,7 @@ def compressed_form_factors(
         error=error,
         visibility="rays" if len(occluders) else "none",
         seconds=time.perf_counter() - started,
+        seconds_build=seconds_build,
         stored_mb=4e-6 * sum(kernel.numbers()),
         blocks=Blocks(*kernel.numbers()),
         kernel=kernel,

@@ -1,6 +1,7 @@
 #include "compressed_pair.hpp"
 
 #include <algorithm>
+#include <cstdint>
 
 namespace kernel {
 
@@ -33,6 +34,15 @@ std::vector<double> low_discrepancy(int first, int count) {
         for (int d = 0; d < 4; ++d)
             points[4 * k + d] = std::fmod(0.5 + (first + k + 1) * std::pow(ratio, -(d + 1.0)), 1.0);
     return points;
+}
+
+// A shift of the rays for each pair (Cranley & Patterson 1976), so that errors along a shadow's edge cancel.
+void shift_of(int i, int j, double shift[4]) {
+    std::uint64_t z = (std::uint64_t(i) << 32 | std::uint32_t(j)) * 0x9e3779b97f4a7c15ULL;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+    z ^= z >> 31;
+    for (int d = 0; d < 4; ++d) shift[d] = (z >> (16 * d) & 0xffff) / 65536.0;
 }
 
 }  // namespace
@@ -208,9 +218,13 @@ int Pairs::rays_for(int i, int j, double unhidden_value) const {
 double Pairs::visible_share(int i, int j, int rays, const std::vector<int> &candidates) const {
     const Near &p = near_[i], &q = near_[j];
     const Vec normal_p = far_[i].normal, normal_q = far_[j].normal;
-    double all = 0, seen = 0;
+    double all = 0, seen = 0, shift[4], s[4];
+    shift_of(i, j, shift);
     for (int k = 0; k < rays; ++k) {
-        const double *s = &rays_[4 * k];
+        for (int d = 0; d < 4; ++d) {
+            s[d] = rays_[4 * k + d] + shift[d];
+            s[d] -= s[d] >= 1 ? 1 : 0;
+        }
         double jacobian_p = 1, jacobian_q = 1;
         const Vec a = point(p, s[0], s[1], p.parallelogram ? nullptr : &jacobian_p);
         const Vec b = point(q, s[2], s[3], q.parallelogram ? nullptr : &jacobian_q);
