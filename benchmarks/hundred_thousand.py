@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.progress import Progress
+
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
 from sim.radiosity import Radiosity
 from sim.scene import FloatArray, Scene

@@ -36,14 +36,51 @@ def reciprocal_product(
 ) -> None: ...
 def divide_rows(exchange: NDArray[float64], areas: NDArray[float64], row_sums: NDArray[float64]) -> None: ...
 def polygon_exchange_areas(
-    vertices: NDArray[np.float64], tolerance: float, highest_order: int, exchange: NDArray[np.float64]
+    vertices: NDArray[float64], tolerance: float, highest_order: int, exchange: NDArray[float64]
 ) -> None: ...
 def polygon_exchange_areas_of_pairs(
-    vertices: NDArray[np.float64],
-    first: NDArray[np.int64],
-    second: NDArray[np.int64],
+    vertices: NDArray[float64],
+    first: NDArray[int64],
+    second: NDArray[int64],
     tolerance: float,
     highest_order: int,
-    exchange: NDArray[np.float64],
+    exchange: NDArray[float64],
+) -> None: ...
+def visible_of_matrix(
+    vertices: NDArray[float64],
+    occluders: NDArray[float64],
+    exchange: NDArray[float64],
+    nodes: NDArray[float64],
+    weights: NDArray[float64],
+) -> tuple[NDArray[int64], NDArray[int64], NDArray[float64], int]: ...
+def visible_of_pairs(
+    vertices: NDArray[float64],
+    occluders: NDArray[float64],
+    first: NDArray[int64],
+    second: NDArray[int64],
+    nodes: NDArray[float64],
+    weights: NDArray[float64],
+    visible: NDArray[float64],
+) -> int: ...
+def segments_blocked(
+    occluders: NDArray[float64], size: float, begin: NDArray[float64], end: NDArray[float64], blocked: NDArray[bool_]
 ) -> None: ...
 
+class CompressedMatrix:
+    """Compressed exchange areas: sim/kernel/compressed_matrix.hpp."""
+
+    def __init__(
+        self,
+        vertices: NDArray[float64],
+        normals: NDArray[float64],
+        areas: NDArray[float64],
+        region: NDArray[int64],
+        occluders: NDArray[float64],
+        tolerance: float,
+        leaf_size: int,
+    ) -> None: ...
+    def step(self, limit: int) -> float: ...
+    def apply(self, x: NDArray[float64], y: NDArray[float64]) -> None: ...
+    def exact_rows(self, rows: NDArray[int64], x: NDArray[float64], y: NDArray[float64]) -> None: ...
+    def blocks(self) -> tuple[int, int, int, int]: ...
+    def numbers(self) -> tuple[int, int, int, int]: ...

@@ -4,11 +4,11 @@
 
 namespace {
 
-using kernel::CompressedMatrix;
+using kernel::compressed::CompressedMatrix;
 
 void create(CompressedMatrix *self, In<double, 3> vertices, In<double, 2> normals, In<double, 1> areas,
             In<std::int64_t, 1> region, In<double, 3> occluders, double tolerance, int leaf_size) {
-    kernel::Geometry geometry;
+    kernel::compressed::Geometry geometry;
     geometry.n = static_cast<int>(areas.shape(0));
     geometry.vertices = vertices.data(), geometry.normals = normals.data();
     geometry.areas = areas.data(), geometry.region = region.data();

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-namespace kernel {
+namespace kernel::compressed {
 namespace {
 
 struct Sample {
@@ -202,4 +202,4 @@ void recompress(LowRank &block, double tolerance) {
     block.rank = kept_rank;
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

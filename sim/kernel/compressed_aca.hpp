@@ -4,7 +4,7 @@
 
 #include "compressed_pair.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 
 struct LowRank {
     bool reached = false;
@@ -26,4 +26,4 @@ LowRank cross_approximation(const Pairs &pairs, const Range2 &block, const std::
 // Orthogonalise, and drop what is below the tolerance: the smallest rank for it.
 void recompress(LowRank &block, double tolerance);
 
-}  // namespace kernel
+}  // namespace kernel::compressed

@@ -3,7 +3,7 @@
 
 #include "compressed_matrix.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 namespace {
 
 constexpr int LANES = 8;
@@ -60,4 +60,4 @@ void CompressedMatrix::apply(const double *x, double *y, int columns) const {
         }
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

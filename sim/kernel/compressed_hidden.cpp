@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <limits>
 
-namespace kernel {
+namespace kernel::compressed {
 namespace {
 
 struct Plane {
@@ -74,4 +74,4 @@ double clearance(const Vec corner[4], Vec normal, const std::vector<Occluder> &o
     return smallest;
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

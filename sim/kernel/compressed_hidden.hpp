@@ -5,7 +5,7 @@
 #include "compressed_shaft.hpp"
 #include "polygon.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 
 // Factor from the point p to the parts of a convex polygon that no candidate hides from it.
 double visible_factor(Vec p, Vec normal, const Polygon &polygon, const std::vector<Occluder> &occluders,
@@ -16,4 +16,4 @@ double visible_factor(Vec p, Vec normal, const Polygon &polygon, const std::vect
 double clearance(const Vec corner[4], Vec normal, const std::vector<Occluder> &occluders,
                  const std::vector<int> &candidates, double tolerance);
 
-}  // namespace kernel
+}  // namespace kernel::compressed

@@ -1,37 +1,35 @@
 #include "compressed_matrix.hpp"
 
 #include <algorithm>
-#include <cstdlib>
+#include <iterator>
 
-namespace kernel {
+namespace kernel::compressed {
 namespace {
-
-double tune(const char *name, double value) {
-    const char *s = std::getenv(name);
-    return s ? std::atof(s) : value;
-}
 
 // Points and rays grow as the tolerance falls; 1e-3 is the usual one.
 Effort effort_for(double tolerance) {
     const double finer = std::max(1.0, 1e-3 / tolerance);
     Effort e{};
-    e.far = tune("C_FAR", 10) * std::sqrt(finer);
+    e.far = 10 * std::sqrt(finer);
     e.middle = 3 * std::pow(finer, 0.25);
     e.order = 3, e.order_close = tolerance < 2e-4 ? 8 : 5, e.order_abrupt = 2 * e.order_close;
-    e.rays_min = static_cast<int>(tune("C_RMIN", 4)), e.rays_max = 256;
-    e.ray_error = tune("C_RAY", 1.0) * tolerance;
+    e.rays_min = 4, e.rays_max = 256;
+    e.ray_error = tolerance;
     e.first_ray = 0;
     return e;
 }
 
-// For the measurement of the error: about ten times finer, and other rays.
+// For the measurement of the error: several times finer, and other rays.
 Effort reference_for(double tolerance) {
-    Effort e = effort_for(0.1 * tolerance);
+    Effort e = effort_for(0.3 * tolerance);
     e.order = 5, e.order_close = 8, e.order_abrupt = 20;
     e.rays_min = 32, e.rays_max = 512;
     e.first_ray = 100'000;
     return e;
 }
+
+constexpr int LARGEST_MIXED = 1024;  // patches of a cluster seen partly
+constexpr int HIGHEST_RANK = 24;
 
 double pairs_of(const Cluster &a, const Cluster &b) { return double(a.size()) * b.size(); }
 
@@ -106,19 +104,16 @@ CompressedMatrix::Outcome CompressedMatrix::split(const Task &task, std::vector<
 // Errors of the blocks of a row add up in squares: with this share for each, their sum is `tolerance` however the
 // row is cut. The rows of the smaller cluster are the ones that feel it most.
 double CompressedMatrix::block_tolerance(const Cluster &a, const Cluster &b) const {
-    static const double gamma = tune("C_GAMMA", 1.0);
-    return gamma * tolerance_ * std::sqrt(std::min(a.area, b.area) / total_area_);
+    return tolerance_ * std::sqrt(std::min(a.area, b.area) / total_area_);
 }
 
 bool CompressedMatrix::compress(const Cluster &a, const Cluster &b, const std::vector<int> &candidates,
                                 Outcome &out) const {
-    static const double eta = tune("C_ETA", 1.0), rank_clear = tune("C_RANK", 24), rank_mixed = tune("C_RANKM", 24),
-                        mixed_size = tune("C_MIXED", 1024), share = tune("C_SHARE", 0.6);
     const bool mixed = !candidates.empty();
-    if (std::min(a.radius, b.radius) * 2 > eta * distance_of(a, b)) return false;
-    if (mixed && std::max(a.size(), b.size()) > mixed_size) return false;
-    const double break_even = share * pairs_of(a, b) / (a.size() + b.size());
-    const int limit = static_cast<int>(std::min(break_even, mixed ? rank_mixed : rank_clear));
+    if (std::min(a.radius, b.radius) * 2 > distance_of(a, b)) return false;
+    if (mixed && std::max(a.size(), b.size()) > LARGEST_MIXED) return false;
+    const double break_even = 0.6 * pairs_of(a, b) / (a.size() + b.size());
+    const int limit = static_cast<int>(std::min(break_even, double(HIGHEST_RANK)));
     const int samples = std::max(32, (a.size() + b.size()) / (mixed ? 1 : 4));
     const double tolerance = block_tolerance(a, b);
     const Range2 range{a.begin, a.end, b.begin, b.end};
@@ -183,4 +178,4 @@ void CompressedMatrix::visit(int row, int column, const std::vector<int> &candid
     }
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

@@ -5,7 +5,7 @@
 
 #include "compressed_aca.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 
 struct Block {
     Range2 range;
@@ -61,4 +61,4 @@ class CompressedMatrix {
     void visit(int row, int column, const std::vector<int> &candidates, const double *x, double *y, int columns) const;
 };
 
-}  // namespace kernel
+}  // namespace kernel::compressed

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-namespace kernel {
+namespace kernel::compressed {
 
 std::vector<Node> gauss_nodes(int n) {
     std::vector<Node> nodes(n);
@@ -241,4 +241,4 @@ double Pairs::visible_share(int i, int j, int rays, const std::vector<int> &cand
     return all > 0 ? seen / all : 0.0;
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

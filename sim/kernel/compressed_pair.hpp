@@ -4,7 +4,7 @@
 
 #include "compressed_hidden.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 
 struct Node {
     double at, weight;  // Gauss and Legendre's rule on [0, 1]
@@ -70,4 +70,4 @@ class Pairs {
     double visible_share(int i, int j, int rays, const std::vector<int> &candidates) const;
 };
 
-}  // namespace kernel
+}  // namespace kernel::compressed

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 
-namespace kernel {
+namespace kernel::compressed {
 namespace {
 
 struct Range {
@@ -104,4 +104,4 @@ bool facing(const Cluster &a, const Cluster &b, double tolerance) {
     return before(a, b) && before(b, a);
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

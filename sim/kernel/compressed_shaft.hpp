@@ -4,7 +4,7 @@
 
 #include "compressed_tree.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 
 struct Occluder {
     int n = 0;  // corners
@@ -36,4 +36,4 @@ View look(const Cluster &a, const Cluster &b, const std::vector<Occluder> &occlu
 // False if no point of one can lie before the plane of the other.
 bool facing(const Cluster &a, const Cluster &b, double tolerance);
 
-}  // namespace kernel
+}  // namespace kernel::compressed

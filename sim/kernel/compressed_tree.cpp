@@ -4,7 +4,7 @@
 #include <limits>
 #include <map>
 
-namespace kernel {
+namespace kernel::compressed {
 namespace {
 
 double along(Vec v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
@@ -152,4 +152,4 @@ double distance_of(const Cluster &a, const Cluster &b) {
     return std::max(norm(gap), norm(a.middle - b.middle) - a.radius - b.radius);
 }
 
-}  // namespace kernel
+}  // namespace kernel::compressed

@@ -5,7 +5,7 @@
 
 #include "vec.hpp"
 
-namespace kernel {
+namespace kernel::compressed {
 
 struct Cluster {
     int begin = 0, end = 0;      // its patches, in the tree's order
@@ -44,4 +44,4 @@ Tree build_tree(const Geometry &geometry, int leaf_size);
 // Smallest distance that two clusters can have, from below.
 double distance_of(const Cluster &a, const Cluster &b);
 
-}  // namespace kernel
+}  // namespace kernel::compressed

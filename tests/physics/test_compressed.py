@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
