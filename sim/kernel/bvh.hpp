@@ -13,7 +13,8 @@ namespace kernel::image {
 struct Flat {
     Vec corner[4];
     Vec normal;
-    double slack;  // how far outside its edges a ray may pass and still meet it [m]
+    Vec inward[4];  // unit, in the plane, across the edge from each corner; 0 for an edge of no length
+    double slack;   // how far outside its edges a ray may pass and still meet it [m]
 };
 
 inline Flat make_flat(const double *corners, double tolerance) {
@@ -23,6 +24,11 @@ inline Flat make_flat(const double *corners, double tolerance) {
     const Vec across = cross(diagonal, flat.corner[3] - flat.corner[1]);
     const double length = norm(across);
     flat.normal = (length > 0 ? 1 / length : 0.0) * across;
+    for (int k = 0; k < 4; ++k) {
+        const Vec edge = flat.corner[(k + 1) % 4] - flat.corner[k];
+        const double size = norm(edge);
+        flat.inward[k] = (size > 0 ? 1 / size : 0.0) * cross(flat.normal, edge);
+    }
     flat.slack = tolerance * norm(diagonal);
     return flat;
 }
@@ -34,10 +40,8 @@ inline double meet(const Flat &flat, Vec origin, Vec direction) {
     if (!(std::abs(towards) > 1e-15)) return miss;
     const double at = dot(flat.corner[0] - origin, flat.normal) / towards;
     const Vec point = origin + at * direction;
-    for (int k = 0; k < 4; ++k) {
-        const Vec edge = flat.corner[(k + 1) % 4] - flat.corner[k];
-        if (dot(cross(edge, point - flat.corner[k]), flat.normal) < -flat.slack * norm(edge)) return miss;
-    }
+    for (int k = 0; k < 4; ++k)
+        if (dot(flat.inward[k], point - flat.corner[k]) < -flat.slack) return miss;
     return at;
 }
 
@@ -74,15 +78,9 @@ class Bvh {
     }
 
     // Index of the polygon met first beyond `nearest`, or -1; `at` is where. Equal distances: the lower index.
-    // likely: a polygon that is probably met, such as that of the ray before, or -1; it only saves time.
-    std::int32_t first_hit(Vec origin, Vec direction, double nearest, double &at, std::int32_t likely = -1) const {
+    std::int32_t first_hit(Vec origin, Vec direction, double nearest, double &at) const {
         std::int32_t found = -1;
         at = std::numeric_limits<double>::infinity();
-        const double guess = likely < 0 ? 0.0 : meet(flats_[likely], origin, direction);
-        if (guess > nearest && guess < at) {
-            at = guess;
-            found = likely;
-        }
         walk(origin, direction, nearest, at, [&](std::int32_t flat) {
             const double here = meet(flats_[flat], origin, direction);
             if (here > nearest && (here < at || (here == at && flat < found))) {
@@ -170,21 +168,28 @@ class Bvh {
     bool walk(Vec origin, Vec direction, double low, double &high, Visit visit) const {
         if (nodes_.empty()) return false;
         const Vec inverse{inverted(direction.x), inverted(direction.y), inverted(direction.z)};
-        std::int32_t stack[DEPTH + 4];
+        struct Entry {
+            std::int32_t index;
+            double at;
+        } stack[DEPTH + 4];
         int top = 0;
-        stack[top++] = 0;
-        while (top) {
-            const std::int32_t index = stack[--top];
-            const Node &node = nodes_[index];
+        const auto push = [&](std::int32_t index, double at) {
             // A miss is infinite, and so is `high` before the first hit.
-            if (entry(node.box, origin, inverse, low) >= high) continue;
+            if (at < high) stack[top++] = {index, at};
+        };
+        push(0, entry(nodes_[0].box, origin, inverse, low));
+        while (top) {
+            const Entry next = stack[--top];
+            if (next.at >= high) continue;
+            const Node &node = nodes_[next.index];
             for (std::int32_t k = 0; k < node.count; ++k)
                 if (visit(order_[node.first + k])) return true;
             if (node.count) continue;
-            const double near = entry(nodes_[index + 1].box, origin, inverse, low);
-            const double far = entry(nodes_[node.first].box, origin, inverse, low);
-            stack[top++] = near <= far ? node.first : index + 1;
-            stack[top++] = near <= far ? index + 1 : node.first;
+            const double left = entry(nodes_[next.index + 1].box, origin, inverse, low);
+            const double right = entry(nodes_[node.first].box, origin, inverse, low);
+            if (left <= right) push(node.first, right);
+            push(next.index + 1, left);
+            if (left > right) push(node.first, right);
         }
         return false;
     }

@@ -17,11 +17,9 @@ void Tracer::block(const Rays &rays, Hits &hits) const {
 }
 
 void Tracer::meet_polygons(const Rays &rays, Hits &hits) const {
-    std::int32_t before = -1;
     for (int k = 0; k < rays.n; ++k) {
         const Vec origin{rays.ox[k], rays.oy[k], rays.oz[k]}, direction{rays.dx[k], rays.dy[k], rays.dz[k]};
-        const std::int32_t found = tree_.first_hit(origin, direction, 1e-12, hits.at[k], before);
-        before = found;
+        const std::int32_t found = tree_.first_hit(origin, direction, 1e-12, hits.at[k]);
         hits.face[k] = found;
         hits.patch[k] = -1;
         hits.u[k] = hits.v[k] = hits.s[k] = hits.t[k] = hits.towards[k] = 0;
