@@ -51,10 +51,15 @@ def exchange_areas(surface: Surface, samples: int | None = None, tolerance: floa
     SimulationError
         For any other number of samples, or a tolerance outside 1e-12 ... 0.1.
     """
-    wanted = _checked_tolerance(samples, tolerance)
     exchange = np.empty((surface.n_patches, surface.n_patches))
-    _kernel.polygon_exchange_areas(_corners(surface), wanted, HIGHEST_ORDER, exchange)
+    fill_exchange_areas(surface, exchange, samples, tolerance)
     return exchange
+
+
+def fill_exchange_areas(surface: Surface, exchange: FloatArray, samples: int | None, tolerance: float) -> None:
+    """Do what :func:`exchange_areas` does in a (P, P) array that is there."""
+    wanted = _checked_tolerance(samples, tolerance)
+    _kernel.polygon_exchange_areas(_corners(surface), wanted, HIGHEST_ORDER, exchange)
 
 
 def exchange_areas_of_pairs(
