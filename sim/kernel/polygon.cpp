@@ -184,7 +184,8 @@ Patches patches_of(const double *vertices, std::int64_t n) {
     }
     const Vec middle = 0.5 * (load(low) + load(high));
     o.extent = 0;
-    for (int axis = 0; axis < 3; ++axis) o.extent = std::max(o.extent, std::max(std::fabs(low[axis]), std::fabs(high[axis])));
+    for (int axis = 0; axis < 3; ++axis)
+        o.extent = std::max({o.extent, std::fabs(low[axis]), std::fabs(high[axis])});
     for (std::int64_t i = 0; i < n; ++i) {
         Vec corner[4];
         for (int k = 0; k < 4; ++k) corner[k] = load(vertices + 12 * i + 3 * k) - middle;

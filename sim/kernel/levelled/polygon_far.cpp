@@ -72,7 +72,8 @@ Side side_of(const Lanes &gap, const Lanes &extent, const Lanes &half, const Ran
     const Lanes g = most(gap / half, zero), rho = g + root(1.0 + g * g);
     const Lanes along = least(extent / (2.0 * half), zero + 1.0);
     const Lanes rises = (1.0 + spread(heights) * rho / 3.0) * (1.0 + spread(range_of(patch.density)) * rho / 3.0);
-    return {1.0 / (rho * rho), along * along * along * along, rises, g > 0.5 ? least(g * g / 16.0, zero + 1.0) : zero + 1.0};
+    const Lanes near = g > 0.5 ? least(g * g / 16.0, zero + 1.0) : zero + 1.0;
+    return {1.0 / (rho * rho), along * along * along * along, rises, near};
 }
 
 // Errors of n = 2, 3 ... points one after the other.
@@ -109,8 +110,10 @@ Lanes way_of(const Side &i, const Side &j, const Lanes &larger_i, const Demand &
 
 void ways_of(const Outer &i, const Block &block, const Scene &scene, const Demand &demand, int *way) {
     const Lanes distance = root(dot(scene.centre, scene.centre)), inverse = 1.0 / (distance + TINY);
-    const LaneVec origin = {zero, zero, zero}, line = {scene.centre.x * inverse, scene.centre.y * inverse, scene.centre.z * inverse};
-    const Range over_i = range_along(scene.i.normal, scene.j, origin), over_j = range_along(scene.j.normal, scene.i, scene.centre);
+    const LaneVec origin = {zero, zero, zero}, c = scene.centre;
+    const LaneVec line = {c.x * inverse, c.y * inverse, c.z * inverse};
+    const Range over_i = range_along(scene.i.normal, scene.j, origin);
+    const Range over_j = range_along(scene.j.normal, scene.i, c);
     const Range along_i = range_along(line, scene.i, origin), along_j = range_along(line, scene.j, origin);
     const Lanes half_i = zero + i.field[HALF], half_j = load(block.field[HALF]), gap = along_j.low - along_i.high;
     const Side side_i = side_of(gap, along_i.high - along_i.low, half_i, over_j, scene.i);
@@ -132,7 +135,8 @@ void make_points(Outer &i, int order) {
             double share[4], at[3] = {0, 0, 0}, density = 0;
             shares_at(rule.node[a], rule.node[b], share);
             for (int k = 0; k < 4; ++k) {
-                for (int axis = 0; axis < 3; ++axis) at[axis] += share[k] * (f[CORNER + 3 * k + axis] - f[CENTRE + axis]);
+                for (int axis = 0; axis < 3; ++axis)
+                    at[axis] += share[k] * (f[CORNER + 3 * k + axis] - f[CENTRE + axis]);
                 density += share[k] * f[DENSITY + k];
             }
             o.x[o.n] = at[0], o.y[o.n] = at[1], o.z[o.n] = at[2];
@@ -162,9 +166,10 @@ void points_to_points(Outer &i, const Scene &scene, int order, double *value) {
     const Points &p = i.points[order];
     const GaussRule &rule = gauss_rule(order);
     const LanePatch &j = scene.j;
+    const LaneVec &c = scene.centre;
     Lanes height[MAX_FAR * MAX_FAR + 1], total = {};
     for (int k = 0; k < p.n; ++k)
-        height[k] = p.weight[k] * dot(LaneVec{p.x[k] - scene.centre.x, p.y[k] - scene.centre.y, p.z[k] - scene.centre.z}, j.normal);
+        height[k] = p.weight[k] * dot(LaneVec{p.x[k] - c.x, p.y[k] - c.y, p.z[k] - c.z}, j.normal);
     for (int a = 0; a < order; ++a)
         for (int b = 0; b < order; ++b) {
             double share[4];
