@@ -115,6 +115,17 @@ def test_occluders_that_are_rectangles_are_merged_and_cover_the_same_area():
     assert np.allclose(*both)
 
 
+def test_regions_of_triangles_are_merged_or_left_but_never_changed_in_area():
+    wall = np.array([[0, 1, 2, 2], [0, 2, 3, 3]])
+    for shift in range(4):
+        triangles = np.roll(SQUARE, shift, axis=0)[wall]
+        for turned in (triangles, triangles[:, [1, 2, 0, 0]], triangles[:, [2, 0, 1, 1]]):
+            behind = moved(SQUARE[::-1], 0, 0, -1.0)[None]
+            occluders = Mesh("wall", np.concatenate([turned, behind]), np.full(3, 0.5)).occluders
+            diagonals = np.cross(occluders[:, 2] - occluders[:, 0], occluders[:, 3] - occluders[:, 1])
+            assert np.linalg.norm(diagonals, axis=1).sum() / 2 == pytest.approx(2)
+
+
 def test_an_l_shaped_wall_stays_in_its_patches():
     shape = np.concatenate([SQUARE, moved(SQUARE, 1, 0, 0), moved(SQUARE, 0, 1, 0)])
     behind = SQUARE[::-1] - (0, 0, 1)
