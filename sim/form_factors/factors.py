@@ -17,7 +17,7 @@ from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import visible_fraction
 from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
-from sim.scene import FloatArray, Scene
+from sim.scene import FloatArray
 from sim.surface import Surface
 
 Method = Literal["auto", "closed_form", "polygon", "paper"]
@@ -169,8 +169,6 @@ def _occlude(
     surface: Surface, matrix: FloatArray, row_sums: FloatArray, visibility: Visibility, rays_per_pair: int
 ) -> None:
     if visibility == "rays":
-        if not isinstance(surface, Scene):
-            raise SimulationError(f"{surface.name}: visibility 'rays' is for gridded rectangles; use 'exact'")
         matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
     else:
         visible_fraction(surface, matrix, "quick" if visibility == "quick" else "exact").apply(matrix)
