@@ -2,7 +2,7 @@
 
 A projector lights a wall and a part of the floor; white is the light leaving a lit patch. Each size runs in a
 process of its own, so that its peak memory is its own. Two errors are told in % of white: ``rows`` is what the
-radiosity lacks of the balance B = E + rho F B in 200 whole rows evaluated again ten times finer; ``finer``, for
+radiosity lacks of the balance B = E + rho F B in 200 whole rows evaluated again several times finer; ``finer``, for
 sizes up to N, is its difference from the radiosity of a matrix of a tenth of the tolerance. The growth is the
 slope of log time and log memory from the first size to the last.
 """
