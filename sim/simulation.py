@@ -1,0 +1,118 @@
+"""Carry out a model: light on cells, form factors, radiosity, and what is left over."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.cells import Cells
+from sim.form_factors import FormFactors, form_factors
+from sim.radiosity import Radiosity
+from sim.scene import FloatArray
+from sim.standard_light import Light, emission
+
+
+@dataclass(frozen=True)
+class Model:
+    """How light between cells is computed."""
+
+    method: str
+    """``closed_form`` or ``polygon``: of the form factors."""
+    visibility: str
+    """``none``, ``quick`` or ``exact``."""
+    residual: float
+    """Of the iterative solver, over the right-hand side."""
+    reflectances: tuple[float, ...] | None = None
+    """Different reflectances of the colours, if one holds for the whole scene; None: the cells' own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """The light of a scene."""
+
+    cells: Cells
+    reflectance: FloatArray
+    """(P, C) one column for each different colour."""
+    E: FloatArray
+    """(P, C) emission; 1 = white."""
+    B: FloatArray
+    """(P, C) radiosity; 1 = white."""
+    irradiance: FloatArray
+    """(P, C) from other cells, H = F B; 1 = white."""
+    radiosity: Radiosity
+    """Of the first colour."""
+    residual: float
+    """max |E - (I - G) B| over max |E|, the largest of all colours."""
+    factors_s: float
+    solve_s: float
+
+    @property
+    def factors(self) -> FormFactors:
+        """The form factors."""
+        return self.radiosity.form_factors
+
+    @property
+    def energy_balance(self) -> float:
+        """Share of the emitted power that is neither absorbed by a cell nor leaves through an opening."""
+        areas, rho = self.cells.areas[:, None], self.reflectance
+        row_sums = self.factors.row_sums[:, None]
+        absorbed = float((areas * (1 - rho) * self.irradiance).sum())
+        escaped = float((areas * self.B * (1 - row_sums)).sum())
+        emitted = float((areas * self.E).sum())
+        return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
+
+
+def simulate(cells: Cells, light: Light, model: Model) -> Simulation:
+    """Solve the radiosity of cells in a light.
+
+    Raises
+    ------
+    SimulationError
+        As form factors and solver do.
+    """
+    started = time.perf_counter()
+    factors = form_factors(cells, method=model.method, visibility=model.visibility)
+    between = time.perf_counter()
+    irradiance = emission(cells, light).irradiance
+    if model.reflectances is None:
+        rho = cells.reflectance[:, None]
+    else:
+        rho = np.tile(model.reflectances, (cells.n_patches, 1))
+    E = rho * irradiance[:, None]
+    systems = [Radiosity(factors, column, tolerance=model.residual) for column in rho.T]
+    B = np.stack([system.solve(light) for system, light in zip(systems, E.T, strict=True)], axis=1)
+    H = np.asarray(factors.matrix @ B)
+    left = np.abs(E + rho * H - B).max() / max(float(E.max()), np.finfo(float).tiny)
+    solve_s = time.perf_counter() - between
+    return Simulation(cells, rho, E, B, H, systems[0], float(left), between - started, solve_s)
+
+
+@dataclass(frozen=True)
+class Check:
+    """Difference from a refined solution; 1 = white."""
+
+    rms: float
+    """Over the surface."""
+    max: float
+    patches: int
+    """Of the refined solution."""
+
+
+def refined_check(simulation: Simulation, light: Light, model: Model, most_patches: int) -> Check:
+    """Solve again on cells quartered, or quartered twice where ``most_patches`` allows it, and compare.
+
+    The finer cells still miss 1/4 (or 1/16) of the squared variation within a cell of the coarser ones: their
+    squared difference is multiplied by 4/3 (16/15).
+    """
+    coarse = simulation.cells
+    times = 2 if 16 * coarse.n_patches <= most_patches else 1
+    fine = coarse
+    for _ in range(times):
+        fine = fine.quarters()
+    refined = simulate(fine, light, model)
+    pieces = 4**times
+    difference = refined.reflectance * (refined.irradiance - np.tile(simulation.irradiance, (pieces, 1)))
+    squared = pieces / (pieces - 1) * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()
+    return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)
