@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 from sim import _kernel
 from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper
-from sim.form_factors.visibility import visible_fraction
-from sim.scene import FloatArray
+from sim.form_factors.occlusion import visible_fraction
+from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
+from sim.scene import FloatArray, Scene
 from sim.surface import Surface
 
 Method = Literal["auto", "closed_form", "polygon", "paper"]
@@ -137,7 +138,7 @@ def form_factors(
     seconds = time.perf_counter() - started
     closure = _closure_max(surface, row_sums)
     if closure > DEFECT_TO_WARN:
-        warnings.warn(_defect(surface, row_sums, method), ClosureWarning, stacklevel=2)
+        warnings.warn(_defect(surface, row_sums, method, visibility), ClosureWarning, stacklevel=2)
     return FormFactors(matrix, surface.areas, row_sums, closure, method, visibility, seconds)
 
 
@@ -151,14 +152,19 @@ def _check_choices(method: str, visibility: str) -> None:
 def _visibility_needed(surface: Surface, visibility: Visibility) -> Visibility:
     if visibility != "auto":
         return visibility
-    return "none" if surface.convex or not len(surface.occluders) else "rays"
+    return "none" if surface.convex or not len(surface.occluders) else "exact"
 
 
 def _occlude(
     surface: Surface, matrix: FloatArray, row_sums: FloatArray, visibility: Visibility, rays_per_pair: int
 ) -> None:
-    matrix *= visible_fraction(surface, matrix > 0, rays_per_pair)  # type: ignore[arg-type]
-    row_sums[:] = matrix.sum(axis=1)
+    if visibility == "rays":
+        if not isinstance(surface, Scene):
+            raise SimulationError(f"{surface.name}: visibility 'rays' is for gridded rectangles; use 'exact'")
+        matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
+    else:
+        visible_fraction(surface, matrix, "quick" if visibility == "quick" else "exact").apply(matrix)
+    np.sum(matrix, axis=1, out=row_sums)
 
 
 def _closure_max(surface: Surface, row_sums: FloatArray) -> float:
@@ -166,9 +172,14 @@ def _closure_max(surface: Surface, row_sums: FloatArray) -> float:
     return float(np.abs(excess).max()) if surface.closed else float(max(excess.max(), 0.0))
 
 
-def _defect(surface: Surface, row_sums: FloatArray, method: str) -> str:
+def _defect(surface: Surface, row_sums: FloatArray, method: str, visibility: str) -> str:
+    cure = "use method 'auto' for exact factors"
+    if visibility == "none" and not surface.convex:
+        cure = "its occluders are left out: use visibility 'exact'"
+    elif visibility != "none" and method != "paper":
+        cure = "use visibility 'exact', or more rays"
     return (
         f"{surface.name}: row sums of the {method} form factors run from {row_sums.min():.4f} to "
         f"{row_sums.max():.4f}; above 1 they create light, and at reflectance rho the error grows to "
-        f"{row_sums.max() - 1:.2g} rho / (1 - rho); use method 'auto' for exact factors"
+        f"{row_sums.max() - 1:.2g} rho / (1 - rho); {cure}"
     )

@@ -117,7 +117,9 @@ def test_an_unknown_method_is_refused_with_the_choices():
 
 def test_an_occluder_only_takes_light_away():
     scene = room_with_box(patch_size_m=0.8)
-    free, occluded = form_factors(scene, visibility="none").matrix, form_factors(scene).matrix
+    with pytest.warns(ClosureWarning, match="occluders are left out"):
+        free = form_factors(scene, visibility="none").matrix
+    occluded = form_factors(scene).matrix
     assert (occluded >= 0).all()
     assert (occluded <= free).all()
     exchange = scene.areas[:, None] * occluded
@@ -126,11 +128,11 @@ def test_an_occluder_only_takes_light_away():
 
 
 def test_the_room_with_a_box_nearly_closes():
-    # Closed but for the floor under the box; rays sample, so a percent is what to expect.
+    # Closed but for the floor under the box.
     scene = room_with_box(patch_size_m=0.4)
     sums = form_factors(scene).row_sums
     uncovered = [face.patches for face in scene.faces if face.name != "floor"]
-    assert all(np.abs(sums[patches] - 1).max() < 0.005 for patches in uncovered)
+    assert all(np.abs(sums[patches] - 1).max() < 1e-3 for patches in uncovered)
 
 
 def test_a_wall_between_two_plates_darkens_them():
