@@ -25,7 +25,9 @@ from sim.standard_light import Light, emission
 SOURCE_WEIGHT = 0.05
 """Squared error of the irradiance about a half-lit cell at a contact, over the light's variance; measured."""
 NEIGHBOURS = 8
-LONGEST_ASPECT = 8.0
+ROUGHNESS = 1.0
+"""Weight of what a linear fit to the neighbours leaves, as a gradient in every direction."""
+LONGEST_ASPECT = 2.9
 MOST_PLANES = 64
 """Distances are measured to at most this many planes of regions."""
 
@@ -39,14 +41,17 @@ class Probe:
     """(P,) H = F B from the other cells; 1 = white."""
     gradient: FloatArray
     """(P, 3) of the irradiance in each cell's plane [1/m]."""
+    roughness: FloatArray
+    """(P,) square of a gradient in every direction, for what is not linear about a cell [1/m²]."""
     within: FloatArray
     """(P,) integral of its squared variation within each cell [m²]."""
 
     @classmethod
     def of(cls, cells: Cells, irradiance: FloatArray) -> Probe:
         """Find the gradients from neighbours in the same region."""
-        gradient = gradients(cells, irradiance)
-        return cls(cells, irradiance, gradient, cells.variation(gradient))
+        gradient, roughness = gradients(cells, irradiance)
+        within = cells.variation(gradient) + roughness * cells.polar_moments
+        return cls(cells, irradiance, gradient, roughness, within)
 
     @property
     def error(self) -> float:
@@ -55,17 +60,21 @@ class Probe:
         return float(np.sqrt(squared.sum() / self.cells.areas.sum()))
 
 
-def gradients(cells: Cells, values: FloatArray) -> FloatArray:
-    """(P, 3) gradients in each cell's plane: least squares over the nearest cells of the same region."""
-    gradient = np.zeros((cells.n_patches, 3))
+def gradients(cells: Cells, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P, 3) gradients in each cell's plane, and (P,) roughness.
+
+    Least squares over the nearest cells of the same region; what they leave, over the area, is the roughness.
+    """
+    gradient, left = np.zeros((cells.n_patches, 3)), np.zeros(cells.n_patches)
     order = np.argsort(cells.region, kind="stable")
     for here in np.split(order, np.flatnonzero(np.diff(cells.region[order])) + 1):
         if len(here) > 1:
-            gradient[here] = _plane_gradients(cells.centres[here], cells.normals[here[0]], values[here])
-    return gradient
+            gradient[here], left[here] = _fitted(cells.centres[here], cells.normals[here[0]], values[here])
+    return gradient, ROUGHNESS * left / cells.areas
 
 
-def _plane_gradients(centres: FloatArray, normal: FloatArray, values: FloatArray) -> FloatArray:
+def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) gradients and (n,) weighted mean squares of what they leave."""
     along = np.eye(3)[np.argmin(np.abs(normal))]
     u = np.cross(normal, along)
     basis = np.stack([u / np.linalg.norm(u), np.cross(normal, u / np.linalg.norm(u))])
@@ -77,7 +86,8 @@ def _plane_gradients(centres: FloatArray, normal: FloatArray, values: FloatArray
     normal_matrix = np.einsum("pn,pni,pnj->pij", weight, offset, offset)
     right = np.einsum("pn,pni,pn->pi", weight, offset, difference)
     slope = np.einsum("pij,pj->pi", np.linalg.pinv(normal_matrix, rcond=1e-6, hermitian=True), right)
-    return np.asarray(slope @ basis)
+    left = (weight * (difference - np.einsum("pni,pi->pn", offset, slope)) ** 2).sum(axis=1) / weight.sum(axis=1)
+    return slope @ basis, left
 
 
 def even_cells(whole: Cells, count: int) -> Cells:
@@ -182,11 +192,13 @@ class Refinement:
         )
         inside = np.maximum(area, 1e-300)
         several = (np.maximum(second - first**2 / inside, 0.0) + within) * cells.areas / inside
-        spread = np.where(count > 1, several, cells.variation(probe.gradient[example]))
+        rough = probe.roughness[example]
+        alone = cells.variation(probe.gradient[example]) + rough * cells.polar_moments
+        spread = np.where(count > 1, several, alone)
         along = []
         for axis in (0, 1):
             edge = cells.edges[:, axis]
-            alone = np.einsum("pk,pk->p", edge, probe.gradient[example]) ** 2
+            alone = np.einsum("pk,pk->p", edge, probe.gradient[example]) ** 2 + rough * (edge**2).sum(axis=1)
             tensor = np.zeros(len(index))
             for i in range(3):
                 for j in range(3):

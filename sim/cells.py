@@ -80,6 +80,11 @@ class Cells:
             total += area / 12 * ((heights**2).sum(axis=0) + heights.sum(axis=0) ** 2)
         return total
 
+    @cached_property
+    def polar_moments(self) -> FloatArray:
+        """(P,) integral over each cell of |x - centre|² [m⁴]."""
+        return np.asarray(sum(self.variation(np.tile(axis, (self.n_patches, 1))) for axis in np.eye(3)))
+
     def chosen(self, cells: BoolArray | IntArray) -> Cells:
         """Some of the cells."""
         return replace(self, **{key: getattr(self, key)[cells] for key in PER_CELL})

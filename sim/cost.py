@@ -1,8 +1,8 @@
 """What a model costs: seconds and memory from its size, for the machine that is running.
 
 Form factors cost a time a pair that is measured while the plan is made, with the scene's own faces and
-occluders. Solving is bound by arithmetic (kept factor) or by reading the matrix (conjugate gradients); both
-speeds come from a probe of a few milliseconds.
+occluders. Solving is bound by reading the matrix once for each of the solver's products; that speed comes from
+a probe of a few milliseconds.
 """
 
 from __future__ import annotations
@@ -12,24 +12,24 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor
 
-from sim.radiosity import DIRECT_LIMIT
+from sim import _kernel
 
 DENSE_LIMIT = 12_000
 """Patches beyond which compressed blocks take less time than the whole matrix."""
-PROBE_SIZE = 700
+PROBE_SIZE = 2000
 MB = 1e6
 SMALLEST_MB = 1.0
+DENSE_MATRICES = 1.15
+"""Peak memory of the dense model over that of its matrix."""
 BYTES_PER_PATCH_COMPRESSED = 30_000.0
 """Of blocks compressed to 0.1 %, measured between 12,500 and 100,000 patches."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """Speeds of linear algebra."""
+    """Speed of linear algebra."""
 
-    flops_per_s: float
     read_mb_per_s: float
 
 
@@ -51,12 +51,11 @@ class Cost:
 
 
 def measured_machine() -> Machine:
-    """Time a Cholesky factor and a product of a matrix with a vector, each the best of three."""
-    matrix = np.eye(PROBE_SIZE) + 0.5 / PROBE_SIZE
-    vector = np.ones(PROBE_SIZE)
-    factor_s = _best_s(lambda: cho_factor(matrix, check_finite=False))
-    product_s = _best_s(lambda: matrix @ vector)
-    return Machine(PROBE_SIZE**3 / 3 / factor_s, matrix.nbytes / MB / product_s)
+    """Time a product of a matrix with a vector, the best of three."""
+    areas, out = np.ones(PROBE_SIZE), np.empty(PROBE_SIZE)
+    matrix = np.full((PROBE_SIZE, PROBE_SIZE), 1 / PROBE_SIZE)
+    product_s = _best_s(lambda: _kernel.reciprocal_product(matrix, areas, areas, out))
+    return Machine(matrix.nbytes / MB / product_s)
 
 
 def _best_s(work: Callable[[], object]) -> float:
@@ -74,27 +73,18 @@ def products_needed(spectral_radius: float, residual: float) -> int:
     return int(np.ceil(np.log(2 / residual) / np.log((root + 1) / (root - 1)))) if spectral_radius > 0 else 1
 
 
-def solver_of(patches: int) -> str:
-    """Name the solver that :class:`sim.radiosity.Radiosity` takes."""
-    return "cholesky" if patches <= DIRECT_LIMIT else "conjugate gradients"
-
-
 def dense_cost(patches: int, products: int, channels: int, timing: Timing, machine: Machine) -> Cost:
     """Estimate the cost of the whole matrix, from the timing of a smaller model of the same scene."""
     factors_s = timing.factors_s * (patches / timing.patches) ** 2
     read_s = 8 * patches**2 / MB / machine.read_mb_per_s
-    solve_s = (products + 3) * read_s
-    if patches <= DIRECT_LIMIT:
-        solve_s = patches**3 / 3 / machine.flops_per_s + 4 * read_s
-    return Cost(factors_s + channels * solve_s, dense_mb(patches))
+    return Cost(factors_s + channels * products * read_s, dense_mb(patches))
 
 
 def dense_mb(patches: int) -> float:
-    """Peak memory of the dense model: the matrix, and beside it the kept factor while it is made."""
-    matrices = 1.15 if patches > DIRECT_LIMIT else 4.2
-    return matrices * 8 * patches**2 / MB + SMALLEST_MB
+    """Peak memory of the dense model: the matrix, and a little for what is made beside it."""
+    return DENSE_MATRICES * 8 * patches**2 / MB + SMALLEST_MB
 
 
 def largest_dense(memory_mb: float) -> int:
     """Most patches whose dense model fits."""
-    return int(np.sqrt(max(memory_mb - SMALLEST_MB, 0.0) * MB / (8 * 1.15)))
+    return int(np.sqrt(max(memory_mb - SMALLEST_MB, 0.0) * MB / (8 * DENSE_MATRICES)))

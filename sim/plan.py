@@ -15,14 +15,15 @@ from numpy.typing import ArrayLike
 
 from sim.adapt import Probe, Refinement, even_cells
 from sim.cells import Cells, whole_cells
-from sim.cost import DENSE_LIMIT, Timing, dense_cost, largest_dense, measured_machine, products_needed, solver_of
+from sim.cost import DENSE_LIMIT, Timing, dense_cost, largest_dense, measured_machine, products_needed
 from sim.errors import SimulationError
+from sim.form_factors import closed_form
 from sim.scene import FloatArray
 from sim.simulation import Model, simulate
 from sim.standard_light import Light, standard_light
 from sim.surface import Surface
 
-SAFETY = 1.2
+SAFETY = 1.25
 """The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
 FIRST_PROBE = 500
 """Cells of the first solution."""
@@ -32,12 +33,6 @@ QUICK_TOLERANCE = 1.0
 """From this tolerance on, quick visibility is enough. [%]"""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
-
-
-SOLVERS = {
-    "cholesky": "kept Cholesky factor",
-    "conjugate gradients": "conjugate gradients, no factor to store",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +93,16 @@ def plan(
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
     chosen_light = standard_light(light, whole)
-    model = Model(_method(whole), _visibility(whole, tolerance_percent), SOLVER_SHARE * tolerance_percent / 100)
+    model = Model(
+        "closed_form" if closed_form.applies(whole) else "polygon",
+        _visibility(whole, tolerance_percent),
+        SOLVER_SHARE * tolerance_percent / 100,
+    )
     search = _Search(whole, chosen_light, model, tolerance_percent / 100, memory_limit_mb)
     search.run()
     model = replace(model, reflectances=colours)
     channels = 1 if colours is None else len(colours)
-    radius = search.solved.radiosity.spectral_radius(tolerance=1e-3)
+    radius = search.solved.spectral_radius
     products = products_needed(radius, model.residual)
     cost = dense_cost(search.cells.n_patches, products, channels, search.timing, measured_machine())
     bounces = bounces_needed(radius, tolerance_percent)
@@ -111,10 +110,10 @@ def plan(
         cells=search.cells,
         light=chosen_light,
         model=model,
-        solver=solver_of(search.cells.n_patches),
+        solver="conjugate gradients",
         channels=channels,
         bounces=bounces,
-        reasons=_reasons(search, whole, channels, bounces, radius, tolerance_percent),
+        reasons=_reasons(search, whole, channels, bounces, products, tolerance_percent),
         tolerance_percent=tolerance_percent,
         error_percent=100 * search.error,
         seconds=cost.seconds,
@@ -201,18 +200,6 @@ class _Search:
         )
 
 
-def _method(cells: Cells) -> str:
-    """``closed_form`` where all cells are rectangles along three perpendicular directions."""
-    u, v = (edge / np.linalg.norm(edge, axis=1, keepdims=True) for edge in np.moveaxis(cells.edges, 1, 0))
-    flat = np.abs(np.einsum("pk,pk->p", u, v)).max() < 1e-9
-    a, b, c, d = np.moveaxis(cells.vertices, 1, 0)
-    parallelograms = np.abs(a + c - b - d).max() < 1e-9 * np.abs(cells.edges).max()
-    frame = np.stack([u[0], v[0], cells.normals[0]])
-    along = np.abs(np.concatenate([u, v]) @ frame.T)
-    aligned = np.abs(along - np.round(along)).max() < 1e-9
-    return "closed_form" if flat and parallelograms and aligned and not cells.triangular.any() else "polygon"
-
-
 def _visibility(cells: Cells, tolerance_percent: float) -> str:
     if cells.convex or len(cells.occluders) == 0:
         return "none"
@@ -234,9 +221,10 @@ def distinct_channels(reflectance: ArrayLike) -> int:
 
 
 def _reasons(
-    search: _Search, whole: Cells, channels: int, bounces: int, radius: float, tolerance: float
+    search: _Search, whole: Cells, channels: int, bounces: int, products: int, tolerance: float
 ) -> tuple[str, ...]:
     cells, patches = search.cells, search.cells.n_patches
+    radius = search.solved.spectral_radius
     sizes_m = np.sqrt(cells.areas)
     method = {
         "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",
@@ -257,7 +245,7 @@ def _reasons(
         f"planned on a solution of {search.timing.patches} patches; expected error x {SAFETY:g} for safety",
         method[search.model.method],
         visibility[search.model.visibility],
-        f"{patches} patches: {SOLVERS[solver_of(patches)]}",
+        f"conjugate gradients to a residual of {search.model.residual:.0e}: about {products} products with the matrix",
         colours,
         f"each bounce keeps {100 * radius:.0f} % of the light: {bounces} bounces leave less than a tenth of the "
         "tolerance; the solver leaves less",

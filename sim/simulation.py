@@ -41,17 +41,15 @@ class Simulation:
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
     """(P, C) from other cells, H = F B; 1 = white."""
-    radiosity: Radiosity
-    """Of the first colour."""
+    factors: FormFactors
+    spectral_radius: float
+    """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
+    products: int
+    """Products with F that the solver took, all colours together."""
     residual: float
     """max |E - (I - G) B| over max |E|, the largest of all colours."""
     factors_s: float
     solve_s: float
-
-    @property
-    def factors(self) -> FormFactors:
-        """The form factors."""
-        return self.radiosity.form_factors
 
     @property
     def energy_balance(self) -> float:
@@ -82,11 +80,21 @@ def simulate(cells: Cells, light: Light, model: Model) -> Simulation:
         rho = np.tile(model.reflectances, (cells.n_patches, 1))
     E = rho * irradiance[:, None]
     systems = [Radiosity(factors, column, tolerance=model.residual) for column in rho.T]
-    B = np.stack([system.solve(light) for system, light in zip(systems, E.T, strict=True)], axis=1)
-    H = np.asarray(factors.matrix @ B)
-    left = np.abs(E + rho * H - B).max() / max(float(E.max()), np.finfo(float).tiny)
-    solve_s = time.perf_counter() - between
-    return Simulation(cells, rho, E, B, H, systems[0], float(left), between - started, solve_s)
+    solutions = [system.solution(light) for system, light in zip(systems, E.T, strict=True)]
+    B = np.stack([solution.B for solution in solutions], axis=1)
+    return Simulation(
+        cells=cells,
+        reflectance=rho,
+        E=E,
+        B=B,
+        irradiance=factors.apply(B),
+        factors=factors,
+        spectral_radius=max(system.spectral_radius(tolerance=1e-3) for system in systems),
+        products=sum(solution.products for solution in solutions),
+        residual=max(solution.residual for solution in solutions),
+        factors_s=between - started,
+        solve_s=time.perf_counter() - between,
+    )
 
 
 @dataclass(frozen=True)
