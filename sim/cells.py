@@ -87,7 +87,8 @@ class Cells:
 
     def chosen(self, cells: BoolArray | IntArray) -> Cells:
         """Some of the cells."""
-        return replace(self, **{key: getattr(self, key)[cells] for key in PER_CELL})
+        vertices, reflectance, region, whole = (getattr(self, key)[cells] for key in PER_CELL)
+        return replace(self, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
 
     def halves(self, along: IntArray) -> Cells:
         """(2 P) cells, first halves before second ones: quads across u (0) or v (1).
@@ -108,7 +109,9 @@ class Cells:
 
 def joined(first: Cells, second: Cells) -> Cells:
     """Cells of one scene together."""
-    return replace(first, **{key: np.concatenate([getattr(first, key), getattr(second, key)]) for key in PER_CELL})
+    parts = (np.concatenate([getattr(first, key), getattr(second, key)]) for key in PER_CELL)
+    vertices, reflectance, region, whole = parts
+    return replace(first, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
 
 
 def triangles(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:

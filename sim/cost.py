@@ -15,15 +15,19 @@ import numpy as np
 
 from sim import _kernel
 
-DENSE_LIMIT = 12_000
-"""Patches beyond which compressed blocks take less time than the whole matrix."""
 PROBE_SIZE = 2000
 MB = 1e6
-SMALLEST_MB = 1.0
+SMALLEST_MB = 0.05
+KILOBYTES_PER_PATCH = 4.0
+"""Of points in the light, and vectors."""
+START_S = 2e-3
+"""What form factors take however few patches there are. [s]"""
+PRODUCT_S = 5e-5
+"""What a product takes however few patches there are. [s]"""
+OTHER_PRODUCTS = 10
+"""For the spectral radius, the error bound and the residual."""
 DENSE_MATRICES = 1.15
 """Peak memory of the dense model over that of its matrix."""
-BYTES_PER_PATCH_COMPRESSED = 30_000.0
-"""Of blocks compressed to 0.1 %, measured between 12,500 and 100,000 patches."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,7 @@ class Timing:
 
     patches: int
     factors_s: float
-    solve_s: float
+    light_s: float
 
 
 @dataclass(frozen=True)
@@ -75,14 +79,16 @@ def products_needed(spectral_radius: float, residual: float) -> int:
 
 def dense_cost(patches: int, products: int, channels: int, timing: Timing, machine: Machine) -> Cost:
     """Estimate the cost of the whole matrix, from the timing of a smaller model of the same scene."""
-    factors_s = timing.factors_s * (patches / timing.patches) ** 2
-    read_s = 8 * patches**2 / MB / machine.read_mb_per_s
-    return Cost(factors_s + channels * products * read_s, dense_mb(patches))
+    ratio = patches / timing.patches
+    factors_s = START_S + max(timing.factors_s - START_S, 0.0) * ratio**2
+    read_s = 8 * patches**2 / MB / machine.read_mb_per_s + PRODUCT_S
+    seconds = factors_s + timing.light_s * ratio + channels * (products + OTHER_PRODUCTS) * read_s
+    return Cost(seconds, dense_mb(patches))
 
 
 def dense_mb(patches: int) -> float:
-    """Peak memory of the dense model: the matrix, and a little for what is made beside it."""
-    return DENSE_MATRICES * 8 * patches**2 / MB + SMALLEST_MB
+    """Peak memory of the dense model: the matrix, and what is made beside it."""
+    return DENSE_MATRICES * 8 * patches**2 / MB + KILOBYTES_PER_PATCH * patches / 1000 + SMALLEST_MB
 
 
 def largest_dense(memory_mb: float) -> int:

@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike
 
 from sim.adapt import Probe, Refinement, even_cells
 from sim.cells import Cells, whole_cells
-from sim.cost import DENSE_LIMIT, Timing, dense_cost, largest_dense, measured_machine, products_needed
+from sim.cost import Timing, dense_cost, largest_dense, measured_machine, products_needed
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
+from sim.form_factors.factors import Visibility
 from sim.scene import FloatArray
 from sim.simulation import Model, simulate
 from sim.standard_light import Light, standard_light
@@ -127,7 +128,7 @@ class _Search:
     def __init__(self, whole: Cells, light: Light, model: Model, tolerance: float, memory_limit_mb: float) -> None:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
-        self.most_cells = min(largest_dense(memory_limit_mb), DENSE_LIMIT)
+        self.most_cells = largest_dense(memory_limit_mb)
         self.timing = Timing(1, 0.0, 0.0)
         self.correction = 1.0
 
@@ -162,7 +163,7 @@ class _Search:
 
     def _solve(self, cells: Cells) -> Probe:
         self.solved = simulate(cells, self.light, self.model)
-        self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.solve_s)
+        self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
         return Probe.of(cells, self.solved.irradiance[:, 0])
 
     def _missed(self, probe: Probe) -> float:
@@ -200,7 +201,7 @@ class _Search:
         )
 
 
-def _visibility(cells: Cells, tolerance_percent: float) -> str:
+def _visibility(cells: Cells, tolerance_percent: float) -> Visibility:
     if cells.convex or len(cells.occluders) == 0:
         return "none"
     return "quick" if tolerance_percent >= QUICK_TOLERANCE else "exact"

@@ -14,8 +14,8 @@ from sim.scene import BoolArray, FloatArray, IntArray
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
-CHUNK = 1 << 20
-"""Segments times occluders tested at a time."""
+POINTS_AT_A_TIME = 1 << 15
+"""Their arrays take some 5 MB."""
 
 Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 """(N,) irradiance from points (N, 3) [m], normals (N, 3) and regions (N,); 1 = white."""
@@ -125,10 +125,18 @@ def emission(cells: Cells, light: Light) -> Emission:
 
 
 def _sampled(cells: Cells, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+    step = max(1, POINTS_AT_A_TIME // n**2)
+    starts = range(0, cells.n_patches, step)
+    parts = [_moments(cells.chosen(np.arange(k, min(k + step, cells.n_patches))), light, n) for k in starts]
+    mean, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return mean, variance
+
+
+def _moments(cells: Cells, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+    """(P,) means and variances over n x n points."""
     points, weights = sample_points(cells, n)
-    values = light.irradiance(
-        points.reshape(-1, 3), np.repeat(cells.normals, n * n, axis=0), np.repeat(cells.region, n * n)
-    ).reshape(-1, n * n)
+    normals, region = np.repeat(cells.normals, n * n, axis=0), np.repeat(cells.region, n * n)
+    values = light.irradiance(points.reshape(-1, 3), normals, region).reshape(-1, n * n)
     mean = (weights * values).sum(axis=1)
     return mean, (weights * (values - mean[:, None]) ** 2).sum(axis=1)
 
