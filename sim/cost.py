@@ -18,8 +18,9 @@ from sim import _kernel
 PROBE_SIZE = 2000
 MB = 1e6
 SMALLEST_MB = 0.05
-KILOBYTES_PER_PATCH = 4.0
-"""Of points in the light, and vectors."""
+LIGHT_MB = 1.6
+"""Of points in the light, at most."""
+LIGHT_MB_PER_PATCH = 0.02
 START_S = 2e-3
 """What form factors take however few patches there are. [s]"""
 PRODUCT_S = 5e-5
@@ -88,9 +89,9 @@ def dense_cost(patches: int, products: int, channels: int, timing: Timing, machi
 
 def dense_mb(patches: int) -> float:
     """Peak memory of the dense model: the matrix, and what is made beside it."""
-    return DENSE_MATRICES * 8 * patches**2 / MB + KILOBYTES_PER_PATCH * patches / 1000 + SMALLEST_MB
+    return DENSE_MATRICES * 8 * patches**2 / MB + min(LIGHT_MB, LIGHT_MB_PER_PATCH * patches) + SMALLEST_MB
 
 
 def largest_dense(memory_mb: float) -> int:
     """Most patches whose dense model fits."""
-    return int(np.sqrt(max(memory_mb - SMALLEST_MB, 0.0) * MB / (8 * DENSE_MATRICES)))
+    return int(np.sqrt(max(memory_mb - LIGHT_MB - SMALLEST_MB, 0.0) * MB / (8 * DENSE_MATRICES)))

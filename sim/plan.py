@@ -32,6 +32,8 @@ REACH = 3
 """A plan has at most this many times the cells of the solution that it was made from."""
 QUICK_TOLERANCE = 1.0
 """From this tolerance on, quick visibility is enough. [%]"""
+ADVICE = 1.3
+"""The tolerance that is advised where one does not fit, over the one that may just fit."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
@@ -194,7 +196,7 @@ class _Search:
         return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
 
     def _refusal(self, needed: int) -> str:
-        possible = 100 * self.tolerance * np.sqrt(needed / self.most_cells) * 1.1
+        possible = 100 * self.tolerance * ADVICE * np.sqrt(needed / self.most_cells)
         return (
             f"{100 * self.tolerance:g} % needs about {needed:,} patches, "
             f"{self.memory_limit_mb:.0f} MB hold {self.most_cells:,}; try a tolerance of {possible:.2g} %"

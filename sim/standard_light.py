@@ -14,8 +14,8 @@ from sim.scene import BoolArray, FloatArray, IntArray
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
-POINTS_AT_A_TIME = 1 << 15
-"""Their arrays take some 5 MB."""
+POINTS_AT_A_TIME = 1 << 13
+"""Their arrays take less than 2 MB."""
 
 Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 """(N,) irradiance from points (N, 3) [m], normals (N, 3) and regions (N,); 1 = white."""
