@@ -19,7 +19,9 @@ constexpr int MAX_ORDER = 10;  // points along a side on one patch; above it, th
 //   2 POLE[n] (SIDE[n] + (1 - SIDE[n]) c^4) (1 + s rho / 3) (1 + d rho / 3) rho^-2n,   rho = g + sqrt(1 + g^2),
 // g = gap / half its longest edge (Bernstein's ellipse), c = its extent along the line of centres over that edge,
 // s and d = spread over sum of the extremes of its heights over the other's plane and of its area element. POLE and
-// SIDE: the error in 1/r^4 along and across that line, from its Gegenbauer series. Far pairs: the sum of both's.
+// SIDE: the error in 1/r^4 along and across that line, from its Gegenbauer series. Points on both patches: the sum of
+// both's errors. Points on one: times (g / 4)^2 for g in 0.5 ... 4, as the exact factor to the other softens the
+// pole (measured).
 constexpr double POLE[MAX_ORDER + 1] = {0, 0, 49.8, 122.9, 245.2, 429.3, 687.8, 1033.1, 1478.0, 2034.9, 2716.5};
 constexpr double SIDE[MAX_ORDER + 1] = {0, 0, 0.0857, 0.0476, 0.0303, 0.0210, 0.0154, 0.0118, 0.0093, 0.0075, 0.0062};
 

@@ -63,14 +63,14 @@ inline Lanes spread(const Range &range) { return (range.high - range.low) / (ran
 
 // What the error of Gauss points on one patch depends on (polygon_pairs.hpp).
 struct Side {
-    Lanes inverse, along, rises;  // inverse: 1 / rho^2
+    Lanes inverse, along, rises, near;  // inverse: 1 / rho^2
 };
 
 Side side_of(const Lanes &gap, const Lanes &extent, const Lanes &half, const Range &heights, const LanePatch &patch) {
     const Lanes zero = {}, g = most(gap / half, zero), rho = g + root(1.0 + g * g);
     const Lanes along = least(extent / (2.0 * half), zero + 1.0);
     const Lanes rises = (1.0 + spread(heights) * rho / 3.0) * (1.0 + spread(range_of(patch.density)) * rho / 3.0);
-    return {1.0 / (rho * rho), along * along * along * along, rises};
+    return {1.0 / (rho * rho), along * along * along * along, rises, g > 0.5 ? least(g * g / 16.0, zero + 1.0) : zero + 1.0};
 }
 
 // Errors of n = 2, 3 ... points one after the other.
@@ -90,7 +90,9 @@ int way_of(const Side &i, const Side &j, bool i_smaller, int k, const Demand &de
     Errors of_i = errors_of(i, k), of_j = errors_of(j, k);
     for (int n = 2; n <= std::min(demand.highest_order, MAX_FAR); ++n)
         if (of_i.next(n) + of_j.next(n) <= demand.tolerance) return FAR + n;
-    Errors smaller = errors_of(i_smaller ? i : j, k);
+    const Side &outer = i_smaller ? i : j;
+    Errors smaller = errors_of(outer, k);
+    smaller.power *= outer.near[k];
     for (int n = 2; n <= demand.highest_order; ++n)
         if (smaller.next(n) <= demand.tolerance) return (i_smaller ? ON_I : ON_J) + n;
     return BY_CONTOUR;
