@@ -45,7 +45,7 @@ class Mesh:
             raise SimulationError(f"mesh {self.name}: vertices of shape {vertices.shape}; expected (P, 4, 3), P > 0")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "reflectance", self._checked_reflectance(self.reflectance))
-        object.__setattr__(self, "region", self._checked_region(self.region))
+        object.__setattr__(self, "region", self._checked_region(self.region, self.topology))
 
     @classmethod
     def from_arrays(
@@ -144,11 +144,11 @@ class Mesh:
             )
         return np.broadcast_to(values, (self.n_patches,)).copy()
 
-    def _checked_region(self, region: IntArray) -> IntArray:
+    def _checked_region(self, region: IntArray, topology: Topology) -> IntArray:
         numbers = np.asarray(region, dtype=np.intp)
         if numbers.shape not in ((0,), (self.n_patches,)):
             raise SimulationError(f"mesh {self.name}: region of shape {numbers.shape} for {self.n_patches} patches")
-        return numbers if len(numbers) else self.topology.region
+        return numbers if len(numbers) else topology.region
 
 
 def _padded(name: str, polygons: Sequence[Sequence[int]] | IntArray) -> IntArray:

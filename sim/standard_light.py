@@ -9,8 +9,9 @@ import numpy as np
 
 from sim.cells import Cells
 from sim.errors import SimulationError
+from sim.form_factors.occlusion import segments_blocked
 from sim.optics import Lens, Pose, project
-from sim.scene import BoolArray, FloatArray, IntArray
+from sim.scene import FloatArray, IntArray
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
@@ -70,7 +71,6 @@ def _projector(cells: Cells) -> Light:
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
     pose = Pose.look_at(low + size * np.array([5 / 24, 5 / 24, 0.5]), low + size * np.array([1, 1, 0.5]))
-    blockers = np.zeros((0, 4, 3)) if cells.convex else cells.occluders
 
     def irradiance(points: FloatArray, normals: FloatArray, region: IntArray) -> FloatArray:
         ray = points - pose.position_m
@@ -78,31 +78,12 @@ def _projector(cells: Cells) -> Light:
         xy = project(lens, pose, points)
         with np.errstate(invalid="ignore"):
             lit = ((xy > -0.5) & (xy < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1) & (cosine > 0)
-        lit[lit] = ~_blocked(pose.position_m, points[lit], blockers)
+        if not cells.convex:
+            lit[lit] = ~segments_blocked(cells, np.tile(pose.position_m, (int(lit.sum()), 1)), points[lit])
         return np.where(lit, cosine, 0.0)
 
     x, y, z = pose.position_m
     return Light("projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance)
-
-
-def _blocked(origin: FloatArray, points: FloatArray, polygons: FloatArray) -> BoolArray:
-    """(N,) True where a polygon stands between the origin and a point."""
-    blocked = np.zeros(len(points), dtype=bool)
-    for polygon in polygons:
-        normal = np.cross(polygon[2] - polygon[0], polygon[3] - polygon[1])
-        ray = points - origin
-        towards = ray @ normal
-        height = float((polygon[0] - origin) @ normal)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            at = height / towards
-        crosses = (at > 1e-9) & (at < 1 - 1e-9)
-        meet = origin + at[crosses, None] * ray[crosses]
-        inside = np.ones(len(meet), dtype=bool)
-        for k in range(4):
-            edge = polygon[(k + 1) % 4] - polygon[k]
-            inside &= np.cross(edge, meet - polygon[k]) @ normal >= 0
-        blocked[np.flatnonzero(crosses)[inside]] = True
-    return blocked
 
 
 @dataclass(frozen=True, eq=False)
