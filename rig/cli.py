@@ -279,7 +279,10 @@ def paper(
 @app.command
 def simulate(
     scene: Annotated[
-        str, Parameter(help="paper-room, corner, furnace, room-with-box, sloped-room, sphere, or a mesh file.")
+        str,
+        Parameter(
+            help="paper-room, corner, furnace, room-with-box, sloped-room, furnished-room, sphere, or a mesh file."
+        ),
     ],
     *,
     tolerance: Annotated[float | None, Parameter(help="Error allowed, % of white; default: 1.")] = None,

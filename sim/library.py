@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from sim.mesh_scenes import integrating_sphere, sloped_room
-from sim.scenes import LIBRARY
+from sim.scenes import LIBRARY, furnished_room
 from sim.surface import Surface
 
 COARSEST_M = 100.0
@@ -28,5 +28,6 @@ LIGHT_OF: Mapping[str, str] = {"corner": "floor", "furnace": "uniform"}
 SURFACES: Mapping[str, Entry] = {
     **{name: Entry(lambda name=name: LIBRARY[name](COARSEST_M), LIGHT_OF.get(name, "projector")) for name in LIBRARY},  # type: ignore[misc]
     "sloped-room": Entry(lambda: sloped_room(COARSEST_M), "projector"),
+    "furnished-room": Entry(lambda: furnished_room(COARSEST_M), "projector"),
     "sphere": Entry(integrating_sphere, "floor"),
 }
