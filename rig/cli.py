@@ -9,7 +9,7 @@ import json
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import cyclopts
 from cyclopts import App, Parameter
@@ -278,21 +278,44 @@ def paper(
 
 @app.command
 def simulate(
-    scene: Annotated[str, Parameter(help="paper-room, corner, furnace or room-with-box.")],
+    scene: Annotated[
+        str,
+        Parameter(
+            help="paper-room, corner, furnace, room-with-box, sloped-room, furnished-room, sphere, or a mesh file."
+        ),
+    ],
     *,
-    tolerance: Annotated[float, Parameter(help="Wanted error, % of white.")] = 1.0,
+    tolerance: Annotated[float | None, Parameter(help="Error allowed, % of white; default: 1.")] = None,
+    grey_levels: Annotated[float | None, Parameter(help="The same in grey levels, white = 255.")] = None,
+    light: Annotated[
+        Literal["projector", "floor", "uniform"] | None, Parameter(help="White light; default: the scene's own.")
+    ] = None,
+    reflectance: Annotated[
+        str, Parameter(help="One number, or one for each colour, separated by commas; default: the scene's own.")
+    ] = "",
+    unit: Annotated[Literal["m", "cm", "mm", "in", "ft"], Parameter(help="Unit of a mesh file.")] = "m",
+    memory_mb: Annotated[float | None, Parameter(help="Memory that may be used; default: half of the free.")] = None,
+    check: Annotated[
+        bool, Parameter(name="--check", negative="", help="Measure the error against a refined solution.")
+    ] = False,
     as_json: Json = False,
 ) -> int:
     """Plan and run a simulation as fine as a tolerance needs, without any device.
 
     Example: rig simulate paper-room --tolerance 0.5
     """
-    from rig.report.tables import print_simulation
+    from rig.report.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
-    from rig.workflows.simulate import run_simulate
+    from rig.workflows.simulate import Request, plan_simulation, reflectances_of, run_planned, tolerance_of
 
+    percent = tolerance_of(tolerance, grey_levels)
+    request = Request(scene, percent, light, reflectances_of(reflectance), unit, memory_mb)
     with TerminalProgress() as progress:
-        result = run_simulate(scene, tolerance, progress)
+        planned, result = plan_simulation(request, progress)
+    if not as_json:
+        print_simulation_plan(result)
+    with TerminalProgress() as progress:
+        result["actual"] = run_planned(planned, progress, check)
     _print_json(result) if as_json else print_simulation(result)
     return 0
 

@@ -1,173 +1,212 @@
-"""Model only what a scene needs: from a tolerance to patch size, visibility, solver and bounces, and why.
+"""Model only what a scene needs: from a tolerance to cells, method, visibility, solver and bounces, and why.
 
-The error law is measured, not assumed: the scene is solved with coarse, half-size and quarter-size patches
-under a standard light (its first face lit white), and the differences of the piecewise constant radiosity
-give size and order of the discretisation error. Errors are percent of white, root mean square over the
-surface.
+The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each cell's
+being constant, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
+and carries none. The plan is made from coarser solutions of the same scene (``sim.adapt``): what they show is
+corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from sim.adapt import Probe, Refinement, even_cells
+from sim.cells import Cells, whole_cells
+from sim.cost import Timing, dense_cost, largest_dense, measured_machine, products_needed
 from sim.errors import SimulationError
-from sim.form_factors import form_factors
-from sim.radiosity import DIRECT_LIMIT, Radiosity
-from sim.scene import FloatArray, Scene
-from sim.scenes import LIBRARY
+from sim.form_factors import closed_form
+from sim.form_factors.factors import Visibility
+from sim.scene import FloatArray
+from sim.simulation import Model, simulate
+from sim.standard_light import Light, standard_light
+from sim.surface import Surface
 
-SceneOfPatchSize = Callable[[float], Scene]
+SAFETY = 1.25
+"""The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
+FIRST_PROBE = 500
+"""Cells of the first solution."""
+REACH = 3
+"""A plan has at most this many times the cells of the solution that it was made from."""
+QUICK_TOLERANCE = 1.0
+"""From this tolerance on, quick visibility is enough. [%]"""
+ADVICE = 1.3
+"""The tolerance that is advised where one does not fit, over the one that may just fit."""
+SOLVER_SHARE = 1e-4
+"""Share of the tolerance that is left to the solver."""
 
-COARSE_M: Mapping[str, float] = {"paper-room": 0.8, "corner": 0.5, "furnace": 0.25, "room-with-box": 0.8}
-"""Patch sizes of the coarse probe. [m]"""
-FINEST_M = 0.01
-PROBE_RAYS = 16
-SECONDS_PER_PAIR = 3e-8
-"""Closed form, measured 2e-8 on one core. [s]"""
-FIRST_CALL_S = 0.02
-FLOPS_PER_S = 1e10
-"""What a small machine's linear algebra does for certain. [1/s]"""
 
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Plan:
     """The cheapest model that meets a tolerance, and what it is expected to cost."""
 
-    scene: str
-    patch_size_m: float
-    patches: int
-    method: str
-    visibility: str
-    rays_per_pair: int
+    cells: Cells
+    light: Light
+    model: Model
     solver: str
     channels: int
     bounces: int
     reasons: tuple[str, ...]
+    tolerance_percent: float
     error_percent: float
+    """Expected, RMS over the surface. [% of white]"""
     seconds: float
     peak_mb: float
 
-
-@dataclass(frozen=True)
-class ErrorLaw:
-    """Error C hᵒʳᵈᵉʳ of patches of size h."""
-
-    coarse_m: float
-    coarse_error_percent: float
-    order: float
-    finest_probe_patches: int
-    finest_probe_seconds: float
-    spectral_radius: float
-
-    def error_percent(self, patch_size_m: float) -> float:
-        """Give the expected error of a patch size."""
-        return float(self.coarse_error_percent * (patch_size_m / self.coarse_m) ** self.order)
-
-    def patch_size_m(self, tolerance_percent: float) -> float:
-        """Give the patch size for a tolerance, no coarser than the probe."""
-        ratio = tolerance_percent / max(self.coarse_error_percent, 1e-12)
-        return float(self.coarse_m * min(1.0, ratio ** (1 / self.order)))
+    @property
+    def patches(self) -> int:
+        """Number of cells."""
+        return self.cells.n_patches
 
 
 def plan(
-    scene_name: str,
+    surface: Surface,
     tolerance_percent: float,
+    light: str = "projector",
     memory_limit_mb: float = 4096.0,
-    library: Mapping[str, SceneOfPatchSize] = LIBRARY,
+    reflectances: tuple[float, ...] | None = None,
 ) -> Plan:
-    """Choose the cheapest model of a library scene that meets a tolerance.
+    """Choose the cheapest model of a surface that meets a tolerance.
 
     Parameters
     ----------
-    scene_name : str
-        A key of ``library``.
+    surface : Surface
+        A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest cells.
     tolerance_percent : float
         Error allowed, RMS over the surface. [% of white]
+    light : str
+        One of ``sim.standard_light.LIGHTS``.
     memory_limit_mb : float
         What may be used.
+    reflectances : tuple of float, optional
+        One for each colour, the same on all surfaces, instead of the surface's own.
 
     Raises
     ------
     SimulationError
-        For an unknown scene, a tolerance not above 0, or a model that does not fit in memory.
+        For a tolerance not above 0, an unknown light, or a model that does not fit in memory.
     """
-    if scene_name not in library:
-        raise SimulationError(f"unknown scene {scene_name!r}; there are {', '.join(library)}")
     if not tolerance_percent > 0:
         raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
-    build = library[scene_name]
-    law = measured_law(build, COARSE_M.get(scene_name, 0.5))
-    patch_size_m = max(law.patch_size_m(tolerance_percent), FINEST_M)
-    patches = build(patch_size_m).n_patches
-    convex = build(law.coarse_m).convex
-    rays = 0 if convex else (64 if tolerance_percent >= 0.5 else 256)
-    peak_mb = estimated_peak_mb(patches, rays > 0)
-    if peak_mb > memory_limit_mb or law.error_percent(patch_size_m) > tolerance_percent * 1.001:
-        raise SimulationError(_refusal(law, build, tolerance_percent, peak_mb, memory_limit_mb, rays > 0))
-    bounces = bounces_needed(law.spectral_radius, tolerance_percent)
+    whole = whole_cells(surface)
+    colours = None
+    if reflectances is not None:
+        whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
+        colours = tuple(sorted(set(reflectances), reverse=True))
+    chosen_light = standard_light(light, whole)
+    model = Model(
+        "closed_form" if closed_form.applies(whole) else "polygon",
+        _visibility(whole, tolerance_percent),
+        SOLVER_SHARE * tolerance_percent / 100,
+    )
+    search = _Search(whole, chosen_light, model, tolerance_percent / 100, memory_limit_mb)
+    search.run()
+    model = replace(model, reflectances=colours)
+    channels = 1 if colours is None else len(colours)
+    radius = search.solved.spectral_radius
+    products = products_needed(radius, model.residual)
+    cost = dense_cost(search.cells.n_patches, products, channels, search.timing, measured_machine())
+    bounces = bounces_needed(radius, tolerance_percent)
     return Plan(
-        scene=scene_name,
-        patch_size_m=patch_size_m,
-        patches=patches,
-        method="closed_form",
-        visibility="none" if convex else "rays",
-        rays_per_pair=rays,
-        solver="cholesky" if patches <= DIRECT_LIMIT else "conjugate gradients",
-        channels=1,
+        cells=search.cells,
+        light=chosen_light,
+        model=model,
+        solver="conjugate gradients",
+        channels=channels,
         bounces=bounces,
-        reasons=_reasons(law, tolerance_percent, patch_size_m, patches, rays, bounces),
-        error_percent=law.error_percent(patch_size_m),
-        seconds=_seconds(law, patches, rays),
-        peak_mb=peak_mb,
+        reasons=_reasons(search, whole, channels, bounces, products, tolerance_percent),
+        tolerance_percent=tolerance_percent,
+        error_percent=100 * search.error,
+        seconds=cost.seconds,
+        peak_mb=cost.peak_mb,
     )
 
 
-def standard_light(scene: Scene) -> FloatArray:
-    """(P,) emission when the first face gets white light (irradiance 1) and the others none."""
-    E = np.zeros(scene.n_patches)
-    lit = scene.faces[0].patches
-    E[lit] = scene.reflectance[lit]
-    return E
+class _Search:
+    """From solution to finer solution, until one is fine enough to tell the cells that a tolerance needs."""
+
+    def __init__(self, whole: Cells, light: Light, model: Model, tolerance: float, memory_limit_mb: float) -> None:
+        self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
+        self.memory_limit_mb = memory_limit_mb
+        self.most_cells = largest_dense(memory_limit_mb)
+        self.timing = Timing(1, 0.0, 0.0)
+        self.correction = 1.0
+
+    def run(self) -> None:
+        """Find the cells."""
+        probe_cells, adapted = even_cells(self.whole, FIRST_PROBE), False
+        while True:
+            probe = self._solve(probe_cells)
+            self.refinement = Refinement.start(self.whole, probe, self.light)
+            self.correction = self._missed(probe)
+            self._meet_tolerance(probe)
+            needed = self._needed()
+            if needed <= probe_cells.n_patches * (REACH if adapted else 0.5):
+                break
+            if needed > self.most_cells:
+                raise SimulationError(self._refusal(needed))
+            finer = Refinement.start(self.whole, probe, self.light)
+            finer.refine(0.0, min(max(needed // REACH + 1, FIRST_PROBE), REACH * probe_cells.n_patches))
+            probe_cells, adapted = finer.cells, True
+        if self.cells.n_patches > self.most_cells:
+            raise SimulationError(self._refusal(self.cells.n_patches))
+
+    @property
+    def cells(self) -> Cells:
+        """The cells that meet the tolerance."""
+        return self.refinement.cells
+
+    @property
+    def error(self) -> float:
+        """Expected, with safety; 1 = white."""
+        return SAFETY * self.correction * self.refinement.error
+
+    def _solve(self, cells: Cells) -> Probe:
+        self.solved = simulate(cells, self.light, self.model)
+        self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        return Probe.of(cells, self.solved.irradiance[:, 0])
+
+    def _missed(self, probe: Probe) -> float:
+        """Error that a plan of a quarter of the probe's cells shows against the probe, over what it expected."""
+        coarse = Refinement.start(self.whole, probe, self.light)
+        coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
+        if coarse.error <= 1e-9:
+            return 1.0
+        return max(1.0, self._measured(coarse) / coarse.error)
+
+    def _measured(self, refinement: Refinement) -> float:
+        return refinement.measured_error(simulate(refinement.cells, self.light, self.model).irradiance[:, 0])
+
+    def _meet_tolerance(self, probe: Probe) -> None:
+        goal = self.tolerance / SAFETY
+        most = 2 * REACH * probe.cells.n_patches
+        self.refinement.refine(goal / self.correction, most)
+        # A plan coarser than the probe is measured against it, and refined until that is within the goal.
+        while self.cells.n_patches <= probe.cells.n_patches // 2 and self.refinement.error > 1e-9:
+            measured = self._measured(self.refinement)
+            self.correction = measured / self.refinement.error
+            if measured <= goal:
+                return
+            self.refinement.refine(0.9 * goal / self.correction, most)
+
+    def _needed(self) -> int:
+        """Cells that the tolerance needs; where they were not all made, from error ~ cells^(-1/2)."""
+        return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
+
+    def _refusal(self, needed: int) -> str:
+        possible = 100 * self.tolerance * ADVICE * np.sqrt(needed / self.most_cells)
+        return (
+            f"{100 * self.tolerance:g} % needs about {needed:,} patches, "
+            f"{self.memory_limit_mb:.0f} MB hold {self.most_cells:,}; try a tolerance of {possible:.2g} %"
+        )
 
 
-def measured_law(build: SceneOfPatchSize, coarse_m: float) -> ErrorLaw:
-    """Solve with patches of coarse, half and quarter size and fit the error law to their differences."""
-    sizes_m = [coarse_m, coarse_m / 2, coarse_m / 4]
-    scenes = [build(size_m) for size_m in sizes_m]
-    if not scenes[0].convex:
-        # Rays cost too much for three levels: the coarser pair, at the order that smooth light shows.
-        scenes = scenes[:2]
-    started = time.perf_counter()
-    solvers = []
-    for scene in scenes:
-        started = time.perf_counter()
-        solvers.append(Radiosity(form_factors(scene, rays_per_pair=PROBE_RAYS), scene.reflectance))
-    seconds = time.perf_counter() - started
-    solved = [solver.solve(standard_light(scene)) for solver, scene in zip(solvers, scenes, strict=True)]
-    differences = [
-        100 * difference_rms(scenes[i], solved[i], scenes[i + 1], solved[i + 1]) for i in range(len(scenes) - 1)
-    ]
-    order = 1.0
-    if len(differences) > 1 and min(differences) > 1e-9:
-        order = float(np.clip(np.log2(differences[0] / differences[1]), 0.5, 2.0))
-    # Halving again and again leaves ever smaller differences, at right angles to one another.
-    coarse_error = differences[0] / float(np.sqrt(1 - 4.0**-order))
-    radius = solvers[0].spectral_radius()
-    return ErrorLaw(coarse_m, coarse_error, order, scenes[-1].n_patches, seconds, radius)
-
-
-def difference_rms(coarse: Scene, B_coarse: FloatArray, fine: Scene, B_fine: FloatArray) -> float:
-    """RMS over the surface of the difference of two piecewise constant radiosities on the same faces."""
-    parents = []
-    for face, same in zip(coarse.faces, fine.faces, strict=True):
-        u, v = np.meshgrid((np.arange(same.columns) + 0.5) / same.columns, (np.arange(same.rows) + 0.5) / same.rows)
-        parents.append(face.patch_at(np.stack([u.ravel(), v.ravel()], axis=1)))
-    squared = (B_coarse[np.concatenate(parents)] - B_fine) ** 2
-    return float(np.sqrt((fine.areas * squared).sum() / fine.areas.sum()))
+def _visibility(cells: Cells, tolerance_percent: float) -> Visibility:
+    if cells.convex or len(cells.occluders) == 0:
+        return "none"
+    return "quick" if tolerance_percent >= QUICK_TOLERANCE else "exact"
 
 
 def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
@@ -178,58 +217,39 @@ def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
     return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1
 
 
-def estimated_peak_mb(patches: int, rays: bool) -> float:
-    """Memory of the dense model: the matrix, its largest block under way, factor or ray bookkeeping."""
-    matrices = 1.6 if patches > DIRECT_LIMIT else 4.2
-    if rays:
-        matrices = max(matrices, 4.3)
-    return matrices * 8 * patches**2 / 1e6 + (10.0 if rays else 1.0)
-
-
-def _count(build: SceneOfPatchSize, law: ErrorLaw, patch_size_m: float) -> int:
-    return round(build(law.coarse_m).n_patches * (law.coarse_m / patch_size_m) ** 2)
-
-
-def _seconds(law: ErrorLaw, patches: int, rays: int) -> float:
-    pairs = float(patches) ** 2
-    seconds = SECONDS_PER_PAIR * pairs + FIRST_CALL_S
-    if rays:
-        seconds += law.finest_probe_seconds * (patches / law.finest_probe_patches) ** 2 * rays / PROBE_RAYS
-    if patches <= DIRECT_LIMIT:
-        return seconds + patches**3 / 3 / FLOPS_PER_S
-    return seconds + 16 * 2 * pairs * 8 / FLOPS_PER_S
-
-
-def _refusal(
-    law: ErrorLaw, build: SceneOfPatchSize, tolerance: float, peak_mb: float, limit_mb: float, rays: bool
-) -> str:
-    possible = tolerance
-    while estimated_peak_mb(_count(build, law, law.patch_size_m(possible)), rays) > limit_mb:
-        possible *= 1.1
-    floor = max(possible, law.error_percent(FINEST_M))
-    return (
-        f"{tolerance:g} % needs patches of {1000 * law.patch_size_m(tolerance):.3g} mm and {peak_mb:.0f} MB "
-        f"or more, the limit is {limit_mb:.0f} MB; try a tolerance of {floor:.2g} %"
-    )
+def distinct_channels(reflectance: ArrayLike) -> int:
+    """Solves that (P,) or (P, C) reflectances need: columns that are equal share one."""
+    values: FloatArray = np.asarray(reflectance, dtype=np.float64)
+    return 1 if values.ndim == 1 else len(np.unique(values, axis=1).T)
 
 
 def _reasons(
-    law: ErrorLaw, tolerance: float, patch_size_m: float, patches: int, rays: int, bounces: int
+    search: _Search, whole: Cells, channels: int, bounces: int, products: int, tolerance: float
 ) -> tuple[str, ...]:
-    seen = (
-        f"occluders: {rays} rays between every two patches that one may part"
-        if rays
-        else "convex scene: every point sees every other, no visibility rays"
+    cells, patches = search.cells, search.cells.n_patches
+    radius = search.solved.spectral_radius
+    sizes_m = np.sqrt(cells.areas)
+    method = {
+        "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",
+        "polygon": "faces at any angle: exact factor of a point to a polygon, at Gauss points of the other patch",
+    }
+    visibility = {
+        "none": "nothing stands between two points: no visibility test",
+        "quick": f"{len(whole.occluders)} occluders, and {QUICK_TOLERANCE:g} % or more is allowed: quick visibility",
+        "exact": f"{len(whole.occluders)} occluders and a tight tolerance: exact visibility",
+    }
+    colours = (
+        "one reflectance for all colours: one solve" if channels == 1 else f"{channels} different colours: a solve each"
     )
-    solver = "kept Cholesky factor" if patches <= DIRECT_LIMIT else "conjugate gradients, no factor to store"
     return (
-        f"patches of {patch_size_m:.3g} m: measured error {law.coarse_error_percent:.2g} % at "
-        f"{law.coarse_m:g} m, falling with order {law.order:.2g}; {law.error_percent(patch_size_m):.2g} % "
-        f"expected, {tolerance:g} % allowed",
-        "parallel and perpendicular rectangles: closed form factors, exact",
-        seen,
-        f"{patches} patches: {solver}",
-        "one reflectance for all colours: one solve for three channels",
-        f"each bounce keeps {100 * law.spectral_radius:.0f} % of the light: {bounces} bounces leave less "
-        "than a tenth of the tolerance",
+        f"light: {search.light.description}",
+        f"{patches} patches of {sizes_m.min():.2g} to {sizes_m.max():.2g} m, small where light changes fast: "
+        f"{100 * search.error:.2g} % expected, {tolerance:g} % allowed",
+        f"planned on a solution of {search.timing.patches} patches; expected error x {SAFETY:g} for safety",
+        method[search.model.method],
+        visibility[search.model.visibility],
+        f"conjugate gradients to a residual of {search.model.residual:.0e}: about {products} products with the matrix",
+        colours,
+        f"each bounce keeps {100 * radius:.0f} % of the light: {bounces} bounces leave less than a tenth of the "
+        "tolerance; the solver leaves less",
     )

@@ -72,12 +72,20 @@ def print_paper(result: dict[str, Any]) -> None:
         print(f"exception: {text}")
 
 
-def print_simulation(result: dict[str, Any]) -> None:
-    """Plan, estimate and outcome."""
+def print_simulation_plan(result: dict[str, Any]) -> None:
+    """What is going to be done, why, and what it is expected to cost."""
     for reason in result["plan"]["reasons"]:
         print(f"- {reason}")
+    estimated = result["estimated"]
+    print(
+        f"expected: {estimated['error']:.2g} %, {estimated['seconds']:.2g} s, {estimated['peak_mb']:.3g} MB", flush=True
+    )
+
+
+def print_simulation(result: dict[str, Any]) -> None:
+    """Estimate and outcome."""
     rows = [(key, result["estimated"].get(key), value) for key, value in result["actual"].items()]
-    print_table("Simulation", ["what", "estimated", "actual"], rows)
+    print_table(f"{result['scene']} within {result['tolerance']:.3g} %", ["what", "estimated", "actual"], rows)
 
 
 def print_scan(result: dict[str, Any]) -> None:

@@ -6,52 +6,124 @@ import os
 import time
 import tracemalloc
 from collections.abc import Callable
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
 
 from rig.errors import UsageError
+from sim.cost import largest_dense
 from sim.errors import SimulationError
-from sim.form_factors import FormFactors, form_factors
-from sim.plan import Plan, plan, standard_light
-from sim.radiosity import Radiosity
-from sim.scene import FloatArray, Scene
-from sim.scenes import LIBRARY
+from sim.library import SURFACES
+from sim.plan import Plan, plan
+from sim.simulation import Simulation, refined_check, simulate
+from sim.surface import Surface
 
 OnStep = Callable[[str, int, int], None]
+Unit = Literal["m", "cm", "mm", "in", "ft"]
+WHITE = 255
+"""Grey levels of white."""
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb")
+MOST_REFINED_PATCHES = 16_000
 
 
-def run_simulate(scene: str, tolerance: float, on_step: OnStep) -> dict[str, Any]:
-    """Plan, estimate, simulate, measure.
+@dataclass(frozen=True)
+class Request:
+    """What is to be simulated."""
 
-    Parameters
-    ----------
-    scene : str
-        A name of ``sim.scenes.LIBRARY``.
-    tolerance : float
-        Error allowed, RMS over the surface under the plan's standard light. [% of white]
-    on_step : callable (label, done, total)
+    scene: str
+    """A name of ``sim.library.SURFACES`` or a mesh file."""
+    tolerance: float
+    """Error allowed, RMS over the surface. [% of white]"""
+    light: str | None = None
+    """One of ``sim.standard_light.LIGHTS``; None: the scene's standard."""
+    reflectance: tuple[float, ...] = ()
+    """One number, or one for each colour; empty: the scene's."""
+    unit: Unit = "m"
+    """Of a mesh file."""
+    memory_mb: float | None = None
+    """What may be used; None: half of what is free."""
+
+
+def tolerance_of(percent: float | None, grey_levels: float | None) -> float:
+    """Tolerance in percent of white from either.
+
+    Raises
+    ------
+    UsageError
+        If both are given.
+    """
+    if percent is not None and grey_levels is not None:
+        raise UsageError("--tolerance and --grey-levels say the same thing; give one")
+    if grey_levels is not None:
+        return 100 * grey_levels / WHITE
+    return 1.0 if percent is None else percent
+
+
+def reflectances_of(text: str) -> tuple[float, ...]:
+    """Reflectances from numbers separated by commas.
+
+    Raises
+    ------
+    UsageError
+        For what is no number in 0 ... 1.
+    """
+    try:
+        values = tuple(float(part) for part in text.split(",")) if text else ()
+    except ValueError as error:
+        raise UsageError(f"--reflectance {text}: give numbers separated by commas, e.g. 0.7 or 0.7,0.6,0.5") from error
+    if not all(0 <= value <= 1 for value in values):
+        raise UsageError(f"--reflectance {text}: a reflectance lies in 0 ... 1")
+    return values
+
+
+def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, dict[str, Any]]:
+    """Plan and estimate.
 
     Returns
     -------
-    dict
-        ``plan``, ``estimated`` and ``actual``, JSON-able.
+    Plan, dict
+        The dictionary has ``scene``, ``tolerance``, ``plan`` and ``estimated``, JSON-able.
 
     Raises
     ------
     UsageError
         For an unknown scene, a tolerance not above 0, or one that does not fit in memory.
     """
-    if scene not in LIBRARY:
-        raise UsageError(f"unknown scene {scene!r}; there are {', '.join(LIBRARY)}")
-    on_step("plan", 0, 3)
+    on_step("plan", 0, 1)
+    started = time.perf_counter()
+    surface, light = _surface(request)
+    memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
     try:
-        planned = plan(scene, tolerance, available_mb() / 2)
+        planned = plan(surface, request.tolerance, light, memory_mb, request.reflectance or None)
     except SimulationError as error:
         raise UsageError(str(error)) from error
-    estimate = f"{planned.patches} patches, {planned.seconds:.2g} s, {planned.peak_mb:.0f} MB"
-    on_step(f"simulate ({estimate} expected)", 1, 3)
-    actual = _measured(planned, LIBRARY[scene](planned.patch_size_m))
-    on_step("done", 3, 3)
-    return {"scene": scene, "tolerance": tolerance, **_described(planned), "actual": actual}
+    on_step("plan", 1, 1)
+    described = _described(planned, light, time.perf_counter() - started)
+    return planned, {"scene": request.scene, "tolerance": request.tolerance, **described}
+
+
+def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> dict[str, Any]:
+    """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution."""
+    on_step("simulate", 0, 1)
+    started = time.perf_counter()
+    tracemalloc.start()
+    try:
+        simulation = simulate(planned.cells, planned.light, planned.model)
+        seconds = time.perf_counter() - started
+        peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
+    except SimulationError as error:
+        raise UsageError(str(error)) from error
+    finally:
+        tracemalloc.stop()
+    on_step("simulate", 1, 1)
+    actual = _measured(simulation, seconds, peak_mb)
+    return {**actual, **_checked(planned, simulation, on_step)} if check else actual
+
+
+def run_simulate(request: Request, on_step: OnStep, check: bool = False) -> dict[str, Any]:
+    """Plan, estimate, simulate, measure: ``plan``, ``estimated`` and ``actual``, JSON-able."""
+    planned, result = plan_simulation(request, on_step)
+    return {**result, "actual": run_planned(planned, on_step, check)}
 
 
 def available_mb() -> float:
@@ -59,53 +131,58 @@ def available_mb() -> float:
     return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _described(planned: Plan) -> dict[str, Any]:
+def _surface(request: Request) -> tuple[Surface, str]:
+    """The surface and the name of its light."""
+    if request.scene in SURFACES:
+        entry = SURFACES[request.scene]
+        return entry.build(), request.light or entry.light
+    if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
+        raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
+    from rig.mesh_files import read_mesh
+
+    reflectance = max(request.reflectance) if request.reflectance else None
+    return read_mesh(request.scene, reflectance=reflectance, unit=request.unit), request.light or "floor"
+
+
+def _described(planned: Plan, light: str, plan_s: float) -> dict[str, Any]:
+    sizes_m = planned.cells.areas**0.5
     return {
         "plan": {
             "patches": planned.patches,
-            "patch_size_m": planned.patch_size_m,
-            "method": planned.method,
-            "visibility": planned.visibility,
-            "rays_per_pair": planned.rays_per_pair,
+            "smallest_patch_m": float(sizes_m.min()),
+            "largest_patch_m": float(sizes_m.max()),
+            "light": light,
+            "method": planned.model.method,
+            "visibility": planned.model.visibility,
             "solver": planned.solver,
             "channels": planned.channels,
             "bounces": planned.bounces,
             "reasons": list(planned.reasons),
+            "seconds": plan_s,
         },
-        "estimated": {
-            "error": planned.error_percent,
-            "seconds": planned.seconds,
-            "peak_mb": planned.peak_mb,
-        },
+        "estimated": {"error": planned.error_percent, "seconds": planned.seconds, "peak_mb": planned.peak_mb},
     }
 
 
-def _measured(planned: Plan, scene: Scene) -> dict[str, float]:
-    started = time.perf_counter()
-    tracemalloc.start()
-    try:
-        # "auto" shoots rays in the scenes for which the plan asks for them.
-        factors = form_factors(scene, rays_per_pair=max(planned.rays_per_pair, 1))
-        radiosity = Radiosity(factors, scene.reflectance)
-        E = standard_light(scene)
-        B = radiosity.solve(E)
-        peak_bytes = tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-    seconds = time.perf_counter() - started
+def _measured(simulation: Simulation, seconds: float, peak_mb: float) -> dict[str, Any]:
     return {
         "seconds": seconds,
-        "peak_mb": peak_bytes / 1e6,
-        "residual": radiosity.accuracy(B, E).residual,
-        "closure_max": factors.closure_max,
-        "energy_balance": energy_balance(scene, factors, E, B),
+        "peak_mb": peak_mb,
+        "residual": simulation.residual,
+        "closure_max": simulation.factors.closure_max,
+        "energy_balance": simulation.energy_balance,
+        "products": simulation.products,
     }
 
 
-def energy_balance(scene: Scene, factors: FormFactors, E: FloatArray, B: FloatArray) -> float:
-    """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
-    incident = factors.matrix @ B
-    absorbed = float((scene.areas * (1 - scene.reflectance) * incident).sum())
-    escaped = float((scene.areas * B * (1 - factors.row_sums)).sum())
-    emitted = float((scene.areas * E).sum())
-    return abs(1 - (absorbed + escaped) / emitted)
+def _checked(planned: Plan, simulation: Simulation, on_step: OnStep) -> dict[str, float]:
+    on_step("check against a refined solution", 0, 1)
+    most = min(MOST_REFINED_PATCHES, largest_dense(available_mb() / 2))
+    if 4 * planned.patches > largest_dense(available_mb() / 2):
+        raise UsageError(
+            f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
+            "leave --check out, or raise the tolerance"
+        )
+    check = refined_check(simulation, planned.light, planned.model, most)
+    on_step("check against a refined solution", 1, 1)
+    return {"error": 100 * check.rms, "error_max": 100 * check.max, "refined_patches": check.patches}

@@ -1,0 +1,97 @@
+"""What a model costs: seconds and memory from its size, for the machine that is running.
+
+Form factors cost a time a pair that is measured while the plan is made, with the scene's own faces and
+occluders. Solving is bound by reading the matrix once for each of the solver's products; that speed comes from
+a probe of a few milliseconds.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim import _kernel
+
+PROBE_SIZE = 2000
+MB = 1e6
+SMALLEST_MB = 0.05
+LIGHT_MB = 1.6
+"""Of points in the light, at most."""
+LIGHT_MB_PER_PATCH = 0.02
+START_S = 2e-3
+"""What form factors take however few patches there are. [s]"""
+PRODUCT_S = 5e-5
+"""What a product takes however few patches there are. [s]"""
+OTHER_PRODUCTS = 10
+"""For the spectral radius, the error bound and the residual."""
+DENSE_MATRICES = 1.15
+"""Peak memory of the dense model over that of its matrix."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Speed of linear algebra."""
+
+    read_mb_per_s: float
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What a solved model took."""
+
+    patches: int
+    factors_s: float
+    light_s: float
+
+
+@dataclass(frozen=True)
+class Cost:
+    """An estimate."""
+
+    seconds: float
+    peak_mb: float
+
+
+def measured_machine() -> Machine:
+    """Time a product of a matrix with a vector, the best of three."""
+    areas, out = np.ones(PROBE_SIZE), np.empty(PROBE_SIZE)
+    matrix = np.full((PROBE_SIZE, PROBE_SIZE), 1 / PROBE_SIZE)
+    product_s = _best_s(lambda: _kernel.reciprocal_product(matrix, areas, areas, out))
+    return Machine(matrix.nbytes / MB / product_s)
+
+
+def _best_s(work: Callable[[], object]) -> float:
+    taken = []
+    for _ in range(3):
+        started = time.perf_counter()
+        work()
+        taken.append(time.perf_counter() - started)
+    return max(min(taken), 1e-7)
+
+
+def products_needed(spectral_radius: float, residual: float) -> int:
+    """Bound of the products that conjugate gradients need for eigenvalues of I - M in 1 - r ... 1 + r / 3."""
+    root = np.sqrt((1 + spectral_radius / 3) / max(1 - spectral_radius, 1e-6))
+    return int(np.ceil(np.log(2 / residual) / np.log((root + 1) / (root - 1)))) if spectral_radius > 0 else 1
+
+
+def dense_cost(patches: int, products: int, channels: int, timing: Timing, machine: Machine) -> Cost:
+    """Estimate the cost of the whole matrix, from the timing of a smaller model of the same scene."""
+    ratio = patches / timing.patches
+    factors_s = START_S + max(timing.factors_s - START_S, 0.0) * ratio**2
+    read_s = 8 * patches**2 / MB / machine.read_mb_per_s + PRODUCT_S
+    seconds = factors_s + timing.light_s * ratio + channels * (products + OTHER_PRODUCTS) * read_s
+    return Cost(seconds, dense_mb(patches))
+
+
+def dense_mb(patches: int) -> float:
+    """Peak memory of the dense model: the matrix, and what is made beside it."""
+    return DENSE_MATRICES * 8 * patches**2 / MB + min(LIGHT_MB, LIGHT_MB_PER_PATCH * patches) + SMALLEST_MB
+
+
+def largest_dense(memory_mb: float) -> int:
+    """Most patches whose dense model fits."""
+    return int(np.sqrt(max(memory_mb - LIGHT_MB - SMALLEST_MB, 0.0) * MB / (8 * DENSE_MATRICES)))
