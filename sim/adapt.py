@@ -23,7 +23,7 @@ from sim.scene import BoolArray, FloatArray, IntArray
 from sim.standard_light import Light, emission
 
 SOURCE_WEIGHT = 0.05
-"""Squared error of the irradiance about a half-lit cell at a contact, over the light's variance; measured."""
+"""Squared error of the irradiance at a half-lit contact cell, over the light's variance; chosen, not measured."""
 NEIGHBOURS = 8
 ROUGHNESS = 1.0
 """Weight of what a linear fit to the neighbours leaves, as a gradient in every direction."""
