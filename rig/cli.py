@@ -318,9 +318,8 @@ def bench(
 
     if quick and full:
         raise UsageError("--quick and --full exclude each other; give one")
-    size = "quick" if quick else "full" if full else "default"
     with TerminalProgress() as progress:
-        result = run_bench(name, size, table, progress)
+        result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
     _print_json(result) if as_json else print_bench(result)
     return 0 if result["within_limits"] else 1
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from sim.mesh_scenes import sloped_room
 
 from rig.workflows.bench import occlusion, peers
@@ -24,7 +25,7 @@ PITCHES_M = {"quick": (0.8,), "default": (0.4, 0.2, 0.1), "full": (0.4, 0.2, 0.1
 ROOM_LIMIT_S = {576: 0.004, 2304: 0.050, 9216: 0.8}
 POLYGON_UP_TO = {"quick": 600, "default": 600, "full": 2400}
 """Patches up to which the empty room is also done as polygons."""
-SLOPED_TURN_DEG = 30.0
+SLOPED_TURN_DEG = (20.0, 30.0, 40.0)
 
 
 @dataclass(frozen=True)
@@ -52,9 +53,8 @@ def _asymmetry(factors: FormFactors, rows_at_once: int = 512) -> float:
     for start in range(0, len(factors.areas), rows_at_once):
         rows = slice(start, start + rows_at_once)
         exchange = factors.areas[rows, None] * factors.matrix[rows]
-        difference = max(
-            difference, float(np.abs(exchange - (factors.areas[:, None] * factors.matrix[:, rows]).T).max())
-        )
+        reverse = (factors.areas[:, None] * factors.matrix[:, rows]).T
+        difference = max(difference, float(np.abs(exchange - reverse).max()))
         largest = max(largest, float(exchange.max()))
     return difference / largest
 
@@ -85,8 +85,8 @@ def _empty_room(pitch_m: float, size: Size) -> Outcome:
         cases.append(Case("paper", lambda: form_factors(scene, "paper"), samples=9))
     points = _measured("empty room", scene, cases, lambda matrix: errors_of(matrix, scene, pitch_m)[0])
     bars = _room_bars(points[0])
-    if n == 576 or size == "quick":
-        bars += _paper_bars(form_factors(scene, "paper"), scene) if n == 576 else []
+    if n == 576:
+        bars += _paper_bars(form_factors(scene, "paper"))
     if n == 576 and size != "quick" and peers.present("pyviewfactor"):
         peer, bar = _against_pyviewfactor(scene, pitch_m)
         points, bars = [*points, peer], [*bars, bar]
@@ -119,18 +119,16 @@ def _room_bars(point: Point) -> list[Bar]:
     name = f"closed form, N = {point.n}"
     bars = [
         Bar(f"{name}: largest relative error", point.error or 0.0, 1e-8),
-        Bar(f"{name}: closure", float(point.detail["closure_max"]), 1e-10),
-        Bar(f"{name}: reciprocity, to rounding", float(point.detail["reciprocity"]), 1e-15),
+        Bar(f"{name}: closure", point.detail["closure_max"], 1e-10),
+        Bar(f"{name}: reciprocity, to rounding", point.detail["reciprocity"], 1e-15),
     ]
     if point.n in ROOM_LIMIT_S:
         bars.append(Bar(f"{name}: time", point.seconds or 0.0, ROOM_LIMIT_S[point.n], "s", "time"))
-        bars.append(
-            Bar(f"{name}: peak memory over the matrix", float(point.detail["peak_of_matrix"]), 1.15, "", "memory")
-        )
+        bars.append(Bar(f"{name}: peak over the matrix", point.detail["peak_of_matrix"], 1.15, "", "memory"))
     return bars
 
 
-def _paper_bars(factors: FormFactors, scene: Scene) -> list[Bar]:
+def _paper_bars(factors: FormFactors) -> list[Bar]:
     rows = factors.row_sums
     return [
         Bar("paper: lowest row sum less 1.0004", abs(float(rows.min()) - 1.0004), 1e-4),
@@ -152,14 +150,13 @@ def _against_pyviewfactor(scene: Scene, pitch_m: float) -> tuple[Point, Bar]:
     ratio = seconds["peer"] / seconds["ours"]
     closure = float(np.abs(matrix.sum(axis=1) - 1).max())
     detail = {"closure_max": closure, "ratio": ratio}
-    point = Point(
-        "empty room", "pyviewfactor", scene.n_patches, seconds["peer"], error, memory, "largest relative", detail
-    )
+    point = Point("empty room", "pyviewfactor", 576, seconds["peer"], error, memory, "largest relative", detail)
     return point, Bar("closed form over pyviewfactor, N = 576", ratio, 300.0, "x faster", "time", at_least=True)
 
 
 def _sloped_room(size: Size) -> Outcome:
-    surface = sloped_room(rotation=SLOPED_TURN_DEG)
+    turn = Rotation.from_euler("xyz", SLOPED_TURN_DEG, degrees=True).as_matrix()
+    surface = sloped_room(0.8 if size == "quick" else 0.4, turn)
     reference = exchange_reference(surface)
     points = _measured(
         "sloped room",
@@ -185,9 +182,8 @@ def _thread_scaling(size: Size) -> Outcome:
     }
     before = threads()
     try:
-        seconds = median_seconds(
-            {f"{name}/{k}": _with_threads(k, work) for name, work in works.items() for k in (1, 2)}
-        )
+        both = {f"{name}/{k}": _with_threads(k, work) for name, work in works.items() for k in (1, 2)}
+        seconds = median_seconds(both)
     finally:
         set_threads(before)
     points, bars = [], []

@@ -139,20 +139,19 @@ def _live_seconds() -> Point | None:
     noise = float(np.sqrt(((first - second) ** 2).mean() / 2) / first.mean())
     seconds = min(first_s, second_s) * (noise / PEER_NOISE) ** 2
     detail = {"samples": PEER_SPP, "measured_s": min(first_s, second_s), "pixel_noise": noise}
-    return Point(
-        PROBLEM, f"Mitsuba {mitsuba.__version__}, 1 % noise", 0, seconds, PEER_NOISE, None, "pixel noise", detail
-    )
+    name = f"Mitsuba {mitsuba.__version__}, 1 % noise"
+    return Point(PROBLEM, name, 0, seconds, PEER_NOISE, None, "pixel noise", detail)
 
 
 def _bars(points: list[Point], reference: Reference) -> list[Bar]:
     bars = []
     for point in points:
-        limit = RMS_LIMITS.get((point.method, point.detail.get("pitch_m", 0.0)))  # type: ignore[arg-type]
+        limit = RMS_LIMITS.get((point.method, point.detail.get("pitch_m", 0.0)))
         if limit is not None:
             name = f"{point.method}, {point.detail['pitch_m']:g} m"
             bars.append(Bar(f"{name}: block rms", 100 * (point.error or 0.0), 100 * limit, "%"))
             if point.detail["pitch_m"] != 0.4:
-                bars.append(Bar(f"{name}: bias", 100 * abs(float(point.detail["bias"])), 100 * BIAS_LIMIT, "%"))
+                bars.append(Bar(f"{name}: bias", 100 * abs(point.detail["bias"]), 100 * BIAS_LIMIT, "%"))
     return bars + _time_bars(points, reference)
 
 

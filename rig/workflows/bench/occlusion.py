@@ -12,12 +12,13 @@ from rig.workflows.bench.box_reference import VisibleShares, partly_occluded, un
 from rig.workflows.bench.records import Bar, Outcome, Point, Size
 from rig.workflows.bench.timing import median_seconds, peak_mb
 from sim.form_factors import form_factors
+from sim.form_factors.factors import Visibility
 from sim.scene import FloatArray, IntArray, Scene
 from sim.scenes import room_with_box
 
 SEGMENTS = {"quick": 1 << 9, "default": 1 << 15, "full": 1 << 18}
 """Of the reference, a pair."""
-MODES = ("quick", "exact", "rays")
+MODES: tuple[Visibility, ...] = ("quick", "exact", "rays")
 PEER_SEGMENTS = 64
 PROBLEM = "box occluder"
 
@@ -60,13 +61,13 @@ def box(size: Size) -> Outcome:
     if size != "quick":
         points += _peers(truth)
     note = (
-        f"box occluder: {len(truth.parted.share)} partly occluded pairs; reference of {SEGMENTS[size]} segments a pair, "
-        f"which its last doubling moved by {truth.parted.change_rms:.1e} rms"
+        f"box occluder: {len(truth.parted.share)} partly occluded pairs; reference of {SEGMENTS[size]} segments "
+        f"a pair, which its last doubling moved by {truth.parted.change_rms:.1e} rms"
     )
     return Outcome(tuple(points), tuple(bars), (note,))
 
 
-def _ours(scene: Scene, mode: str) -> Callable[[], FloatArray]:
+def _ours(scene: Scene, mode: Visibility) -> Callable[[], FloatArray]:
     return lambda: form_factors(scene, "closed_form", visibility=mode).matrix
 
 
@@ -84,7 +85,7 @@ def _bars(points: dict[str, Point]) -> list[Bar]:
         name = f"box, {mode}"
         bars.append(Bar(f"{name}: partly occluded pairs, rms", point.error or 0.0, error))
         bars.append(Bar(f"{name}: time", point.seconds or 0.0, seconds, "s", "time"))
-    exact = float(points["exact"].detail["row_sum_error"])
+    exact = points["exact"].detail["row_sum_error"]
     return [*bars, Bar("box, exact: row sums of partly covered patches", exact, 1e-3)]
 
 

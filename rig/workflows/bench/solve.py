@@ -1,4 +1,4 @@
-"""``rig bench solve``: the radiosity system by our solvers and by scipy's, against a solution refined beyond rounding."""
+"""``rig bench solve``: our solvers and scipy's against a solution refined beyond rounding."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _measured(system: System, size: Size) -> Outcome:
     exact = exact_solution(system)
     methods = dict(_methods(system, size))
     points, slow = [], dict(_iterations(system)) if size != "quick" else {}
-    seconds = median_seconds({name: method for name, method in methods.items()}, budget_s=1.5)
+    seconds = median_seconds(methods, budget_s=1.5)
     for name, method in methods.items():
         points.append(_point(system, exact, name, method(), seconds[name], peak_mb(method)))
     for name, method in slow.items():
@@ -179,7 +179,7 @@ def _bars(system: System, point: Point) -> list[Bar]:
     ]
     if system.reflectance <= STRICT_UP_TO:
         if "matvecs" in point.detail:
-            bars.append(Bar(f"{name}: matvecs", float(point.detail["matvecs"]), MATVEC_LIMIT))
+            bars.append(Bar(f"{name}: matvecs", point.detail["matvecs"], MATVEC_LIMIT))
         if system.n in LIMIT_S:
             bars.append(Bar(f"{name}: time", point.seconds or 0.0, LIMIT_S[system.n], "s", "time"))
     return bars
