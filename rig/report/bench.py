@@ -12,11 +12,9 @@ from rich.table import Table
 
 _WIDTH = 118
 _SHOWN = {
-    "tolerance": "tolerance",
     "samples": "samples",
     "threads": "threads",
     "matvecs": "products",
-    "reflectance": "reflectance",
     "closure_max": "closure",
     "row_sum_error": "row sums",
     "bias": "bias",

@@ -43,7 +43,16 @@ def _point(scene: str, tolerance: float, most_patches: int) -> Point:
     check = refined_check(simulation, planned.light, planned.model, most_patches)
     memory = peak_mb(lambda: simulate(planned.cells, planned.light, planned.model))
     detail = {"tolerance": tolerance, "plan_s": between - started, **_promised(planned)}
-    return Point(scene, "plan", planned.patches, seconds, 100 * check.rms, memory, "% of white, rms", detail)
+    return Point(
+        scene,
+        f"tolerance {tolerance:g} %",
+        planned.patches,
+        seconds,
+        100 * check.rms,
+        memory,
+        "% of white, rms",
+        detail,
+    )
 
 
 def _promised(planned: Plan) -> dict[str, float | str]:
