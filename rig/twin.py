@@ -202,5 +202,5 @@ def _remap(image: FloatArray, x: NDArray[np.float32], y: NDArray[np.float32]) ->
 def _transport(twin: RoomTwin, active: BoolArray, direct: csr_array, view: csr_array) -> LightTransport:
     chosen = np.flatnonzero(active)
     emission = diags_array(twin.scene.reflectance * twin.flux) @ twin.unit_emission[:, chosen]
-    radiosity = Radiosity(twin.form_factors, twin.scene.reflectance)
+    radiosity = Radiosity(twin.form_factors, twin.scene.reflectance, solver="repeated")
     return LightTransport(direct, csr_array(emission), radiosity, view, twin.projector_look.hits.patch[chosen])

@@ -70,7 +70,7 @@ def coaxial_transport(
         emission = area_emission(scene, lens, pose, subsamples, convention)
     pixels = np.flatnonzero(beam.lit)
     view = _csr(np.ones(len(pixels)), pixels, beam.hits.patch[pixels], (lens.n_pixels, scene.n_patches))
-    radiosity = Radiosity(form_factors, scene.reflectance)
+    radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
     return LightTransport(csr_array(diags_array(direct)), emission, radiosity, view, beam.hits.patch)
 
 
@@ -88,7 +88,7 @@ def physical_transport(
     Direct light: each camera pixel takes the projector pixels about its surface point, bilinearly, where the
     projector sees that point. Indirect light: bilinear between the patch centres of a face.
     """
-    radiosity = Radiosity(form_factors, scene.reflectance)
+    radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
     emission = area_emission(scene, projector_lens, projector_pose, subsamples, "physical")
     beam = _beam(scene, projector_lens, projector_pose, projector_lens.pixel_grid())
     seen = _beam(scene, camera_lens, camera_pose, camera_lens.pixel_grid())

@@ -6,6 +6,7 @@ ours are stated in the result, together with what other plausible poses give.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -32,7 +33,7 @@ from sim.criteria import (
     spread,
     visible_patches,
 )
-from sim.form_factors import FormFactors, form_factors
+from sim.form_factors import ClosureWarning, FormFactors, form_factors
 from sim.optics import Lens, Pose
 from sim.scenes import paper_room
 from sim.transport import LightTransport, coaxial_transport
@@ -152,7 +153,7 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
             raise UsageError(f"{figures_dir}: no folder for figures ({error.strerror}); give another") from error
     total = len(CONFIGURATIONS) + 2 + (figures_dir is not None)
     on_step("form factors", 0, total)
-    factors = {ceiling: form_factors(paper_room(ceiling), "paper") for ceiling in (True, False)}
+    factors = {ceiling: _paper_factors(ceiling) for ceiling in (True, False)}
     exact = {ceiling: form_factors(paper_room(ceiling), "closed_form") for ceiling in (True, False)}
     results, images = [], []
     for index, configuration in enumerate(CONFIGURATIONS, 1):
@@ -172,7 +173,7 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
         "conventions": dict(CONVENTIONS),
         "exceptions": exceptions(effects),
         "row_sums": {"min": float(row_sums.min()), "max": float(row_sums.max())},
-        "spectral_radius": float(np.abs(np.linalg.eigvals(factors[True].matrix)).max()),
+        "spectral_radius": factors[True].spectral_radius,
         "pose": _stated_pose(),
         "photographs": {name: asdict(photo) for name, photo in PHOTOGRAPHS.items()},
         "sensitivity": sensitivity,
@@ -184,6 +185,13 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
         summary["figures"] = [str(path) for path in written]
     on_step("done", total, total)
     return summary
+
+
+def _paper_factors(ceiling: bool) -> FormFactors:
+    with warnings.catch_warnings():
+        # That its row sums exceed 1 is a result of this replication, and reported as one.
+        warnings.simplefilter("ignore", ClosureWarning)
+        return form_factors(paper_room(ceiling), "paper")
 
 
 CONVENTIONS = {

@@ -1,27 +1,39 @@
-"""One function over the methods: closed form or the paper's quadrature, times the visible share."""
+"""One function over the methods: closed form, polygons or the paper's quadrature, times the visible share."""
 
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from sim import _kernel
 from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper
-from sim.form_factors.visibility import visible_fraction
+from sim.form_factors.occlusion import visible_fraction
+from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
 from sim.scene import FloatArray, Scene
+from sim.surface import Surface
 
-Method = Literal["closed_form", "paper"]
-Visibility = Literal["auto", "none", "rays"]
+Method = Literal["auto", "closed_form", "polygon", "paper"]
+Visibility = Literal["auto", "none", "exact", "quick", "rays"]
+METHODS = ("auto", "closed_form", "polygon", "paper")
+VISIBILITIES = ("auto", "none", "exact", "quick", "rays")
+DEFECT_TO_WARN = 1e-3
+"""Row sums off by more than this: the light is wrong by rho / (1 - rho) times as much."""
 
-METHODS: Mapping[str, Callable[[Scene], FloatArray]] = {
-    "closed_form": closed_form.exchange_areas,
-    "paper": paper.exchange_areas,
-}
-"""Each gives the symmetric (P, P) exchange areas A_i F_ij of a scene without occluders [m²]."""
+Fill = Callable[[Surface, FloatArray, FloatArray], None]
+FILLS: Mapping[str, Fill] = {"closed_form": closed_form.fill, "paper": paper.fill}
+"""Each fills the (P, P) factors without occluders and their (P,) row sums."""
+
+
+class ClosureWarning(UserWarning):
+    """The form factors create light, or lose some in a closed scene."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,64 +44,142 @@ class FormFactors:
     """(P, P) F[i, j]: share of the power leaving i that reaches j; A_i F_ij = A_j F_ji."""
     areas: FloatArray
     """(P,) patch areas [m²]."""
+    row_sums: FloatArray
+    """(P,) share of each patch's power that meets any patch."""
     closure_max: float
-    """Closed convex scene: largest |row sum - 1|. Any other: largest excess of a row sum over 1."""
+    """Closed scene: largest |row sum - 1|. Any other: largest excess of a row sum over 1."""
     method: str
+    """What was really done, as for ``visibility``."""
     visibility: str
-    """``none`` or ``rays``: what was really done."""
     seconds: float
 
-    @property
-    def row_sums(self) -> FloatArray:
-        """(P,) share of each patch's power that meets any patch."""
-        return np.asarray(self.matrix.sum(axis=1))
+    def apply(self, x: ArrayLike) -> FloatArray:
+        """F x, (P,) or (P, K): what each patch gets of the radiosities x."""
+        values = np.ascontiguousarray(x, dtype=np.float64)
+        if values.ndim == 1:
+            return self.exchange(values) / self.areas
+        return np.asarray(self.matrix @ values)
+
+    def exchange(self, x: FloatArray) -> FloatArray:
+        """diag(A) F x, (P,) or (P, K): the symmetric product, of which only half of F need be read."""
+        if x.ndim == 1:
+            out = np.empty(len(self.areas))
+            _kernel.reciprocal_product(self.matrix, self.areas, np.ascontiguousarray(x), out)
+            return out
+        return np.asarray(self.areas[:, None] * (self.matrix @ x))
+
+    def in_single_precision(self) -> FormFactors:
+        """Give the same factors with a matrix of half the size; sums over rows still run in double precision."""
+        single: Any = self.matrix.astype(np.float32)
+        return replace(self, matrix=single)
+
+    @cached_property
+    def spectral_radius(self) -> float:
+        """Largest eigenvalue of F, by power iteration: 1 in a closed scene, above 1 where light is created."""
+        root = np.sqrt(self.areas)
+        x, radius = root / np.linalg.norm(root), 0.0
+        for _ in range(500):
+            y = self.exchange(x / root) / root
+            previous, radius = radius, float(np.linalg.norm(y))
+            if radius == 0 or abs(radius - previous) <= 1e-10 * radius:
+                break
+            x = y / radius
+        return radius
 
 
 def form_factors(
-    scene: Scene, method: Method = "closed_form", visibility: Visibility = "auto", rays_per_pair: int = 64
+    surface: Surface,
+    method: Method = "auto",
+    visibility: Visibility = "auto",
+    rays_per_pair: int = 64,
+    tolerance: float = 1e-6,
+    samples: int | None = None,
 ) -> FormFactors:
-    """All form factors of a scene.
+    """All form factors of a scene or mesh.
 
     Parameters
     ----------
-    scene : Scene
-    method : {"closed_form", "paper"}
-        ``closed_form``: exact for parallel and perpendicular rectangles. ``paper``: 3x3 midpoint samples on
-        both patches, kept for replication; it gains energy at shared edges (row sums up to 1.087 in the
-        paper's room).
-    visibility : {"auto", "none", "rays"}
-        ``auto`` shoots rays only in scenes that are not convex.
+    surface : Surface
+    method : {"auto", "closed_form", "polygon", "paper"}
+        ``closed_form``: exact for rectangles along three axes. ``polygon``: any flat triangles and quads, to
+        ``tolerance``. ``auto``: the closed form where it applies, else polygons. ``paper``: 3x3 midpoint samples
+        on both patches, kept for replication; it gains energy at shared edges (row sums up to 1.087 in the
+        paper's room) and warns.
+    visibility : {"auto", "none", "exact", "quick", "rays"}
+        ``exact`` and ``quick``: shadows clipped as polygons, at many or few points. ``rays``: segments between
+        random points, the plain reference. ``auto``: ``exact``, and nothing at all in convex scenes.
     rays_per_pair : int
-        Segments between two patches that an occluder may part.
+        For ``rays``: segments between two patches that an occluder may part.
+    tolerance : float
+        For ``polygon``: relative error allowed in each pair.
+    samples : int, optional
+        For ``polygon``: points on one patch of a near pair at most, a square (9, 25), instead of the tolerance.
 
     Raises
     ------
     SimulationError
-        For an unknown method or visibility, or (closed form) faces neither parallel nor perpendicular.
+        For an unknown method or visibility, or a method that cannot do this surface.
+
+    Warns
+    -----
+    ClosureWarning
+        If row sums are off by more than 1e-3.
     """
+    _check_choices(method, visibility)
+    started = time.perf_counter()
+    if method == "auto":
+        method = "closed_form" if closed_form.applies(surface) else "polygon"
+    visibility = _visibility_needed(surface, visibility)
+    n = surface.n_patches
+    matrix, row_sums = np.empty((n, n)), np.empty(n)
+    FILLS[method](surface, matrix, row_sums)
+    if visibility != "none":
+        _occlude(surface, matrix, row_sums, visibility, rays_per_pair)
+    seconds = time.perf_counter() - started
+    closure = _closure_max(surface, row_sums)
+    if closure > DEFECT_TO_WARN:
+        warnings.warn(_defect(surface, row_sums, method, visibility), ClosureWarning, stacklevel=2)
+    return FormFactors(matrix, surface.areas, row_sums, closure, method, visibility, seconds)
+
+
+def _check_choices(method: str, visibility: str) -> None:
     if method not in METHODS:
         raise SimulationError(f"unknown form factor method {method!r}; there are {', '.join(METHODS)}")
-    if visibility not in ("auto", "none", "rays"):
-        raise SimulationError(f"unknown visibility {visibility!r}; there are auto, none, rays")
-    started = time.perf_counter()
-    exchange = METHODS[method](scene)
-    rays = visibility == "rays" or (visibility == "auto" and not scene.convex)
-    if rays:
-        exchange *= visible_fraction(scene, exchange > 0, rays_per_pair)
-    exchange /= scene.areas[:, None]
-    seconds = time.perf_counter() - started
-    closure = _closure_max(scene, exchange)
-    return FormFactors(exchange, scene.areas, closure, method, "rays" if rays else "none", seconds)
+    if visibility not in VISIBILITIES:
+        raise SimulationError(f"unknown visibility {visibility!r}; there are {', '.join(VISIBILITIES)}")
 
 
-def is_closed(scene: Scene) -> bool:
-    """Tell if the faces' area vectors add up to nothing, as those of every closed surface do."""
-    vector = (scene.areas[:, None] * scene.normals).sum(axis=0)
-    return len(scene.faces) > 3 and bool(np.abs(vector).max() < 1e-9 * scene.areas.sum())
+def _visibility_needed(surface: Surface, visibility: Visibility) -> Visibility:
+    if visibility != "auto":
+        return visibility
+    return "none" if surface.convex or not len(surface.occluders) else "exact"
 
 
-def _closure_max(scene: Scene, matrix: FloatArray) -> float:
-    excess = matrix.sum(axis=1) - 1
-    if scene.convex and is_closed(scene):
-        return float(np.abs(excess).max())
-    return float(max(excess.max(), 0.0))
+def _occlude(
+    surface: Surface, matrix: FloatArray, row_sums: FloatArray, visibility: Visibility, rays_per_pair: int
+) -> None:
+    if visibility == "rays":
+        if not isinstance(surface, Scene):
+            raise SimulationError(f"{surface.name}: visibility 'rays' is for gridded rectangles; use 'exact'")
+        matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
+    else:
+        visible_fraction(surface, matrix, "quick" if visibility == "quick" else "exact").apply(matrix)
+    np.sum(matrix, axis=1, out=row_sums)
+
+
+def _closure_max(surface: Surface, row_sums: FloatArray) -> float:
+    excess = row_sums - 1
+    return float(np.abs(excess).max()) if surface.closed else float(max(excess.max(), 0.0))
+
+
+def _defect(surface: Surface, row_sums: FloatArray, method: str, visibility: str) -> str:
+    cure = "use method 'auto' for exact factors"
+    if visibility == "none" and not surface.convex:
+        cure = "its occluders are left out: use visibility 'exact'"
+    elif visibility != "none" and method != "paper":
+        cure = "use visibility 'exact', or more rays"
+    return (
+        f"{surface.name}: row sums of the {method} form factors run from {row_sums.min():.4f} to "
+        f"{row_sums.max():.4f}; above 1 they create light, and at reflectance rho the error grows to "
+        f"{row_sums.max() - 1:.2g} rho / (1 - rho); {cure}"
+    )

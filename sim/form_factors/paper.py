@@ -4,45 +4,59 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.scene import Face, FloatArray, Scene
+from sim import _kernel
+from sim.errors import SimulationError
+from sim.scene import FloatArray
+from sim.surface import Surface
 
 SAMPLES = 3
 
 
-def exchange_areas(scene: Scene) -> FloatArray:
-    """(P, P) A_i F_ij = A_i A_j / 81 sum of cos cos' / (pi r²) over the 81 sample pairs [m²]."""
-    exchange = np.zeros((scene.n_patches, scene.n_patches))
-    points = [_sample_points(face) for face in scene.faces]
-    for a, face_a in enumerate(scene.faces):
-        for b in range(a + 1, len(scene.faces)):
-            face_b = scene.faces[b]
-            block = _block(face_a, points[a], face_b, points[b])
-            exchange[face_a.patches, face_b.patches] = block
-            exchange[face_b.patches, face_a.patches] = block.T
-    return exchange
+def fill(surface: Surface, matrix: FloatArray, row_sums: FloatArray) -> None:
+    """Fill (P, P) form factors and their (P,) row sums, occluders left out.
+
+    A_i F_ij = A_i A_j / 81 sum of cos cos' / (pi r²) over the 81 pairs of samples.
+
+    Raises
+    ------
+    SimulationError
+        If the surface has triangles: 3x3 midpoints are for quads.
+    """
+    points = sample_points(surface)
+    normals = np.ascontiguousarray(surface.normals.T)
+    offsets = np.einsum("pk,pk->p", surface.normals, surface.centres)
+    _kernel.paper_exchange_areas(points, normals, offsets, surface.areas, matrix)
+    _kernel.divide_rows(matrix, surface.areas, row_sums)
 
 
-def _sample_points(face: Face) -> FloatArray:
-    """(9, n_patches, 3) midpoints of a 3x3 division of each patch [m]."""
-    u, v = np.meshgrid(np.arange(face.columns), np.arange(face.rows))
+def sample_points(surface: Surface) -> FloatArray:
+    """(3, 9, P) midpoints of a 3x3 division of each patch [m]."""
+    a, b, c, d = np.moveaxis(surface.vertices, 1, 0)
+    triangles = np.flatnonzero((c == d).all(axis=1))
+    if len(triangles):
+        raise SimulationError(
+            f"{surface.name}: patch {triangles[0]} is a triangle (and {len(triangles) - 1} more); "
+            "the paper's 3x3 samples are for quads: use method 'polygon'"
+        )
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
-    return np.stack(
-        [face.points((u.ravel() + du) / face.columns, (v.ravel() + dv) / face.rows) for dv in offsets for du in offsets]
-    )
+    points = [(1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d for v in offsets for u in offsets]
+    return np.ascontiguousarray(np.moveaxis(np.stack(points), 2, 0))
 
 
-def _block(face_a: Face, points_a: FloatArray, face_b: Face, points_b: FloatArray) -> FloatArray:
-    # Both faces are flat, so r cos is the height of one sample over the other face's plane.
-    height_b = np.maximum((points_b - face_a.origin_m) @ face_a.normal, 0.0)
-    height_a = np.maximum((points_a - face_b.origin_m) @ face_b.normal, 0.0)
-    total = np.zeros((face_a.n_patches, face_b.n_patches))
-    if height_a.max() == 0 or height_b.max() == 0:
-        return total
-    for sample_a, over_a in zip(points_a, height_a, strict=True):
-        for sample_b, over_b in zip(points_b, height_b, strict=True):
-            squared = np.zeros_like(total)
-            for axis in range(3):
-                squared += np.subtract.outer(sample_a[:, axis], sample_b[:, axis]) ** 2
-            total += np.multiply.outer(over_a, over_b) / squared**2
-    area_a, area_b = (np.prod(face.size_m) / face.n_patches for face in (face_a, face_b))
-    return np.asarray(total * (area_a * area_b / (np.pi * SAMPLES**4)))
+def reference_exchange_areas(surface: Surface) -> FloatArray:
+    """(P, P) A_i F_ij in plain numpy: the definition, and the oracle of the native kernel [m²]."""
+    points = np.moveaxis(sample_points(surface), 0, 2)
+    normals, centres = surface.normals, surface.centres
+    total = np.zeros((surface.n_patches, surface.n_patches))
+    # Patches are flat, so r cos is the height of one sample over the other patch's plane: over[k, i, j] of
+    # sample k of patch j over patch i.
+    over = np.einsum("kjx,ix->kij", points, normals) - np.einsum("ix,ix->i", centres, normals)[:, None]
+    over = np.where(over > 1e-9, over, 0.0)
+    for of_first, first in enumerate(points):
+        for of_second, second in enumerate(points):
+            squared = ((first[:, None] - second[None]) ** 2).sum(axis=2)
+            np.fill_diagonal(squared, 1.0)
+            squared[squared == 0] = 1.0
+            total += over[of_second] * over[of_first].T / squared**2
+    areas = surface.areas
+    return np.asarray(total * np.outer(areas, areas) / (np.pi * SAMPLES**4))

@@ -3,6 +3,7 @@
 #include <nanobind/nanobind.h>
 
 void bind_closed_form(nanobind::module_ &m);
+void bind_rectangles(nanobind::module_ &m);
 void bind_paper(nanobind::module_ &m);
 void bind_polygon(nanobind::module_ &m);
 void bind_occlusion(nanobind::module_ &m);

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from sim.errors import SimulationError
-from sim.form_factors import form_factors
+from sim.form_factors import ClosureWarning, form_factors
 from sim.scene import Face, Scene
 from sim.scenes import furnace, paper_room, parallel_plates, room, room_with_box
 
@@ -71,16 +71,20 @@ def test_any_closed_room_keeps_all_its_light_and_reciprocity(size_m, patch_size_
 
 def test_the_paper_room_closes_and_the_papers_quadrature_does_not():
     exact = form_factors(paper_room())
-    quadrature = form_factors(paper_room(), "paper")
+    with pytest.warns(ClosureWarning, match=r"1\.0004 to 1\.0869"):
+        quadrature = form_factors(paper_room(), "paper")
     assert exact.closure_max < 1e-10
     assert quadrature.row_sums.min() == pytest.approx(1.0004, abs=5e-5)
     assert quadrature.row_sums.max() == pytest.approx(1.0869, abs=5e-5)
-    assert np.abs(np.linalg.eigvals(quadrature.matrix)).max() == pytest.approx(1.0197, abs=5e-5)
+    assert quadrature.spectral_radius == pytest.approx(1.0197, abs=5e-5)
+    assert np.abs(np.linalg.eigvals(quadrature.matrix)).max() == pytest.approx(quadrature.spectral_radius, rel=1e-9)
 
 
 def test_far_pairs_of_the_quadrature_agree_with_the_closed_form():
     scene = paper_room()
-    exact, quadrature = form_factors(scene).matrix, form_factors(scene, "paper").matrix
+    with pytest.warns(ClosureWarning):
+        quadrature = form_factors(scene, "paper").matrix
+    exact = form_factors(scene).matrix
     distance = np.linalg.norm(scene.centres[:, None] - scene.centres[None], axis=2)
     far = (distance > 2.4) & (exact > 0)
     assert np.abs(quadrature[far] / exact[far] - 1).max() < 0.01
@@ -103,17 +107,19 @@ def test_faces_at_odd_angles_are_refused_by_name():
     leaning = Face("leaning", np.zeros(3), np.array([0, 1.0, 0]), np.array([0.3, 0, 1.0]), 1, 1, 1)
     scene = Scene("wedge", (floor, leaning), np.full(2, 0.5), convex=True)
     with pytest.raises(SimulationError, match=r"floor and leaning .* neither parallel nor perpendicular"):
-        form_factors(scene)
+        form_factors(scene, "closed_form")
 
 
 def test_an_unknown_method_is_refused_with_the_choices():
-    with pytest.raises(SimulationError, match="closed_form, paper"):
+    with pytest.raises(SimulationError, match="closed_form, polygon, paper"):
         form_factors(furnace(), "magic")
 
 
 def test_an_occluder_only_takes_light_away():
     scene = room_with_box(patch_size_m=0.8)
-    free, occluded = form_factors(scene, visibility="none").matrix, form_factors(scene).matrix
+    with pytest.warns(ClosureWarning, match="occluders are left out"):
+        free = form_factors(scene, visibility="none").matrix
+    occluded = form_factors(scene).matrix
     assert (occluded >= 0).all()
     assert (occluded <= free).all()
     exchange = scene.areas[:, None] * occluded
@@ -122,11 +128,11 @@ def test_an_occluder_only_takes_light_away():
 
 
 def test_the_room_with_a_box_nearly_closes():
-    # Closed but for the floor under the box; rays sample, so a percent is what to expect.
+    # Closed but for the floor under the box.
     scene = room_with_box(patch_size_m=0.4)
     sums = form_factors(scene).row_sums
     uncovered = [face.patches for face in scene.faces if face.name != "floor"]
-    assert all(np.abs(sums[patches] - 1).max() < 0.005 for patches in uncovered)
+    assert all(np.abs(sums[patches] - 1).max() < 1e-3 for patches in uncovered)
 
 
 def test_a_wall_between_two_plates_darkens_them():
