@@ -1,4 +1,4 @@
-"""Work against precision, the pages of docs/benchmarks: python benchmarks/work_precision.py [NAME ...] [--quick] [--full].
+"""Work against precision, the pages of docs/benchmarks: python benchmarks/work_precision.py [NAME ...].
 
 Runs the benches of ``rig bench`` (all without a name) and writes NAME.csv, NAME.svg and their part of index.md.
 """
@@ -152,8 +152,9 @@ def page_part(answer: Mapping[str, Any]) -> Iterator[str]:
     """Lines of index.md between the bench's marks."""
     size = "" if answer["size"] == "default" else f" --{answer['size']}"
     machine, peers = answer["machine"], ", ".join(f"{k} {v}" for k, v in answer["peers"].items() if v)
-    yield f"`python benchmarks/work_precision.py {answer['bench']}{size}` on {machine['processor']}, {machine['processors']}"
-    yield f"processors, {machine['threads']} threads, {machine['system']}, Python {machine['python']}; {peers}."
+    yield f"`python benchmarks/work_precision.py {answer['bench']}{size}` on {machine['processor']},"
+    yield f"{machine['processors']} processors, {machine['threads']} threads, {machine['system']},"
+    yield f"Python {machine['python']}; {peers}."
     yield f"Points: [{answer['bench']}.csv]({answer['bench']}.csv)."
     yield ""
     if any(DRAWINGS[answer["bench"]].panel(point) for point in answer["points"]):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,10 +12,10 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, bicgstab, gmres
 
 from rig.workflows.bench.records import Bar, OnStep, Outcome, Point, Size, joined
-from rig.workflows.bench.timing import median_seconds, peak_mb, seconds_of
+from rig.workflows.bench.timing import median_seconds, peak_mb
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors, form_factors
-from sim.radiosity import Radiosity, gauss_seidel, jacobi
+from sim.radiosity import Precision, Radiosity, Solver, gauss_seidel, jacobi
 from sim.scene import FloatArray, Scene
 from sim.scenes import paper_room
 
@@ -57,8 +58,20 @@ class Solved:
     """What a method gives."""
 
     B: FloatArray
-    products: int | None = None
+    detail: Mapping[str, float]
+    """Products and the like."""
     error_bound: float | None = None
+    """Of the largest error, over the largest emission."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A solver by name."""
+
+    name: str
+    timed: Callable[[], Any]
+    described: Callable[[], Solved]
+    """The same solution, with what is known of it."""
 
 
 def run(size: Size, on_step: OnStep) -> Outcome:
@@ -102,59 +115,88 @@ def _residual(system: System, B: Any) -> Any:
 
 def _measured(system: System, size: Size) -> Outcome:
     exact = exact_solution(system)
-    methods = dict(_methods(system, size))
-    points, slow = [], dict(_iterations(system)) if size != "quick" else {}
-    seconds = median_seconds(methods, budget_s=1.5)
-    for name, method in methods.items():
-        points.append(_point(system, exact, name, method(), seconds[name], peak_mb(method)))
-    for name, method in slow.items():
-        points.append(_slow_point(system, exact, name, method))
-    return Outcome(tuple(points), tuple(_bars(system, points[0])))
+    methods, points = [], []
+    for method in _methods(system):
+        refusal = _refusal(system, method)
+        if refusal is None:
+            methods.append(method)
+        else:
+            points.append(refusal)
+    seconds = median_seconds({method.name: method.timed for method in methods}, budget_s=1.5)
+    done = [_point(system, exact, m.name, m.described(), seconds[m.name], peak_mb(m.timed)) for m in methods]
+    if size != "quick":
+        points += [_slow_point(system, exact, method) for method in _iterations(system)]
+    return Outcome((*done, *points), tuple(_bars(system, done[0])))
+
+
+def _refusal(system: System, method: Method) -> Point | None:
+    """A point without an error if the method says that it cannot do this."""
+    try:
+        method.timed()
+    except SimulationError as error:
+        detail = {"reflectance": system.reflectance, "gave_up": str(error)}
+        return Point(_name(system), method.name, system.n, detail=detail)
+    return None
 
 
 def _point(system: System, exact: FloatArray, name: str, solved: Solved, seconds: float, memory: float | None) -> Point:
-    error = float(np.abs(solved.B - exact).max() / np.abs(exact).max())
-    detail: dict[str, Any] = {"reflectance": system.reflectance, "tolerance": TOLERANCE}
-    if solved.products is not None:
-        detail["matvecs"] = solved.products
+    largest = float(np.abs(solved.B - exact).max())
+    detail: dict[str, Any] = {"reflectance": system.reflectance, "tolerance": TOLERANCE, **solved.detail}
     if solved.error_bound is not None:
         detail["error_bound"] = solved.error_bound
-        detail["bound_true"] = bool(np.abs(solved.B - exact).max() <= solved.error_bound * np.abs(system.E).max())
-    problem = f"solve, reflectance {system.reflectance:g}"
-    return Point(problem, name, system.n, seconds, error, memory, "largest, of the largest radiosity", detail)
+        detail["bound_true"] = largest <= solved.error_bound * float(np.abs(system.E).max())
+    error = largest / float(np.abs(exact).max())
+    return Point(_name(system), name, system.n, seconds, error, memory, "largest, of the largest radiosity", detail)
 
 
-def _slow_point(system: System, exact: FloatArray, name: str, method: Callable[[], Solved]) -> Point:
-    """One run only; a method that gives up has no error and says so."""
-    solved: list[Solved] = []
-    try:
-        seconds = seconds_of(lambda: solved.append(method()))
-    except SimulationError as error:
-        detail = {"reflectance": system.reflectance, "gave_up": str(error)}
-        return Point(f"solve, reflectance {system.reflectance:g}", name, system.n, detail=detail)
-    return _point(system, exact, name, solved[0], seconds, None)
+def _name(system: System) -> str:
+    return f"solve, reflectance {system.reflectance:g}"
 
 
-def _methods(system: System, size: Size) -> Iterator[tuple[str, Callable[[], Solved]]]:
-    yield "conjugate gradients", lambda: _ours(system)
-    yield "scipy gmres", lambda: _krylov(system, gmres, {"restart": 60})
-    yield "scipy bicgstab", lambda: _krylov(system, bicgstab, {})
+def _slow_point(system: System, exact: FloatArray, method: Method) -> Point:
+    """Timed once only: these take their time, or give up."""
+    started = time.perf_counter()
+    refusal = _refusal(system, method)
+    seconds = time.perf_counter() - started
+    return refusal or _point(system, exact, method.name, method.described(), seconds, None)
+
+
+def _methods(system: System) -> Iterator[Method]:
+    yield _ours(system, "conjugate gradients")
+    yield _ours(system, "mixed precision", precision="mixed")
     if system.n <= DIRECT_UP_TO:
-        yield "scipy LU", lambda: _by_lu(system)
+        yield _ours(system, "Cholesky", solver="direct")
+        yield _peer("scipy LU", lambda: _by_lu(system))
+    yield _peer("scipy gmres", lambda: _krylov(system, gmres, {"restart": 60}))
+    yield _peer("scipy bicgstab", lambda: _krylov(system, bicgstab, {}))
 
 
-def _iterations(system: System) -> Iterator[tuple[str, Callable[[], Solved]]]:
+def _iterations(system: System) -> Iterator[Method]:
     if system.n > DIRECT_UP_TO or (system.n > 600 and system.reflectance > 0.9):
         return
     G = system.reflectance * system.factors.matrix
-    yield "Jacobi", lambda: Solved(*jacobi(G, system.E, TOLERANCE, SLOW_STEPS))
-    yield "Gauss-Seidel", lambda: Solved(*gauss_seidel(G, system.E, TOLERANCE, SLOW_STEPS // 10))
+    yield _peer("Jacobi", lambda: _stepped(jacobi(G, system.E, TOLERANCE, SLOW_STEPS)))
+    yield _peer("Gauss-Seidel", lambda: _stepped(gauss_seidel(G, system.E, TOLERANCE, SLOW_STEPS // 2)))
 
 
-def _ours(system: System) -> Solved:
-    radiosity = Radiosity(system.factors, system.reflectance, tolerance=TOLERANCE)
-    B = radiosity.solve(system.E)
-    return Solved(B, None, radiosity.accuracy(B, system.E).error_bound)
+def _ours(system: System, name: str, solver: Solver = "conjugate_gradients", precision: Precision = "double") -> Method:
+    def radiosity() -> Radiosity:
+        return Radiosity(system.factors, system.reflectance, TOLERANCE, solver, precision)
+
+    def described() -> Solved:
+        found = radiosity().solution(system.E)
+        products = {"matvecs": found.products, "matvecs_single": found.products_single}
+        return Solved(found.B, products, found.error_bound)
+
+    return Method(name, lambda: radiosity().solve(system.E), described)
+
+
+def _peer(name: str, work: Callable[[], Solved]) -> Method:
+    return Method(name, work, work)
+
+
+def _stepped(answer: tuple[FloatArray, int]) -> Solved:
+    return Solved(answer[0], {"matvecs": answer[1]})
 
 
 def _krylov(system: System, method: Callable[..., tuple[FloatArray, int]], options: dict[str, Any]) -> Solved:
@@ -163,12 +205,13 @@ def _krylov(system: System, method: Callable[..., tuple[FloatArray, int]], optio
     B, status = method(operator, system.E, rtol=TOLERANCE, atol=0.0, maxiter=2000, **options)
     if status:
         raise SimulationError(f"{method.__name__}: not within {TOLERANCE:g} after 2000 steps")
-    return Solved(np.asarray(B), system.products)
+    return Solved(np.asarray(B), {"matvecs": system.products})
 
 
 def _by_lu(system: System) -> Solved:
     matrix = np.eye(system.n) - system.reflectance * system.factors.matrix
-    return Solved(np.asarray(lu_solve(lu_factor(matrix, overwrite_a=True, check_finite=False), system.E)))
+    factor = lu_factor(matrix, overwrite_a=True, check_finite=False)
+    return Solved(np.asarray(lu_solve(factor, system.E)), {})
 
 
 def _bars(system: System, point: Point) -> list[Bar]:
@@ -178,8 +221,7 @@ def _bars(system: System, point: Point) -> list[Bar]:
         Bar(f"{name}: error bound true", float(point.detail["bound_true"]), 1.0, at_least=True),
     ]
     if system.reflectance <= STRICT_UP_TO:
-        if "matvecs" in point.detail:
-            bars.append(Bar(f"{name}: matvecs", point.detail["matvecs"], MATVEC_LIMIT))
+        bars.append(Bar(f"{name}: products", point.detail["matvecs"], MATVEC_LIMIT))
         if system.n in LIMIT_S:
             bars.append(Bar(f"{name}: time", point.seconds or 0.0, LIMIT_S[system.n], "s", "time"))
     return bars
