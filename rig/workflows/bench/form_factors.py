@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
-from sim.mesh_scenes import sloped_room
 
 from rig.workflows.bench import occlusion, peers
 from rig.workflows.bench.polygon_reference import exchange_reference, largest_relative_error
@@ -16,12 +15,15 @@ from rig.workflows.bench.records import Bar, OnStep, Outcome, Point, Size, joine
 from rig.workflows.bench.room_reference import errors_of
 from rig.workflows.bench.timing import median_seconds, peak_mb
 from sim.form_factors import FormFactors, form_factors
+from sim.mesh_scenes import sloped_room
 from sim.scene import FloatArray, Scene
 from sim.scenes import paper_room
 from sim.surface import Surface
 from sim.threads import set_threads, threads
 
 PITCHES_M = {"quick": (0.8,), "default": (0.4, 0.2, 0.1), "full": (0.4, 0.2, 0.1)}
+BUDGET_S = {"quick": 0.1, "default": 2.0, "full": 6.0}
+"""For the repeats of one problem."""
 ROOM_LIMIT_S = {576: 0.004, 2304: 0.050, 9216: 0.8}
 POLYGON_UP_TO = {"quick": 600, "default": 600, "full": 2400}
 """Patches up to which the empty room is also done as polygons."""
@@ -83,7 +85,7 @@ def _empty_room(pitch_m: float, size: Size) -> Outcome:
         cases += _polygon_cases(scene)
     if n <= 2400:
         cases.append(Case("paper", lambda: form_factors(scene, "paper"), samples=9))
-    points = _measured("empty room", scene, cases, lambda matrix: errors_of(matrix, scene, pitch_m)[0])
+    points = _measured("empty room", scene, cases, lambda matrix: errors_of(matrix, scene, pitch_m)[0], BUDGET_S[size])
     bars = _room_bars(points[0])
     if n == 576:
         bars += _paper_bars(form_factors(scene, "paper"))
@@ -101,9 +103,13 @@ def _polygon_cases(surface: Surface) -> list[Case]:
 
 
 def _measured(
-    problem: str, surface: Surface, cases: Sequence[Case], error_of: Callable[[FloatArray], float]
+    problem: str,
+    surface: Surface,
+    cases: Sequence[Case],
+    error_of: Callable[[FloatArray], float],
+    budget_s: float,
 ) -> list[Point]:
-    seconds = median_seconds({case.name: case.work for case in cases})
+    seconds = median_seconds({case.name: case.work for case in cases}, budget_s)
     points = []
     for case in cases:
         memory = peak_mb(case.work)
@@ -163,6 +169,7 @@ def _sloped_room(size: Size) -> Outcome:
         surface,
         _polygon_cases(surface),
         lambda matrix: largest_relative_error(matrix, surface, reference),
+        BUDGET_S[size],
     )
     nine, twenty_five = points
     bars = (
@@ -183,7 +190,7 @@ def _thread_scaling(size: Size) -> Outcome:
     before = threads()
     try:
         both = {f"{name}/{k}": _with_threads(k, work) for name, work in works.items() for k in (1, 2)}
-        seconds = median_seconds(both)
+        seconds = median_seconds(both, BUDGET_S[size])
     finally:
         set_threads(before)
     points, bars = [], []

@@ -5,12 +5,11 @@ from __future__ import annotations
 import statistics
 import time
 
-from sim.simulation import refined_check, simulate
-
 from rig.workflows.bench.records import Bar, OnStep, Outcome, Point, Size
 from rig.workflows.bench.timing import peak_mb
 from sim.plan import Plan, plan
 from sim.scenes import LIBRARY
+from sim.simulation import refined_check, simulate
 
 TOLERANCES = {"quick": (3.0,), "default": (3.0, 1.0, 0.3), "full": (3.0, 1.0, 0.3, 0.1)}
 """[% of white]"""

@@ -7,6 +7,7 @@ import io
 import os
 import platform
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -19,6 +20,7 @@ from rig.errors import UsageError
 from rig.workflows.bench import peers
 from rig.workflows.bench.records import OnStep, Outcome, Size
 from rig.workflows.error_tree import one_error_tree
+from sim.form_factors.factors import ClosureWarning
 from sim.threads import threads
 
 BENCHES: Mapping[str, str] = {name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan")}
@@ -53,7 +55,9 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dic
     if name not in BENCHES:
         raise UsageError(f"unknown bench {name!r}; there are {', '.join(BENCHES)}")
     started = time.perf_counter()
-    with one_error_tree():
+    with one_error_tree(), warnings.catch_warnings():
+        # Benches do on purpose what form factors warn of, and print the defect beside the rest.
+        warnings.simplefilter("ignore", ClosureWarning)
         outcome: Outcome = import_module(f"rig.workflows.bench.{BENCHES[name]}").run(size, on_step)
     points = [point.as_json() for point in outcome.points]
     if table is not None:

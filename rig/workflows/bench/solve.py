@@ -20,7 +20,8 @@ from sim.scene import FloatArray, Scene
 from sim.scenes import paper_room
 
 PITCHES_M = {"quick": (0.8,), "default": (0.4, 0.2), "full": (0.4, 0.2, 0.1)}
-REFLECTANCES = (0.7, 0.95, 0.999, 0.9999)
+REFLECTANCES = {"quick": (0.7, 0.9999), "default": (0.7, 0.95, 0.999, 0.9999), "full": (0.7, 0.95, 0.999, 0.9999)}
+BUDGET_S = {"quick": 0.1, "default": 1.5, "full": 5.0}
 TOLERANCE = 1e-10
 MATVEC_LIMIT = 30
 LIMIT_S = {576: 0.0015, 2304: 0.020, 9216: 0.5}
@@ -77,11 +78,11 @@ class Method:
 def run(size: Size, on_step: OnStep) -> Outcome:
     """Measure all that ``rig bench solve`` shows."""
     parts: list[Outcome] = []
-    total = len(PITCHES_M[size]) * len(REFLECTANCES)
+    total = len(PITCHES_M[size]) * len(REFLECTANCES[size])
     for pitch_m in PITCHES_M[size]:
         scene = paper_room(patch_size_m=pitch_m)
         factors = form_factors(scene, "closed_form")
-        for reflectance in REFLECTANCES:
+        for reflectance in REFLECTANCES[size]:
             on_step(f"N = {scene.n_patches}, reflectance {reflectance:g}", len(parts), total)
             parts.append(_measured(System(factors, reflectance, floor_light(scene, reflectance)), size))
     on_step("solve", total, total)
@@ -122,7 +123,7 @@ def _measured(system: System, size: Size) -> Outcome:
             methods.append(method)
         else:
             points.append(refusal)
-    seconds = median_seconds({method.name: method.timed for method in methods}, budget_s=1.5)
+    seconds = median_seconds({method.name: method.timed for method in methods}, BUDGET_S[size])
     done = [_point(system, exact, m.name, m.described(), seconds[m.name], peak_mb(m.timed)) for m in methods]
     if size != "quick":
         points += [_slow_point(system, exact, method) for method in _iterations(system)]
