@@ -147,8 +147,8 @@ def _against_pyviewfactor(scene: Scene, pitch_m: float) -> tuple[Point, Bar]:
     mesh = peers.pyviewfactor_mesh(scene)
     seconds = median_seconds(
         {"ours": lambda: form_factors(scene, "closed_form"), "peer": lambda: peers.pyviewfactor_factors(mesh)},
-        repeats=5,
-        budget_s=10.0,
+        repeats=3,
+        budget_s=5.0,
     )
     matrix = peers.pyviewfactor_factors(mesh)
     error = errors_of(matrix, scene, pitch_m)[0]

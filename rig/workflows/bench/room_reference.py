@@ -2,12 +2,14 @@
 
 The room's patches are squares of one pitch, so a pair's exchange area depends only on a few whole numbers: the
 offsets along shared axes and the heights over each other's plane. The corner function (Ehlert & Smith 1993) is
-tabulated on them in ``numpy.longdouble`` (64 bits of mantissa on x86), differenced and looked up.
+tabulated on them in ``numpy.longdouble`` (64 bits of mantissa on x86), differenced and looked up. Differences of
+far pairs, nearly equal numbers, lose even these digits: those pairs take Gauss points on both patches instead.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +18,13 @@ from sim.scene import Face, FloatArray, IntArray, Scene
 
 LongArray = NDArray[np.longdouble]
 _TAU = 8 * np.arctan(np.longdouble(1))
+FAR = 8.0
+"""Distance in cells from which five Gauss points along each edge leave less than 1e-12."""
+GAUSS_ORDER = 5
 
 
 def reference_blocks(scene: Scene, pitch_m: float) -> Iterator[tuple[slice, slice, FloatArray]]:
-    """Exchange areas A_i F_ij [m²] of each pair of faces of a room of square patches, exact to 1e-11 or better.
+    """Exchange areas A_i F_ij [m²] of each pair of faces of a room of square patches, exact to 1e-11 relative.
 
     Yields
     ------
@@ -51,8 +56,9 @@ def _opposite(face: Face, other: Face, first: FloatArray, second: FloatArray, pi
     offset_u, offset_v = _offsets(first, second, u), _offsets(first, second, v)
     x = np.arange(offset_u.max() + 2, dtype=np.longdouble)[:, None]
     y = np.arange(offset_v.max() + 2, dtype=np.longdouble)[None]
-    table = _along(_along(_opposite_corner(x, y, gap), 0), 1)
-    return np.asarray(table[offset_u, offset_v], dtype=np.float64)
+    table = _along(_along(_opposite_corner(x, y, gap), 0), 1).astype(np.float64)
+    _replace_far(table, (x[:-1], y[:, :-1], gap.astype(np.float64)), _opposite_gauss)
+    return np.asarray(table[offset_u, offset_v])
 
 
 def _adjacent(face: Face, other: Face, first: FloatArray, second: FloatArray, pitch_m: float) -> FloatArray:
@@ -64,8 +70,9 @@ def _adjacent(face: Face, other: Face, first: FloatArray, second: FloatArray, pi
     y = np.arange(offset.max() + 2, dtype=np.longdouble)[:, None, None]
     lines = [np.arange(cells.max() + 2, dtype=np.longdouble) for cells in (away, height)]
     table = _adjacent_corner(y, lines[0][:, None] ** 2 + lines[1] ** 2)
-    table = np.diff(np.diff(_along(table, 0), axis=1), axis=2)
-    return np.asarray(table[offset, away[:, None], height], dtype=np.float64)
+    table = np.diff(np.diff(_along(table, 0), axis=1), axis=2).astype(np.float64)
+    _replace_far(table, (y[:-1], lines[0][:-1, None] + 0.5, lines[1][:-1] + 0.5), _adjacent_gauss)
+    return np.asarray(table[offset, away[:, None], height])
 
 
 def _axis(face: Face) -> int:
@@ -97,3 +104,40 @@ def _adjacent_corner(y: LongArray, squared: LongArray) -> LongArray:
     root, total = np.sqrt(squared), squared + y**2
     logarithm = np.log(np.where(total > 0, total, 1))
     return np.asarray((y * root * np.arctan2(y, root) - (squared - y**2) / 4 * logarithm) / _TAU)
+
+
+def _replace_far(table: FloatArray, middles: tuple[Any, Any, Any], gauss: Callable[..., FloatArray]) -> None:
+    """Put Gauss sums where the patches' middles, given along three axes in cells, are far from each other."""
+    along = np.broadcast_arrays(*(np.asarray(values, dtype=np.float64) for values in middles))
+    far = along[0] ** 2 + along[1] ** 2 + along[2] ** 2 > FAR**2
+    table[far] = gauss(*(values[far] for values in along))
+
+
+def _opposite_gauss(x: FloatArray, y: FloatArray, gap: FloatArray) -> FloatArray:
+    total = np.zeros_like(x)
+    steps = _steps_between()
+    for weight_u, u in steps:
+        for weight_v, v in steps:
+            total += weight_u * weight_v * gap**2 / ((x + u) ** 2 + (y + v) ** 2 + gap**2) ** 2
+    return total / np.pi
+
+
+def _adjacent_gauss(y: FloatArray, away: FloatArray, height: FloatArray) -> FloatArray:
+    total = np.zeros_like(y)
+    for weight, step in _steps_between():
+        for weight_a, a in _steps():
+            for weight_h, h in _steps():
+                over, up = away + a, height + h
+                total += weight * weight_a * weight_h * over * up / ((y + step) ** 2 + over**2 + up**2) ** 2
+    return total / np.pi
+
+
+def _steps() -> list[tuple[float, float]]:
+    """Gauss weights and places about the middle of a cell."""
+    nodes, weights = np.polynomial.legendre.leggauss(GAUSS_ORDER)
+    return [(float(weight) / 2, float(node) / 2) for node, weight in zip(nodes, weights, strict=True)]
+
+
+def _steps_between() -> list[tuple[float, float]]:
+    """The same for the difference of two places, one in each of two cells along one axis."""
+    return [(w * v, b - a) for w, a in _steps() for v, b in _steps()]
