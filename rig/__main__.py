@@ -7,6 +7,8 @@ import sys
 
 def main() -> None:
     """Run the command line of this process, and end it."""
+    # Kernel threads that spin while they wait take the cores from numpy's and OpenCV's, and from the cameras'.
+    os.environ.setdefault("OMP_WAIT_POLICY", "passive")
     status = _status(sys.argv[1:])
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # it has ended: nothing is left to interrupt
     sys.exit(status)

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.errors import SimulationError
+from sim.geometry_check import checked_topology
 from sim.scene import FloatArray, IntArray
+from sim.topology import Topology
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Flat triangles and quads with a diffuse reflectance a patch; a ``sim.surface.Surface``."""
+    """Flat triangles and quads with a diffuse reflectance a patch; a ``sim.surface.Surface``.
+
+    Raises
+    ------
+    SimulationError
+        For bad geometry, each kind with its patches (``sim.geometry_check.problems``; patches that pierce or
+        cover each other are only looked for there), and for a reflectance outside 0 ... 1.
+    """
 
     name: str
     vertices: FloatArray
@@ -27,26 +39,73 @@ class Mesh:
     region: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     """(P,) number of the flat region of each patch; empty: found from neighbours in one plane."""
 
+    def __post_init__(self) -> None:
+        vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
+        if vertices.ndim != 3 or vertices.shape[1:] != (4, 3) or not len(vertices):
+            raise SimulationError(f"mesh {self.name}: vertices of shape {vertices.shape}; expected (P, 4, 3), P > 0")
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "reflectance", self._checked_reflectance(self.reflectance))
+        object.__setattr__(self, "region", self._checked_region(self.region))
+
+    @classmethod
+    def from_arrays(
+        cls,
+        name: str,
+        vertices_m: ArrayLike,
+        polygons: Sequence[Sequence[int]] | IntArray,
+        reflectance: ArrayLike,
+        *,
+        convex: bool | None = None,
+        closed: bool | None = None,
+        region: ArrayLike | None = None,
+    ) -> Mesh:
+        """Build a mesh from shared corners.
+
+        Parameters
+        ----------
+        vertices_m : (V, 3)
+            Corners. [m]
+        polygons : sequence of 3 or 4 indices each, or (P, 3) or (P, 4) int
+            Corners of each patch, counter-clockwise seen from the lit side; -1 fills the row of a triangle.
+        reflectance : float or (P,)
+        convex, closed : bool, optional
+            None: found out. Convex: no corner lies behind a patch. Closed: every edge meets another patch's,
+            and the lit sides look inwards.
+        region : (P,) int, optional
+            None: neighbours in one plane are one region.
+
+        Raises
+        ------
+        SimulationError
+            For bad geometry, a corner that does not exist, a polygon of less than 3 or more than 4 corners.
+        """
+        corners = _corners(name, np.asarray(vertices_m, dtype=np.float64), _padded(name, polygons))
+        numbers = np.zeros(0, dtype=np.intp) if region is None else np.asarray(region, dtype=np.intp)
+        mesh = cls(name, corners, np.asarray(reflectance), bool(convex), bool(closed), numbers)
+        return mesh._with(
+            convex=not mesh.topology.covers.any() if convex is None else convex,
+            closed=mesh.topology.closed if closed is None else closed,
+        )
+
+    @cached_property
+    def topology(self) -> Topology:
+        """How the patches hang together."""
+        return checked_topology(self.name, self.vertices, closed=self.closed, convex=self.convex)
+
     @property
     def n_patches(self) -> int:
         """Number of patches, P."""
         return len(self.vertices)
 
     @cached_property
-    def _area_vectors(self) -> FloatArray:
-        # Half the cross product of the diagonals, for triangles (last corner repeated) and flat quads alike.
-        corners = self.vertices
-        return np.asarray(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2)
-
-    @cached_property
     def areas(self) -> FloatArray:
         """(P,) areas [m²]."""
-        return np.asarray(np.linalg.norm(self._area_vectors, axis=1))
+        return np.asarray(np.linalg.norm(self.topology.area_vectors, axis=1))
 
-    @cached_property
+    @property
     def normals(self) -> FloatArray:
         """(P, 3) unit normals."""
-        return np.asarray(self._area_vectors / self.areas[:, None])
+        return self.topology.normals
 
     @cached_property
     def centres(self) -> FloatArray:
@@ -56,12 +115,94 @@ class Mesh:
         second = np.linalg.norm(np.cross(c - a, d - a), axis=1, keepdims=True)
         return np.asarray((first * (a + b + c) + second * (a + c + d)) / (3 * (first + second)))
 
-    @property
+    @cached_property
     def occluders(self) -> FloatArray:
-        """(M, 4, 3) patches that something of the mesh lies behind [m]."""
-        return self.vertices
+        """(M, 4, 3) what something of the mesh lies behind: flat regions that are rectangles, else patches [m]."""
+        return _merged(self.vertices[self.topology.covers], self.topology.region[self.topology.covers])
 
     def with_reflectance(self, reflectance: ArrayLike) -> Mesh:
         """Give the same mesh another reflectance, one number or one a patch."""
-        values = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (self.n_patches,)).copy()
-        return Mesh(self.name, self.vertices, values, self.convex, self.closed, self.region)
+        return self._with(reflectance=self._checked_reflectance(reflectance))
+
+    def _with(self, **values: object) -> Mesh:
+        """Copy with other values, the geometry unchecked and shared."""
+        other = copy.copy(self)
+        for name, value in values.items():
+            object.__setattr__(other, name, value)
+        return other
+
+    def _checked_reflectance(self, reflectance: ArrayLike) -> FloatArray:
+        values = np.asarray(reflectance, dtype=np.float64)
+        if values.shape not in ((), (self.n_patches,)):
+            raise SimulationError(
+                f"mesh {self.name}: reflectance of shape {values.shape} for {self.n_patches} patches; "
+                "one number or one a patch"
+            )
+        if not ((values >= 0) & (values <= 1)).all():
+            raise SimulationError(
+                f"mesh {self.name}: reflectance {values.min():.4g} ... {values.max():.4g}; it must lie in 0 ... 1"
+            )
+        return np.broadcast_to(values, (self.n_patches,)).copy()
+
+    def _checked_region(self, region: IntArray) -> IntArray:
+        numbers = np.asarray(region, dtype=np.intp)
+        if numbers.shape not in ((0,), (self.n_patches,)):
+            raise SimulationError(f"mesh {self.name}: region of shape {numbers.shape} for {self.n_patches} patches")
+        return numbers if len(numbers) else self.topology.region
+
+
+def _padded(name: str, polygons: Sequence[Sequence[int]] | IntArray) -> IntArray:
+    """(P, 4) corner numbers; a triangle repeats its last."""
+    if isinstance(polygons, Sequence):
+        rows = [[int(corner) for corner in polygon] for polygon in polygons]
+        odd = [i for i, row in enumerate(rows) if len(row) not in (3, 4)]
+        if odd:
+            raise SimulationError(
+                f"mesh {name}: patch {odd[0]} has {len(rows[odd[0]])} corners ({len(odd)} such patches); "
+                "cut polygons into triangles and quads"
+            )
+        polygons = np.array([row + [-1] * (4 - len(row)) for row in rows], dtype=np.intp).reshape(-1, 4)
+    polygons = np.asarray(polygons)
+    if polygons.ndim != 2 or polygons.shape[1] not in (3, 4) or polygons.dtype.kind not in "iu":
+        raise SimulationError(
+            f"mesh {name}: polygons of shape {polygons.shape} and type {polygons.dtype}; expected integers (P, 3 or 4)"
+        )
+    last = polygons[:, -1:].astype(np.intp)
+    return np.concatenate([polygons[:, :3], np.where(last < 0, polygons[:, 2:3], last)], axis=1).astype(np.intp)
+
+
+def _corners(name: str, points: FloatArray, polygons: IntArray) -> FloatArray:
+    """(P, 4, 3) corners [m]."""
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise SimulationError(f"mesh {name}: corners of shape {points.shape}; expected (V, 3)")
+    missing = ((polygons < 0) | (polygons >= len(points))).any(axis=1)
+    if missing.any():
+        first = int(np.flatnonzero(missing)[0])
+        raise SimulationError(
+            f"mesh {name}: patch {first} has corners {polygons[first].tolist()}, there are 0 ... {len(points) - 1} "
+            f"({int(missing.sum())} such patches)"
+        )
+    return points[polygons]
+
+
+def _merged(vertices: FloatArray, region: IntArray) -> FloatArray:
+    """(M, 4, 3) rectangles in place of regions that are rectangles, and the patches of all others."""
+    if not len(vertices):
+        return vertices
+    _, example, region = np.unique(region, return_index=True, return_inverse=True)
+    n = len(example)
+    area_vectors = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1]) / 2
+    area = np.bincount(region, np.linalg.norm(area_vectors, axis=1), n)
+    normal = area_vectors[example] / np.linalg.norm(area_vectors[example], axis=1, keepdims=True)
+    u = vertices[example, 1] - vertices[example, 0]
+    axes = np.stack([u / np.linalg.norm(u, axis=1, keepdims=True), np.zeros_like(u)], axis=1)
+    axes[:, 1] = np.cross(normal, axes[:, 0])
+    origin = vertices[example, 0]
+    place = np.einsum("pkc,pac->pka", vertices - origin[region, None], axes[region])
+    low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
+    np.minimum.at(low, region, place.min(axis=1))
+    np.maximum.at(high, region, place.max(axis=1))
+    whole = np.abs((high - low).prod(axis=1) - area) <= 1e-9 * area
+    uv = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high, np.stack([low[:, 0], high[:, 1]], 1)], axis=1)
+    rectangles = origin[:, None] + np.einsum("nka,nac->nkc", uv, axes)
+    return np.concatenate([rectangles[whole], vertices[~whole[region]]])

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from sim import _kernel
 from sim.errors import SimulationError
-from sim.form_factors import closed_form, paper
+from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import visible_fraction
 from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
 from sim.scene import FloatArray, Scene
@@ -132,7 +132,10 @@ def form_factors(
     visibility = _visibility_needed(surface, visibility)
     n = surface.n_patches
     matrix, row_sums = np.empty((n, n)), np.empty(n)
-    FILLS[method](surface, matrix, row_sums)
+    if method == "polygon":
+        _fill_polygons(surface, matrix, row_sums, samples, tolerance)
+    else:
+        FILLS[method](surface, matrix, row_sums)
     if visibility != "none":
         _occlude(surface, matrix, row_sums, visibility, rays_per_pair)
     seconds = time.perf_counter() - started
@@ -140,6 +143,13 @@ def form_factors(
     if closure > DEFECT_TO_WARN:
         warnings.warn(_defect(surface, row_sums, method, visibility), ClosureWarning, stacklevel=2)
     return FormFactors(matrix, surface.areas, row_sums, closure, method, visibility, seconds)
+
+
+def _fill_polygons(
+    surface: Surface, matrix: FloatArray, row_sums: FloatArray, samples: int | None, tolerance: float
+) -> None:
+    polygon.fill_exchange_areas(surface, matrix, samples, tolerance)
+    _kernel.divide_rows(matrix, surface.areas, row_sums)
 
 
 def _check_choices(method: str, visibility: str) -> None:

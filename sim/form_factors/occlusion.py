@@ -71,11 +71,12 @@ def visible_fraction(
     if exchange.shape != (surface.n_patches, surface.n_patches):
         raise SimulationError(f"exchange areas of shape {exchange.shape} for {surface.n_patches} patches; one a pair")
     nodes, weights = _rule(quality, points)
-    nothing = np.zeros(0, dtype=np.intp)
-    if surface.convex:
+    vertices, occluders = _geometry(surface)
+    if not len(occluders):
+        nothing = np.zeros(0, dtype=np.intp)
         return Visible(nothing, nothing, np.zeros(0))
     given = np.ascontiguousarray(exchange, dtype=np.float64)
-    return Visible(*_kernel.visible_of_matrix(*_geometry(surface), given, nodes, weights))
+    return Visible(*_kernel.visible_of_matrix(vertices, occluders, given, nodes, weights))
 
 
 def visible_fraction_of_pairs(
@@ -83,11 +84,12 @@ def visible_fraction_of_pairs(
 ) -> FloatArray:
     """(n,) visible share of listed pairs, 1 for those that nothing parts; arguments as above."""
     nodes, weights = _rule(quality, points)
-    pairs = [np.ascontiguousarray(indices, dtype=np.int64) for indices in (first, second)]
-    _check_pairs(surface, *pairs)
-    fraction = np.ones(len(pairs[0]))
-    if not surface.convex:
-        _kernel.visible_of_pairs(*_geometry(surface), *pairs, nodes, weights, fraction)
+    first, second = (np.ascontiguousarray(indices, dtype=np.int64) for indices in (first, second))
+    _check_pairs(surface, first, second)
+    vertices, occluders = _geometry(surface)
+    fraction = np.ones(len(first))
+    if len(occluders):
+        _kernel.visible_of_pairs(vertices, occluders, first, second, nodes, weights, fraction)
     return fraction
 
 
@@ -96,13 +98,13 @@ def segments_blocked(surface: Surface, begin: FloatArray, end: FloatArray) -> Bo
 
     An occluder that an end lies on (within 1e-7 of the scene's size) does not count; an edge does.
     """
-    ends = [np.ascontiguousarray(points, dtype=np.float64) for points in (begin, end)]
-    if ends[0].ndim != 2 or ends[0].shape[1] != 3 or ends[0].shape != ends[1].shape:
-        raise SimulationError(f"segments from {ends[0].shape} to {ends[1].shape}; give (n, 3) both")
-    blocked = np.zeros(len(ends[0]), dtype=bool)
+    begin, end = (np.ascontiguousarray(points, dtype=np.float64) for points in (begin, end))
+    if begin.ndim != 2 or begin.shape[1] != 3 or begin.shape != end.shape:
+        raise SimulationError(f"segments from {begin.shape} to {end.shape}; give (n, 3) both")
+    blocked = np.zeros(len(begin), dtype=bool)
     vertices, occluders = _geometry(surface)
     size = float(np.linalg.norm(np.ptp(vertices.reshape(-1, 3), axis=0)))
-    _kernel.segments_blocked(occluders, size, *ends, blocked)
+    _kernel.segments_blocked(occluders, size, begin, end, blocked)
     return blocked
 
 
@@ -118,7 +120,9 @@ def _rule(quality: Quality, points: int | None) -> tuple[FloatArray, FloatArray]
 
 
 def _geometry(surface: Surface) -> tuple[FloatArray, FloatArray]:
-    return np.ascontiguousarray(surface.vertices), np.ascontiguousarray(surface.occluders)
+    """Patches' corners, and the occluders': none in a convex scene, whatever lies behind what."""
+    occluders = surface.occluders[:0] if surface.convex else surface.occluders
+    return np.ascontiguousarray(surface.vertices), np.ascontiguousarray(occluders)
 
 
 def _check_pairs(surface: Surface, first: IntArray, second: IntArray) -> None:

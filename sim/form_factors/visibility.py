@@ -1,4 +1,7 @@
-"""Which share of two patches sees each other past the occluders: segments between low-discrepancy samples."""
+"""Visible share of two patches by segments between low-discrepancy samples: the readable reference.
+
+``sim.form_factors.occlusion`` finds the same numbers by clipping, thousands of times faster.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +9,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.scene import BoolArray, Face, FloatArray, IntArray, Scene
+from sim.scene import BoolArray, FloatArray, IntArray
+from sim.surface import Surface
 
 CHUNK = 1 << 16
 """Segments tested at a time: their arrays stay in the processor's cache."""
+COPLANAR = 1e-7
+"""A patch this close to an occluder's plane, in sizes of the scene, lies on it and is not shaded by it."""
 
 
-def visible_fraction(scene: Scene, candidates: BoolArray, rays_per_pair: int = 64) -> FloatArray:
-    """Share of the segments between two patches that no face cuts; symmetric and deterministic.
+def visible_fraction(surface: Surface, candidates: BoolArray, rays_per_pair: int = 64) -> FloatArray:
+    """Share of the light between two patches that no occluder stops; symmetric and deterministic.
 
     Parameters
     ----------
-    scene : Scene
+    surface : Surface
     candidates : (P, P) bool
         Pairs worth a look (those with a form factor); the others keep 1.
     rays_per_pair : int
@@ -26,117 +32,110 @@ def visible_fraction(scene: Scene, candidates: BoolArray, rays_per_pair: int = 6
     -------
     (P, P) in [0, 1].
     """
-    fraction = np.ones((scene.n_patches, scene.n_patches))
-    samples = _low_discrepancy(rays_per_pair)
-    frames = [_Frame.of(scene, occluder) for occluder in occluders(scene)]
-    first, second = np.nonzero(np.triu(candidates, 1))
-    suspects = [frame.may_block(first, second) for frame in frames]
-    if not frames:
-        return fraction
-    parted = np.flatnonzero(np.logical_or.reduce(suspects))
-    first, second = first[parted], second[parted]
-    suspects = [some[parted] for some in suspects]
-    step = max(1, CHUNK // rays_per_pair)
-    for start in range(0, len(first), step):
-        here = slice(start, start + step)
-        share = _share(scene, frames, [some[here] for some in suspects], first[here], second[here], samples)
-        fraction[first[here], second[here]] = fraction[second[here], first[here]] = share
+    fraction = np.ones((surface.n_patches, surface.n_patches))
+    if len(surface.occluders):
+        first, second = np.nonzero(np.triu(candidates, 1))
+        share = visible_fraction_of_pairs(surface, first, second, rays_per_pair)
+        fraction[first, second] = fraction[second, first] = share
     return fraction
 
 
-def _share(
-    scene: Scene,
-    frames: list[_Frame],
-    suspects: list[BoolArray],
-    first: IntArray,
-    second: IntArray,
-    samples: FloatArray,
+def visible_fraction_of_pairs(
+    surface: Surface, first: IntArray, second: IntArray, rays_per_pair: int = 64
 ) -> FloatArray:
-    """(pairs,) visible share of the segments whose ends lie before each other's plane."""
-    blocked = np.zeros((len(first), len(samples)), dtype=bool)
-    for frame, some in zip(frames, suspects, strict=True):
-        pairs = np.flatnonzero(some)
-        blocked[pairs] |= frame.cuts(first[pairs], second[pairs], samples)
+    """(n,) share of the light between listed pairs: each segment counts cos cos' / r², 0 behind a patch."""
+    size = float(np.linalg.norm(np.ptp(surface.vertices.reshape(-1, 3), axis=0)))
+    frames = [_Frame.of(surface, corners, COPLANAR * size) for corners in surface.occluders]
     share = np.ones(len(first))
-    cut = np.flatnonzero(blocked.any(axis=1))
-    facing = _facing(scene, first[cut], second[cut], samples)
-    share[cut] = (facing & ~blocked[cut]).sum(axis=1) / np.maximum(facing.sum(axis=1), 1)
-    return share
-
-
-def occluders(scene: Scene) -> list[Face]:
-    """Faces that something of the scene lies behind; the others cannot stand between two patches."""
-    corners = scene.vertices.reshape(-1, 3)
-    size = float(np.ptp(corners, axis=0).max())
-    behind = [(corners - face.origin_m) @ face.normal < -1e-9 * size for face in scene.faces]
-    return [face for face, some in zip(scene.faces, behind, strict=True) if some.any()]
+    suspects = np.array([frame.may_block(first, second) for frame in frames]).reshape(len(frames), len(first))
+    parted = np.flatnonzero(suspects.any(axis=0))
+    samples = _low_discrepancy(rays_per_pair)
+    step = max(1, CHUNK // rays_per_pair)
+    for start in range(0, len(parted), step):
+        here = parted[start : start + step]
+        begin = _points(surface, first[here], samples[:, :2])
+        end = _points(surface, second[here], samples[:, 2:])
+        blocked = np.zeros(begin.shape[:2], dtype=bool)
+        for frame, some in zip(frames, suspects[:, here], strict=True):
+            blocked[some] |= frame.cuts(begin[some], end[some])
+        weight = _weight(surface, first[here], second[here], begin, end)
+        total = weight.sum(axis=1)
+        # The ratio is exactly 1 where nothing is blocked: 1 - blocked, never visible / total.
+        share[here] = 1 - np.where(blocked, weight, 0.0).sum(axis=1) / np.where(total > 0, total, 1.0)
+    return np.clip(share, 0.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class _Frame:
-    """All patches in an occluder's coordinates: height over its plane, and its u and v in [0, 1]."""
+    """An occluder's plane and edges, and where the patches lie to them."""
 
-    height: FloatArray
-    """(3, P): at the patch's first corner, and how much more along its u and its v edge."""
-    u: FloatArray
-    v: FloatArray
+    normal: FloatArray
+    corner: FloatArray
+    """(3,) one of its corners [m]."""
+    edges: FloatArray
+    """(E, 3) normals of its edges in its plane, inwards."""
+    edge_offsets: FloatArray
+    """(E,) each edge's normal times a point on it."""
+    touch: float
+    """Heights below this count as none [m]."""
+    above: BoolArray
+    """(P,) some of the patch lies on the normal's side."""
+    below: BoolArray
+    outside: BoolArray
+    """(E, P) the whole patch lies outside an edge."""
 
     @classmethod
-    def of(cls, scene: Scene, face: Face) -> _Frame:
-        corner = scene.vertices[:, 0] - face.origin_m
-        edges = [scene.vertices[:, k] - scene.vertices[:, 0] for k in (1, 3)]
-        along = [face.normal, face.axes[0] / face.size_m[0], face.axes[1] / face.size_m[1]]
-        return cls(*(np.stack([part @ axis for part in (corner, *edges)]) for axis in along))
+    def of(cls, surface: Surface, corners: FloatArray, touch: float) -> _Frame:
+        following = np.roll(corners, -1, axis=0)
+        normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
+        normal = normal / np.linalg.norm(normal)
+        edges = np.cross(normal, following - corners)[np.any(following != corners, axis=1)]
+        offsets = (edges * corners[np.any(following != corners, axis=1)]).sum(axis=1)
+        heights = (surface.vertices - corners[0]) @ normal
+        outside = (surface.vertices @ edges.T <= offsets).all(axis=1).T
+        above, below = (heights > touch).any(axis=1), (heights < -touch).any(axis=1)
+        return cls(normal, corners[0], edges, offsets, touch, above, below, outside)
 
     def may_block(self, first: IntArray, second: IntArray) -> BoolArray:
-        """Pairs on both sides of the plane whose common extent along u and v meets the face."""
-        low, high = _extent(self.height)
-        above, below = high > 1e-9, low < -1e-9
-        possible = (above[first] & below[second]) | (below[first] & above[second])
-        for axis in (self.u, self.v):
-            low, high = _extent(axis)
-            possible &= np.minimum(low[first], low[second]) < 1
-            possible &= np.maximum(high[first], high[second]) > 0
-        return np.asarray(possible)
+        """Pairs on both sides of the plane that no edge leaves outside together."""
+        parted = (self.above[first] & self.below[second]) | (self.below[first] & self.above[second])
+        return np.asarray(parted & ~(self.outside[:, first] & self.outside[:, second]).any(axis=0))
 
-    def cuts(self, first: IntArray, second: IntArray, samples: FloatArray) -> BoolArray:
-        """(pairs, rays) bool: the segment passes through the face."""
-        begin, end = (_at(self.height, *side) for side in ((first, samples[:, :2]), (second, samples[:, 2:])))
-        crosses = begin * end < 0
-        share = begin / np.where(crosses, begin - end, 1.0)
-        for axis in (self.u, self.v):
-            begin, end = _at(axis, first, samples[:, :2]), _at(axis, second, samples[:, 2:])
-            place = begin + share * (end - begin)
-            crosses &= (place > 0) & (place < 1)
-        return np.asarray(crosses)
+    def cuts(self, begin: FloatArray, end: FloatArray) -> BoolArray:
+        """(pairs, rays) bool: the segment passes through the occluder."""
+        before, after = (begin - self.corner) @ self.normal, (end - self.corner) @ self.normal
+        crosses = (before * after < 0) & (np.minimum(np.abs(before), np.abs(after)) > self.touch)
+        share = before / np.where(crosses, before - after, 1.0)
+        place = begin + share[..., None] * (end - begin)
+        return np.asarray(crosses & (place @ self.edges.T >= self.edge_offsets).all(axis=-1))
 
 
-def _at(coordinate: FloatArray, patches: IntArray, uv: FloatArray) -> FloatArray:
-    """(pairs, rays) a coordinate, linear on each patch, at samples of the patches."""
-    corner, along_u, along_v = coordinate[:, patches, None]
-    return np.asarray(corner + along_u * uv[:, 0] + along_v * uv[:, 1])
-
-
-def _extent(coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Lowest and highest value of a coordinate on each patch."""
-    corner, along_u, along_v = coordinate
-    low = corner + np.minimum(along_u, 0) + np.minimum(along_v, 0)
-    return low, corner + np.maximum(along_u, 0) + np.maximum(along_v, 0)
-
-
-def _facing(scene: Scene, first: IntArray, second: IntArray, samples: FloatArray) -> BoolArray:
-    """(pairs, rays) bool: both ends lie before the other's plane; the form factor counts no other light."""
-    begin, end = _points(scene, first, samples[:, :2]), _points(scene, second, samples[:, 2:])
+def _weight(surface: Surface, first: IntArray, second: IntArray, begin: FloatArray, end: FloatArray) -> FloatArray:
+    """(pairs, rays) cos cos' / r², 0 where an end lies behind the other's plane."""
     along = end - begin
-    leaves = np.einsum("prk,pk->pr", along, scene.normals[first]) > 0
-    return np.asarray(leaves & (np.einsum("prk,pk->pr", along, scene.normals[second]) < 0))
+    leaves = np.einsum("prk,pk->pr", along, surface.normals[first])
+    arrives = -np.einsum("prk,pk->pr", along, surface.normals[second])
+    squared = np.maximum((along**2).sum(axis=-1), 1e-300)
+    return np.asarray(np.maximum(leaves, 0) * np.maximum(arrives, 0) / squared**2)
 
 
-def _points(scene: Scene, patches: IntArray, uv: FloatArray) -> FloatArray:
-    """(pairs, rays, 3) the samples on the patches [m]."""
-    corners = scene.vertices[patches]
-    edge_u, edge_v = corners[:, 1] - corners[:, 0], corners[:, 3] - corners[:, 0]
-    return np.asarray(corners[:, None, 0] + uv[:, :1] * edge_u[:, None] + uv[:, 1:] * edge_v[:, None])
+def _points(surface: Surface, patches: IntArray, uv: FloatArray) -> FloatArray:
+    """(pairs, rays, 3) the samples on the patches, evenly spread: over a quad's two halves by their areas [m]."""
+    corners = surface.vertices[patches]
+    diagonal = corners[:, 2] - corners[:, 0]
+    halves = np.stack(
+        [np.cross(corners[:, 1] - corners[:, 0], diagonal), np.cross(diagonal, corners[:, 3] - corners[:, 0])]
+    )
+    areas = np.linalg.norm(halves, axis=-1)
+    share = (areas[0] / areas.sum(axis=0))[:, None]
+    in_first = uv[:, 0] < share
+    stretched = np.where(in_first, uv[:, 0] / share, (uv[:, 0] - share) / np.maximum(1 - share, 1e-300))
+    # (root, uv[1]) of a square fills a triangle evenly (Turk 1990).
+    root = np.sqrt(stretched)[..., None]
+    across = uv[:, 1:]
+    apex, base = corners[:, None, 0], np.where(in_first[..., None], corners[:, None, 1], corners[:, None, 2])
+    far = np.where(in_first[..., None], corners[:, None, 2], corners[:, None, 3])
+    return np.asarray(apex + root * ((1 - across) * (base - apex) + across * (far - apex)))
 
 
 def _low_discrepancy(n: int) -> FloatArray:

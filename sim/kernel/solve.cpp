@@ -1,35 +1,15 @@
 // Products with the form factor matrix, of which reciprocity needs only one half to be read.
 #include <algorithm>
-#include <omp.h>
 #include <vector>
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "product_tile.hpp"
 
 namespace kernel {
 namespace {
 
-constexpr std::int64_t TILE_ROWS = 32, TILE_COLUMNS = 512;
-
-// One tile of K = diag(areas) F above the diagonal, both ways: out_i += K_ij x_j, out_j += K_ij x_i.
-template <class T>
-void multiply_tile(const T *F, const double *areas, std::int64_t n, const double *x, double *out, std::int64_t i0,
-                   std::int64_t j0) {
-    const std::int64_t i1 = std::min(n, i0 + TILE_ROWS), j1 = std::min(n, j0 + TILE_COLUMNS);
-    for (std::int64_t i = i0; i < i1; ++i) {
-        const std::int64_t begin = std::max(j0, i + 1);
-        const T *row = F + i * n;
-        const double mine = areas[i] * x[i];
-        double sum = 0;
-#pragma omp simd reduction(+ : sum)
-        for (std::int64_t j = begin; j < j1; ++j) {
-            const double f = static_cast<double>(row[j]);
-            sum += f * x[j];
-            out[j] += f * mine;
-        }
-        out[i] += areas[i] * sum;
-    }
-}
+constexpr std::int64_t TILE_ROWS = 32, TILE_COLUMNS = 512, ALONE = 1024;
 
 // out = diag(areas) F x for a matrix with areas_i F_ij = areas_j F_ji: reads the upper triangle only.
 template <class T>
@@ -39,11 +19,13 @@ void reciprocal_product(In<T, 2> factors, In<double, 1> areas, In<double, 1> x, 
     // A fixed number of partial sums, so that the result does not depend on the number of threads.
     constexpr int PARTS = 8;
     std::vector<double> partial(PARTS * n, 0.0);
-#pragma omp parallel for schedule(dynamic, 1) if (n > 256)
+#pragma omp parallel for schedule(dynamic, 1) if (n > ALONE)
     for (int part = 0; part < PARTS; ++part)
         for (std::int64_t r = part; r < rows; r += PARTS)
             for (std::int64_t j0 = r * TILE_ROWS / TILE_COLUMNS * TILE_COLUMNS; j0 < n; j0 += TILE_COLUMNS)
-                multiply_tile(factors.data(), areas.data(), n, x.data(), partial.data() + part * n, r * TILE_ROWS, j0);
+                KERNEL_CALL(product_tile(factors.data(), areas.data(), n, x.data(), partial.data() + part * n,
+                                         Tile{r * TILE_ROWS, std::min(n, (r + 1) * TILE_ROWS), j0,
+                                              std::min(n, j0 + TILE_COLUMNS)}));
     double *o = out.data();
     std::fill(o, o + n, 0.0);
     for (int part = 0; part < PARTS; ++part)

@@ -122,3 +122,55 @@ def test_refinement_converges_at_about_first_order():
     coarse = difference_rms(scenes[0], solved[0], scenes[1], solved[1])
     fine = difference_rms(scenes[1], solved[1], scenes[2], solved[2])
     assert 1.5 < coarse / fine < 2.5
+
+
+@pytest.mark.parametrize("reflectance", [0.7, 0.95, 0.99, 0.999])
+def test_thirty_products_solve_any_room_to_ten_digits(reflectance):
+    factors = form_factors(paper_room())
+    E = standard_light(paper_room(reflectance=reflectance))
+    solution = Radiosity(factors, reflectance, tolerance=1e-10).solution(E)
+    assert solution.products <= 30
+    exact = np.linalg.solve(np.eye(576) - reflectance * factors.matrix, E)
+    assert np.linalg.norm(solution.B - exact) < 1e-9 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("reflectance", [0.7, 0.999, 0.9999])
+@pytest.mark.parametrize("precision", ["double", "mixed"])
+def test_the_error_bound_of_a_solution_is_true(reflectance, precision):
+    factors = form_factors(paper_room())
+    E = np.random.default_rng(7).random(576)
+    solution = Radiosity(factors, reflectance, tolerance=1e-9, precision=precision).solution(E)
+    exact = np.linalg.solve(np.eye(576) - reflectance * factors.matrix, E)
+    error = np.abs(solution.B - exact).max() / E.max()
+    assert error <= solution.error_bound < 1e-2
+    assert (solution.products_single > 0) == (precision == "mixed")
+
+
+def test_an_error_bound_exists_where_row_sums_reach_beyond_one():
+    with pytest.warns(ClosureWarning):
+        factors = form_factors(paper_room(), "paper")
+    radiosity = Radiosity(factors, 0.95, tolerance=1e-6)
+    E = np.random.default_rng(8).random(576)
+    solution = radiosity.solution(E)
+    exact = np.linalg.solve(np.eye(576) - 0.95 * factors.matrix, E)
+    assert 0.95 * factors.row_sums.max() > 1
+    assert np.abs(solution.B - exact).max() / E.max() <= solution.error_bound < 1e-2
+
+
+def test_all_solvers_give_the_same_light():
+    scene = paper_room(reflectance=0.9)
+    factors = form_factors(scene)
+    E = np.random.default_rng(9).random((576, 8))
+    by = {name: Radiosity(factors, 0.9, solver=name).solve(E) for name in ("conjugate_gradients", "direct", "repeated")}
+    assert np.allclose(by["conjugate_gradients"], by["direct"], rtol=1e-10)
+    assert np.array_equal(by["direct"], by["repeated"])
+    single = Radiosity(factors, 0.9, precision="mixed").solve(E[:, 0])
+    assert np.allclose(single, by["direct"][:, 0], rtol=1e-10)
+
+
+def test_unknown_solvers_and_precisions_are_refused(cube):
+    _, factors = cube
+    with pytest.raises(SimulationError, match="auto, repeated, conjugate_gradients, direct"):
+        Radiosity(factors, 0.5, solver="magic")
+    with pytest.raises(SimulationError, match="double, mixed"):
+        Radiosity(factors, 0.5, precision="half")

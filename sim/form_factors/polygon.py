@@ -1,0 +1,196 @@
+"""Form factors between any flat convex polygons, without occluders.
+
+Three rules, chosen for each pair by an error bound:
+
+- far apart: Gauss points on both patches, A F = 1/pi sum w w' cos cos' / r²;
+- nearer: Gauss points on the smaller patch, each with the exact factor to the other (Lambert 1760);
+- touching, nearly so, or cut by the plane of one of the two: both are cut by each other's plane, and then by
+  Stokes' theorem A F = 1/(2 pi) of the double contour integral of ln r dx . dx' (Sparrow, "A new and simpler
+  formulation for radiative angle factors", J. Heat Transfer 85, 1963): exact along one contour, Gauss points along
+  the other on panels graded towards the places where the two come close; edges that touch have a closed form.
+
+n x n Gauss points on a patch make a relative error below 2 p_n (1 + s rho / 3) (1 + d rho / 3) rho^-2n, where
+rho = g + sqrt(1 + g²) is that of Bernstein's ellipse, g the gap over half the patch's longest edge, s and d how much
+its height over the other's plane and its area element vary (0 ... 1), and p_n the error of n points in 1/r⁴ far
+away, larger along the line of centres than across it (sim/kernel/polygon_pairs.hpp).
+tests/physics/test_polygon_factors.py holds this bound against exact values.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim import _kernel
+from sim.errors import SimulationError
+from sim.scene import FloatArray
+from sim.surface import Surface
+
+FINEST_TOLERANCE = 1e-12
+TOLERANCE_OF_SAMPLES = {4: 2e-3, 9: 2e-4, 16: 1e-5, 25: 1e-6, 36: 1e-7}
+"""Relative error of every pair that a number of samples a patch stands for."""
+HIGHEST_ORDER = 10
+"""Points along each side of a patch up to which Gauss points on both patches are cheaper than the contour."""
+
+
+def exchange_areas(surface: Surface, samples: int | None = None, tolerance: float = 1e-6) -> FloatArray:
+    """(P, P) A_i F_ij of every pair of patches, exactly symmetric, in 0 ... min(A_i, A_j) [m²].
+
+    Parameters
+    ----------
+    surface : Surface
+    samples : int, optional
+        4, 9, 16, 25 or 36 points a patch, for those who think in samples. Each stands for a tolerance, 2e-4 with 9
+        and 1e-6 with 25; most pairs then take so many points or fewer, near ones what the tolerance needs.
+    tolerance : float
+        Wanted relative error of every pair, without `samples`. Pairs that hardly see each other, A F below 1e-5
+        of the smaller area, lose digits to roundoff: about 1e-16 of the larger area remains.
+
+    Raises
+    ------
+    SimulationError
+        For any other number of samples, or a tolerance outside 1e-12 ... 0.1.
+    """
+    exchange = np.empty((surface.n_patches, surface.n_patches))
+    fill_exchange_areas(surface, exchange, samples, tolerance)
+    return exchange
+
+
+def fill_exchange_areas(surface: Surface, exchange: FloatArray, samples: int | None, tolerance: float) -> None:
+    """Do what :func:`exchange_areas` does in a (P, P) array that is there."""
+    wanted = _checked_tolerance(samples, tolerance)
+    _kernel.polygon_exchange_areas(_corners(surface), wanted, HIGHEST_ORDER, exchange)
+
+
+def exchange_areas_of_pairs(
+    surface: Surface, first: ArrayLike, second: ArrayLike, tolerance: float = 1e-6
+) -> FloatArray:
+    """(K,) A F of the pairs (first[k], second[k]): the same bits as in :func:`exchange_areas` [m²].
+
+    Every call prepares all patches of the surface: ask for many pairs at once.
+
+    Raises
+    ------
+    SimulationError
+        For indices of different shapes or outside the surface, or a tolerance outside 1e-12 ... 0.1.
+    """
+    wanted = _checked_tolerance(None, tolerance)
+    one, other = (np.asarray(index, dtype=np.int64) for index in (first, second))
+    if one.shape != other.shape or one.ndim != 1:
+        raise SimulationError(f"pairs of patches of shapes {one.shape} and {other.shape}; give two lists of one length")
+    low, high = np.minimum(one, other), np.maximum(one, other)
+    if len(one) and not (low.min() >= 0 and high.max() < surface.n_patches):
+        raise SimulationError(
+            f"pairs name patches {low.min()} ... {high.max()}; {surface.name} has 0 ... {surface.n_patches - 1}"
+        )
+    order_of_rows = np.argsort(low, kind="stable")
+    exchange = np.empty(len(one))
+    sorted_pairs = low[order_of_rows], high[order_of_rows]
+    _kernel.polygon_exchange_areas_of_pairs(_corners(surface), *sorted_pairs, wanted, HIGHEST_ORDER, exchange)
+    answer = np.empty_like(exchange)
+    answer[order_of_rows] = exchange
+    return np.where(one == other, 0.0, answer)
+
+
+def _checked_tolerance(samples: int | None, tolerance: float) -> float:
+    if samples is not None:
+        if samples not in TOLERANCE_OF_SAMPLES:
+            raise SimulationError(f"{samples} samples a patch; give one of {', '.join(map(str, TOLERANCE_OF_SAMPLES))}")
+        return TOLERANCE_OF_SAMPLES[samples]
+    if not FINEST_TOLERANCE <= tolerance <= 0.1:
+        raise SimulationError(f"tolerance {tolerance:g} of a form factor; give {FINEST_TOLERANCE:g} ... 0.1")
+    return float(tolerance)
+
+
+def _corners(surface: Surface) -> FloatArray:
+    return np.ascontiguousarray(surface.vertices, dtype=np.float64)
+
+
+def point_to_polygon(points: FloatArray, normals: FloatArray, polygon: FloatArray) -> FloatArray:
+    """(N,) exact factors from points with a normal to a flat polygon (Lambert 1760); the plain definition.
+
+    F = 1/(2 pi) sum over edges of the angle under which an edge is seen times the cosine between the point's
+    normal and that of the plane through point and edge. What lies below a point's horizon is cut off.
+
+    Parameters
+    ----------
+    points, normals : (N, 3)
+        Places [m] and unit normals.
+    polygon : (M, 3)
+        Convex, counter-clockwise seen from its lit side, which looks at the points [m].
+    """
+    corners = polygon - points[:, None]
+    heights = np.einsum("nmk,nk->nm", corners, normals)
+    total = np.zeros(len(points))
+    leaves, enters = np.zeros_like(points), np.zeros_like(points)
+    for k in range(len(polygon)):
+        after = (k + 1) % len(polygon)
+        begin, end = _above(corners[:, k], corners[:, after], heights[:, k], heights[:, after])
+        total += _edge_share(begin, end, normals)
+        down = (heights[:, k] >= 0) & (heights[:, after] < 0)
+        up = (heights[:, k] < 0) & (heights[:, after] >= 0)
+        leaves[down], enters[up] = end[down], begin[up]
+    return np.asarray(total + _edge_share(leaves, enters, normals))
+
+
+def _above(
+    begin: FloatArray, end: FloatArray, height_begin: FloatArray, height_end: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(N, 3) ends of the part of a segment above the horizon; both the same where there is none."""
+    drop = height_begin - height_end
+    share = np.where(drop == 0, 0.0, height_begin / np.where(drop == 0, 1.0, drop))[:, None]
+    horizon = begin + share * (end - begin)
+    below_begin, below_end = (height_begin < 0)[:, None], (height_end < 0)[:, None]
+    new_begin = np.where(below_begin, np.where(below_end, end, horizon), begin)
+    return new_begin, np.where(below_end & ~below_begin, horizon, end)
+
+
+def _edge_share(begin: FloatArray, end: FloatArray, normals: FloatArray) -> FloatArray:
+    across = np.cross(end, begin)
+    length = np.linalg.norm(across, axis=1)
+    angle = np.arctan2(length, (begin * end).sum(axis=1))
+    cosine = (across * normals).sum(axis=1) / np.where(length > 0, length, 1.0)
+    return np.asarray(angle * cosine / (2 * np.pi))
+
+
+def reference_exchange_area(first: FloatArray, second: FloatArray, order: int) -> float:
+    """A F of two convex polygons by n x n Gauss points on the first and exact factors to the second [m²].
+
+    Slow, and independent of the contour integral; its error falls like n^-4 where the two touch.
+
+    Parameters
+    ----------
+    first, second : (M, 3)
+        Corners, counter-clockwise seen from the lit side [m].
+    order : int
+        Points along each side of every triangle that the first is cut into.
+    """
+    before = _cut(first, _normal(second), second[0])
+    normal, nodes, weights = _normal(first), *np.polynomial.legendre.leggauss(order)
+    u, v = (axis.ravel() for axis in np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2))
+    weight = np.outer(weights, weights).ravel() / 4
+    total = 0.0
+    for k in range(1, len(before) - 1):
+        a, b, c = before[0], before[k], before[k + 1]
+        points = a + v[:, None] * ((1 - u)[:, None] * (b - a) + u[:, None] * (c - a))
+        density = weight * v * np.linalg.norm(np.cross(b - a, c - a))
+        total += float(density @ point_to_polygon(points, np.tile(normal, (len(points), 1)), second))
+    return total
+
+
+def _normal(polygon: FloatArray) -> FloatArray:
+    vector = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0]).sum(axis=0)
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
+def _cut(polygon: FloatArray, normal: FloatArray, point: FloatArray) -> FloatArray:
+    """Corners of the part of a convex polygon before a plane (Sutherland & Hodgman)."""
+    heights = (polygon - point) @ normal
+    kept = []
+    for k in range(len(polygon)):
+        if heights[k - 1] * heights[k] < 0:
+            share = heights[k - 1] / (heights[k - 1] - heights[k])
+            kept.append(polygon[k - 1] + share * (polygon[k] - polygon[k - 1]))
+        if heights[k] >= 0:
+            kept.append(polygon[k])
+    return np.array(kept).reshape(-1, 3)
