@@ -56,9 +56,9 @@ def _opposite(face: Face, other: Face, first: FloatArray, second: FloatArray, pi
     offset_u, offset_v = _offsets(first, second, u), _offsets(first, second, v)
     x = np.arange(offset_u.max() + 2, dtype=np.longdouble)[:, None]
     y = np.arange(offset_v.max() + 2, dtype=np.longdouble)[None]
-    table = _along(_along(_opposite_corner(x, y, gap), 0), 1).astype(np.float64)
-    _replace_far(table, (x[:-1], y[:, :-1], gap.astype(np.float64)), _opposite_gauss)
-    return np.asarray(table[offset_u, offset_v])
+    cells = np.asarray(_along(_along(_opposite_corner(x, y, gap), 0), 1), dtype=np.float64)
+    _replace_far(cells, (x[:-1], y[:, :-1], gap.astype(np.float64)), _opposite_gauss)
+    return np.asarray(cells[offset_u, offset_v])
 
 
 def _adjacent(face: Face, other: Face, first: FloatArray, second: FloatArray, pitch_m: float) -> FloatArray:
@@ -70,9 +70,9 @@ def _adjacent(face: Face, other: Face, first: FloatArray, second: FloatArray, pi
     y = np.arange(offset.max() + 2, dtype=np.longdouble)[:, None, None]
     lines = [np.arange(cells.max() + 2, dtype=np.longdouble) for cells in (away, height)]
     table = _adjacent_corner(y, lines[0][:, None] ** 2 + lines[1] ** 2)
-    table = np.diff(np.diff(_along(table, 0), axis=1), axis=2).astype(np.float64)
-    _replace_far(table, (y[:-1], lines[0][:-1, None] + 0.5, lines[1][:-1] + 0.5), _adjacent_gauss)
-    return np.asarray(table[offset, away[:, None], height])
+    cells = np.asarray(np.diff(np.diff(_along(table, 0), axis=1), axis=2), dtype=np.float64)
+    _replace_far(cells, (y[:-1], lines[0][:-1, None] + 0.5, lines[1][:-1] + 0.5), _adjacent_gauss)
+    return np.asarray(cells[offset, away[:, None], height])
 
 
 def _axis(face: Face) -> int:
