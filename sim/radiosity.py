@@ -125,7 +125,7 @@ class Radiosity:
         self._solver, self._precision = solver, precision
         self._check_choices()
         row_sum_max = float((self.reflectance * form_factors.row_sums).max())
-        if row_sum_max >= 1 and (radius := self.spectral_radius()) >= 1 - 1e-12:
+        if row_sum_max >= 1 - 1e-9 and (radius := self.spectral_radius()) >= 1 - 1e-12:
             raise SimulationError(
                 f"spectral radius of rho F is {radius:.6f}, the limit is 1: the light never fades "
                 f"(form factors: {form_factors.method}); lower the reflectance or use method 'closed_form'"
