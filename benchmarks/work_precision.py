@@ -20,6 +20,7 @@ matplotlib.use("svg")
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from rig.report.bench import duration
@@ -89,9 +90,8 @@ def draw(answer: Mapping[str, Any], file: Path) -> None:
     columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
     rows = math.ceil(len(panels) / columns)
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(
-            rows, columns, figsize=(3.6 * columns, 2.9 * rows), squeeze=False, layout="constrained"
-        )
+        size = (3.6 * columns, 2.9 * rows) if columns > 1 else (6.0, 4.0)
+        figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
         for place in axes.flat[len(panels) :]:
             place.set_visible(False)
         for place, title in zip(axes.flat, panels, strict=False):
@@ -145,6 +145,7 @@ def _label(axes: Axes, drawing: Drawing, points: list[Record], colours: Mapping[
             va="center",
             fontsize=7,
             color=colours[drawing.series(point)],
+            path_effects=[withStroke(linewidth=2, foreground="white")],
         )
 
 

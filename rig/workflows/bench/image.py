@@ -104,7 +104,7 @@ def _pictures(reference: Reference, pitch_m: float, size: Size) -> list[Point]:
 
     kinds = [kind for kind in RECONSTRUCTIONS if kind != "gather" or pitch_m >= GATHER_FROM_M[size]]
     works: dict[str, Callable[[], SimulatedImage]] = {kind: partial(picture, kind) for kind in kinds}
-    seconds = median_seconds(works, budget_s=0.1 if size == "quick" else 3.0, repeats=9)
+    seconds = median_seconds(works, budget_s=0.1 if size == "quick" else 2.0, repeats=9)
     points = []
     for kind, work in works.items():
         result = work()

@@ -11,7 +11,7 @@ from sim.plan import Plan, plan
 from sim.scenes import LIBRARY
 from sim.simulation import refined_check, simulate
 
-TOLERANCES = {"quick": (3.0,), "default": (3.0, 1.0, 0.3), "full": (3.0, 1.0, 0.3, 0.1)}
+TOLERANCES = {"quick": (3.0,), "default": (3.0, 1.0), "full": (3.0, 1.0, 0.3, 0.1)}
 """[% of white]"""
 SCENES = {"quick": ("corner", "furnace"), "default": tuple(LIBRARY), "full": tuple(LIBRARY)}
 REFINED_PATCHES = {"quick": 4_000, "default": 9_000, "full": 16_000}
