@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from numpy import bool_, float64, int64
+from numpy import bool_, float64, int32, int64, uint8
 from numpy.typing import NDArray
 
 def level() -> str: ...
@@ -35,6 +35,60 @@ def reciprocal_product(
     factors: NDArray[Any], areas: NDArray[float64], x: NDArray[float64], out: NDArray[float64]
 ) -> None: ...
 def divide_rows(exchange: NDArray[float64], areas: NDArray[float64], row_sums: NDArray[float64]) -> None: ...
+
+class Device:
+    def __init__(
+        self, width: int, height: int, lens: NDArray[float64], rotation: NDArray[float64], position: NDArray[float64]
+    ) -> None: ...
+
+class Tracer:
+    def __init__(self, rectangles: NDArray[float64], corners: NDArray[float64], frames: NDArray[float64]) -> None: ...
+    def trace(
+        self,
+        origins: NDArray[float64],
+        directions: NDArray[float64],
+        face: NDArray[int64],
+        patch: NDArray[int64],
+        distance: NDArray[float64],
+        uv: NDArray[float64],
+        cosine: NDArray[float64],
+    ) -> None: ...
+    def blocked(self, start: NDArray[float64], end: NDArray[float64], stopped: NDArray[uint8]) -> None: ...
+    def light(
+        self,
+        device: Device,
+        picture: NDArray[float64],
+        reflectance: NDArray[float64],
+        areas: NDArray[float64],
+        subsamples: int,
+        physical: bool,
+        direct: NDArray[float64],
+        patch: NDArray[int32],
+        place: NDArray[float64],
+        emission: NDArray[float64],
+    ) -> None: ...
+
+def shade_constant(patch: NDArray[int32], value: NDArray[float64], indirect: NDArray[float64]) -> None: ...
+def shade_quadratic(
+    patch: NDArray[int32], place: NDArray[float64], coefficients: NDArray[float64], indirect: NDArray[float64]
+) -> None: ...
+def shade_fan(
+    patch: NDArray[int32],
+    place: NDArray[float64],
+    corners: NDArray[float64],
+    values: NDArray[float64],
+    indirect: NDArray[float64],
+) -> None: ...
+def gather(
+    tracer: Tracer,
+    points: NDArray[float64],
+    normals: NDArray[float64],
+    vertices: NDArray[float64],
+    patch_normals: NDArray[float64],
+    radiosity: NDArray[float64],
+    shadows: bool,
+    received: NDArray[float64],
+) -> None: ...
 def polygon_exchange_areas(
     vertices: NDArray[float64], tolerance: float, highest_order: int, exchange: NDArray[float64]
 ) -> None: ...
@@ -65,3 +119,22 @@ def visible_of_pairs(
 def segments_blocked(
     occluders: NDArray[float64], size: float, begin: NDArray[float64], end: NDArray[float64], blocked: NDArray[bool_]
 ) -> None: ...
+
+class CompressedMatrix:
+    """Compressed exchange areas: sim/kernel/compressed_matrix.hpp."""
+
+    def __init__(
+        self,
+        vertices: NDArray[float64],
+        normals: NDArray[float64],
+        areas: NDArray[float64],
+        region: NDArray[int64],
+        occluders: NDArray[float64],
+        tolerance: float,
+        leaf_size: int,
+    ) -> None: ...
+    def step(self, limit: int) -> float: ...
+    def apply(self, x: NDArray[float64], y: NDArray[float64]) -> None: ...
+    def exact_rows(self, rows: NDArray[int64], x: NDArray[float64], y: NDArray[float64]) -> None: ...
+    def blocks(self) -> tuple[int, int, int, int]: ...
+    def numbers(self) -> tuple[int, int, int, int]: ...

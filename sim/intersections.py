@@ -26,7 +26,7 @@ def piercing_and_overlapping(topology: Topology) -> tuple[IntArray, IntArray]:
         normal_a, normal_b = topology.normals[first], topology.normals[second]
         a, b = topology.vertices[first], topology.vertices[second]
         flat = np.linalg.norm(np.cross(normal_a, normal_b), axis=1) < PARALLEL
-        pierce[here] = ~flat & _pierce(a, b, normal_a, normal_b, tolerance)
+        pierce[here] = _pierce(a, b, normal_a, normal_b, tolerance)
         overlap[here] = flat & _overlap(a, b, normal_a, tolerance)
     return pairs[pierce], pairs[overlap]
 

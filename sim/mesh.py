@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from sim.errors import SimulationError
 from sim.geometry_check import checked_topology
 from sim.scene import FloatArray, IntArray
-from sim.topology import Topology
+from sim.topology import WELD, Topology
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ class Mesh:
             raise SimulationError(f"mesh {self.name}: vertices of shape {vertices.shape}; expected (P, 4, 3), P > 0")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "reflectance", self._checked_reflectance(self.reflectance))
-        object.__setattr__(self, "region", self._checked_region(self.region))
+        object.__setattr__(self, "region", self._checked_region(self.region, self.topology))
 
     @classmethod
     def from_arrays(
@@ -118,7 +118,8 @@ class Mesh:
     @cached_property
     def occluders(self) -> FloatArray:
         """(M, 4, 3) what something of the mesh lies behind: flat regions that are rectangles, else patches [m]."""
-        return _merged(self.vertices[self.topology.covers], self.topology.region[self.topology.covers])
+        covers, tolerance_m = self.topology.covers, 4 * WELD * self.topology.size_m
+        return _merged(self.vertices[covers], self.topology.region[covers], tolerance_m)
 
     def with_reflectance(self, reflectance: ArrayLike) -> Mesh:
         """Give the same mesh another reflectance, one number or one a patch."""
@@ -144,11 +145,11 @@ class Mesh:
             )
         return np.broadcast_to(values, (self.n_patches,)).copy()
 
-    def _checked_region(self, region: IntArray) -> IntArray:
+    def _checked_region(self, region: IntArray, topology: Topology) -> IntArray:
         numbers = np.asarray(region, dtype=np.intp)
         if numbers.shape not in ((0,), (self.n_patches,)):
             raise SimulationError(f"mesh {self.name}: region of shape {numbers.shape} for {self.n_patches} patches")
-        return numbers if len(numbers) else self.topology.region
+        return numbers if len(numbers) else topology.region
 
 
 def _padded(name: str, polygons: Sequence[Sequence[int]] | IntArray) -> IntArray:
@@ -185,24 +186,47 @@ def _corners(name: str, points: FloatArray, polygons: IntArray) -> FloatArray:
     return points[polygons]
 
 
-def _merged(vertices: FloatArray, region: IntArray) -> FloatArray:
+def _merged(vertices: FloatArray, region: IntArray, tolerance_m: float) -> FloatArray:
     """(M, 4, 3) rectangles in place of regions that are rectangles, and the patches of all others."""
     if not len(vertices):
         return vertices
     _, example, region = np.unique(region, return_index=True, return_inverse=True)
-    n = len(example)
     area_vectors = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1]) / 2
-    area = np.bincount(region, np.linalg.norm(area_vectors, axis=1), n)
-    normal = area_vectors[example] / np.linalg.norm(area_vectors[example], axis=1, keepdims=True)
-    u = vertices[example, 1] - vertices[example, 0]
-    axes = np.stack([u / np.linalg.norm(u, axis=1, keepdims=True), np.zeros_like(u)], axis=1)
-    axes[:, 1] = np.cross(normal, axes[:, 0])
-    origin = vertices[example, 0]
-    place = np.einsum("pkc,pac->pka", vertices - origin[region, None], axes[region])
-    low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
+    total = np.stack([np.bincount(region, column) for column in area_vectors.T], axis=1)
+    area = np.linalg.norm(total, axis=1)
+    normal = np.asarray(total / area[:, None])
+    side = vertices[example, 1] - vertices[example, 0]
+    place = _in_frames(vertices, region, vertices[example, 0], side, normal)
+    # The side of a small patch may be turned by the rounding of a file; that of the rectangle hardly is.
+    origin = _lowest_corner(vertices, region, place[..., 1] + place[..., 0])
+    long_side = _lowest_corner(vertices, region, place[..., 1] - place[..., 0]) - origin
+    side = np.where((long_side == 0).all(axis=1, keepdims=True), side, long_side)
+    place = _in_frames(vertices, region, origin, side, normal)
+    low, high = np.full((len(area), 2), np.inf), np.full((len(area), 2), -np.inf)
     np.minimum.at(low, region, place.min(axis=1))
     np.maximum.at(high, region, place.max(axis=1))
-    whole = np.abs((high - low).prod(axis=1) - area) <= 1e-9 * area
+    size = high - low
+    whole = np.abs(size.prod(axis=1) - area) <= tolerance_m * size.sum(axis=1)
     uv = np.stack([low, np.stack([high[:, 0], low[:, 1]], 1), high, np.stack([low[:, 0], high[:, 1]], 1)], axis=1)
-    rectangles = origin[:, None] + np.einsum("nka,nac->nkc", uv, axes)
+    rectangles = origin[:, None] + np.einsum("nka,nac->nkc", uv, _axes(side, normal))
     return np.concatenate([rectangles[whole], vertices[~whole[region]]])
+
+
+def _axes(side: FloatArray, normal: FloatArray) -> FloatArray:
+    """(N, 2, 3) unit vectors in planes: along a side, and across it."""
+    along = side / np.linalg.norm(side, axis=1, keepdims=True)
+    return np.stack([along, np.cross(normal, along)], axis=1)
+
+
+def _in_frames(
+    vertices: FloatArray, region: IntArray, origin: FloatArray, side: FloatArray, normal: FloatArray
+) -> FloatArray:
+    """(P, 4, 2) coordinates of corners along and across the side of their region [m]."""
+    return np.asarray(np.einsum("pkc,pac->pka", vertices - origin[region, None], _axes(side, normal)[region]))
+
+
+def _lowest_corner(vertices: FloatArray, region: IntArray, height: FloatArray) -> FloatArray:
+    """(N, 3) corner of each region with the smallest of the (P, 4) heights [m]."""
+    order = np.lexsort((height.min(axis=1), region))
+    patch = order[np.searchsorted(region[order], np.arange(region.max() + 1))]
+    return np.asarray(vertices[patch, height[patch].argmin(axis=1)])

@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim import _kernel
 from sim.errors import SimulationError
 
 FloatArray = NDArray[np.float64]
@@ -168,6 +169,17 @@ class Scene:
         hidden = [((corners - face.origin_m) @ face.normal < -1e-9 * size).any() for face in self.faces]
         return np.asarray(corners.reshape(-1, 4, 3)[np.array(hidden)])
 
+    @cached_property
+    def tracer(self) -> _kernel.Tracer:
+        """What meets rays and stops segments."""
+        rows = [
+            np.concatenate([f.origin_m, f.axes[0] / f.size_m[0], f.axes[1] / f.size_m[1], f.normal, counts])
+            for f in self.faces
+            for counts in [(f.columns, f.rows, f.first_patch)]
+        ]
+        corners = np.stack([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in self.faces])
+        return _kernel.Tracer(np.array(rows), corners, np.zeros((0, 12)))
+
     def with_reflectance(self, reflectance: ArrayLike) -> Scene:
         """Give the same scene another reflectance, one number or one a patch."""
         values = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (self.n_patches,))
@@ -214,6 +226,23 @@ def intersect(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits
     -------
     Hits
     """
+    return traced(scene.tracer, origin_m, directions)
+
+
+def traced(tracer: _kernel.Tracer, origin_m: ArrayLike, directions: ArrayLike) -> Hits:
+    """Hits of rays on whatever the tracer knows, by the native kernel."""
+    rays = np.ascontiguousarray(directions, dtype=np.float64)
+    origins = np.atleast_2d(np.ascontiguousarray(origin_m, dtype=np.float64))
+    n = len(rays)
+    if rays.shape != (n, 3) or origins.shape not in ((1, 3), (n, 3)):
+        raise SimulationError(f"rays: origins {origins.shape} and directions {rays.shape}; give (N, 3) directions")
+    hits = Hits(np.empty(n, np.intp), np.empty(n, np.intp), np.empty(n), np.empty((n, 2)), np.empty(n))
+    tracer.trace(origins, rays, hits.face, hits.patch, hits.distance, hits.uv, hits.cos_incidence)
+    return hits
+
+
+def intersect_reference(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits:
+    """Do what ``intersect`` does in plain numpy: the definition, and the kernel's oracle."""
     origin = np.asarray(origin_m, dtype=np.float64)
     n = len(directions)
     hit_face, patch = np.full(n, -1, dtype=np.intp), np.full(n, -1, dtype=np.intp)

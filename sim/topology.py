@@ -14,8 +14,11 @@ from sim.scene import BoolArray, FloatArray, IntArray
 
 WELD = 1e-7
 """Corners nearer than this share of the scene's size are one: above the rounding of float32 files."""
-PARALLEL = 1e-6
-"""Sine of the angle below which two patches lie in one plane."""
+PARALLEL = 1e-4
+"""Sine of the angle below which neighbours lie in one plane: float32 turns patches of 4 cm by 1e-5."""
+
+MANY = 30_000_000
+"""Products of directions and corners up to which trying all is faster than walking over the hull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,15 +144,14 @@ class Topology:
     @cached_property
     def covers(self) -> BoolArray:
         """(P,) patches that something lies behind, so that they may stand between two others."""
-        _, example, region = np.unique(self.region, return_index=True, return_inverse=True)
-        normals, points = self.normals[example], _extreme_points(self.vertices)
-        offset = (normals * self.vertices[example, 0]).sum(axis=1)
-        behind = np.empty(len(example), dtype=bool)
-        step = max(1, 2_000_000 // len(points))
-        for begin in range(0, len(example), step):
-            here = slice(begin, begin + step)
-            behind[here] = (normals[here] @ points.T).min(axis=1) < offset[here] - WELD * self.size_m
-        return np.asarray(behind[region])
+        n = int(self.region.max(initial=-1)) + 1
+        weights = np.linalg.norm(self.area_vectors, axis=1)
+        total = np.stack([np.bincount(self.region, column, n) for column in self.area_vectors.T], axis=1)
+        normals = total / np.linalg.norm(total, axis=1, keepdims=True)
+        height = np.einsum("pkc,pc->p", self.vertices, normals[self.region]) / 4
+        offset = np.bincount(self.region, weights * height, n) / np.bincount(self.region, weights, n)
+        behind = _lowest(normals, self.vertices) < offset - 2 * WELD * self.size_m
+        return np.asarray(behind[self.region])
 
 
 def extent(vertices: FloatArray) -> float:
@@ -219,10 +221,42 @@ def _on_line(points: FloatArray, a: FloatArray, b: FloatArray) -> tuple[FloatArr
     return along, np.linalg.norm(points - a - along[:, None] * line, axis=1)
 
 
-def _extreme_points(vertices: FloatArray) -> FloatArray:
-    """Corners of the convex hull; all points where they lie in one plane."""
+def _lowest(directions: FloatArray, vertices: FloatArray) -> FloatArray:
+    """(N,) smallest coordinate of any corner along each direction [m]."""
     points = np.unique(vertices.reshape(-1, 3), axis=0)
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False, full_matrices=False)
     if len(points) < 5 or sizes[-1] < 1e-6 * sizes[0]:
-        return points
-    return np.asarray(points[ConvexHull(points).vertices])
+        return _lowest_of_all(directions, points)
+    hull = ConvexHull(points)
+    if len(directions) * len(hull.vertices) < MANY:
+        return _lowest_of_all(directions, points[hull.vertices])
+    return _lowest_downhill(directions, points, hull.simplices)
+
+
+def _lowest_of_all(directions: FloatArray, points: FloatArray) -> FloatArray:
+    step = max(1, 2_000_000 // len(points))
+    pieces = [(directions[k : k + step] @ points.T).min(axis=1) for k in range(0, len(directions), step)]
+    return np.concatenate(pieces)
+
+
+def _lowest_downhill(directions: FloatArray, points: FloatArray, triangles: IntArray) -> FloatArray:
+    """From corner to lower corner of the hull: on a convex body the first without a lower neighbour is the lowest."""
+    edges = np.concatenate([triangles[:, [i, j]] for i in range(3) for j in range(3) if i != j])
+    edges = np.unique(edges, axis=0)
+    degree = np.bincount(edges[:, 0], minlength=len(points))
+    first, neighbour = np.cumsum(degree) - degree, edges[:, 1]
+    start = np.unique(edges[:, 0])[:: max(1, len(points) // 64)]
+    at = start[(directions @ points[start].T).argmin(axis=1)]
+    value = (directions * points[at]).sum(axis=1)
+    moving = np.arange(len(directions))
+    while len(moving):
+        here, lowest, lowest_value = at[moving], at[moving], value[moving]
+        for k in range(int(degree[here].max())):
+            some = np.flatnonzero(degree[here] > k)
+            other = neighbour[first[here[some]] + k]
+            other_value = (directions[moving[some]] * points[other]).sum(axis=1)
+            lower = other_value < lowest_value[some]
+            lowest[some[lower]], lowest_value[some[lower]] = other[lower], other_value[lower]
+        at[moving], value[moving] = lowest, lowest_value
+        moving = moving[lowest != here]
+    return np.asarray(value)

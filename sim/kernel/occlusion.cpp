@@ -12,7 +12,8 @@ using namespace kernel;
 
 namespace {
 
-constexpr int FEW_RAYS = 6, MANY_RAYS = 16;  // targets along a side: first, and where they disagree
+// Targets along a side from each outer point: first, and where they disagree.
+constexpr int FEW_RAYS = 4, MANY_RAYS = 9;
 
 struct Pair {
     int first, second;
@@ -53,14 +54,17 @@ struct Culling {
     }
 };
 
-// What one point sees of a patch by rays to a grid of targets on it, weighted by their factors.
-double visible_by_rays(const Tree &tree, Vec from, Vec normal, const Flat &target, int n, long &rays) {
+// What a view's point sees of a patch by rays to a grid of targets on it, weighted by their factors. Each view
+// shifts the grid, and tries first what stopped the ray before.
+double visible_by_rays(const Tree &tree, const View &view, const Flat &target, int n, long &rays) {
     double free = 0, visible = 0;
+    int stopped_by = -1;
+    const Vec from = view.point, normal = view.normal;
     const Vec a = target.corner[0], b = target.corner[1], c = target.corner[2];
     const Vec d = target.n > 3 ? target.corner[3] : c;
     for (int s = 0; s < n; ++s)
         for (int t = 0; t < n; ++t) {
-            const double u = (s + 0.5) / n, v = (t + 0.5) / n;
+            const double u = (s + view.shift_u) / n, v = (t + view.shift_v) / n;
             const Vec along_u = (1 - v) * (b - a) + v * (c - d), along_v = (1 - u) * (d - a) + u * (c - b);
             const Vec at = a + u * (b - a) + v * (d - a) + (u * v) * (a - b + (c - d));
             const Vec to = at - from;
@@ -69,7 +73,8 @@ double visible_by_rays(const Tree &tree, Vec from, Vec normal, const Flat &targe
             const double weight = norm(cross(along_u, along_v)) * up * before / (squared * squared);
             free += weight;
             ++rays;
-            if (!tree.blocked(from, at)) visible += weight;
+            if (stopped_by < 0 || !tree.stops(stopped_by, from, at)) stopped_by = tree.blocker(from, at);
+            if (stopped_by < 0) visible += weight;
         }
     return free > 0 ? visible / free : 1.0;
 }
@@ -79,9 +84,8 @@ double blocked_factor(const Tree &tree, const View &view, const Flat &target, do
     double blocked;
     view.factors(target, free, blocked);
     if (!view.crowded || free == 0) return std::min(blocked, free);
-    double visible = visible_by_rays(tree, view.point, view.normal, target, FEW_RAYS, rays);
-    if (visible > 0 && visible < 1)
-        visible = visible_by_rays(tree, view.point, view.normal, target, MANY_RAYS, rays);
+    double visible = visible_by_rays(tree, view, target, FEW_RAYS, rays);
+    if (visible > 0 && visible < 1) visible = visible_by_rays(tree, view, target, MANY_RAYS, rays);
     return free * (1 - visible);
 }
 
@@ -150,6 +154,7 @@ private:
         long rays = 0;
         View view;
         for (const Point &point : points) {
+            view.shift(static_cast<int>(&point - points.data()));
             if (shared.size() <= SHARED) view.look(tree, shared, point.at, normal);
             for (size_t k = 0; k < mine.size(); ++k) {
                 const Row &row = rows[mine[k].first];
@@ -256,7 +261,7 @@ void segments_blocked(In<double, 3> occluders, double size, In<double, 2> begin,
     const long n = static_cast<long>(blocked.shape(0));
 #pragma omp parallel for schedule(static)
     for (long k = 0; k < n; ++k)
-        blocked.data()[k] = tree.blocked(load(begin.data() + 3 * k), load(end.data() + 3 * k));
+        blocked.data()[k] = tree.blocker(load(begin.data() + 3 * k), load(end.data() + 3 * k)) >= 0;
 }
 
 }  // namespace

@@ -63,13 +63,28 @@ inline void sides(const Occluder &by, const Flat &patch, double touch, Side &up,
     }
 }
 
-inline Meets meets(const Occluder &by, const Flat &i, const Flat &j, double size) {
+// Quick answer from the patches' spheres: surely both on one side of the plane, or all crossings outside an
+// edge. Where a segment crosses is a mean of its ends, weighted by heights that the radii bound.
+inline bool apart(const Occluder &by, const Flat &i, const Flat &j) {
     const double over_i = height(by, i.centre), over_j = height(by, j.centre);
-    if ((over_i > i.radius && over_j > j.radius) || (over_i < -i.radius && over_j < -j.radius)) return Meets::none;
-    for (int e = 0; e < by.n; ++e)
-        if (dot(by.edge[e], i.centre) - by.edge_offset[e] < -i.radius &&
-            dot(by.edge[e], j.centre) - by.edge_offset[e] < -j.radius)
-            return Meets::none;
+    if ((over_i > i.radius && over_j > j.radius) || (over_i < -i.radius && over_j < -j.radius)) return true;
+    const double a = std::fabs(over_i), b = std::fabs(over_j);
+    double nearest = 0, farthest = 1;  // bounds of the crossing's place from i (0) to j (1)
+    if (a > i.radius && b > j.radius) {
+        nearest = (a - i.radius) / (a - i.radius + b + j.radius);
+        farthest = (a + i.radius) / (a + i.radius + b - j.radius);
+    }
+    for (int e = 0; e < by.n; ++e) {
+        const double inside_i = dot(by.edge[e], i.centre) - by.edge_offset[e] + i.radius;
+        const double inside_j = dot(by.edge[e], j.centre) - by.edge_offset[e] + j.radius;
+        const double along = inside_j - inside_i;
+        if (inside_i + nearest * along < 0 && inside_i + farthest * along < 0) return true;
+    }
+    return false;
+}
+
+inline Meets meets(const Occluder &by, const Flat &i, const Flat &j, double size) {
+    if (apart(by, i, j)) return Meets::none;
     const double touch = COPLANAR * size;
     Side i_up, i_down, j_up, j_down;
     sides(by, i, touch, i_up, i_down);

@@ -49,9 +49,24 @@ public:
         return false;
     }
 
-    // Whether an occluder stands between two points; one that an end point lies on does not.
-    bool blocked(Vec begin, Vec end) const {
-        return along(begin, end, 0, [&](int k) { return stops(occluders[k], begin, end); });
+    // An occluder that stands between two points, or -1; one that an end point lies on does not.
+    int blocker(Vec begin, Vec end) const {
+        int found = -1;
+        along(begin, end, 0, [&](int k) {
+            if (stops(k, begin, end)) found = k;
+            return found >= 0;
+        });
+        return found;
+    }
+
+    bool stops(int index, Vec begin, Vec end) const {
+        const Occluder &by = occluders[index];
+        const double a = height(by, begin), b = height(by, end), touch = COPLANAR * size;
+        if (a * b >= 0 || std::min(std::fabs(a), std::fabs(b)) <= touch) return false;
+        const Vec at = begin + (a / (a - b)) * (end - begin);
+        for (int k = 0; k < by.n; ++k)
+            if (dot(by.edge[k], at) - by.edge_offset[k] < -SNAP * size) return false;
+        return true;
     }
 
 private:
@@ -72,15 +87,6 @@ private:
         }
     };
     std::vector<Node> nodes;
-
-    bool stops(const Occluder &by, Vec begin, Vec end) const {
-        const double a = height(by, begin), b = height(by, end), touch = COPLANAR * size;
-        if (a * b >= 0 || std::min(std::fabs(a), std::fabs(b)) <= touch) return false;
-        const Vec at = begin + (a / (a - b)) * (end - begin);
-        for (int k = 0; k < by.n; ++k)
-            if (dot(by.edge[k], at) - by.edge_offset[k] < -SNAP * size) return false;
-        return true;
-    }
 
     static Node around(const std::vector<Occluder> &given, const std::vector<int> &order, int first, int count) {
         Node node{{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}, first, count};

@@ -20,13 +20,18 @@ struct Cone {
     }
 };
 
-inline Vec across(const Polygon &a, int k, Vec from) { return a.corner[k] - from; }
-
 class View {
 public:
     Vec point, normal;
     bool crowded = false;  // too many pieces: ask rays
+    double shift_u = 0.5, shift_v = 0.5;  // of their targets, within a cell
     std::vector<Cone> cones;
+
+    // Other targets for the point of another index: the golden ratio of two dimensions spreads them evenly.
+    void shift(int index) {
+        shift_u = std::fmod(0.5 + index * 0.7548776662466927, 1.0);
+        shift_v = std::fmod(0.5 + index * 0.5698402909980532, 1.0);
+    }
 
     // Of the occluders named, seen from a point of a patch with a normal.
     void look(const Tree &tree, const std::vector<int> &named, Vec from, Vec up) {

@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstring>
 
 #include "arrays.hpp"
 #include "bindings.hpp"
@@ -89,12 +90,39 @@ Polygon part_before(const Patches &patches, std::int64_t i, std::int64_t plane) 
     return lowest < -noise ? clip(whole, normal, dot(normal, centre)) : whole;
 }
 
-void fill(const Patches &patches, const std::int64_t *j, std::int64_t first, int n, Block &block) {
-    for (int f = 0; f < FIELDS; ++f)
-        for (int k = 0; k < LANES; ++k) {
-            const int lane = std::min(k, n - 1);
-            block.field[f][k] = patches.field[f][j ? j[lane] : first + lane];
-        }
+inline std::int64_t other_of(const std::int64_t *j, std::int64_t i, std::int64_t k) { return j ? j[k] : i + 1 + k; }
+
+void fill(const Patches &patches, const std::int64_t *others, bool in_a_row, Block &block) {
+    for (int f = 0; f < FIELDS; ++f) {
+        const double *field = patches.field[f].data();
+        if (in_a_row)
+            std::memcpy(block.field[f], field + others[0], sizeof block.field[f]);
+        else
+            for (int k = 0; k < LANES; ++k) block.field[f][k] = field[others[k]];
+    }
+}
+
+// Pairs of a row, by their place, that wait until there are enough of one way to fill the lanes.
+struct Waiting {
+    int count[BY_CONTOUR] = {};
+    std::int64_t place[BY_CONTOUR][LANES];
+    bool add(int way, std::int64_t where) {
+        place[way][count[way]++] = where;
+        return count[way] == LANES;
+    }
+};
+
+void serve(const Patches &patches, const Outer &outer, const std::int64_t *j, std::int64_t i, int way,
+           Waiting &waiting, double *out) {
+    const int count = waiting.count[way];
+    std::int64_t others[LANES];
+    for (int k = 0; k < LANES; ++k) others[k] = other_of(j, i, waiting.place[way][std::min(k, count - 1)]);
+    Block block;
+    double value[LANES];
+    fill(patches, others, false, block);
+    KERNEL_CALL(point_exchange_areas(outer, block, way, value));
+    for (int k = 0; k < count; ++k) out[waiting.place[way][k]] = value[k];
+    waiting.count[way] = 0;
 }
 
 void mirror(double *matrix, std::int64_t n) {
@@ -156,7 +184,8 @@ Patches patches_of(const double *vertices, std::int64_t n) {
     }
     const Vec middle = 0.5 * (load(low) + load(high));
     o.extent = 0;
-    for (int axis = 0; axis < 3; ++axis) o.extent = std::max(o.extent, std::max(std::fabs(low[axis]), std::fabs(high[axis])));
+    for (int axis = 0; axis < 3; ++axis)
+        o.extent = std::max({o.extent, std::fabs(low[axis]), std::fabs(high[axis])});
     for (std::int64_t i = 0; i < n; ++i) {
         Vec corner[4];
         for (int k = 0; k < 4; ++k) corner[k] = load(vertices + 12 * i + 3 * k) - middle;
@@ -173,21 +202,30 @@ double near_exchange_area(const Patches &patches, std::int64_t i, std::int64_t j
 void exchange_areas_of_row(const Patches &patches, const Demand &demand, std::int64_t i, const std::int64_t *j,
                            std::int64_t n, double *out) {
     Outer outer;
-    Block block;
     for (int f = 0; f < FIELDS; ++f) outer.field[f] = patches.field[f][i];
+    Waiting waiting;
+    Block block;
     for (std::int64_t begin = 0; begin < n; begin += LANES) {
         const int count = static_cast<int>(std::min<std::int64_t>(LANES, n - begin));
-        const std::int64_t *others = j ? j + begin : nullptr, first = i + 1 + begin;
+        std::int64_t others[LANES];
         int way[LANES];
         double value[LANES];
-        fill(patches, others, first, count, block);
-        KERNEL_CALL(lane_exchange_areas(outer, block, demand, way, value));
-        for (int k = 0; k < count; ++k) {
-            const std::int64_t other = others ? others[k] : first + k;
-            if (way[k] == BY_CONTOUR) value[k] = near_exchange_area(patches, i, other, demand.tolerance);
-            const double most = std::min(patches.field[AREA][i], patches.field[AREA][other]);
-            out[begin + k] = way[k] == UNSEEN ? 0 : std::min(std::max(value[k], 0.0), most);
-        }
+        for (int k = 0; k < LANES; ++k) others[k] = other_of(j, i, begin + std::min(k, count - 1));
+        fill(patches, others, j == nullptr && count == LANES, block);
+        KERNEL_CALL(far_exchange_areas(outer, block, demand, way, value));
+        for (int k = 0; k < count; ++k)
+            if (way[k] == BY_CONTOUR)
+                out[begin + k] = near_exchange_area(patches, i, others[k], demand.tolerance);
+            else if (way[k] < ON_I)
+                out[begin + k] = way[k] == UNSEEN ? 0 : value[k];
+            else if (waiting.add(way[k], begin + k))
+                serve(patches, outer, j, i, way[k], waiting, out);
+    }
+    for (int way = ON_I; way < BY_CONTOUR; ++way)
+        if (waiting.count[way] > 0) serve(patches, outer, j, i, way, waiting, out);
+    for (std::int64_t k = 0; k < n; ++k) {
+        const double most = std::min(patches.field[AREA][i], patches.field[AREA][other_of(j, i, k)]);
+        out[k] = std::min(std::max(out[k], 0.0), most);
     }
 }
 

@@ -96,7 +96,8 @@ double parallel_edges(const Edge &e, const Edge &f) {
 inline double crossing_corner(double s, double t, double cosine, double sine) {
     if (s == 0 || t == 0) return 0;
     const auto side = [=](double x, double y) {  // integral of ln |x a - y b| over y from 0
-        const double value = log_integral(std::min(0.0, y) - x * cosine, std::max(0.0, y) - x * cosine, std::fabs(x) * sine);
+        const double low = std::min(0.0, y) - x * cosine, high = std::max(0.0, y) - x * cosine;
+        const double value = log_integral(low, high, std::fabs(x) * sine);
         return y < 0 ? -value : value;
     };
     return 0.5 * (s * side(s, t) + t * side(t, s) - s * t);

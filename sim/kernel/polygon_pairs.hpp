@@ -70,8 +70,11 @@ struct Demand {
 // How a pair is done. A far rule of order n is FAR + n, points on the smaller patch ON_I + n or ON_J + n.
 enum Way { UNSEEN = 0, FAR = 0, ON_I = 16, ON_J = 32, BY_CONTOUR = 64 };
 
-// Way of each lane, and the value of lanes that need no contour.
-KERNEL_DECLARE(void lane_exchange_areas(Outer &i, const Block &j, const Demand &demand, int *way, double *value))
+// Way of each lane, and the value of lanes with a far rule.
+KERNEL_DECLARE(void far_exchange_areas(Outer &i, const Block &j, const Demand &demand, int *way, double *value))
+
+// All lanes by points on one patch.
+KERNEL_DECLARE(void point_exchange_areas(const Outer &i, const Block &j, int way, double *value))
 
 // Two polygons that lie wholly before each other's plane, to a relative tolerance.
 double contour_exchange_area(const Polygon &a, const Polygon &b, double tolerance);

@@ -138,7 +138,9 @@ def test_the_facets_of_a_sphere_tend_to_its_factors(measured):
         apart = np.linalg.norm(sphere.centres[:, None] - sphere.centres, axis=2) > 0.7
         exact = sphere.areas / sphere.areas.sum()
         spread.append(np.abs(factors.matrix / exact - 1)[apart].mean())
-    measured("mean of |F_ij / (A_j / 4 pi R²) - 1|, 1280 facets", spread[-1], 0.01)
+        measured(
+            f"mean of |F_ij / (A_j / 4 pi R²) - 1|, {sphere.n_patches} facets", spread[-1], 0.04 / 2**subdivisions * 2
+        )
     # Facets are not equilateral: their normals are off the centroids' radii by a share of their size.
     assert spread[0] / spread[1] > 1.8
     assert spread[1] / spread[2] > 1.8
@@ -359,7 +361,9 @@ def test_half_lit_patches_get_the_light_that_lands_on_them(closed_room, measured
     measured("flux landed over flux sent, off 1", abs(landed(by_area, scene) / SENT - 1), 1e-12)
     by_mean = coaxial_transport(scene, closed_room, LENS, POSE, "physical", "pixel_mean")
     # Equation 5 takes half-lit patches for lit ones: light is created.
-    assert landed(by_mean, scene) / SENT > 1.02
+    created = landed(by_mean, scene) / SENT - 1
+    measured("light created by equation 5", created, 0.3)
+    assert created > 0.02
 
 
 @pytest.mark.parametrize("height_m", [1e-3, 1e-6])
@@ -412,7 +416,9 @@ def test_unlit_and_unseen_patches_are_accounted_for(closed_room, measured):
     target = np.full(LENS.n_pixels, 0.5)
     exact = compensate("exact", transport, target, lower=-np.inf, upper=np.inf)
     measured("exact: rms from the target", exact.residual_rms / 0.5, 1e-9)
-    assert compensate("paper", transport, target, lower=-np.inf, upper=np.inf).residual_rms > 0.02
+    paper = compensate("paper", transport, target, lower=-np.inf, upper=np.inf)
+    measured("paper: rms from the target", paper.residual_rms / 0.5, 0.5)
+    assert paper.residual_rms > 0.02
 
 
 def gray_code_pictures(ambient):

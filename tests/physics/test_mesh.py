@@ -82,6 +82,19 @@ def test_only_the_inside_of_a_ball_is_convex_and_closed(inwards):
     assert mesh.closed == inwards
 
 
+def test_a_large_ball_is_convex_until_a_corner_is_pushed_in():
+    points, polygons = sphere(80, 120)
+    mesh = Mesh.from_arrays("ball", points, polygons, 0.5)
+    assert mesh.convex
+    triangles = [t for q in polygons for t in ([q[:3], [q[0], *q[2:]]] if len(q) == 4 else [q])]
+    pushed = points.copy()
+    pushed[4000] *= 0.99
+    dented = Mesh.from_arrays("dented", pushed, triangles, 0.5)
+    assert not dented.convex
+    assert dented.closed
+    assert 0 < len(dented.occluders) < 300
+
+
 def test_a_scene_and_its_mesh_agree():
     scene = room_with_box(patch_size_m=0.4)
     mesh = Mesh.from_arrays("same", scene.vertices.reshape(-1, 3), np.arange(4 * scene.n_patches).reshape(-1, 4), 0.7)
@@ -100,6 +113,17 @@ def test_occluders_that_are_rectangles_are_merged_and_cover_the_same_area():
     assert len(mesh.occluders) == len(scene.occluders) == 5
     both = [np.sort(np.round(surface.occluders.mean(axis=1), 9), axis=0) for surface in (mesh, scene)]
     assert np.allclose(*both)
+
+
+def test_regions_of_triangles_are_merged_or_left_but_never_changed_in_area():
+    wall = np.array([[0, 1, 2, 2], [0, 2, 3, 3]])
+    for shift in range(4):
+        triangles = np.roll(SQUARE, shift, axis=0)[wall]
+        for turned in (triangles, triangles[:, [1, 2, 0, 0]], triangles[:, [2, 0, 1, 1]]):
+            behind = moved(SQUARE[::-1], 0, 0, -1.0)[None]
+            occluders = Mesh("wall", np.concatenate([turned, behind]), np.full(3, 0.5)).occluders
+            diagonals = np.cross(occluders[:, 2] - occluders[:, 0], occluders[:, 3] - occluders[:, 1])
+            assert np.linalg.norm(diagonals, axis=1).sum() / 2 == pytest.approx(2)
 
 
 def test_an_l_shaped_wall_stays_in_its_patches():
@@ -300,6 +324,11 @@ def test_another_reflectance_shares_the_geometry():
     assert mesh.reflectance.tolist() == [0.5] * 6
     with pytest.raises(SimulationError, match=r"0 \.\.\. 1"):
         mesh.with_reflectance(-0.1)
+
+
+def test_given_regions_do_not_spare_the_checks():
+    with pytest.raises(SimulationError, match="degenerate"):
+        Mesh("bad", fault(BAD["degenerate"]), np.full(3, 0.5), region=np.arange(3))
 
 
 def test_regions_may_be_given():

@@ -8,6 +8,7 @@ import trimesh
 
 from rig.errors import UsageError
 from rig.mesh_files import read_mesh
+from sim.scenes import paper_room, room_with_box
 
 OBJ = """mtllib room.mtl
 v 0 0 0
@@ -211,3 +212,19 @@ def test_a_material_with_a_picture_has_no_colour(room: Path) -> None:
         read_mesh(room)
     mesh = read_mesh(room, reflectance=0.25)
     assert sorted(mesh.reflectance) == pytest.approx([0.25] * 4 + [0.8] * 2)
+
+
+def test_the_rounding_of_float32_files_splits_no_wall_and_makes_no_shadow(tmp_path: Path) -> None:
+    turn, _ = np.linalg.qr(np.random.default_rng(0).normal(size=(3, 3)))
+    turn *= np.linalg.det(turn)
+    for scene, convex, occluders in ((paper_room(patch_size_m=0.1), True, 0), (room_with_box(0.1), False, 5)):
+        corners = np.arange(4 * scene.n_patches).reshape(-1, 4)
+        triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [2, 3, 0]]])
+        points = scene.vertices.reshape(-1, 3) @ turn.T
+        trimesh.Trimesh(points, triangles, process=False).export(tmp_path / "turned.glb")
+        mesh = read_mesh(tmp_path / "turned.glb", reflectance=0.7, colours=False)
+        assert mesh.n_patches == scene.n_patches
+        assert mesh.convex == convex
+        assert mesh.closed == convex
+        assert len(np.unique(mesh.region)) == len(scene.faces)
+        assert len(mesh.occluders) == occluders

@@ -10,6 +10,9 @@ namespace kernel::KERNEL_LEVEL {
 namespace {
 
 constexpr double TINY = 1e-300;
+constexpr Lanes zero = {};
+
+inline Lanes all(double value) { return zero + value; }
 
 // Both patches from the centre of i.
 struct Scene {
@@ -30,7 +33,6 @@ LanePatch patch_of(const Block &block, const double *centre) {
 }
 
 LanePatch patch_of(const double *field) {
-    const Lanes zero = {};
     const double *c = field + CENTRE, *n = field + NORMAL;
     LanePatch o;
     for (int k = 0; k < 4; ++k) {
@@ -67,52 +69,61 @@ struct Side {
 };
 
 Side side_of(const Lanes &gap, const Lanes &extent, const Lanes &half, const Range &heights, const LanePatch &patch) {
-    const Lanes zero = {}, g = most(gap / half, zero), rho = g + root(1.0 + g * g);
+    const Lanes g = most(gap / half, zero), rho = g + root(1.0 + g * g);
     const Lanes along = least(extent / (2.0 * half), zero + 1.0);
     const Lanes rises = (1.0 + spread(heights) * rho / 3.0) * (1.0 + spread(range_of(patch.density)) * rho / 3.0);
-    return {1.0 / (rho * rho), along * along * along * along, rises, g > 0.5 ? least(g * g / 16.0, zero + 1.0) : zero + 1.0};
+    const Lanes near = g > 0.5 ? least(g * g / 16.0, zero + 1.0) : zero + 1.0;
+    return {1.0 / (rho * rho), along * along * along * along, rises, near};
 }
 
 // Errors of n = 2, 3 ... points one after the other.
 struct Errors {
-    double power, inverse, along;
-    double next(int n) {
+    Lanes power, inverse, along;
+    Lanes next(int n) {
         power *= inverse;
         return power * POLE[n] * (SIDE[n] + (1 - SIDE[n]) * along);
     }
 };
 
-inline Errors errors_of(const Side &side, int k) {
-    return {2 * side.rises[k] * side.inverse[k], side.inverse[k], side.along[k]};
+inline Errors errors_of(const Side &side) { return {2.0 * side.rises * side.inverse, side.inverse, side.along}; }
+
+inline bool any_above(const Lanes &a, double limit) {
+    bool any = false;
+    for (int k = 0; k < LANES; ++k) any |= a[k] > limit;
+    return any;
 }
 
-int way_of(const Side &i, const Side &j, bool i_smaller, int k, const Demand &demand) {
-    Errors of_i = errors_of(i, k), of_j = errors_of(j, k);
-    for (int n = 2; n <= std::min(demand.highest_order, MAX_FAR); ++n)
-        if (of_i.next(n) + of_j.next(n) <= demand.tolerance) return FAR + n;
-    const Side &outer = i_smaller ? i : j;
-    Errors smaller = errors_of(outer, k);
-    smaller.power *= outer.near[k];
-    for (int n = 2; n <= demand.highest_order; ++n)
-        if (smaller.next(n) <= demand.tolerance) return (i_smaller ? ON_I : ON_J) + n;
-    return BY_CONTOUR;
+// The cheapest way whose error is small enough: points on both, points on the smaller, contour.
+Lanes way_of(const Side &i, const Side &j, const Lanes &larger_i, const Demand &demand) {
+    Errors of_i = errors_of(i), of_j = errors_of(j);
+    const Lanes near = larger_i > 0.0 ? j.near : i.near, base = larger_i > 0.0 ? all(ON_J) : all(ON_I);
+    Lanes way = all(BY_CONTOUR);
+    for (int n = 2; n <= demand.highest_order; ++n) {
+        const Lanes error_i = of_i.next(n), error_j = of_j.next(n);
+        const Lanes error = near * (larger_i > 0.0 ? error_j : error_i);
+        if (n <= MAX_FAR) way = (way >= all(ON_I)) & (error_i + error_j <= demand.tolerance) ? all(FAR + n) : way;
+        way = (way == all(BY_CONTOUR)) & (error <= demand.tolerance) ? base + all(n) : way;
+        if (n >= MAX_FAR && !any_above(way, BY_CONTOUR - 1)) break;
+    }
+    return way;
 }
 
 void ways_of(const Outer &i, const Block &block, const Scene &scene, const Demand &demand, int *way) {
-    const Lanes zero = {}, distance = root(dot(scene.centre, scene.centre)), inverse = 1.0 / (distance + TINY);
-    const LaneVec origin = {zero, zero, zero}, line = {scene.centre.x * inverse, scene.centre.y * inverse, scene.centre.z * inverse};
-    const Range over_i = range_along(scene.i.normal, scene.j, origin), over_j = range_along(scene.j.normal, scene.i, scene.centre);
+    const Lanes distance = root(dot(scene.centre, scene.centre)), inverse = 1.0 / (distance + TINY);
+    const LaneVec origin = {zero, zero, zero}, c = scene.centre;
+    const LaneVec line = {c.x * inverse, c.y * inverse, c.z * inverse};
+    const Range over_i = range_along(scene.i.normal, scene.j, origin);
+    const Range over_j = range_along(scene.j.normal, scene.i, c);
     const Range along_i = range_along(line, scene.i, origin), along_j = range_along(line, scene.j, origin);
     const Lanes half_i = zero + i.field[HALF], half_j = load(block.field[HALF]), gap = along_j.low - along_i.high;
     const Side side_i = side_of(gap, along_i.high - along_i.low, half_i, over_j, scene.i);
     const Side side_j = side_of(gap, along_j.high - along_j.low, half_j, over_i, scene.j);
     const Lanes noise_i = demand.roundoff * (2.0 + distance / i.field[THIN]);
     const Lanes noise_j = demand.roundoff * (2.0 + distance / load(block.field[THIN]));
-    for (int k = 0; k < LANES; ++k) {
-        const bool unseen = over_i.high[k] <= noise_i[k] || over_j.high[k] <= noise_j[k];
-        const bool cut = over_i.low[k] < -noise_i[k] || over_j.low[k] < -noise_j[k];
-        way[k] = unseen ? UNSEEN : cut ? BY_CONTOUR : way_of(side_i, side_j, half_i[k] <= half_j[k], k, demand);
-    }
+    Lanes found = way_of(side_i, side_j, half_i - half_j, demand);
+    found = (over_i.low < -noise_i) | (over_j.low < -noise_j) ? all(BY_CONTOUR) : found;
+    found = (over_i.high <= noise_i) | (over_j.high <= noise_j) ? all(UNSEEN) : found;
+    for (int k = 0; k < LANES; ++k) way[k] = static_cast<int>(found[k]);
 }
 
 void make_points(Outer &i, int order) {
@@ -124,7 +135,8 @@ void make_points(Outer &i, int order) {
             double share[4], at[3] = {0, 0, 0}, density = 0;
             shares_at(rule.node[a], rule.node[b], share);
             for (int k = 0; k < 4; ++k) {
-                for (int axis = 0; axis < 3; ++axis) at[axis] += share[k] * (f[CORNER + 3 * k + axis] - f[CENTRE + axis]);
+                for (int axis = 0; axis < 3; ++axis)
+                    at[axis] += share[k] * (f[CORNER + 3 * k + axis] - f[CENTRE + axis]);
                 density += share[k] * f[DENSITY + k];
             }
             o.x[o.n] = at[0], o.y[o.n] = at[1], o.z[o.n] = at[2];
@@ -154,9 +166,10 @@ void points_to_points(Outer &i, const Scene &scene, int order, double *value) {
     const Points &p = i.points[order];
     const GaussRule &rule = gauss_rule(order);
     const LanePatch &j = scene.j;
+    const LaneVec &c = scene.centre;
     Lanes height[MAX_FAR * MAX_FAR + 1], total = {};
     for (int k = 0; k < p.n; ++k)
-        height[k] = p.weight[k] * dot(LaneVec{p.x[k] - scene.centre.x, p.y[k] - scene.centre.y, p.z[k] - scene.centre.z}, j.normal);
+        height[k] = p.weight[k] * dot(LaneVec{p.x[k] - c.x, p.y[k] - c.y, p.z[k] - c.z}, j.normal);
     for (int a = 0; a < order; ++a)
         for (int b = 0; b < order; ++b) {
             double share[4];
@@ -175,25 +188,29 @@ void points_to_points(Outer &i, const Scene &scene, int order, double *value) {
 
 }  // namespace
 
-void lane_exchange_areas(Outer &i, const Block &block, const Demand &demand, int *way, double *value) {
+void far_exchange_areas(Outer &i, const Block &block, const Demand &demand, int *way, double *value) {
     const double *centre = i.field + CENTRE;
     const double(*c)[LANES] = block.field + CENTRE;
     const Scene scene{patch_of(i.field), patch_of(block, centre),
                       {load(c[0]) - centre[0], load(c[1]) - centre[1], load(c[2]) - centre[2]}};
     ways_of(i, block, scene, demand, way);
-    bool done[LANES] = {};
-    for (int k = 0; k < LANES; ++k) {
-        if (done[k] || way[k] == UNSEEN || way[k] == BY_CONTOUR) continue;
+    for (int n = 2; n <= MAX_FAR; ++n) {
+        bool wanted = false;
+        for (int k = 0; k < LANES; ++k) wanted |= way[k] == FAR + n;
+        if (!wanted) continue;
         double values[LANES];
-        if (way[k] < ON_I) points_to_points(i, scene, way[k] - FAR, values);
-        else if (way[k] < ON_J) points_to_polygon(scene.i, scene.j, way[k] - ON_I, values);
-        else points_to_polygon(scene.j, scene.i, way[k] - ON_J, values);
-        for (int l = k; l < LANES; ++l)
-            if (way[l] == way[k]) {
-                value[l] = values[l];
-                done[l] = true;
-            }
+        points_to_points(i, scene, n, values);
+        for (int k = 0; k < LANES; ++k)
+            if (way[k] == FAR + n) value[k] = values[k];
     }
+}
+
+void point_exchange_areas(const Outer &i, const Block &block, int way, double *value) {
+    const LanePatch patch = patch_of(i.field), other = patch_of(block, i.field + CENTRE);
+    if (way < ON_J)
+        points_to_polygon(patch, other, way - ON_I, value);
+    else
+        points_to_polygon(other, patch, way - ON_J, value);
 }
 
 }  // namespace kernel::KERNEL_LEVEL

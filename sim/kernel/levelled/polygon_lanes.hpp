@@ -5,6 +5,9 @@
 
 #include "polygon_pairs.hpp"
 
+// Vectors are passed within one level only, where all sides agree on how.
+#pragma GCC diagnostic ignored "-Wpsabi"
+
 namespace kernel::KERNEL_LEVEL {
 
 typedef double Lanes __attribute__((vector_size(8 * LANES)));
