@@ -321,6 +321,33 @@ def simulate(
 
 
 @app.command
+def bench(
+    name: Annotated[str, Parameter(help="form-factors, solve, image or plan.")],
+    *,
+    quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
+    full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,
+    table: Annotated[Path | None, Parameter(name="--csv", help="CSV file to write the points to.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Measure error, seconds and memory of the radiosity engine, beside the peers that are installed.
+
+    Status 1 if an accuracy bar is missed; seconds and memory are shown, but decide nothing.
+
+    Example: rig bench form-factors
+    """
+    from rig.report.bench import print_bench
+    from rig.terminal import TerminalProgress
+    from rig.workflows.bench import run_bench
+
+    if quick and full:
+        raise UsageError("--quick and --full exclude each other; give one")
+    with TerminalProgress() as progress:
+        result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
+    _print_json(result) if as_json else print_bench(result)
+    return 0 if result["within_limits"] else 1
+
+
+@app.command
 def scan(
     manifest: Annotated[Path, Parameter(help="Manifest of a folder of Gray-code photographs (docs/how-to/replay.md).")],
     *,
