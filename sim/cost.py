@@ -27,6 +27,11 @@ PRODUCT_S = 5e-5
 """What a product takes however few patches there are. [s]"""
 OTHER_PRODUCTS = 10
 """For the spectral radius, the error bound and the residual."""
+CROSSING = 10_000
+"""Patches with occluders from which on compressing is faster than the whole matrix with exact shadows."""
+COMPRESSED_PATCHES, COMPRESSED_S, COMPRESSED_MB, COMPRESSED_WORK_MB = 12_520, 17.5, 52.0, 30.0
+"""The furnished room at a tolerance of 1e-3 on two cores: seconds, memory kept, memory beside it."""
+COMPRESSED_MB_PER_S = 3000.0
 DENSE_MATRICES = 1.15
 """Peak memory of the dense model over that of its matrix."""
 
@@ -85,6 +90,20 @@ def dense_cost(patches: int, products: int, channels: int, timing: Timing, machi
     read_s = 8 * patches**2 / MB / machine.read_mb_per_s + PRODUCT_S
     seconds = factors_s + timing.light_s * ratio + channels * (products + OTHER_PRODUCTS) * read_s
     return Cost(seconds, dense_mb(patches))
+
+
+def compressed_cost(patches: int, products: int, channels: int, timing: Timing) -> Cost:
+    """Estimate the cost of compressed form factors: building them takes longer than all else."""
+    ratio = patches / COMPRESSED_PATCHES
+    factors_s, stored_mb = COMPRESSED_S * ratio**1.1, COMPRESSED_MB * ratio**1.3
+    product_s = stored_mb / COMPRESSED_MB_PER_S + PRODUCT_S
+    seconds = factors_s + timing.light_s * patches / timing.patches
+    return Cost(seconds + channels * (products + OTHER_PRODUCTS) * product_s, stored_mb + ratio * COMPRESSED_WORK_MB)
+
+
+def largest_compressed(memory_mb: float) -> int:
+    """Most patches whose compressed model fits."""
+    return int(COMPRESSED_PATCHES * (memory_mb / (COMPRESSED_MB + COMPRESSED_WORK_MB)) ** (1 / 1.3))
 
 
 def dense_mb(patches: int) -> float:

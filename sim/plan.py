@@ -15,7 +15,18 @@ from numpy.typing import ArrayLike
 
 from sim.adapt import Probe, Refinement, even_cells
 from sim.cells import Cells, whole_cells
-from sim.cost import Timing, dense_cost, largest_dense, measured_machine, products_needed
+from sim.cost import (
+    CROSSING,
+    Cost,
+    Timing,
+    compressed_cost,
+    dense_cost,
+    dense_mb,
+    largest_compressed,
+    largest_dense,
+    measured_machine,
+    products_needed,
+)
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
@@ -34,6 +45,8 @@ QUICK_TOLERANCE = 1.0
 """From this tolerance on, quick visibility is enough. [%]"""
 ADVICE = 1.3
 """The tolerance that is advised where one does not fit, over the one that may just fit."""
+FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
+"""Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
@@ -103,11 +116,11 @@ def plan(
     )
     search = _Search(whole, chosen_light, model, tolerance_percent / 100, memory_limit_mb)
     search.run()
-    model = replace(model, reflectances=colours)
+    model = replace(search.model_for(search.cells), reflectances=colours)
     channels = 1 if colours is None else len(colours)
     radius = search.solved.spectral_radius
     products = products_needed(radius, model.residual)
-    cost = dense_cost(search.cells.n_patches, products, channels, search.timing, measured_machine())
+    cost = _cost(search, model, products, channels)
     bounces = bounces_needed(radius, tolerance_percent)
     return Plan(
         cells=search.cells,
@@ -130,7 +143,7 @@ class _Search:
     def __init__(self, whole: Cells, light: Light, model: Model, tolerance: float, memory_limit_mb: float) -> None:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
-        self.most_cells = largest_dense(memory_limit_mb)
+        self.most_cells = max(largest_dense(memory_limit_mb), largest_compressed(memory_limit_mb))
         self.timing = Timing(1, 0.0, 0.0)
         self.correction = 1.0
 
@@ -163,8 +176,16 @@ class _Search:
         """Expected, with safety; 1 = white."""
         return SAFETY * self.correction * self.refinement.error
 
+    def model_for(self, cells: Cells) -> Model:
+        """Give the model for so many cells: compressed where that is faster, or where the matrix does not fit."""
+        occluded = self.model.visibility != "none" and cells.n_patches > CROSSING
+        if occluded or cells.n_patches > largest_dense(self.memory_limit_mb):
+            compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
+            return replace(self.model, compression=compression)
+        return self.model
+
     def _solve(self, cells: Cells) -> Probe:
-        self.solved = simulate(cells, self.light, self.model)
+        self.solved = simulate(cells, self.light, self.model_for(cells))
         self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
         return Probe.of(cells, self.solved.irradiance[:, 0])
 
@@ -177,7 +198,8 @@ class _Search:
         return max(1.0, self._measured(coarse) / coarse.error)
 
     def _measured(self, refinement: Refinement) -> float:
-        return refinement.measured_error(simulate(refinement.cells, self.light, self.model).irradiance[:, 0])
+        model = self.model_for(refinement.cells)
+        return refinement.measured_error(simulate(refinement.cells, self.light, model).irradiance[:, 0])
 
     def _meet_tolerance(self, probe: Probe) -> None:
         goal = self.tolerance / SAFETY
@@ -201,6 +223,13 @@ class _Search:
             f"{100 * self.tolerance:g} % needs about {needed:,} patches, "
             f"{self.memory_limit_mb:.0f} MB hold {self.most_cells:,}; try a tolerance of {possible:.2g} %"
         )
+
+
+def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
+    patches = search.cells.n_patches
+    if model.compression is not None:
+        return compressed_cost(patches, products, channels, search.timing)
+    return dense_cost(patches, products, channels, search.timing, measured_machine())
 
 
 def _visibility(cells: Cells, tolerance_percent: float) -> Visibility:
@@ -233,10 +262,17 @@ def _reasons(
         "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",
         "polygon": "faces at any angle: exact factor of a point to a polygon, at Gauss points of the other patch",
     }
+    if search.model_for(cells).compression is not None:
+        method[search.model.method] = (
+            f"{patches} patches: blocks of the form factors compressed, "
+            f"instead of {dense_mb(patches):.0f} MB for the whole matrix"
+        )
+    occluders = len(whole.occluders)
     visibility = {
         "none": "nothing stands between two points: no visibility test",
-        "quick": f"{len(whole.occluders)} occluders, and {QUICK_TOLERANCE:g} % or more is allowed: quick visibility",
-        "exact": f"{len(whole.occluders)} occluders and a tight tolerance: exact visibility",
+        "quick": f"{occluders} occluders, and {QUICK_TOLERANCE:g} % or more is allowed: quick visibility",
+        "rays": f"{occluders} occluders: shafts between clusters, rays where a pair is partly hidden",
+        "exact": f"{occluders} occluders and a tight tolerance: exact visibility",
     }
     colours = (
         "one reflectance for all colours: one solve" if channels == 1 else f"{channels} different colours: a solve each"
@@ -247,7 +283,7 @@ def _reasons(
         f"{100 * search.error:.2g} % expected, {tolerance:g} % allowed",
         f"planned on a solution of {search.timing.patches} patches; expected error x {SAFETY:g} for safety",
         method[search.model.method],
-        visibility[search.model.visibility],
+        visibility[search.model_for(cells).visibility_done],
         f"conjugate gradients to a residual of {search.model.residual:.0e}: about {products} products with the matrix",
         colours,
         f"each bounce keeps {100 * radius:.0f} % of the light: {bounces} bounces leave less than a tenth of the "

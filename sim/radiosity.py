@@ -39,6 +39,11 @@ class Exchange(Protocol):
         ...
 
     @property
+    def closure_max(self) -> float:
+        """Closed scene: largest |row sum - 1|. Any other: largest excess of a row sum over 1."""
+        ...
+
+    @property
     def method(self) -> str:
         """How they were made."""
         ...

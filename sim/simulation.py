@@ -9,9 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.cells import Cells
-from sim.form_factors import FormFactors, form_factors
+from sim.form_factors import form_factors
+from sim.form_factors.compressed import compressed_form_factors
 from sim.form_factors.factors import ClosureWarning, Method, Visibility
-from sim.radiosity import Radiosity
+from sim.radiosity import Exchange, Radiosity
 from sim.scene import FloatArray
 from sim.standard_light import Light, emission
 
@@ -26,8 +27,15 @@ class Model:
     """``none``, ``quick`` or ``exact``."""
     residual: float
     """Of the iterative solver, over the right-hand side."""
+    compression: float | None = None
+    """Tolerance of the compressed form factors (``sim.form_factors.compressed``); None: the whole matrix."""
     reflectances: tuple[float, ...] | None = None
     """Different reflectances of the colours, if one holds for the whole scene; None: the cells' own."""
+
+    @property
+    def visibility_done(self) -> str:
+        """``none``, ``quick``, ``exact``, or ``rays`` between compressed blocks."""
+        return self.visibility if self.compression is None or self.visibility == "none" else "rays"
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +51,7 @@ class Simulation:
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
     """(P, C) from other cells, H = F B; 1 = white."""
-    factors: FormFactors
+    factors: Exchange
     spectral_radius: float
     """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
     products: int
@@ -106,7 +114,9 @@ def simulate(cells: Cells, light: Light, model: Model) -> Simulation:
     )
 
 
-def _factors(cells: Cells, model: Model) -> FormFactors:
+def _factors(cells: Cells, model: Model) -> Exchange:
+    if model.compression is not None:
+        return compressed_form_factors(cells, model.compression)
     with warnings.catch_warnings():
         if model.visibility == "quick":
             # Its defect of some 0.1 % is planned for, and reported.
@@ -129,14 +139,15 @@ def refined_check(simulation: Simulation, light: Light, model: Model, most_patch
     """Solve again on cells quartered, or quartered twice where ``most_patches`` allows it, and compare.
 
     The finer cells still miss 1/4 (or 1/16) of the squared variation within a cell of the coarser ones: their
-    squared difference is multiplied by 4/3 (16/15). Visibility is exact in the refined solution.
+    squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility.
     """
     coarse = simulation.cells
     times = 2 if 16 * coarse.n_patches <= most_patches else 1
     fine = coarse
     for _ in range(times):
         fine = fine.quarters()
-    refined = simulate(fine, light, model if model.visibility == "none" else replace(model, visibility="exact"))
+    visibility: Visibility = "none" if model.visibility == "none" else "exact"
+    refined = simulate(fine, light, replace(model, visibility=visibility, compression=None))
     pieces = 4**times
     difference = refined.reflectance * (refined.irradiance - np.tile(simulation.irradiance, (pieces, 1)))
     squared = pieces / (pieces - 1) * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()

@@ -77,6 +77,22 @@ def test_the_closed_form_is_planned_for_rectangles_and_polygons_for_the_rest():
     assert planned("sloped-room", 5.0).model.method == "polygon"
 
 
+def test_many_patches_with_occluders_are_compressed_and_the_plan_stays_honest(monkeypatch):
+    monkeypatch.setattr("sim.plan.CROSSING", 150)
+    made = planned("room-with-box", 2.0)
+    assert made.model.compression == pytest.approx(0.01)
+    assert any("compressed" in reason for reason in made.reasons)
+    assert any("rays where a pair is partly hidden" in reason for reason in made.reasons)
+    assert 0.2 <= checked(made) <= 2.0
+
+
+def test_a_convex_scene_is_compressed_only_where_its_matrix_does_not_fit():
+    roomy, tight = (planned("paper-room", 1.2, memory_limit_mb=limit) for limit in (4096, 2.0))
+    assert roomy.model.compression is None
+    assert tight.model.compression is not None
+    assert checked(tight) <= 1.2
+
+
 def test_equal_reflectances_share_a_solve_and_the_brightest_sets_the_patches():
     grey = plan(paper_room(), 3.0, reflectances=(0.7, 0.7, 0.7))
     coloured = plan(paper_room(), 3.0, reflectances=(0.2, 0.7, 0.5))
