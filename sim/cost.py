@@ -27,10 +27,12 @@ PRODUCT_S = 5e-5
 """What a product takes however few patches there are. [s]"""
 OTHER_PRODUCTS = 10
 """For the spectral radius, the error bound and the residual."""
-CROSSING = 10_000
-"""Patches with occluders from which on compressing is faster than the whole matrix with exact shadows."""
-COMPRESSED_PATCHES, COMPRESSED_S, COMPRESSED_MB, COMPRESSED_WORK_MB = 12_520, 17.5, 52.0, 30.0
-"""The furnished room at a tolerance of 1e-3 on two cores: seconds, memory kept, memory beside it."""
+FEWEST_COMPRESSED = 1000
+"""Patches below which the whole matrix is always taken."""
+COMPRESSED_PATCH_S = 1.4e-3
+"""A patch, with occluders: benchmarks/hundred_thousand.py on two cores, 12,500 to 100,000 patches. [s]"""
+COMPRESSED_PATCHES, COMPRESSED_MB, COMPRESSED_WORK_MB = 12_518, 52.0, 30.0
+"""Of the same run: memory kept, and memory beside it, for so many patches."""
 COMPRESSED_MB_PER_S = 3000.0
 DENSE_MATRICES = 1.15
 """Peak memory of the dense model over that of its matrix."""
@@ -95,10 +97,16 @@ def dense_cost(patches: int, products: int, channels: int, timing: Timing, machi
 def compressed_cost(patches: int, products: int, channels: int, timing: Timing) -> Cost:
     """Estimate the cost of compressed form factors: building them takes longer than all else."""
     ratio = patches / COMPRESSED_PATCHES
-    factors_s, stored_mb = COMPRESSED_S * ratio**1.1, COMPRESSED_MB * ratio**1.3
+    factors_s, stored_mb = COMPRESSED_PATCH_S * patches, COMPRESSED_MB * ratio**1.3
     product_s = stored_mb / COMPRESSED_MB_PER_S + PRODUCT_S
     seconds = factors_s + timing.light_s * patches / timing.patches
     return Cost(seconds + channels * (products + OTHER_PRODUCTS) * product_s, stored_mb + ratio * COMPRESSED_WORK_MB)
+
+
+def compressing_pays(patches: int, dense: Timing) -> bool:
+    """Tell if the whole matrix, at the pace of a timed smaller one, would take longer than compressed blocks."""
+    dense_s = dense.factors_s * (patches / dense.patches) ** 2
+    return patches >= FEWEST_COMPRESSED and dense_s > COMPRESSED_PATCH_S * patches
 
 
 def largest_compressed(memory_mb: float) -> int:

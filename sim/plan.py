@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike
 from sim.adapt import Probe, Refinement, even_cells
 from sim.cells import Cells, whole_cells
 from sim.cost import (
-    CROSSING,
     Cost,
     Timing,
     compressed_cost,
+    compressing_pays,
     dense_cost,
     dense_mb,
     largest_compressed,
@@ -144,7 +144,7 @@ class _Search:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
         self.most_cells = max(largest_dense(memory_limit_mb), largest_compressed(memory_limit_mb))
-        self.timing = Timing(1, 0.0, 0.0)
+        self.timing = self.dense_timing = Timing(1, 0.0, 0.0)
         self.correction = 1.0
 
     def run(self) -> None:
@@ -178,15 +178,18 @@ class _Search:
 
     def model_for(self, cells: Cells) -> Model:
         """Give the model for so many cells: compressed where that is faster, or where the matrix does not fit."""
-        occluded = self.model.visibility != "none" and cells.n_patches > CROSSING
-        if occluded or cells.n_patches > largest_dense(self.memory_limit_mb):
+        slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
+        if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
             compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
             return replace(self.model, compression=compression)
         return self.model
 
     def _solve(self, cells: Cells) -> Probe:
-        self.solved = simulate(cells, self.light, self.model_for(cells))
+        model = self.model_for(cells)
+        self.solved = simulate(cells, self.light, model)
         self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        if model.compression is None:
+            self.dense_timing = self.timing
         return Probe.of(cells, self.solved.irradiance[:, 0])
 
     def _missed(self, probe: Probe) -> float:
@@ -229,7 +232,7 @@ def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
     patches = search.cells.n_patches
     if model.compression is not None:
         return compressed_cost(patches, products, channels, search.timing)
-    return dense_cost(patches, products, channels, search.timing, measured_machine())
+    return dense_cost(patches, products, channels, search.dense_timing, measured_machine())
 
 
 def _visibility(cells: Cells, tolerance_percent: float) -> Visibility:

@@ -78,7 +78,8 @@ def test_the_closed_form_is_planned_for_rectangles_and_polygons_for_the_rest():
 
 
 def test_many_patches_with_occluders_are_compressed_and_the_plan_stays_honest(monkeypatch):
-    monkeypatch.setattr("sim.plan.CROSSING", 150)
+    monkeypatch.setattr("sim.cost.FEWEST_COMPRESSED", 150)
+    monkeypatch.setattr("sim.cost.COMPRESSED_PATCH_S", 1e-9)
     made = planned("room-with-box", 2.0)
     assert made.model.compression == pytest.approx(0.01)
     assert any("compressed" in reason for reason in made.reasons)
