@@ -20,7 +20,6 @@ matplotlib.use("svg")
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
-from matplotlib.patheffects import withStroke
 from matplotlib.ticker import LogLocator, NullFormatter
 
 from rig.report.bench import duration
@@ -145,7 +144,6 @@ def _label(axes: Axes, drawing: Drawing, points: list[Record], colours: Mapping[
             va="center",
             fontsize=7,
             color=colours[drawing.series(point)],
-            path_effects=[withStroke(linewidth=2, foreground="white")],
         )
 
 

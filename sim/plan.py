@@ -41,8 +41,8 @@ FIRST_PROBE = 500
 """Cells of the first solution."""
 REACH = 3
 """A plan has at most this many times the cells of the solution that it was made from."""
-QUICK_TOLERANCE = 1.0
-"""From this tolerance on, quick visibility is enough. [%]"""
+FAIR_TOLERANCE = 1.0
+"""From this tolerance on, fair visibility is enough. [%]"""
 ADVICE = 1.3
 """The tolerance that is advised where one does not fit, over the one that may just fit."""
 FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
@@ -238,7 +238,7 @@ def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
 def _visibility(cells: Cells, tolerance_percent: float) -> Visibility:
     if cells.convex or len(cells.occluders) == 0:
         return "none"
-    return "quick" if tolerance_percent >= QUICK_TOLERANCE else "exact"
+    return "fair" if tolerance_percent >= FAIR_TOLERANCE else "exact"
 
 
 def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
@@ -273,7 +273,7 @@ def _reasons(
     occluders = len(whole.occluders)
     visibility = {
         "none": "nothing stands between two points: no visibility test",
-        "quick": f"{occluders} occluders, and {QUICK_TOLERANCE:g} % or more is allowed: quick visibility",
+        "fair": f"{occluders} occluders, and {FAIR_TOLERANCE:g} % or more is allowed: fair visibility",
         "rays": f"{occluders} occluders: shafts between clusters, rays where a pair is partly hidden",
         "exact": f"{occluders} occluders and a tight tolerance: exact visibility",
     }

@@ -24,7 +24,7 @@ class Model:
     method: Method
     """``closed_form`` or ``polygon``: of the form factors."""
     visibility: Visibility
-    """``none``, ``quick`` or ``exact``."""
+    """``none``, ``fair`` or ``exact``."""
     residual: float
     """Of the iterative solver, over the right-hand side."""
     compression: float | None = None
@@ -34,7 +34,7 @@ class Model:
 
     @property
     def visibility_done(self) -> str:
-        """``none``, ``quick``, ``exact``, or ``rays`` between compressed blocks."""
+        """``none``, ``fair``, ``exact``, or ``rays`` between compressed blocks."""
         return self.visibility if self.compression is None or self.visibility == "none" else "rays"
 
 
@@ -118,7 +118,7 @@ def _factors(cells: Cells, model: Model) -> Exchange:
     if model.compression is not None:
         return compressed_form_factors(cells, model.compression)
     with warnings.catch_warnings():
-        if model.visibility == "quick":
+        if model.visibility == "fair":
             # Its defect of some 0.1 % is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
         return form_factors(cells, method=model.method, visibility=model.visibility)

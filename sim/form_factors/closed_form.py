@@ -22,7 +22,7 @@ ALIGNMENT_TOLERANCE = 1e-9
 
 def applies(surface: Surface) -> bool:
     """Tell if every two patches that may see each other are parallel or perpendicular rectangles."""
-    if isinstance(surface, Scene) and _misaligned(surface) is None:
+    if isinstance(surface, Scene) and _misaligned(surface, _facing(surface)) is None:
         return True
     return _axis_parallel(surface) is not None
 
@@ -48,7 +48,8 @@ def fill(surface: Surface, matrix: FloatArray, row_sums: FloatArray) -> None:
 
 
 def _fill_grids(scene: Scene, matrix: FloatArray, row_sums: FloatArray) -> None:
-    misaligned = _misaligned(scene)
+    facing = _facing(scene)
+    misaligned = _misaligned(scene, facing)
     if misaligned is not None:
         first, second, degrees = misaligned
         raise SimulationError(
@@ -57,25 +58,28 @@ def _fill_grids(scene: Scene, matrix: FloatArray, row_sums: FloatArray) -> None:
         )
     frames = np.array([[face.origin_m, face.edge_u_m, face.edge_v_m, face.normal] for face in scene.faces])
     counts = np.array([[face.columns, face.rows, face.first_patch] for face in scene.faces], dtype=np.int64)
-    _kernel.grid_form_factors(frames, counts, _facing(scene), matrix, row_sums)
+    _kernel.grid_form_factors(frames, counts, facing, matrix, row_sums)
 
 
 def _facing(scene: Scene) -> NDArray[np.bool_]:
     """(F, F) bool: some of each face lies on the lit side of the other."""
     corners = np.stack([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in scene.faces])
     normals = np.stack([face.normal for face in scene.faces])
-    heights = np.einsum("gck,fk->fgc", corners, normals) - np.einsum("fk,fk->f", corners[:, 0], normals)[:, None, None]
+    heights = (corners.reshape(-1, 3) @ normals.T).T.reshape(len(normals), -1, 4)
+    heights -= (corners[:, 0] * normals).sum(axis=1)[:, None, None]
     size = np.array([max(face.size_m) for face in scene.faces])
     in_front = heights.max(axis=2) > 1e-9 * np.maximum.outer(size, size)
     return np.ascontiguousarray(in_front & in_front.T)
 
 
-def _misaligned(scene: Scene) -> tuple[str, str, float] | None:
+def _misaligned(scene: Scene, facing: NDArray[np.bool_]) -> tuple[str, str, float] | None:
     """Names of two faces that see each other at an angle, and the angle between their normals [degrees]."""
     axes = np.stack([face.axes for face in scene.faces])
-    cosines = np.abs(np.einsum("fik,gjk->fgij", axes, axes))
+    flat = axes.reshape(-1, 3)
+    n = len(axes)
+    cosines = np.abs((flat @ flat.T).reshape(n, 3, n, 3).transpose(0, 2, 1, 3))
     off = np.abs(cosines - np.round(cosines)).max(axis=(2, 3)) >= ALIGNMENT_TOLERANCE
-    pairs = np.argwhere(off & _facing(scene))
+    pairs = np.argwhere(off & facing)
     if not len(pairs):
         return None
     first, second = pairs[0]

@@ -15,15 +15,16 @@ from numpy.typing import ArrayLike
 from sim import _kernel
 from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
-from sim.form_factors.occlusion import visible_fraction
+from sim.form_factors.occlusion import Quality, visible_fraction
 from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
 from sim.scene import FloatArray
 from sim.surface import Surface
 
 Method = Literal["auto", "closed_form", "polygon", "paper"]
-Visibility = Literal["auto", "none", "exact", "quick", "rays"]
+Visibility = Literal["auto", "none", "exact", "fair", "quick", "rays"]
 METHODS = ("auto", "closed_form", "polygon", "paper")
-VISIBILITIES = ("auto", "none", "exact", "quick", "rays")
+VISIBILITIES = ("auto", "none", "exact", "fair", "quick", "rays")
+_QUALITY: Mapping[str, Quality] = {"exact": "exact", "fair": "fair", "quick": "quick"}
 DEFECT_TO_WARN = 1e-3
 """Row sums off by more than this: the light is wrong by rho / (1 - rho) times as much."""
 
@@ -105,8 +106,8 @@ def form_factors(
         ``tolerance``. ``auto``: the closed form where it applies, else polygons. ``paper``: 3x3 midpoint samples
         on both patches, kept for replication; it gains energy at shared edges (row sums up to 1.087 in the
         paper's room) and warns.
-    visibility : {"auto", "none", "exact", "quick", "rays"}
-        ``exact`` and ``quick``: shadows clipped as polygons, at many or few points. ``rays``: segments between
+    visibility : {"auto", "none", "exact", "fair", "quick", "rays"}
+        ``exact``, ``fair``, ``quick``: shadows clipped as polygons, at ever fewer points. ``rays``: segments between
         random points, the plain reference. ``auto``: ``exact``, and nothing at all in convex scenes.
     rays_per_pair : int
         For ``rays``: segments between two patches that an occluder may part.
@@ -171,7 +172,7 @@ def _occlude(
     if visibility == "rays":
         matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
     else:
-        visible_fraction(surface, matrix, "quick" if visibility == "quick" else "exact").apply(matrix)
+        visible_fraction(surface, matrix, _QUALITY[visibility]).apply(matrix)
     np.sum(matrix, axis=1, out=row_sums)
 
 

@@ -183,14 +183,17 @@ void grid_form_factors(In<double, 3> frames, In<std::int64_t, 2> counts, In<bool
     const std::vector<Grid> faces = grids_of(frames, counts);
     const int n_faces = static_cast<int>(faces.size());
     const std::int64_t n_patches = static_cast<std::int64_t>(factors.shape(0));
-    std::vector<FacePair> pairs;
+    std::vector<std::pair<int, int>> seen;
     std::vector<int> pair_at(n_faces * n_faces, -1);
     for (int i = 0; i < n_faces; ++i)
         for (int j = i + 1; j < n_faces; ++j)
             if (facing.data()[i * n_faces + j]) {
-                pair_at[i * n_faces + j] = pair_at[j * n_faces + i] = static_cast<int>(pairs.size());
-                pairs.push_back(face_pair(faces, i, j));
+                pair_at[i * n_faces + j] = pair_at[j * n_faces + i] = static_cast<int>(seen.size());
+                seen.emplace_back(i, j);
             }
+    std::vector<FacePair> pairs(seen.size());
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::size_t p = 0; p < seen.size(); ++p) pairs[p] = face_pair(faces, seen[p].first, seen[p].second);
     std::vector<std::pair<std::size_t, std::size_t>> work;
     for (std::size_t p = 0; p < pairs.size(); ++p)
         for (std::size_t begin = 0; begin < pairs[p].table.size(); begin += RUN) work.emplace_back(p, begin);

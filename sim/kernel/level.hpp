@@ -1,4 +1,6 @@
-// Instruction sets: sources in levelled/ are compiled once a set, each into a namespace of that name.
+// Instruction sets: sources in levelled/ are compiled once a set, each into a namespace of that name. What they
+// include must be small enough to vanish by inlining, or static: a copy that the linker may share between sources
+// could end up compiled for an instruction set that the processor lacks.
 #pragma once
 
 namespace kernel {

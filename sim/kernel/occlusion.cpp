@@ -30,9 +30,13 @@ struct Row {
 };
 
 // The patch that looks smaller from the occluders is the outer one: its points differ least in what they see.
-struct Culling {
-    const Tree &tree;
-    const std::vector<Flat> &patches;
+class Culling {
+public:
+    Culling(const Tree &tree, const std::vector<Flat> &patches) : tree(tree), patches(patches) {
+        if (tree.occluders.size() * patches.size() > MOST_SEEN) return;
+        for (const Occluder &by : tree.occluders)
+            for (const Flat &patch : patches) table.push_back(seen(by, patch));
+    }
 
     void test(int i, int j, Row &row) const {
         const Flat &a = patches[i], &b = patches[j];
@@ -40,6 +44,7 @@ struct Culling {
         double far_a = INFINITY, far_b = INFINITY;
         const bool hidden = tree.along(a.centre, b.centre, std::max(a.radius, b.radius), [&](int k) {
             const Occluder &by = tree.occluders[k];
+            if (apart(by.n, look(k, i), a.radius, look(k, j), b.radius)) return false;
             const Meets answer = meets(by, a, b, tree.size);
             if (answer == Meets::none) return false;
             row.occluders.push_back(k);
@@ -51,6 +56,17 @@ struct Culling {
         if (hidden) row.occluders.resize(begin);
         const int count = static_cast<int>(row.occluders.size() - begin);
         if (hidden || count) row.pairs.push_back({i, j, far_a >= far_b * (1 - 1e-9), begin, count, 0.0});
+    }
+
+private:
+    static constexpr size_t MOST_SEEN = 1 << 20;  // 40 MB of places are kept; more are found again for each pair
+    const Tree &tree;
+    const std::vector<Flat> &patches;
+    std::vector<Seen> table;  // [occluder][patch]
+
+    Seen look(int occluder, int patch) const {
+        return table.empty() ? seen(tree.occluders[occluder], patches[patch])
+                             : table[occluder * patches.size() + patch];
     }
 };
 
@@ -211,7 +227,7 @@ nb::tuple visible_of_matrix(In<double, 3> vertices, In<double, 3> occluders, In<
         nb::gil_scoped_release released;
         const Scene scene(vertices, occluders);
         const Rule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
-        const Culling culling{scene.tree, scene.patches};
+        const Culling culling(scene.tree, scene.patches);
         const long n = static_cast<long>(scene.patches.size()), step = std::max(1L, CHUNK / std::max(1L, n));
         for (long from = 0; from < n; from += step) {
             std::vector<Row> rows(std::min(step, n - from));
@@ -232,7 +248,7 @@ long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::i
                       In<std::int64_t, 1> second, In<double, 1> nodes, In<double, 1> weights, Out<double, 1> visible) {
     const Scene scene(vertices, occluders);
     const Rule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
-    const Culling culling{scene.tree, scene.patches};
+    const Culling culling(scene.tree, scene.patches);
     const long n = static_cast<long>(first.shape(0)), together = 256;
     long rays = 0;
     for (long from = 0; from < n; from += CHUNK) {

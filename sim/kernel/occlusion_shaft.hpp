@@ -23,7 +23,7 @@ inline Meets section(const Occluder &by, const Side &up, const Side &down, doubl
         for (int k = 0; k < up.n; ++k) inside_up[k] = dot(by.edge[e], up.corner[k]) - by.edge_offset[e];
         for (int k = 0; k < down.n; ++k) inside_down[k] = dot(by.edge[e], down.corner[k]) - by.edge_offset[e];
         bool some_in = false, some_out = false;
-        for (int k = 0; k < up.n; ++k)
+        for (int k = 0; k < up.n && !(some_in && some_out); ++k)
             for (int l = 0; l < down.n; ++l) {
                 const double share = up.distance[k] + down.distance[l];
                 const double at = up.distance[k] * inside_down[l] + down.distance[l] * inside_up[k];
@@ -63,28 +63,35 @@ inline void sides(const Occluder &by, const Flat &patch, double touch, Side &up,
     }
 }
 
+// Where a patch's centre lies: its height over an occluder's plane, and how far inside each of its edges.
+struct Seen {
+    double over, inside[4];
+};
+
+inline Seen seen(const Occluder &by, const Flat &patch) {
+    Seen o{height(by, patch.centre), {}};
+    for (int e = 0; e < by.n; ++e) o.inside[e] = dot(by.edge[e], patch.centre) - by.edge_offset[e];
+    return o;
+}
+
 // Quick answer from the patches' spheres: surely both on one side of the plane, or all crossings outside an
 // edge. Where a segment crosses is a mean of its ends, weighted by heights that the radii bound.
-inline bool apart(const Occluder &by, const Flat &i, const Flat &j) {
-    const double over_i = height(by, i.centre), over_j = height(by, j.centre);
-    if ((over_i > i.radius && over_j > j.radius) || (over_i < -i.radius && over_j < -j.radius)) return true;
-    const double a = std::fabs(over_i), b = std::fabs(over_j);
+inline bool apart(int n_edges, const Seen &i, double radius_i, const Seen &j, double radius_j) {
+    if ((i.over > radius_i && j.over > radius_j) || (i.over < -radius_i && j.over < -radius_j)) return true;
+    const double a = std::fabs(i.over), b = std::fabs(j.over);
     double nearest = 0, farthest = 1;  // bounds of the crossing's place from i (0) to j (1)
-    if (a > i.radius && b > j.radius) {
-        nearest = (a - i.radius) / (a - i.radius + b + j.radius);
-        farthest = (a + i.radius) / (a + i.radius + b - j.radius);
+    if (a > radius_i && b > radius_j) {
+        nearest = (a - radius_i) / (a - radius_i + b + radius_j);
+        farthest = (a + radius_i) / (a + radius_i + b - radius_j);
     }
-    for (int e = 0; e < by.n; ++e) {
-        const double inside_i = dot(by.edge[e], i.centre) - by.edge_offset[e] + i.radius;
-        const double inside_j = dot(by.edge[e], j.centre) - by.edge_offset[e] + j.radius;
-        const double along = inside_j - inside_i;
+    for (int e = 0; e < n_edges; ++e) {
+        const double inside_i = i.inside[e] + radius_i, along = j.inside[e] + radius_j - inside_i;
         if (inside_i + nearest * along < 0 && inside_i + farthest * along < 0) return true;
     }
     return false;
 }
 
 inline Meets meets(const Occluder &by, const Flat &i, const Flat &j, double size) {
-    if (apart(by, i, j)) return Meets::none;
     const double touch = COPLANAR * size;
     Side i_up, i_down, j_up, j_down;
     sides(by, i, touch, i_up, i_down);

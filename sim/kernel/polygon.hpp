@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "transcendental.hpp"
 #include "vec.hpp"
 
 namespace kernel {
@@ -42,8 +43,8 @@ inline double point_factor_above(Vec p, Vec normal, const Polygon &polygon) {
         const Vec b = polygon.corner[k] - p;
         const Vec g = cross(b, a);
         const double length = norm(g);
-        // atan2 keeps full accuracy for small and for nearly straight angles, where acos has none.
-        if (length > 0) sum += std::atan2(length, dot(a, b)) * dot(g, normal) / length;
+        // Full accuracy for small and for nearly straight angles, where acos has none.
+        if (length > 0) sum += angle_between(length, dot(a, b)) * dot(g, normal) / length;
         a = b;
     }
     return sum / (2 * PI);

@@ -68,7 +68,7 @@ def test_a_tighter_tolerance_costs_more_patches_and_bounces():
 
 def test_occlusion_is_planned_only_where_something_stands_in_the_way_and_as_well_as_needed():
     assert planned("paper-room", 3.0).model.visibility == "none"
-    assert planned("room-with-box", 4.0).model.visibility == "quick"
+    assert planned("room-with-box", 4.0).model.visibility == "fair"
     assert planned("room-with-box", 0.99, light="uniform").model.visibility == "exact"
 
 

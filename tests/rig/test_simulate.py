@@ -39,7 +39,7 @@ def test_every_scene_is_planned_simulated_and_measured(scene):
     assert result["estimated"]["error"] <= 4.0
     assert result["actual"]["residual"] < 1e-5
     assert result["actual"]["energy_balance"] < 1e-4
-    assert result["actual"]["closure_max"] < (0.05 if result["plan"]["visibility"] == "quick" else 1e-6)
+    assert result["actual"]["closure_max"] < (0.05 if result["plan"]["visibility"] == "fair" else 1e-6)
     assert steps[0] == ("plan", 0, 1)
     assert steps[-1] == ("simulate", 1, 1)
 

@@ -18,7 +18,7 @@ from sim.scenes import room_with_box
 
 SEGMENTS = {"quick": 1 << 9, "default": 1 << 15, "full": 1 << 18}
 """Of the reference, a pair."""
-MODES: tuple[Visibility, ...] = ("quick", "exact", "rays")
+MODES: tuple[Visibility, ...] = ("quick", "fair", "exact", "rays")
 PEER_SEGMENTS = 64
 PROBLEM = "box occluder"
 

@@ -6,17 +6,18 @@
 
 #include "vec.hpp"
 
-namespace kernel::KERNEL_LEVEL {
+namespace kernel {
 
+// Internal linkage throughout: each source compiles its own copy, at its own instruction set.
 template <int N>
-inline double polynomial(const double (&c)[N], double x) {
+static inline double polynomial(const double (&c)[N], double x) {
     double value = c[N - 1];
     for (int k = N - 2; k >= 0; --k) value = value * x + c[k];
     return value;
 }
 
 // Of a normal number above 0. log x = e log 2 + log m, sqrt(1/2) <= m < sqrt(2), log m = 2 atanh(s).
-inline double log_of(double x) {
+[[maybe_unused]] static inline double log_of(double x) {
     constexpr double C[] = {0.66666666666666666465,  0.40000000000000877606, 0.28571428570803230015,
                             0.22222222391800469329,  0.181817956308847532,   0.15386240205813477879,
                             0.13268759668560612686,  0.13086767009948173713};
@@ -36,7 +37,7 @@ inline double log_of(double x) {
 }
 
 // Angle of the point (x, y), x >= 0 and x + |y| > 0.
-inline double angle_of(double y, double x) {
+[[maybe_unused]] static inline double angle_of(double y, double x) {
     constexpr double C[] = {0.99999999999999999874,  -0.33333333333333120948, 0.19999999999940837328,
                             -0.14285714279244968487, 0.11111110744657099602,  -0.090908968014728134434,
                             0.07692045194561481467,  -0.06662950246036791267, 0.058468667522751389837,
@@ -51,4 +52,9 @@ inline double angle_of(double y, double x) {
     return y < 0 ? -angle : angle;
 }
 
-}  // namespace kernel::KERNEL_LEVEL
+// Angle between two directions, 0 ... pi, from the length of their cross product and their dot product.
+[[maybe_unused]] static inline double angle_between(double cross_length, double dot_product) {
+    return dot_product < 0 ? PI - angle_of(cross_length, -dot_product) : angle_of(cross_length, dot_product);
+}
+
+}  // namespace kernel
