@@ -345,7 +345,7 @@ def test_bad_arguments_are_refused():
     surface = screened([screen((0, 1))])
     with pytest.raises(SimulationError, match="shape"):
         visible_fraction(surface, np.ones((3, 3)))
-    with pytest.raises(SimulationError, match="quick, exact"):
+    with pytest.raises(SimulationError, match="quick, fair, exact"):
         visible_fraction(surface, np.ones((2, 2)), "best")
     with pytest.raises(SimulationError, match=r"1 \.\.\. 64"):
         visible_fraction(surface, np.ones((2, 2)), points=0)
