@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -17,6 +18,7 @@ from typing import Any
 import matplotlib
 
 matplotlib.use("svg")
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")  # as the command ``rig`` does, before the kernel is loaded
 
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes

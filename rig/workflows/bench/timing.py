@@ -14,8 +14,8 @@ from typing import Any
 
 Work = Callable[[], Any]
 _MB = 1e6
-_WARM_S = 0.1
-"""Shorter calls are made twice in a turn, and the second one counts. [s]"""
+_SETTLE_S = 0.04
+"""Each turn begins with calls that do not count until so much time has passed. [s]"""
 
 
 def median_seconds(cases: Mapping[str, Work], budget_s: float = 2.0, repeats: int = 15) -> dict[str, float]:
@@ -38,10 +38,18 @@ def median_seconds(cases: Mapping[str, Work], budget_s: float = 2.0, repeats: in
         if done and time.perf_counter() > end:
             break
         for name, work in cases.items():
-            if not samples[name] or samples[name][-1] < _WARM_S:
-                work()  # the case before may have left the caches cold, and its threads spinning
+            if not samples[name] or samples[name][-1] < _SETTLE_S:
+                _settle(work)
             samples[name].append(seconds_of(work))
     return {name: statistics.median(taken) for name, taken in samples.items()}
+
+
+def _settle(work: Work) -> None:
+    """Call until the caches are this case's own, and the threads of the case before have gone to sleep."""
+    end = time.perf_counter() + _SETTLE_S
+    work()
+    while time.perf_counter() < end:
+        work()
 
 
 def seconds_of(work: Work) -> float:
