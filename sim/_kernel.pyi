@@ -31,8 +31,14 @@ def paper_exchange_areas(
     areas: NDArray[float64],
     exchange: NDArray[float64],
 ) -> None: ...
+def occupied_columns(factors: NDArray[Any]) -> tuple[NDArray[int64], NDArray[int64]]: ...
 def reciprocal_product(
-    factors: NDArray[Any], areas: NDArray[float64], x: NDArray[float64], out: NDArray[float64]
+    factors: NDArray[Any],
+    areas: NDArray[float64],
+    starts: NDArray[int64],
+    ranges: NDArray[int64],
+    x: NDArray[float64],
+    out: NDArray[float64],
 ) -> None: ...
 def divide_rows(exchange: NDArray[float64], areas: NDArray[float64], row_sums: NDArray[float64]) -> None: ...
 

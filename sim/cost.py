@@ -66,7 +66,8 @@ def measured_machine() -> Machine:
     """Time a product of a matrix with a vector, the best of three."""
     areas, out = np.ones(PROBE_SIZE), np.empty(PROBE_SIZE)
     matrix = np.full((PROBE_SIZE, PROBE_SIZE), 1 / PROBE_SIZE)
-    product_s = _best_s(lambda: _kernel.reciprocal_product(matrix, areas, areas, out))
+    occupied = _kernel.occupied_columns(matrix)
+    product_s = _best_s(lambda: _kernel.reciprocal_product(matrix, areas, *occupied, areas, out))
     return Machine(matrix.nbytes / MB / product_s)
 
 

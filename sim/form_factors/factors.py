@@ -10,7 +10,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
 from sim.errors import SimulationError
@@ -65,9 +65,14 @@ class FormFactors:
         """diag(A) F x, (P,) or (P, K): the symmetric product, of which only half of F need be read."""
         if x.ndim == 1:
             out = np.empty(len(self.areas))
-            _kernel.reciprocal_product(self.matrix, self.areas, np.ascontiguousarray(x), out)
+            _kernel.reciprocal_product(self.matrix, self.areas, *self._occupied, np.ascontiguousarray(x), out)
             return out
         return np.asarray(self.areas[:, None] * (self.matrix @ x))
+
+    @cached_property
+    def _occupied(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Where the matrix is not 0, for products."""
+        return _kernel.occupied_columns(self.matrix)
 
     def in_single_precision(self) -> FormFactors:
         """Give the same factors with a matrix of half the size; sums over rows still run in double precision."""
