@@ -118,8 +118,8 @@ def _factors(cells: Cells, model: Model) -> Exchange:
     if model.compression is not None:
         return compressed_form_factors(cells, model.compression)
     with warnings.catch_warnings():
-        if model.visibility == "fair":
-            # Its defect of some 0.1 % is planned for, and reported.
+        if model.visibility != "none":
+            # The defect that is left of shadows is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
         return form_factors(cells, method=model.method, visibility=model.visibility)
 

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from rig.errors import UsageError
 from sim.cost import largest_dense
 from sim.errors import SimulationError
+from sim.form_factors.compressed import CompressedFormFactors
 from sim.library import SURFACES
 from sim.plan import Plan, plan
 from sim.simulation import Simulation, refined_check, simulate
@@ -115,6 +116,8 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> dict[str
         raise UsageError(str(error)) from error
     finally:
         tracemalloc.stop()
+    if isinstance(simulation.factors, CompressedFormFactors):
+        peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
     on_step("simulate", 1, 1)
     actual = _measured(simulation, seconds, peak_mb)
     return {**actual, **_checked(planned, simulation, on_step)} if check else actual
