@@ -12,7 +12,7 @@ import sys
 
 from rig.terminal import silent
 from rig.workflows.simulate import Request, run_simulate
-from sim.library import SURFACES
+from sim.catalogue import SURFACES
 
 COLUMNS = "scene          tol %  patches  error est  actual    max   s est  actual   MB est  actual  verdict"
 

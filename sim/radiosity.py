@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.scene import FloatArray
-from sim.solvers import Iterate, conjugate_gradients, gauss_seidel, jacobi, refined
+from sim.solvers import TINY, Iterate, conjugate_gradients, gauss_seidel, jacobi, refined
 
 __all__ = ["Accuracy", "Exchange", "Radiosity", "Solution", "gauss_seidel", "jacobi"]
 
@@ -278,6 +278,3 @@ class Radiosity:
         if not isinstance(self.form_factors, FormFactors):
             raise SimulationError(f"{self.form_factors.method} form factors have no dense matrix")
         return self.form_factors
-
-
-TINY = float(np.finfo(float).tiny)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from sim import _kernel
 from sim.optics import Lens, Pose, undistorted
-from sim.scene import BoolArray, FloatArray, Hits, Scene, traced
+from sim.scene import BoolArray, FloatArray, Hits, Scene, intersect, traced
 from sim.surface import Surface
 
 _tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()
@@ -35,24 +35,13 @@ def plane_axes(surface: Surface) -> FloatArray:
 
 
 def trace(surface: Surface, origin_m: ArrayLike, directions: ArrayLike) -> Hits:
-    """Find the nearest hit of each ray; a patch met from behind still stops it.
+    """Find the nearest hit of each ray, as ``sim.scene.intersect`` does in a scene; a mesh's patches stop light too.
 
-    Parameters
-    ----------
-    surface : Surface
-    origin_m : (3,) or (N, 3)
-        Where the rays begin. [m]
-    directions : (N, 3)
-        Unit directions.
-
-    Returns
-    -------
-    Hits
-        ``face`` is the region that is met. Of a mesh, ``uv`` is the place about the patch's centroid [m].
+    Of a mesh, ``face`` is the region that is met, and ``uv`` the place about the patch's centroid [m].
     """
-    hits = traced(tracer_of(surface), origin_m, directions)
     if isinstance(surface, Scene):
-        return hits
+        return intersect(surface, origin_m, np.asarray(directions))
+    hits = traced(tracer_of(surface), origin_m, directions)
     return replace(hits, face=np.where(hits.face >= 0, surface.region[hits.face], -1))
 
 

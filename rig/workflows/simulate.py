@@ -8,19 +8,21 @@ import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from rig.errors import UsageError
+from sim.catalogue import SURFACES
 from sim.cost import largest_dense
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
-from sim.library import SURFACES
 from sim.plan import Plan, plan
 from sim.simulation import Simulation, refined_check, simulate
 from sim.surface import Surface
 
+if TYPE_CHECKING:
+    from rig.mesh_files import Unit
+
 OnStep = Callable[[str, int, int], None]
-Unit = Literal["m", "cm", "mm", "in", "ft"]
 WHITE = 255
 """Grey levels of white."""
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb")
@@ -32,7 +34,7 @@ class Request:
     """What is to be simulated."""
 
     scene: str
-    """A name of ``sim.library.SURFACES`` or a mesh file."""
+    """A name of ``sim.catalogue.SURFACES`` or a mesh file."""
     tolerance: float
     """Error allowed, RMS over the surface. [% of white]"""
     light: str | None = None

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,6 @@ Method = Literal["auto", "closed_form", "polygon", "paper"]
 Visibility = Literal["auto", "none", "exact", "fair", "quick", "rays"]
 METHODS = ("auto", "closed_form", "polygon", "paper")
 VISIBILITIES = ("auto", "none", "exact", "fair", "quick", "rays")
-_QUALITY: Mapping[str, Quality] = {"exact": "exact", "fair": "fair", "quick": "quick"}
 DEFECT_TO_WARN = 1e-3
 """Row sums off by more than this: the light is wrong by rho / (1 - rho) times as much."""
 
@@ -177,7 +176,7 @@ def _occlude(
     if visibility == "rays":
         matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
     else:
-        visible_fraction(surface, matrix, _QUALITY[visibility]).apply(matrix)
+        visible_fraction(surface, matrix, cast(Quality, visibility)).apply(matrix)
     np.sum(matrix, axis=1, out=row_sums)
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from sim.catalogue import SURFACES
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.library import SURFACES
 from sim.plan import bounces_needed, distinct_channels, plan
 from sim.scenes import corner, paper_room
 from sim.simulation import Model, refined_check, simulate

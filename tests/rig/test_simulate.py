@@ -9,7 +9,7 @@ from rig.cli import run_command
 from rig.errors import UsageError
 from rig.terminal import silent
 from rig.workflows.simulate import Request, reflectances_of, run_simulate, tolerance_of
-from sim.library import SURFACES
+from sim.catalogue import SURFACES
 
 SQUARE_ROOM = """
 v 0 0 0
