@@ -31,6 +31,14 @@ class DeviceLost(DeviceError):
     """The device went away, or (replay) the recording ends before the request."""
 
 
+class DeviceBusy(DeviceError):
+    """Another program holds the device."""
+
+
+class DeviceForbidden(DeviceError):
+    """The user may not open the device; the message says how to allow it."""
+
+
 class CaptureTimeout(DeviceError):
     """No acceptable frame came in time."""
 

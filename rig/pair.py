@@ -17,13 +17,9 @@ from typing import Protocol
 
 import numpy as np
 
-from rig.devices.bench import Bench
-from rig.devices.clock import VirtualClock
-from rig.devices.manifest import check_photographs, load_manifest
+from rig.back_ends import make_devices
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
-from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
-from rig.devices.simulated import SimulatedCamera, SimulatedProjector
-from rig.errors import CaptureTimeout, ProfileError, SettingRefused
+from rig.errors import CaptureTimeout, SettingRefused
 from rig.profile import Profile, load_profile
 
 _EXPOSURE_TOLERANCE = 0.01
@@ -233,66 +229,10 @@ def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
     """
     if not isinstance(profile, Profile):
         profile = load_profile(profile)
-    rig = _make_rig(profile, resume_at_s)
+    rig = Rig(profile, *make_devices(profile, resume_at_s))
     with ExitStack() as undo:
         undo.callback(rig.close)
         rig.open()
         rig.set_exposure(profile.camera.exposure_s)
         undo.pop_all()
     return rig
-
-
-def _make_rig(profile: Profile, start_s: float) -> Rig:
-    clock = VirtualClock(start_s)
-    if profile.camera.driver == "replay":
-        recording = _recording(profile)
-        player = ReplayProjector(recording, clock)
-        return Rig(profile, ReplayCamera(recording, player, clock), player, clock)
-    if profile.bench is None:
-        raise ProfileError(f"{profile.path}: bench: missing; driver = 'simulated' needs a [bench] table")
-    bench = Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
-    projector = SimulatedProjector(bench, clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
-    camera = SimulatedCamera(
-        bench,
-        projector,
-        clock,
-        bit_depth=profile.camera.bit_depth,
-        frame_rate_hz=profile.camera.frame_rate_hz,
-        exposure_range_s=profile.camera.exposure_range_s,
-    )
-    return Rig(profile, camera, projector, clock)
-
-
-def _recording(profile: Profile) -> Recording:
-    camera, source = profile.camera, profile.recording
-    recorded: tuple[object, ...]
-    if profile.replay is not None and profile.replay.manifest is not None:
-        manifest = load_manifest(source)
-        recorded = (
-            (*manifest.camera_shape, camera.channels),
-            manifest.full_scale_dn,
-            manifest.projector_shape,
-        )
-        check_photographs(manifest)
-        frames = photographed_frames(manifest, camera.channels)
-    else:
-        theirs = load_profile(source / "profile.toml")
-        recorded = (theirs.camera.shape, theirs.camera.full_scale_dn, theirs.projector.shape)
-        frames = recorded_frames(source)
-    _check_recorded(profile, recorded)
-    return Recording(
-        source, camera.shape, profile.projector.shape, camera.full_scale_dn, camera.exposure_range_s, frames
-    )
-
-
-def _check_recorded(profile: Profile, recorded: tuple[object, ...]) -> None:
-    """Refuse a replay whose devices are not the recorded ones."""
-    ours = (profile.camera.shape, profile.camera.full_scale_dn, profile.projector.shape)
-    names = ("camera's shape", "camera's full scale", "projector's shape")
-    problems = [
-        f"{profile.path}: the {name} is {own}, but {their} in {profile.recording}; give what was recorded"
-        for name, own, their in zip(names, ours, recorded, strict=True)
-        if own != their
-    ]
-    if problems:
-        raise ProfileError("\n".join(problems))

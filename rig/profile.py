@@ -16,7 +16,9 @@ from rig.profile_problems import parse_toml, validate
 SCHEMA = 1
 """The newest profile schema that this version reads."""
 
-Driver = Literal["simulated", "replay"]
+CameraDriver = Literal["simulated", "replay", "v4l2"]
+ProjectorDriver = Literal["simulated", "replay", "kms", "window"]
+Byte = Annotated[int, Field(ge=0, le=255)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
@@ -38,7 +40,13 @@ class _Table(BaseModel):
 class CameraProfile(_Table):
     """What the data sheet says of the camera."""
 
-    driver: Driver
+    driver: CameraDriver
+    device_id: str | None = None
+    """Which camera (v4l2): ``usb-VENDOR:PRODUCT-SERIAL``, or the bus path, as `rig devices` prints it."""
+    pixel_format: str | None = None
+    """Four characters (v4l2): GREY, Y10, Y12, Y16, YUYV, MJPG, BA81 ..."""
+    controls: dict[str, int] = Field(default_factory=dict)
+    """V4L2 controls by name, set after everything automatic is off."""
     width_px: Count
     height_px: Count
     channels: Literal[1, 3] = 1
@@ -73,7 +81,9 @@ class CameraProfile(_Table):
 class ProjectorProfile(_Table):
     """What the data sheet says of the projector, and its measured latency."""
 
-    driver: Driver
+    driver: ProjectorDriver
+    output: str | None = None
+    """Which output (kms, window): connector (``HDMI-A-1``) or ``edid:MAKER-MODEL-SERIAL``, as `rig devices` prints."""
     width_px: Count
     height_px: Count
     bit_depth: Literal[8] = 8
@@ -93,6 +103,8 @@ class Timing(_Table):
 
     timeout_s: Positive = 5.0
     retries: Annotated[int, Field(ge=0)] = 8
+    replug_timeout_s: NotNegative = 20.0
+    """How long a device that went away is waited for."""
 
 
 class Scale(_Table):
@@ -164,6 +176,26 @@ class Replay(_Table):
         return self
 
 
+class Pjlink(_Table):
+    """The projector's own network control."""
+
+    host: str
+    port: Annotated[int, Field(ge=1, le=65535)] = 4352
+    password_variable: str | None = None
+    """Environment variable that holds the password; a profile holds no secrets."""
+    input: Annotated[str, Field(pattern=r"^[1-6][1-9A-Z]$")] | None = None
+    """PJLink's input code, e.g. "31" for the first digital input."""
+    warm_up_timeout_s: Positive = 120.0
+
+
+class LightCrafter(_Table):
+    """A DLP LightCrafter 4500's USB control; never seen on real hardware by us."""
+
+    serial: str | None = None
+    led_currents: tuple[Byte, Byte, Byte] | None = None
+    """Red, green, blue, in the controller's steps."""
+
+
 class Profile(_Table):
     """A validated hardware profile; ``raw`` are the bytes it was read from."""
 
@@ -179,8 +211,10 @@ class Profile(_Table):
     brightness: Brightness = Brightness()
     limits: Limits = Limits()
     replay: Replay | None = None
+    pjlink: Pjlink | None = None
+    lightcrafter: LightCrafter | None = None
     bench: BenchSettings | None = None
-    """The simulated truth; only the simulated pair and the scoring of results may look at it."""
+    """The simulated truth; only the simulated pair, the virtual rig and the scoring of results may look at it."""
 
     _raw: bytes = PrivateAttr(default=b"")
     _path: Path = PrivateAttr(default=Path())
@@ -229,19 +263,40 @@ def _refuse_newer(data: dict[str, Any], path: Path) -> None:
         )
 
 
+PARTNERS = {"simulated": ("simulated",), "replay": ("replay",), "v4l2": ("kms", "window")}
+"""Which projector drivers go with a camera's."""
+
+
 def _cross_checks(data: dict[str, Any]) -> list[str]:
     """Problems between tables, looked for even when single keys are wrong."""
     tables = [data.get(name) for name in ("camera", "projector")]
-    camera, projector = (table.get("driver") if isinstance(table, dict) else None for table in tables)
+    camera, projector = (table if isinstance(table, dict) else {} for table in tables)
+    driver, partner = camera.get("driver"), projector.get("driver")
     problems = []
-    if {camera, projector} == set(get_args(Driver)):
-        problems.append(f"projector.driver: {projector!r}, but the camera's is {camera!r}; both have to be the same")
-    for table, driver in (("bench", "simulated"), ("replay", "replay")):
-        if camera == driver and table not in data:
-            problems.append(f"{table}: missing; driver = {driver!r} needs a [{table}] table")
-        if camera in get_args(Driver) and camera != driver and table in data:
-            problems.append(f"{table}: only for driver = {driver!r}, the camera's is {camera!r}; remove the table")
-    return problems
+    if driver in PARTNERS and partner in get_args(ProjectorDriver) and partner not in PARTNERS[driver]:
+        fitting = " or ".join(map(repr, PARTNERS[driver]))
+        problems.append(f"projector.driver: {partner!r}, but the camera's is {driver!r}; it has to be {fitting}")
+    for table, needed in (("bench", "simulated"), ("replay", "replay")):
+        if driver == needed and table not in data:
+            problems.append(f"{table}: missing; driver = {needed!r} needs a [{table}] table")
+    for table, allowed in (("bench", ("simulated", "v4l2")), ("replay", ("replay",))):
+        if driver in PARTNERS and driver not in allowed and table in data:
+            which = " or ".join(map(repr, allowed))
+            problems.append(f"{table}: only for driver = {which}, the camera's is {driver!r}; remove the table")
+    return (
+        problems
+        + _device_keys("camera", camera, ("device_id", "pixel_format"), ("v4l2",))
+        + _device_keys("projector", projector, ("output",), ("kms", "window"))
+    )
+
+
+def _device_keys(name: str, table: dict[str, Any], keys: tuple[str, ...], drivers: tuple[str, ...]) -> list[str]:
+    """Keys that say which device: needed by drivers that have a choice, and by no other."""
+    driver = table.get("driver")
+    if driver in drivers:
+        return [f"{name}.{key}: missing; `rig devices` prints it" for key in keys if key not in table]
+    which = " or ".join(map(repr, drivers))
+    return [f"{name}.{key}: only for driver = {which}; remove it" for key in keys if key in table and driver]
 
 
 def load_profile(path_or_name: str | Path) -> Profile:

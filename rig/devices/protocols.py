@@ -34,7 +34,9 @@ class RawFrame:
     started_s: float
     """Start of the exposure on the rig's clock."""
     sequence: int
-    """The driver's counter; a gap is a lost frame."""
+    """The driver's counter; always higher than that of the frame before, but for a device that was opened again."""
+    lost: int = 0
+    """Frames that were lost just before this one, as far as the driver can tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +98,15 @@ class Camera(Protocol):
 
         Raises CaptureTimeout when none comes within ``timeout_s``, DeviceLost when closed or gone.
         """
+        ...
+
+
+@runtime_checkable
+class Resettable(Protocol):
+    """A device that can be switched off and on from here, when nothing else helps."""
+
+    def reset(self) -> None:
+        """Reset it; it has to be closed, and opened again afterwards. Raises DeviceError."""
         ...
 
 

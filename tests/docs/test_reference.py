@@ -50,6 +50,8 @@ def sections(text: str) -> dict[str, str]:
 
 
 def as_written(value: Any) -> str:
+    if value == {}:
+        return "{}"
     if value is None:
         return "none"
     if isinstance(value, tuple):
@@ -67,7 +69,7 @@ def test_the_profile_page_has_exactly_the_tables_of_the_code() -> None:
 def test_the_profile_page_has_every_key_with_its_default(table: str) -> None:
     shown = {key: default for key, default, _ in ROW.findall(sections(page("profile.md"))[table])}
     real = {
-        key: "required" if field.is_required() else as_written(field.default)
+        key: "required" if field.is_required() else as_written(field.get_default(call_default_factory=True))
         for key, field in tables_of_the_code()[table].items()
     }
     assert shown == real

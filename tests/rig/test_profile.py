@@ -104,8 +104,20 @@ def test_a_newer_schema_is_refused_before_anything_else() -> None:
 
 def test_camera_and_projector_have_to_be_of_one_kind() -> None:
     lines = problems(changed('driver = "simulated"', 'driver = "replay"'))
-    assert "lab.toml: projector.driver: 'simulated', but the camera's is 'replay'; both have to be the same" in lines
+    assert "lab.toml: projector.driver: 'simulated', but the camera's is 'replay'; it has to be 'replay'" in lines
     assert "lab.toml: replay: missing; driver = 'replay' needs a [replay] table" in lines
+
+
+def test_a_real_camera_needs_its_name_and_format_and_a_real_display() -> None:
+    lines = problems(changed('driver = "simulated"', 'driver = "v4l2"'))
+    assert "lab.toml: camera.device_id: missing; `rig devices` prints it" in lines
+    assert "lab.toml: camera.pixel_format: missing; `rig devices` prints it" in lines
+    assert any(line.endswith("the camera's is 'v4l2'; it has to be 'kms' or 'window'") for line in lines)
+
+
+def test_a_simulated_camera_has_no_device_name() -> None:
+    lines = problems(changed('driver = "simulated"', 'driver = "simulated"\ndevice_id = "usb-1209:0001-A"'))
+    assert lines == ["lab.toml: camera.device_id: only for driver = 'v4l2'; remove it"]
 
 
 def test_a_simulated_rig_needs_a_bench() -> None:

@@ -1,0 +1,119 @@
+"""Which devices stand behind a profile's ``driver``: the one place that knows every back end."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from rig.devices.bench import Bench
+from rig.devices.clock import SystemClock, VirtualClock
+from rig.devices.manifest import check_photographs, load_manifest
+from rig.devices.protocols import Camera, Clock, Projector
+from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
+from rig.devices.simulated import SimulatedCamera, SimulatedProjector
+from rig.errors import ProfileError
+from rig.profile import Profile, load_profile
+
+
+class Devices(NamedTuple):
+    """A camera and a projector that share a clock; closed."""
+
+    camera: Camera
+    projector: Projector
+    clock: Clock
+
+
+def make_devices(profile: Profile, start_s: float = 0.0) -> Devices:
+    """Make the devices that a profile describes, without opening them.
+
+    ``start_s`` is where virtual clocks start. Raises ProfileError when a recording does not fit the profile.
+    """
+    if profile.camera.driver == "replay":
+        return _replayed(profile, start_s)
+    if profile.camera.driver == "simulated":
+        return _simulated(profile, start_s)
+    clock = SystemClock()
+    return Devices(_real_camera(profile, clock), _real_projector(profile, clock), clock)
+
+
+def _real_camera(profile: Profile, clock: Clock) -> Camera:
+    from rig.devices.v4l2.camera import V4l2Camera
+
+    camera = profile.camera
+    return V4l2Camera(
+        camera.device_id or "",
+        shape=camera.shape,
+        pixel_format=camera.pixel_format or "",
+        bit_depth=camera.bit_depth,
+        frame_rate_hz=camera.frame_rate_hz,
+        exposure_range_s=camera.exposure_range_s,
+        controls=camera.controls,
+        clock=clock,
+    )
+
+
+def _real_projector(profile: Profile, clock: Clock) -> Projector:
+    settings = profile.projector
+    if settings.driver == "kms":
+        from rig.devices.kms.projector import KmsProjector as Display
+    else:
+        from rig.devices.window.projector import WindowProjector as Display
+    return Display(settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock)
+
+
+def _replayed(profile: Profile, start_s: float) -> Devices:
+    clock = VirtualClock(start_s)
+    recording = _recording(profile)
+    player = ReplayProjector(recording, clock)
+    return Devices(ReplayCamera(recording, player, clock), player, clock)
+
+
+def _simulated(profile: Profile, start_s: float) -> Devices:
+    clock = VirtualClock(start_s)
+    if profile.bench is None:
+        raise ProfileError(f"{profile.path}: bench: missing; driver = 'simulated' needs a [bench] table")
+    bench = Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
+    projector = SimulatedProjector(bench, clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
+    camera = SimulatedCamera(
+        bench,
+        projector,
+        clock,
+        bit_depth=profile.camera.bit_depth,
+        frame_rate_hz=profile.camera.frame_rate_hz,
+        exposure_range_s=profile.camera.exposure_range_s,
+    )
+    return Devices(camera, projector, clock)
+
+
+def _recording(profile: Profile) -> Recording:
+    camera, source = profile.camera, profile.recording
+    recorded: tuple[object, ...]
+    if profile.replay is not None and profile.replay.manifest is not None:
+        manifest = load_manifest(source)
+        recorded = (
+            (*manifest.camera_shape, camera.channels),
+            manifest.full_scale_dn,
+            manifest.projector_shape,
+        )
+        check_photographs(manifest)
+        frames = photographed_frames(manifest, camera.channels)
+    else:
+        theirs = load_profile(source / "profile.toml")
+        recorded = (theirs.camera.shape, theirs.camera.full_scale_dn, theirs.projector.shape)
+        frames = recorded_frames(source)
+    _check_recorded(profile, recorded)
+    return Recording(
+        source, camera.shape, profile.projector.shape, camera.full_scale_dn, camera.exposure_range_s, frames
+    )
+
+
+def _check_recorded(profile: Profile, recorded: tuple[object, ...]) -> None:
+    """Refuse a replay whose devices are not the recorded ones."""
+    ours = (profile.camera.shape, profile.camera.full_scale_dn, profile.projector.shape)
+    names = ("camera's shape", "camera's full scale", "projector's shape")
+    problems = [
+        f"{profile.path}: the {name} is {own}, but {their} in {profile.recording}; give what was recorded"
+        for name, own, their in zip(names, ours, recorded, strict=True)
+        if own != their
+    ]
+    if problems:
+        raise ProfileError("\n".join(problems))

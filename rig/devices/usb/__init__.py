@@ -1,0 +1,1 @@
+"""USB beside the kernel's camera driver: who is there, resets, vendor controls."""

@@ -1,0 +1,1 @@
+"""Cameras of Linux's video API (V4L2), by its own ioctls."""

@@ -1,0 +1,1 @@
+"""A window that fills one monitor of a desktop (X11, Wayland)."""
