@@ -187,6 +187,7 @@ def test_data_written_to_one_endpoint_are_read_from_the_other(echo: tuple[Echo, 
     host.link.sendall(b"hello")
     assert host.reply() == (written, Reply(0, b""))
     assert host.reply() == (read, Reply(0, b"hello"))
+    host.control(0x80, 8, 0, 0, 1)
     assert device.took == [True]
 
 
@@ -287,7 +288,9 @@ class Plugged:
     host: Host
     faults: Faults
 
-    def start(self, transfers: int = 5) -> None:
+    def start(self, transfers: int = 5, *, automatic: bool = False) -> None:
+        if not automatic:
+            assert self.host.control(SET, 1, 0x0200, 1 << 8, b"\1").status == 0
         agreed = self.host.control(GET, 0x81, 0x0100, 1, 34).data
         assert self.host.control(SET, 1, 0x0200, 1, agreed).status == 0
         self.host.control(0x01, 11, 1, 1)
@@ -395,7 +398,6 @@ def test_a_stalled_control_refuses_with_the_reason_that_was_ordered(plugged: Plu
 
 
 def test_gain_and_exposure_take_effect_after_the_stated_number_of_frames(plugged: Plugged) -> None:
-    plugged.host.control(SET, 1, 0x0200, 1 << 8, b"\1")
     plugged.start()
     plugged.frame()
     plugged.camera.controls.put("gain", 400)
@@ -407,7 +409,7 @@ def test_gain_and_exposure_take_effect_after_the_stated_number_of_frames(plugged
 
 
 def test_automatic_exposure_brightens_a_dark_picture(plugged: Plugged) -> None:
-    plugged.start()
+    plugged.start(automatic=True)
     first = plugged.frame()
     while len(plugged.source.requests) < 12:
         plugged.frame()
