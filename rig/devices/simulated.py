@@ -141,12 +141,12 @@ class SimulatedCamera:
         return self._exposure_range_s
 
     def open(self) -> None:
-        """Make ready. Raises DeviceLost while unplugged."""
+        """Make ready, with the shortest exposure. Raises DeviceLost while unplugged."""
         if self._opened_s is None:
             now_s = self._clock.now_s()
             _refuse_unplugged("camera", self.bench.settings.camera.unplugged_s, now_s, now_s)
             self._opened_s = now_s
-            self._set_s = -math.inf
+            self._exposure_s = self._earlier_exposure_s = self._exposure_range_s[0]
 
     def close(self) -> None:
         """Let go."""
