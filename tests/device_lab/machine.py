@@ -4,7 +4,8 @@
     python tests/device_lab/machine.py --display 'modprobe vkms && .venv/bin/rig devices'
 
 The guest sees the host's root read-only, below a scratch layer that vanishes; /lab is a shared folder that stays.
-One emulated processor, no KVM: that is faster to boot than two, and works everywhere.
+One emulated processor, no KVM: that is faster to boot than two, and works everywhere. It is one without AVX: QEMU
+emulates that slowly, and wrongly (numpy's sort crashed on it with QEMU 7.2).
 Exit status: the command's; 124 when it ran out of time, 125 when the machine died.
 """
 
@@ -57,7 +58,18 @@ class Machine:
         gpu = f"virtio-gpu-pci,id=gpu0,max_outputs={self.displays},xres=640,yres=480"
         return [
             *("qemu-system-x86_64", "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none"),
-            *("-machine", "pc", "-accel", "tcg,thread=multi", "-cpu", "max", "-smp", "1", "-m", str(self.memory_mb)),
+            *(
+                "-machine",
+                "pc",
+                "-accel",
+                "tcg,thread=multi",
+                "-cpu",
+                "Nehalem",
+                "-smp",
+                "1",
+                "-m",
+                str(self.memory_mb),
+            ),
             *("-kernel", str(kernel.image), "-initrd", str(kernel.initramfs), "-append", boot),
             *("-chardev", f"file,id=console,path={lab}/console.log", "-serial", "chardev:console"),
             *("-device", "virtio-serial-pci", "-chardev", "stdio,id=output,signal=off"),
