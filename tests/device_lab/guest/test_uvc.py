@@ -1,9 +1,6 @@
-"""The emulated USB camera under the real drivers vhci-hcd and uvcvideo, seen by other programs and by ours."""
+"""The emulated USB camera under the real drivers vhci-hcd and uvcvideo, byte for byte, seen by other programs."""
 
-import subprocess
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -11,74 +8,13 @@ import numpy as np
 import pytest
 import usb.core
 
-from rig.devices.clock import SystemClock
 from rig.errors import DeviceError
-from rig.virtual.faults import Faults
 from rig.virtual.test_source import FULL_SCALES, MEDIUM_EXPOSURE_S, PatternSource, encode_picture, read_number
-from rig.virtual.usbip import Attachment, attach
-from rig.virtual.uvc_camera import FrameRequest, Transport, UvcCamera, video_formats
+from rig.virtual.usbip import attach
+from rig.virtual.uvc_camera import FrameRequest, Transport, UvcCamera
+from tests.device_lab.guest.virtual_camera import HEIGHT, NODES, WIDTH, Plugged, load_drivers, plug_in, plugging, run
 
-CLOCK = SystemClock()
-WIDTH, HEIGHT = 320, 240
-NODES = Path("/sys/class/video4linux")
 ALL_FORMATS = tuple(FULL_SCALES)
-
-
-def wait_for(found: Callable[[], object], timeout_s: float = 10.0) -> None:
-    """Poll until something is true."""
-    until_s = CLOCK.now_s() + timeout_s
-    while not found():
-        assert CLOCK.now_s() < until_s, "it did not happen in time"
-        CLOCK.wait_until_s(CLOCK.now_s() + 0.02)
-
-
-def nodes_of(serial: str) -> list[Path]:
-    """Capture nodes of the camera with a serial number."""
-    found = []
-    for node in sorted(NODES.glob("video*")):
-        try:
-            if (node / "device/../serial").read_text().strip() == serial and (node / "index").read_text() == "0\n":
-                found.append(Path("/dev") / node.name)
-        except OSError:
-            continue
-    return found
-
-
-@dataclass
-class Plugged:
-    camera: UvcCamera
-    attachment: Attachment
-    node: Path
-    faults: Faults
-    serial: str
-
-    def unplug(self) -> None:
-        self.attachment.unplug()
-        wait_for(lambda: not nodes_of(self.serial))
-
-    def replug(self, **options) -> "Plugged":
-        self.unplug()
-        return plug_in(serial=self.serial, **options)
-
-
-def plug_in(*, serial: str = "LAB1", fourccs=("GREY",), sizes=((WIDTH, HEIGHT),), rates=(30,), **options) -> Plugged:
-    faults = Faults()
-    formats = video_formats(fourccs, sizes, rates)
-    options.setdefault("source", PatternSource())
-    camera = UvcCamera(formats=formats, faults=faults, serial=serial, **options)
-    attachment = attach(camera)
-    try:
-        wait_for(lambda: nodes_of(serial))
-    except BaseException:
-        attachment.unplug()
-        raise
-    return Plugged(camera, attachment, nodes_of(serial)[0], faults, serial)
-
-
-def run(*command: object) -> str:
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=30, check=False)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return done.stdout + done.stderr
 
 
 def stream(node: Path, fourcc: str, count: int, file: Path, *, size=(WIDTH, HEIGHT)) -> bytes:
@@ -96,9 +32,9 @@ def picture_of(frame: bytes, fourcc: str) -> np.ndarray:
     return np.frombuffer(frame, np.uint8 if FULL_SCALES[fourcc] == 255 else "<u2").reshape(HEIGHT, WIDTH)
 
 
-@pytest.fixture(scope="session", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def drivers() -> None:
-    run("modprobe", "-a", "vhci-hcd", "uvcvideo")
+    load_drivers()
 
 
 @pytest.fixture(scope="module")
@@ -111,14 +47,7 @@ def every_format(drivers: None) -> Iterator[Plugged]:
 
 @pytest.fixture
 def plug() -> Iterator[Callable[..., Plugged]]:
-    """Plugs cameras in, and pulls all of them out at the end."""
-    with ExitStack() as undo:
-
-        def plug(**options) -> Plugged:
-            plugged = plug_in(**options)
-            undo.callback(plugged.unplug)
-            return plugged
-
+    with plugging() as plug:
         yield plug
 
 
