@@ -16,7 +16,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 try:
@@ -46,11 +46,11 @@ busybox poweroff -f
 
 @dataclass(frozen=True)
 class Machine:
-    """How a machine is started. `displays`: a virtio-gpu with that many outputs."""
+    """How a machine is started. `displays`: a virtio-gpu with that many outputs; `boot`: more for the kernel."""
 
     memory_mb: int = 1536
     displays: int = 0
-    extra: tuple[str, ...] = field(default=())
+    boot: str = ""
 
     def command(self, kernel: Kernel, lab: Path) -> list[str]:
         """QEMU's command line."""
@@ -70,14 +70,13 @@ class Machine:
                 "-m",
                 str(self.memory_mb),
             ),
-            *("-kernel", str(kernel.image), "-initrd", str(kernel.initramfs), "-append", boot),
+            *("-kernel", str(kernel.image), "-initrd", str(kernel.initramfs), "-append", f"{boot} {self.boot}"),
             *("-chardev", f"file,id=console,path={lab}/console.log", "-serial", "chardev:console"),
             *("-device", "virtio-serial-pci", "-chardev", "stdio,id=output,signal=off"),
             *("-device", "virtconsole,chardev=output", "-device", "virtio-rng-pci"),
             *("-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap"),
             *("-virtfs", f"local,path={lab},mount_tag=lab,security_model=none"),
             *(("-device", gpu) if self.displays else ()),
-            *self.extra,
         ]
 
 
@@ -126,12 +125,13 @@ def _status(lab: Path) -> int:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--display", action="store_true", help="add a virtio-gpu with two outputs")
+    parser.add_argument("--boot", default="", help="more for the kernel's command line")
     parser.add_argument("--memory-mb", type=int, default=1536)
     parser.add_argument("--timeout", type=float, default=600, help="seconds")
     parser.add_argument("--lab", type=Path, help="folder that is /lab in the guest; default: a new one")
     parser.add_argument("command", nargs="+", help="a shell command line")
     given = parser.parse_args()
-    machine = Machine(given.memory_mb, 2 if given.display else 0)
+    machine = Machine(given.memory_mb, 2 if given.display else 0, given.boot)
     lab = given.lab.resolve() if given.lab else None
     return run_in_machine(" ".join(given.command), machine=machine, timeout_s=given.timeout, lab=lab)
 
