@@ -77,7 +77,7 @@ def _output(folder: Path, root: Path, card: str, connector: str) -> FoundOutput:
         status_of(folder),
         edid.id if edid else None,
         edid.monitor_name if edid else None,
-        tuple(OutputMode(width, height, None, False) for width, height in listed_sizes(folder)),
+        _listed_modes(folder),
         folder,
     )
 
@@ -94,11 +94,15 @@ def status_of(folder: Path) -> str:
     return _read(folder / "status").decode().strip() or "disconnected"
 
 
-def listed_sizes(folder: Path) -> list[tuple[int, int]]:
-    """(width, height) of a connector's whole-frame modes, in the kernel's order, each once."""
-    names = _read(folder / "modes").decode().split()
-    sizes = (re.fullmatch(r"(\d+)x(\d+)", name) for name in names)
-    return list(dict.fromkeys((int(size[1]), int(size[2])) for size in sizes if size))
+def offers(folder: Path, width_px: int, height_px: int) -> bool:
+    """Whether a connector has a whole-frame mode of this size."""
+    return f"{width_px}x{height_px}" in _read(folder / "modes").decode().split()
+
+
+def _listed_modes(folder: Path) -> tuple[OutputMode, ...]:
+    """Sizes of whole-frame modes, in the kernel's order, each once."""
+    sizes = (re.fullmatch(r"(\d+)x(\d+)", name) for name in _read(folder / "modes").decode().split())
+    return tuple(dict.fromkeys(OutputMode(int(size[1]), int(size[2]), None, False) for size in sizes if size))
 
 
 def _modes_of(card: Path) -> dict[str, tuple[OutputMode, ...]]:
