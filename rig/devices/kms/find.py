@@ -133,7 +133,7 @@ def choose_output(name: str, outputs: list[FoundOutput]) -> FoundOutput:
 
     Raises DeviceLost when there is none, SettingRefused when several are meant; both list what is there.
     """
-    meant = [each for each in outputs if name in (each.connector, each.full_name, f"edid:{each.edid_id}")]
+    meant = [each for each in outputs if name in _names(each)]
     if len(meant) == 1:
         return meant[0]
     there = "; ".join(map(_described, outputs)) or "none at all: no graphics driver is loaded"
@@ -143,6 +143,13 @@ def choose_output(name: str, outputs: list[FoundOutput]) -> FoundOutput:
     raise SettingRefused(f"{name!r} means {len(meant)} outputs; write for example {one!r}; outputs: {there}")
 
 
+def _names(output: FoundOutput) -> tuple[str, ...]:
+    return (output.connector, output.full_name, *_edid_name(output))
+
+
+def _edid_name(output: FoundOutput) -> tuple[str, ...]:
+    return (f"edid:{output.edid_id}",) if output.edid_id else ()
+
+
 def _described(output: FoundOutput) -> str:
-    edid = f", edid:{output.edid_id}" if output.edid_id else ""
-    return f"{output.full_name} ({output.status}{edid})"
+    return f"{output.full_name} ({', '.join((output.status, *_edid_name(output)))})"
