@@ -239,15 +239,15 @@ def devices(*, as_json: Json = False) -> int:
 
 @profile_app.command(name="check")
 def profile_check(*files: str, as_json: Json = False) -> int:
-    """Validate profiles: every problem of every file, a line each.
+    """Validate profiles, and files of facts about hardware: every problem of every file, a line each.
 
     Example: rig profile check hw_profiles/*.toml
     """
-    from rig.profile import check_profiles
+    from rig.workflows.profile_files import check_files
 
     if not files:
         raise UsageError("rig profile check needs at least one file, e.g. hw_profiles/sim-room.toml")
-    checked = check_profiles(list(files))
+    checked = check_files(list(files))
     if as_json:
         _print_json({"files": [{"path": c.path, "ok": c.ok, "problems": list(c.problems)} for c in checked]})
     else:
