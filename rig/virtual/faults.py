@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass, field
+from typing import Literal
 
-Counter = str
-"""Name of a field of :class:`Faults` that counts frames."""
+Counter = Literal["error_frames", "short_frames", "dropped_frames", "duplicate_frames"]
 
 
 @dataclass(slots=True)
@@ -34,7 +34,7 @@ class Faults:
     """The reason that such a control gives: a :class:`rig.virtual.uvc_controls.RequestError`."""
     control_delay_s: float = 0.0
     """How long each control request takes; the stream waits too."""
-    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False, compare=False)
 
     def take(self, counter: Counter) -> bool:
         """Whether the next frame has this fault; counts it down."""

@@ -43,6 +43,7 @@ from rig.virtual.uvc_stream import Sender
 
 _CLASS_TO_INTERFACE, _KIND_MASK = 0x21, 0x7F
 _PROBE, _COMMIT = 1, 2
+_LATE_S = 0.01
 _AUTOMATIC_LEVEL = 0.45
 """Mean of a picture that the automatic exposure aims at, of full scale."""
 
@@ -128,8 +129,6 @@ class UvcCamera:
 
     def plugged(self) -> None:
         """Begin, as if power came on."""
-        self.controls.reset()
-        self._settings.clear()
         self._plugged = True
         self._sensor = threading.Thread(target=self._expose_frames, name="virtual camera")
         self._sensor.start()
@@ -147,6 +146,7 @@ class UvcCamera:
         """Alternate setting 1 of the video interface is how a host starts an isochronous stream."""
         if interface < 0:
             self.faults.frozen_until_reset = False
+            self.controls.reset()
             self._start(None)
         elif interface == STREAMING_INTERFACE:
             runs = alternate > 0 and self._transport is Transport.ISOCHRONOUS
@@ -203,9 +203,10 @@ class UvcCamera:
             self._change.notify_all()
 
     def _expose_frames(self) -> None:
+        self._settings.clear()
         number, next_s, last = 0, 0.0, b""
         while (stream := self._wait_until(next_s)) is not None:
-            request = self._request(stream, max(next_s, time.monotonic() - 0.01), number)
+            request = self._request(stream, _begin(next_s), number)
             frame = self._source.expose(request)
             number += 1
             if frame is not None:
@@ -239,9 +240,8 @@ class UvcCamera:
         error = faults.take("error_frames")
         sent = frame[: len(frame) // 2] if not error and faults.take("short_frames") else frame
         with self._change:
-            is_wanted = self._stream is stream
-        if is_wanted and self._sender.send(sent, stream.payload_bytes, error=error):
-            self.frames_sent += 1
+            if self._stream is stream and self._sender.send(sent, stream.payload_bytes, error=error):
+                self.frames_sent += 1
         return frame
 
     def _adjust(self, request: FrameRequest, frame: bytes) -> None:
@@ -252,6 +252,12 @@ class UvcCamera:
         shortest_s, longest_s = self._exposure_range_s
         chosen_s = min(max((wanted_s + request.exposure_s) / 2, shortest_s), longest_s)
         self.controls.put("exposure", round(chosen_s / EXPOSURE_UNIT_S))
+
+
+def _begin(planned_s: float) -> float:
+    """When an exposure begins: as planned, or now, when whatever came before took too long."""
+    now_s = time.monotonic()
+    return planned_s if now_s - planned_s < _LATE_S else now_s
 
 
 _FULL_SCALE = {"Y10 ": 1023, "Y12 ": 4095, "Y16 ": 65535}

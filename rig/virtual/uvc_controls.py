@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
 from rig.virtual.usb_device import Stall
@@ -140,33 +140,22 @@ FIRMWARE = VendorControl("firmware", 2, b"1.04", Info.GET)
 VENDOR_CONTROLS = (REGISTER, FIRMWARE)
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
-    """A value that the host has set."""
-
-    time_s: float
-    name: str
-    value: int | bytes
-
-
-@dataclass
 class ControlBank:
     """The controls of one camera and their present values; safe to share between threads."""
 
-    controls: tuple[Control, ...]
-    vendor_controls: tuple[VendorControl, ...] = VENDOR_CONTROLS
-    last_error: RequestError = RequestError.NONE
-    _values: dict[str, int] = field(init=False, repr=False)
-    _bytes: dict[str, bytes] = field(init=False, repr=False)
-    _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False)
-
-    def __post_init__(self) -> None:
+    def __init__(self, controls: tuple[Control, ...], vendor_controls: tuple[VendorControl, ...] = VENDOR_CONTROLS):
+        self.controls = controls
+        self.last_error = RequestError.NONE
+        """Why the last request was refused."""
+        self._vendor_controls = vendor_controls
+        self._lock = threading.Lock()
         self.reset()
 
     def reset(self) -> None:
         """All as when it was switched on."""
-        self._values = {control.name: control.default for control in self.controls}
-        self._bytes = {control.name: control.default for control in self.vendor_controls}
+        with self._lock:
+            self._values = {control.name: control.default for control in self.controls}
+            self._bytes = {control.name: control.default for control in self._vendor_controls}
 
     def value(self, name: str) -> int:
         """Present value of a control."""
@@ -197,9 +186,7 @@ class ControlBank:
         return Stall()
 
     def _describe_error(self, request: int) -> bytes:
-        if request == Request.GET_INFO:
-            return bytes([Info.GET])
-        return bytes([self.last_error])
+        return bytes([Info.GET if request == Request.GET_INFO else self.last_error])
 
     def _integer(self, control: Control, request: int, data: bytes) -> bytes:
         if request == Request.SET_CUR:
@@ -235,7 +222,7 @@ class ControlBank:
         self.put(control.name, value)
 
     def _vendor(self, selector: int, request: int, data: bytes) -> bytes:
-        control = next((each for each in self.vendor_controls if each.selector == selector), None)
+        control = next((each for each in self._vendor_controls if each.selector == selector), None)
         if control is None:
             raise self.refuse(RequestError.INVALID_CONTROL)
         length = len(control.default)
