@@ -1,5 +1,6 @@
 """Facts about hardware: each has a source and its words, and every gap is named."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -166,3 +167,13 @@ def test_usb_ids_that_models_share_need_the_name_too() -> None:
 def test_kinds_are_told_apart_by_their_folder() -> None:
     assert all(isinstance(file, CameraFile) for file in known_cameras())
     assert all(isinstance(file, ProjectorFile) for file in known_projectors())
+
+
+def test_the_page_lists_every_file_and_no_other() -> None:
+    page = (ROOT / "docs" / "reference" / "hardware.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([^|]+) \| `([a-z0-9-]+)` \|", page, re.MULTILINE)
+    files = {path.stem: load_facts(path) for path in FILES}
+    assert {stem: name for name, stem in rows} == {
+        stem: file.model if file.model.startswith(file.maker) else f"{file.maker} {file.model}"
+        for stem, file in files.items()
+    }
