@@ -117,6 +117,8 @@ def test_libusb_sees_what_sysfs_sees_and_can_take_a_hid_interface(
     }
     assert places <= places_by_libusb()
     assert open_usb_device(devices["LAB1"]).serial_number == "LAB1"
+    with as_nobody(), pytest.raises(DeviceForbidden, match=r"70-procam-rig-1209-0001\.rules"):
+        open_usb_device(devices["LAB1"])
     transport = LibusbTransport(devices["LCR-7"])
     device = LightCrafter(transport, CLOCK)
     assert str(device.version()) == "4.0.0"
