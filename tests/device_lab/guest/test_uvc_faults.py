@@ -127,13 +127,13 @@ def test_frames_begin_after_the_time_that_was_asked_for_and_tell_it(plug: Callab
 
 
 def test_everything_automatic_is_off_while_it_is_open(plug: Callable[..., Plugged]) -> None:
-    plugged = plug()
+    plugged = plug(exposure_s=0.002)
     assert plugged.camera.controls.value("exposure_mode") == 8
-    with opened(plugged, controls={"gain": 200}):
+    with opened(plugged, 0.004, controls={"gain": 200}):
         values = plugged.camera.controls.value
         assert values("exposure_mode") == 1
         assert values("white_balance_automatic") == values("focus_automatic") == 0
-        assert (values("gain"), values("exposure")) == (200, 100)
+        assert (values("gain"), values("exposure")) == (200, 40)
 
 
 def test_a_camera_unplugged_while_it_streams_is_lost_at_once(plug: Callable[..., Plugged]) -> None:
@@ -148,12 +148,12 @@ def test_a_camera_unplugged_while_it_streams_is_lost_at_once(plug: Callable[...,
 
 
 def test_a_camera_under_another_node_number_is_found_again_with_its_settings(plug: Callable[..., Plugged]) -> None:
-    before = plug()
-    with opened(before, controls={"gain": 300}) as camera, before.node.open("rb"):
-        assert level_of(capture(camera)) == 255
+    before = plug(exposure_s=0.004)
+    with opened(before, 0.002, controls={"gain": 300}) as camera, before.node.open("rb"):
+        assert level_of(capture(camera)) == round(255 / 2 * 0.2 * 3)
         before.unplug()
         assert isinstance(frames_until_error(camera), DeviceLost)
-        after = plug()
+        after = plug(exposure_s=0.002)
         assert after.node != before.node
         assert after.camera.controls.value("gain") == 100
         camera.open()
@@ -260,11 +260,11 @@ def test_a_copy_of_an_old_frame_says_that_it_is_one(plug: Callable[..., Plugged]
     plugged = plug()
     with opened(plugged) as camera:
         capture(camera)
-        plugged.faults.duplicate_frames = 1
+        plugged.faults.duplicate_frames = 3
         frames = [camera.capture(after_s=0.0, timeout_s=5.0) for _ in range(8)]
     numbers = [number_of(frame) for frame in frames]
     copies = [one == other for one, other in itertools.pairwise(numbers)]
-    assert copies.count(True) == 1
+    assert any(copies)
     assert [frame.repeats for frame in frames[1:]] == copies
 
 
