@@ -149,7 +149,15 @@ class V4l2Camera:
             exposure_s = period_s if exposure is None else read_control(node, exposure) * EXPOSURE_STEP_S
             stream = Stream(node, self._clock)
             undo.callback(stream.stop)
-            frames = Frames(stream, wishes.pixel_format, layout, self._shape[2], period_s, self._clock)
+            frames = Frames(
+                stream,
+                wishes.pixel_format,
+                layout,
+                self._shape[2],
+                period_s=period_s,
+                exposes_always=exposure is None,
+                clock=self._clock,
+            )
             stream.start()
             return _Opened(node, stream, frames, period_s, settings, exposure, exposure_s, undo.pop_all())
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import fcntl
+import grp
 import os
 from pathlib import Path
 from typing import TypeVar
@@ -139,7 +140,7 @@ def device_error(error: OSError, doing: str, path: Path) -> DeviceError:
 def forbidden(what: str, path: Path) -> DeviceForbidden:
     """The error for a node that the user may not open, with what to do."""
     try:
-        group = path.group()
+        group = grp.getgrgid(path.stat().st_gid).gr_name
     except (OSError, KeyError):
         group = "video"
     return DeviceForbidden(
