@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from rig import back_ends
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, Projector, Shown
 from rig.devices.usb import lightcrafter_protocol as protocol
@@ -12,6 +13,8 @@ from rig.devices.usb.lightcrafter import LightCrafter
 from rig.devices.usb.lightcrafter_projector import LightCrafterProjector
 from rig.devices.usb.lightcrafter_protocol import Command, DisplayMode, EntryTrigger, InputSource, Pattern, Run
 from rig.errors import DeviceError, DeviceLost, SettingRefused
+from rig.profile import LightCrafter as LightCrafterTable
+from rig.profile import load_profile
 from rig.virtual.lightcrafter import LightCrafterEmulation
 
 FACTORY = (104, 135, 130)
@@ -366,3 +369,22 @@ def test_closing_after_the_cable_was_pulled_still_blackens_the_display(transport
     projector.close()
     assert display.calls == ["open", "close"]
     assert transport.closed == 1
+
+
+def test_a_profile_with_a_lightcrafter_wraps_its_projector(monkeypatch: pytest.MonkeyPatch) -> None:
+    profile = load_profile("ci-tiny")
+    display = FakeDisplay()
+    assert back_ends._with_lightcrafter(profile, display, VirtualClock()) is display
+    table = LightCrafterTable(serial="S", led_currents=FACTORY)
+    told = profile.model_copy(update={"lightcrafter": table})
+    asked: list[str | None] = []
+
+    def connect(serial: str | None, clock: object) -> LightCrafter:
+        asked.append(serial)
+        raise DeviceLost("none")
+
+    monkeypatch.setattr("rig.devices.usb.lightcrafter.open_lightcrafter", connect)
+    projector = back_ends._with_lightcrafter(told, display, VirtualClock())
+    with pytest.raises(DeviceLost):
+        projector.open()
+    assert asked == ["S"]
