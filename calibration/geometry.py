@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike
 
 from calibration.epipolar import COLUMN_SHARES, DataSheets, check_not_flat, check_parallax, fit_epipolar, triangulated
 from calibration.pinhole import project, world_rays
-from calibration.plane_bundle import Bundle, adjust, transfer_of
+from calibration.plane_bundle import Bundle, adjust, rays_of, transfer_of
 from calibration.planes import Axes, orthogonal_axes, segment_planes
 from calibration.records import CalibrationError, FloatArray, PinholeModel
 
 MIN_POINTS = 500
 LEAST_INLIER_SHARE = 0.5
 _GOOD_SHARE = 0.9
-_FEW, _SOME, _MANY = 4000, 8000, 60000
+_FEW, _SOME, _MANY = 4000, 8000, 20000
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
@@ -169,7 +169,7 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: DataSheets, right_angle
 def _planes_of(pair: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray) -> FloatArray:
     a, b = x1[:_FEW], x2[:_FEW]
     points, usable = triangulated(*pair, a, b)
-    return segment_planes(points, transfer_of(*pair), b, a, usable)
+    return segment_planes(points, transfer_of(*pair), b, a, rays_of(pair[0], a), usable)
 
 
 def _adjusted_twice(

@@ -62,10 +62,9 @@ class Bundle:
 
 
 def transfer_of(camera: PinholeModel, projector: PinholeModel) -> Transfer:
-    """Where camera pixels land in the projector if their points lie on a plane, normal / offset (3,)."""
+    """Where the camera's rays land in the projector if their points lie on a plane, normal / offset (3,)."""
 
-    def transfer(x1: FloatArray, plane: FloatArray) -> FloatArray:
-        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+    def transfer(rays: FloatArray, plane: FloatArray) -> FloatArray:
         along = rays @ plane
         landed = _landed(projector, rays, along)
         # The same plane mirrored behind the devices would land on the same pixels.
@@ -73,6 +72,11 @@ def transfer_of(camera: PinholeModel, projector: PinholeModel) -> Transfer:
         return np.where(((along > 0) & (depth > 0))[:, None], landed, _NOWHERE_PX)
 
     return transfer
+
+
+def rays_of(camera: PinholeModel, x1: FloatArray) -> FloatArray:
+    """(N, 3) directions of camera pixels."""
+    return bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
 
 
 def _landed(projector: PinholeModel, rays: FloatArray, along: FloatArray) -> FloatArray:
@@ -97,7 +101,7 @@ def adjust(
     z = _start(camera, projector, planes, axes, sheets)
     margin_px = _MARGIN_SHARE * sheets.projector_shape[1]
     for limit_px in limits_px:
-        label = assign_planes(transfer_of(camera, projector), x1, x2, planes, limit_px, margin_px)
+        label = assign_planes(transfer_of(camera, projector), rays_of(camera, x1), x2, planes, limit_px, margin_px)
         used = label >= 0
         if used.sum() < _LEAST_POINTS:
             return None
@@ -107,7 +111,7 @@ def adjust(
         camera, projector = _models(z, sheets)
         planes = _planes(z, axes)
     turned = Axes(_directions(z, axes), axes.of_plane)
-    label = assign_planes(transfer_of(camera, projector), x1, x2, planes, limits_px[-1])
+    label = assign_planes(transfer_of(camera, projector), rays_of(camera, x1), x2, planes, limits_px[-1])
     return Bundle(camera, projector, planes, turned, label, _sigmas(fit, x1[used], sheets))
 
 
@@ -173,7 +177,7 @@ def _residual(x1: FloatArray, x2: FloatArray, label: IntArray, axes: Axes, sheet
         if key not in kept:
             if len(kept) > 1:
                 kept.pop(next(iter(kept)))
-            kept[key] = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+            kept[key] = rays_of(camera, x1)
         rays = kept[key]
         along = (rays * _planes(z, axes)[label]).sum(1)
         return np.asarray(np.clip(_landed(projector, rays, along) - x2, -1e4, 1e4))

@@ -12,7 +12,7 @@ from calibration.records import BoolArray, FloatArray
 
 IntArray = NDArray[np.int64]
 Transfer = Callable[[FloatArray, FloatArray], FloatArray]
-"""(camera pixels (N, 2), plane (3,)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
+"""(camera rays (N, 3), plane (3,)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
 
 _INLIER_PX = 1.5
 _TRIALS = 400
@@ -32,7 +32,7 @@ class Axes:
 
 
 def segment_planes(
-    points: FloatArray, transfer: Transfer, x2: FloatArray, x1: FloatArray, usable: BoolArray
+    points: FloatArray, transfer: Transfer, x2: FloatArray, x1: FloatArray, rays: FloatArray, usable: BoolArray
 ) -> FloatArray:
     """(K, 3) planes as normal / offset, the one with most points first; sequential RANSAC with a fixed seed.
 
@@ -44,10 +44,10 @@ def segment_planes(
     planes: list[FloatArray] = []
     total = len(left)
     while len(planes) < _MOST_PLANES and len(left) >= max(_LEAST_SHARE * total, 30):
-        best = _best_plane(points[left], transfer, x2[left], x1[left], random)
+        best = _best_plane(points[left], transfer, x2[left], x1[left], rays[left], random)
         if best is None:
             break
-        error = np.linalg.norm(transfer(x1[left], best) - x2[left], axis=1)
+        error = np.linalg.norm(transfer(rays[left], best) - x2[left], axis=1)
         inside = error < _INLIER_PX
         if inside.sum() < max(_LEAST_SHARE * total, 30):
             break
@@ -58,10 +58,16 @@ def segment_planes(
 
 
 def _best_plane(
-    points: FloatArray, transfer: Transfer, x2: FloatArray, x1: FloatArray, random: np.random.Generator
+    points: FloatArray,
+    transfer: Transfer,
+    x2: FloatArray,
+    x1: FloatArray,
+    rays: FloatArray,
+    random: np.random.Generator,
 ) -> FloatArray | None:
     best, best_count = None, 0
     test = random.permutation(len(points))[:800]
+    test_rays, test_x2 = rays[test], x2[test]
     for _ in range(_TRIALS):
         first = int(random.integers(len(points)))
         near = np.flatnonzero((np.abs(x1 - x1[first]) < _NEIGHBOURHOOD_PX).all(axis=1))
@@ -70,13 +76,13 @@ def _best_plane(
         plane = _plane_through(points[random.choice(near, size=min(12, len(near)), replace=False)])
         if plane is None:
             continue
-        count = int((np.linalg.norm(transfer(x1[test], plane) - x2[test], axis=1) < _INLIER_PX).sum())
+        count = int((np.linalg.norm(transfer(test_rays, plane) - test_x2, axis=1) < _INLIER_PX).sum())
         if count > best_count:
             best, best_count = plane, count
     if best is None:
         return None
     for _ in range(4):
-        inside = np.linalg.norm(transfer(x1, best) - x2, axis=1) < _INLIER_PX
+        inside = np.linalg.norm(transfer(rays, best) - x2, axis=1) < _INLIER_PX
         refined = _plane_through(points[inside]) if inside.sum() >= 3 else None
         if refined is None:
             break
@@ -93,7 +99,7 @@ def _plane_through(points: FloatArray) -> FloatArray | None:
 
 def assign_planes(
     transfer: Transfer,
-    x1: FloatArray,
+    rays: FloatArray,
     x2: FloatArray,
     planes: FloatArray,
     limit_px: float,
@@ -103,7 +109,7 @@ def assign_planes(
 
     Also -1 where another plane predicts it within the margin: near an edge of the room blur mixes both walls.
     """
-    errors = np.stack([np.linalg.norm(transfer(x1, plane) - x2, axis=1) for plane in planes])
+    errors = np.stack([np.linalg.norm(transfer(rays, plane) - x2, axis=1) for plane in planes])
     good = errors.min(axis=0) <= limit_px
     if len(planes) > 1:
         good &= np.partition(errors, 1, axis=0)[1] > margin_px

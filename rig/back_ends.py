@@ -57,7 +57,19 @@ def _real_projector(profile: Profile, clock: Clock) -> Projector:
         from rig.devices.kms.projector import KmsProjector as Display
     else:
         from rig.devices.window.projector import WindowProjector as Display
-    return Display(settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock)
+    display = Display(
+        settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock
+    )
+    return _with_lightcrafter(profile, display, clock)
+
+
+def _with_lightcrafter(profile: Profile, display: Projector, clock: Clock) -> Projector:
+    if (light := profile.lightcrafter) is None:
+        return display
+    from rig.devices.usb.lightcrafter import open_lightcrafter
+    from rig.devices.usb.lightcrafter_projector import LightCrafterProjector
+
+    return LightCrafterProjector(display, lambda: open_lightcrafter(light.serial, clock), light.led_currents)
 
 
 def _replayed(profile: Profile, start_s: float) -> Devices:

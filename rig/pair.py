@@ -1,29 +1,37 @@
 """One camera and one projector: the policy that stands above every back end.
 
-A frame belongs to a pattern if its exposure began after the pattern was on screen plus the projector's
-latency. Whatever is stale, repeated or malformed is rejected, noted and asked for again; nothing waits for a
-fixed time.
+Whatever frame is stale, repeated or malformed is rejected, noted and asked for again (:mod:`rig.association`); a
+camera that gives none is opened again, then reset; a device that went away is waited for (:mod:`rig.recovery`).
+Every wait has a limit, and nothing waits for a fixed time.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 
+from rig.association import Association, Wanted
 from rig.back_ends import make_devices
-from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
-from rig.errors import CaptureTimeout, SettingRefused
+from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, Watched
+from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
 from rig.profile import Profile, load_profile
+from rig.recovery import Openable, Recovery, close_quietly
 
-_EXPOSURE_TOLERANCE = 0.01
-"""Relative; a frame whose exposure differs by more is from before the camera took the setting over."""
+Result = TypeVar("Result")
+
+_SILENCE = 2
+"""Time limits that pass one after the other without any frame before the camera is opened again."""
+_MENDED = ("reopened", "reset", "unplugged", "replugged")
+"""Events that are no frame's fault."""
+_SAME_EXPOSURE = 1e-6
+"""Relative; a camera that is opened again has to expose as before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +41,8 @@ class Event:
     time_s: float
     """On the rig's clock."""
     kind: str
-    """stale, repeated, malformed, exposure or timeout (it asked again); lost (only noted)."""
+    """stale, ahead, repeated, lost, malformed, exposure or timeout: it asked again;
+    reopened, reset: it did so to a camera that gave no good frame; unplugged, replugged: it waited for a device."""
     detail: str
 
 
@@ -51,10 +60,41 @@ class NamedCodes(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class _Shot:
+    """What is wanted, and what is left to try."""
+
+    codes: Codes
+    name: str
+    exposure_s: float | None
+    remedies: Iterator[Callable[[], None]]
+    """For a camera that gives no good frame, the mildest first."""
+    started_s: float
+    first_event: int
+
+
+class _Gone(Exception):
+    """A device went away."""
+
+    def __init__(self, device: Openable, loss: DeviceLost):
+        super().__init__(str(loss))
+        self.device = device
+        self.loss = loss
+
+
+@contextmanager
+def _talking_to(device: Openable) -> Iterator[None]:
+    """Remember which device it was that went away."""
+    try:
+        yield
+    except DeviceLost as loss:
+        raise _Gone(device, loss) from loss
+
+
 class Rig:
     """A pair of devices on one clock; use it in a ``with`` statement, which leaves the projector black.
 
-    One thread at a time shoots; others wait.
+    One thread at a time shoots; others wait. When it gives up on a device, it closes both.
     """
 
     def __init__(self, profile: Profile, camera: Camera, projector: Projector, clock: Clock):
@@ -64,17 +104,23 @@ class Rig:
         self.clock = clock
         self.events: list[Event] = []
         self._lock = threading.RLock()
+        self._is_open = False
+        self._is_live = profile.camera.driver != "replay"
+        self._asked_s: float | None = None
         self._exposure_s: float | None = None
-        self._last_sequence: int | None = None
+        self._association = Association(
+            camera.shape, camera.full_scale_dn, 1 / profile.camera.frame_rate_hz, live=self._is_live
+        )
 
     def open(self) -> None:
-        """Open both devices, or neither. Raises DeviceLost."""
+        """Open both devices, or neither. Raises DeviceError."""
         with self._lock, ExitStack() as undo:
             undo.callback(self.camera.close)
             self.camera.open()
             undo.callback(self.projector.close)
             self.projector.open()
-            self._last_sequence = None
+            self._association.forget_count()
+            self._is_open = True
             undo.pop_all()
 
     def close(self) -> None:
@@ -82,7 +128,8 @@ class Rig:
         with self._lock, ExitStack() as both:
             both.callback(self.camera.close)
             both.callback(self.projector.close)
-            self._exposure_s = None
+            self._is_open = False
+            self._asked_s = self._exposure_s = None
 
     def __enter__(self) -> Rig:
         self.open()
@@ -96,20 +143,24 @@ class Rig:
     def set_exposure(self, exposure_s: float) -> float:
         """Ask for an exposure, and return the one the camera chose.
 
-        Raises SettingRefused outside the camera's range.
+        Raises SettingRefused outside the camera's range, DeviceLost when the camera went away and did not return.
         """
         with self._lock:
-            shortest, longest = self.camera.exposure_range_s
-            if not shortest <= exposure_s <= longest:
-                raise SettingRefused(
-                    f"exposure {exposure_s:.6g} s is outside the camera's {shortest:g} … {longest:g} s"
-                )
+            return self._recovering(lambda: self._set_exposure(exposure_s))
+
+    def _set_exposure(self, exposure_s: float) -> float:
+        shortest, longest = self.camera.exposure_range_s
+        if not shortest <= exposure_s <= longest:
+            raise SettingRefused(f"exposure {exposure_s:.6g} s is outside the camera's {shortest:g} … {longest:g} s")
+        with _talking_to(self.camera):
             chosen_s = self.camera.set_exposure(exposure_s)
-            self._exposure_s = chosen_s
-            return chosen_s
+        self._asked_s, self._exposure_s = exposure_s, chosen_s
+        return chosen_s
 
     def shoot(self, codes: Codes, *, name: str, exposure_s: float | None = None) -> RawFrame:
         """Show codes and return the first good frame that was exposed to them.
+
+        A device that goes away is waited for, set as it was, and the picture shown again.
 
         Parameters
         ----------
@@ -123,18 +174,19 @@ class Rig:
         Raises
         ------
         SettingRefused
-            Codes or exposure are not possible.
+            Codes or exposure are not possible, or a device came back as another.
         CaptureTimeout
-            No good frame in ``1 + timing.retries`` attempts.
+            No good frame in ``1 + timing.retries`` attempts, nor after the camera was opened again, nor after it was
+            reset.
         DeviceLost
-            A device is closed or gone.
+            The rig is closed, or a device went away for more than ``timing.replug_timeout_s``.
+        DeviceBusy, DeviceForbidden
+            A device came back, but another program holds it, or the user may not open it.
         """
         with self._lock:
             self._check_codes(codes)
-            if exposure_s is not None and exposure_s != self._exposure_s:
-                self.set_exposure(exposure_s)
-            shown = self.projector.show(codes, name=name)
-            return self._first_good_frame(name, shown.on_screen_s + self.profile.projector.latency_s)
+            shot = _Shot(codes, name, exposure_s, iter(self._remedies()), self.clock.now_s(), len(self.events))
+            return self._recovering(lambda: self._photograph(shot))
 
     def shoot_all(self, patterns: Iterable[NamedCodes]) -> Iterator[RawFrame]:
         """Shoot patterns one after the other, each when the iterator asks for it."""
@@ -149,58 +201,125 @@ class Rig:
                 "make the picture in exactly its size"
             )
 
-    def _first_good_frame(self, name: str, settled_s: float) -> RawFrame:
+    def _photograph(self, shot: _Shot) -> RawFrame:
+        """Show and capture, with a stronger remedy after each round that gave no good frame."""
+        if shot.exposure_s is not None and shot.exposure_s not in (self._asked_s, self._exposure_s):
+            self._set_exposure(shot.exposure_s)
+        while True:
+            with _talking_to(self.projector):
+                shown = self.projector.show(shot.codes, name=shot.name)
+            frame = self._first_good_frame(shot.name, shown.on_screen_s + self.profile.projector.latency_s)
+            if frame is not None:
+                return frame
+            remedy = next(shot.remedies, None)
+            with self._closing_on_failure():
+                if remedy is None:
+                    raise self._no_good_frame(shot)
+                remedy()
+
+    def _first_good_frame(self, name: str, settled_s: float) -> RawFrame | None:
         timing = self.profile.timing
-        first_event = len(self.events)
+        wanted = Wanted(settled_s, self._exposure_s)
+        silent = 0
         for _ in range(1 + timing.retries):
             try:
-                frame = self.camera.capture(after_s=settled_s, timeout_s=timing.timeout_s)
+                with _talking_to(self.camera):
+                    frame = self.camera.capture(after_s=settled_s, timeout_s=timing.timeout_s)
             except CaptureTimeout as error:
                 self._note("timeout", f"{name}: {error}")
+                silent += 1
+                if silent == _SILENCE:
+                    return None
                 continue
-            if self._is_good(name, frame, settled_s):
+            silent = 0
+            rejection = self._association.rejection(frame, wanted, self.clock.now_s())
+            if rejection is None:
+                self._check_on_screen()
                 return frame
-        kinds = sorted({event.kind for event in self.events[first_event:]} - {"lost"})
-        raise CaptureTimeout(
-            f"no good frame of {name!r} in {1 + timing.retries} attempts of {timing.timeout_s:g} s "
-            f"({', '.join(kinds)}); last: {self.events[-1].detail}; check cable and timing.timeout_s"
+            self._note(rejection.kind, f"{name}: {rejection.detail}")
+        return None
+
+    def _check_on_screen(self) -> None:
+        """A display that was unplugged during the exposure has spoilt the frame."""
+        if isinstance(self.projector, Watched):
+            with _talking_to(self.projector):
+                self.projector.check_on_screen()
+
+    def _no_good_frame(self, shot: _Shot) -> CaptureTimeout:
+        timing = self.profile.timing
+        events = self.events[shot.first_event :]
+        tried = "".join(f"; the camera was {event.kind}" for event in events if event.kind in ("reopened", "reset"))
+        failed = [event for event in events if event.kind not in _MENDED]
+        kinds = ", ".join(sorted({event.kind for event in failed}))
+        return CaptureTimeout(
+            f"no good frame of {shot.name!r} in {len(failed)} attempts of {timing.timeout_s:g} s ({kinds}), "
+            f"{self.clock.now_s() - shot.started_s:.1f} s in all{tried}; last: {failed[-1].detail}; check cable, "
+            "timing.timeout_s and projector.latency_s"
         )
 
-    def _is_good(self, name: str, frame: RawFrame, settled_s: float) -> bool:
-        problem = self._repeated(frame) or self._malformed(frame) or self._wrong_time(frame, settled_s)
-        self._last_sequence = max(frame.sequence, self._last_sequence or 0)
-        if problem is not None:
-            self._note(problem[0], f"{name}: {problem[1]}")
-        return problem is None
+    def _remedies(self) -> list[Callable[[], None]]:
+        """What to do to a camera that gives no good frame: each after asking again did not help."""
+        if not self._is_live:
+            return []
+        return [self._reopen, self._reset] if isinstance(self.camera, Resettable) else [self._reopen]
 
-    def _repeated(self, frame: RawFrame) -> tuple[str, str] | None:
-        last = self._last_sequence
-        if last is None or frame.sequence == last + 1:
-            return None
-        if frame.sequence <= last:
-            return "repeated", f"frame {frame.sequence} came after frame {last}"
-        self._note("lost", f"{frame.sequence - last - 1} frames before frame {frame.sequence}")
-        return None
+    def _reopen(self) -> None:
+        self._note("reopened", f"{self._name_of(self.camera)}: gave no good frame")
+        self._open_camera_again(lambda: None)
 
-    def _malformed(self, frame: RawFrame) -> tuple[str, str] | None:
-        pixels, shape = frame.pixels, self.camera.shape
-        if pixels.dtype != np.uint16 or pixels.shape != shape:
-            return "malformed", f"frame of {pixels.dtype} {pixels.shape}, expected uint16 {shape}"
-        brightest = int(pixels.max())
-        if brightest > self.camera.full_scale_dn:
-            return "malformed", f"pixel of {brightest} dn, full scale is {self.camera.full_scale_dn} dn"
-        return None
+    def _reset(self) -> None:
+        self._note("reset", f"{self._name_of(self.camera)}: gave no good frame after it was opened again")
+        if isinstance(self.camera, Resettable):
+            self._open_camera_again(self.camera.reset)
 
-    def _wrong_time(self, frame: RawFrame, settled_s: float) -> tuple[str, str] | None:
-        if not frame.started_s >= settled_s:
-            return (
-                "stale",
-                f"exposure began {(settled_s - frame.started_s) * 1e3:.1f} ms before the picture settled",
+    def _open_camera_again(self, between: Callable[[], None]) -> None:
+        close_quietly(self.camera)
+        with _talking_to(self.camera):
+            between()
+            self.camera.open()
+            self._restore_camera()
+
+    def _restore_camera(self) -> None:
+        """After it was opened again: the exposure as it was, and a new count of its frames."""
+        self._association.forget_count()
+        if self._exposure_s is None:
+            return
+        chosen_s = self.camera.set_exposure(self._exposure_s)
+        if not abs(chosen_s - self._exposure_s) <= _SAME_EXPOSURE * self._exposure_s:
+            raise SettingRefused(
+                f"{self._name_of(self.camera)} was opened again and now exposes {chosen_s:.6g} s, not "
+                f"{self._exposure_s:.6g} s as before: is it another camera?"
             )
-        set_s = self._exposure_s
-        if set_s is not None and not abs(frame.exposure_s - set_s) <= _EXPOSURE_TOLERANCE * set_s:
-            return "exposure", f"exposed {frame.exposure_s:.6g} s, set {set_s:.6g} s"
-        return None
+
+    def _recovering(self, action: Callable[[], Result]) -> Result:
+        """Do something, again and again as long as lost devices come back in time."""
+        recovery = Recovery(self.clock, self.profile.timing.replug_timeout_s, self._note)
+        while True:
+            try:
+                return action()
+            except _Gone as gone:
+                device, loss = gone.device, gone.loss
+            if not (self._is_live and self._is_open):
+                raise loss
+            restore = self._restore_camera if device is self.camera else lambda: None
+            with self._closing_on_failure():
+                recovery.bring_back(device, self._name_of(device), loss, restore)
+
+    @contextmanager
+    def _closing_on_failure(self) -> Iterator[None]:
+        """When the rig gives up: the projector black, nothing held."""
+        try:
+            yield
+        except DeviceError:
+            close_quietly(self)
+            raise
+
+    def _name_of(self, device: Openable) -> str:
+        """The device in words, as the profile names it."""
+        kind, name = "projector", self.profile.projector.output
+        if device is self.camera:
+            kind, name = "camera", self.profile.camera.device_id
+        return f"{kind} {name}" if name else f"the {kind}"
 
     def _note(self, kind: str, detail: str) -> None:
         self.events.append(Event(self.clock.now_s(), kind, detail))

@@ -7,12 +7,24 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 Vector3 = tuple[float, float, float]
 FaceName = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Reflectance = Annotated[float, Field(ge=0.0, lt=1.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+FrameCount = Annotated[int, Field(ge=0)]
+
+
+def _forward(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] >= interval[1]:
+        raise ValueError(f"{interval[0]:g} … {interval[1]:g} s does not end after its beginning; swap the two times")
+    return interval
+
+
+Interval = Annotated[tuple[float, float], AfterValidator(_forward)]
+"""Begin and end on the rig's clock, seconds."""
 
 
 class _Table(BaseModel):
@@ -46,7 +58,25 @@ class BenchCamera(BenchLens):
     compression: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Response y (1 + c) / (1 + c y): 0 is linear."""
     stale_frame_rate: Share = 0.0
+    """Frames that are old, and say so by their time stamps."""
     dropped_frame_rate: Share = 0.0
+    duplicate_frame_rate: Share = 0.0
+    """Frames that are copies of the one before, with a new time stamp and number."""
+    short_frame_rate: Share = 0.0
+    """Frames of which the lower half is missing."""
+    sequence_restart_rate: Share = 0.0
+    """Frames at which the counter begins anew."""
+    time_stamp_jitter_s: NotNegative = 0.0
+    """Largest error of a time stamp, either way."""
+    pipeline_frames: FrameCount = 0
+    """Frame periods by which what a frame shows is older than its time stamp."""
+    exposure_delay_frames: FrameCount = 0
+    """Frames for which a new exposure is not yet in force; they say so."""
+    readout_s: NotNegative = 0.0
+    """Rolling shutter: by how much the last row is exposed later than the first."""
+    unplugged_s: tuple[Interval, ...] = ()
+    frozen_s: tuple[Interval, ...] = ()
+    """No frame comes, unless the camera is opened again."""
 
 
 class BenchProjector(BenchLens):
@@ -62,6 +92,7 @@ class BenchProjector(BenchLens):
     latency_s: Annotated[float, Field(ge=0)] = 0.0
     """From the time stamp of the display to light."""
     jitter_s: Annotated[float, Field(ge=0)] = 0.0
+    unplugged_s: tuple[Interval, ...] = ()
 
 
 class Poster(_Table):

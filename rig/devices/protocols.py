@@ -28,7 +28,7 @@ class RawFrame:
     """One exposure, in digital numbers, exactly as the sensor gave it."""
 
     pixels: NDArray[np.uint16]
-    """(H, W, C) digital numbers, C last even when 1. [dn]"""
+    """(H, W, C) digital numbers, C last even when 1, in memory that no later frame changes. [dn]"""
     exposure_s: float
     """What the device did, not what was asked."""
     started_s: float
@@ -37,6 +37,8 @@ class RawFrame:
     """The driver's counter; always higher than that of the frame before, but for a device that was opened again."""
     lost: int = 0
     """Frames that were lost just before this one, as far as the driver can tell."""
+    repeats: bool = False
+    """It is, byte for byte, the frame that came just before it, whether that one was returned or passed over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,15 @@ class Resettable(Protocol):
 
     def reset(self) -> None:
         """Reset it; it has to be closed, and opened again afterwards. Raises DeviceError."""
+        ...
+
+
+@runtime_checkable
+class Watched(Protocol):
+    """A projector that notices when its picture is not on screen any more."""
+
+    def check_on_screen(self) -> None:
+        """Raise DeviceLost unless what was shown last is still on screen; quick, asked after every frame."""
         ...
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from calibration.patterns import Pattern
-from rig.pair import Rig
+from rig.pair import Event, Rig
 from rig.session import Session, Step
 from rig.terminal import OnStep
 
@@ -46,13 +46,20 @@ def photograph(
 
 
 def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, name: str, exposure_s: float) -> None:
-    """One frame to disk, and what went wrong on the way to the session's log."""
+    """One frame to disk, and what went wrong on the way to the session's log, also when the rig gave up."""
     before = len(rig.events)
-    raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
-    events = enumerate(rig.events[before:])
-    notes = [{"step": step.name, "frame": name, "nth": k, "event": e.kind, "detail": e.detail} for k, e in events]
+    try:
+        raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
+    finally:
+        _note_events(session, step, name, rig.events[before:])
+    step.save_frame(name, raw, pattern=pattern.name, codes=pattern.codes)
+
+
+def _note_events(session: Session, step: Step, name: str, events: Sequence[Event]) -> None:
+    notes = [
+        {"step": step.name, "frame": name, "nth": k, "event": e.kind, "detail": e.detail} for k, e in enumerate(events)
+    ]
     known = [line["note"] for line in session.frame_log() if line["event"] == "note"] if notes else []
     for note in notes:
         if note not in known:  # a run that was killed here has noted it already
             session.note(note)
-    step.save_frame(name, raw, pattern=pattern.name, codes=pattern.codes)

@@ -119,7 +119,7 @@ def test_two_walls_are_told_apart_and_strays_left_out():
     stray = random.random(len(x1)) < 0.05
     x2[stray] += random.uniform(20, 60, (stray.sum(), 2))
     points[stray] *= random.uniform(0.5, 0.9, (stray.sum(), 1))
-    found = segment_planes(points, straight, x2, x1, np.ones(len(x1), dtype=bool))
+    found = segment_planes(points, straight, x2, x1, x1, np.ones(len(x1), dtype=bool))
     assert len(found) == 2
     order = np.argsort(-found[:, 2])
     assert np.allclose(found[order], planes, atol=1e-3)

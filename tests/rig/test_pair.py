@@ -129,6 +129,10 @@ def old_exposure(frame: RawFrame) -> RawFrame:
     return replace(frame, exposure_s=frame.exposure_s * 1.05)
 
 
+def of_another_clock(frame: RawFrame) -> RawFrame:
+    return replace(frame, started_s=frame.started_s + 1e9)
+
+
 def undated(frame: RawFrame) -> RawFrame:
     return replace(frame, started_s=float("nan"))
 
@@ -144,6 +148,7 @@ def test_a_frame_is_asked_for_after_the_latency(profile: Profile) -> None:
     [
         (stale, "stale"),
         (undated, "stale"),
+        (of_another_clock, "ahead"),
         (short, "malformed"),
         (too_bright, "malformed"),
         (of_bytes, "malformed"),
@@ -170,19 +175,35 @@ def test_the_same_frame_twice_is_not_two_measurements(profile: Profile) -> None:
         assert kinds(rig)[0] == "repeated"
 
 
-def test_a_gap_in_the_count_is_noted(profile: Profile) -> None:
-    with make_rig(profile, lambda f: f, lambda f: replace(f, sequence=f.sequence + 4)) as rig:
+def test_the_frame_after_lost_ones_is_asked_for_again(profile: Profile) -> None:
+    """Nobody can tell whether it is a copy of a lost one; a gap alone is a camera that ran on while nobody asked."""
+    with make_rig(profile, lambda f: replace(f, sequence=40), lambda f: replace(f, sequence=44, lost=3)) as rig:
+        rig.camera.sequence = 50  # type: ignore[attr-defined]
         rig.shoot(white(), name="white")
-        rig.shoot(white(), name="white")
-        assert [(e.kind, e.detail) for e in rig.events] == [("lost", "4 frames before frame 6")]
+        assert rig.events == []
+        assert rig.shoot(white(), name="white").sequence == 53
+        assert [(e.kind, e.detail) for e in rig.events] == [("lost", "white: 3 frames before frame 44")]
 
 
-@pytest.mark.parametrize("fault", [very_stale, None])
-def test_it_gives_up_after_the_retries_and_says_how_often(profile: Profile, fault: Fault | None) -> None:
+def test_a_counter_that_begins_anew_costs_one_frame(profile: Profile) -> None:
+    with make_rig(profile, lambda f: replace(f, sequence=900), lambda f: replace(f, sequence=1)) as rig:
+        rig.shoot(white(), name="white")
+        assert rig.shoot(white(), name="white").sequence == 3
+        assert [(e.kind, e.detail) for e in rig.events] == [("repeated", "white: frame 1 came after frame 900")]
+
+
+@pytest.mark.parametrize(("fault", "attempts"), [(very_stale, 8), (None, 4)])
+def test_it_gives_up_after_the_retries_and_a_reopening_and_says_so(
+    profile: Profile, fault: Fault | None, attempts: int
+) -> None:
+    """Every round has four attempts, or ends with the second silence in a row."""
     with make_rig(profile, *[fault] * 9) as rig:
-        with pytest.raises(CaptureTimeout, match=r"no good frame of 'white' in 4 attempts of 2 s \((stale|timeout)\)"):
+        message = rf"no good frame of 'white' in {attempts} attempts of 2 s \((stale|timeout)\).*camera was reopened"
+        with pytest.raises(CaptureTimeout, match=message):
             rig.shoot(white(), name="white")
-        assert len(rig.events) == 4
+        assert len(rig.events) == attempts + 1
+        assert not rig.camera.is_open  # type: ignore[attr-defined]
+        assert rig.projector.history[-1] == "close"  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
