@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from typing import NamedTuple
 
 from rig.devices.bench import Bench
@@ -11,6 +13,7 @@ from rig.devices.protocols import Camera, Clock, Projector
 from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
 from rig.devices.simulated import SimulatedCamera, SimulatedProjector
 from rig.errors import ProfileError
+from rig.profile import Pjlink as PjlinkProfile
 from rig.profile import Profile, load_profile
 
 
@@ -53,11 +56,36 @@ def _real_camera(profile: Profile, clock: Clock) -> Camera:
 
 def _real_projector(profile: Profile, clock: Clock) -> Projector:
     settings = profile.projector
-    if settings.driver == "kms":
-        from rig.devices.kms.projector import KmsProjector as Display
-    else:
-        from rig.devices.window.projector import WindowProjector as Display
-    return Display(settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock)
+    display = _display_kind(settings.driver)(
+        settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock
+    )
+    return display if profile.pjlink is None else _powered(display, profile, profile.pjlink, clock)
+
+
+def _display_kind(driver: str) -> Callable[..., Projector]:
+    if driver == "kms":
+        from rig.devices.kms.projector import KmsProjector
+
+        return KmsProjector
+    from rig.devices.window.projector import WindowProjector
+
+    return WindowProjector
+
+
+def _powered(display: Projector, profile: Profile, settings: PjlinkProfile, clock: Clock) -> Projector:
+    from rig.devices.pjlink import Pjlink
+    from rig.devices.powered_projector import PoweredProjector
+
+    name = settings.password_variable
+    if name is not None and name not in os.environ:
+        raise ProfileError(f"{profile.path}: pjlink.password_variable: the variable {name} is not set; export it")
+    return PoweredProjector(
+        display,
+        Pjlink(settings.host, settings.port, os.environ[name] if name else None),
+        input_code=settings.input,
+        warm_up_timeout_s=settings.warm_up_timeout_s,
+        clock=clock,
+    )
 
 
 def _replayed(profile: Profile, start_s: float) -> Devices:
