@@ -13,7 +13,6 @@ from rig.devices.protocols import Camera, Clock, Projector
 from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
 from rig.devices.simulated import SimulatedCamera, SimulatedProjector
 from rig.errors import ProfileError
-from rig.profile import Pjlink as PjlinkProfile
 from rig.profile import Profile, load_profile
 
 
@@ -59,7 +58,7 @@ def _real_projector(profile: Profile, clock: Clock) -> Projector:
     display = _display_kind(settings.driver)(
         settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock
     )
-    return display if profile.pjlink is None else _powered(display, profile, profile.pjlink, clock)
+    return _with_pjlink(profile, _with_lightcrafter(profile, display, clock), clock)
 
 
 def _display_kind(driver: str) -> Callable[..., Projector]:
@@ -72,18 +71,29 @@ def _display_kind(driver: str) -> Callable[..., Projector]:
     return WindowProjector
 
 
-def _powered(display: Projector, profile: Profile, settings: PjlinkProfile, clock: Clock) -> Projector:
+def _with_lightcrafter(profile: Profile, display: Projector, clock: Clock) -> Projector:
+    if (light := profile.lightcrafter) is None:
+        return display
+    from rig.devices.usb.lightcrafter import open_lightcrafter
+    from rig.devices.usb.lightcrafter_projector import LightCrafterProjector
+
+    return LightCrafterProjector(display, lambda: open_lightcrafter(light.serial, clock), light.led_currents)
+
+
+def _with_pjlink(profile: Profile, display: Projector, clock: Clock) -> Projector:
+    if (control := profile.pjlink) is None:
+        return display
     from rig.devices.pjlink import Pjlink
     from rig.devices.powered_projector import PoweredProjector
 
-    name = settings.password_variable
+    name = control.password_variable
     if name is not None and name not in os.environ:
         raise ProfileError(f"{profile.path}: pjlink.password_variable: the variable {name} is not set; export it")
     return PoweredProjector(
         display,
-        Pjlink(settings.host, settings.port, os.environ[name] if name else None),
-        input_code=settings.input,
-        warm_up_timeout_s=settings.warm_up_timeout_s,
+        Pjlink(control.host, control.port, os.environ[name] if name else None),
+        input_code=control.input,
+        warm_up_timeout_s=control.warm_up_timeout_s,
         clock=clock,
     )
 

@@ -30,7 +30,7 @@ app = App(
     version_flags=["--version"],
     suppress_keyboard_interrupt=False,
 )
-profile_app = App(name="profile", help="Check hardware profiles without opening any device.")
+profile_app = App(name="profile", help="Write and check hardware profiles.")
 app.command(profile_app)
 
 Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
@@ -224,36 +224,69 @@ def check(
 
 
 @app.command
-def devices(*, as_json: Json = False) -> int:
-    """List cameras and display outputs that this machine's kernel shows.
+def devices(
+    name: Annotated[
+        str | None, Parameter(help="Only devices that this names: device id, node, connector, part of the name.")
+    ] = None,
+    *,
+    everything: Annotated[
+        bool, Parameter(name="--all", negative="", help="All formats, controls and modes; a name does so too.")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """List what is plugged in: cameras, display outputs, monitors, controllers, and their lines for a profile.
 
     Example: rig devices --json
     """
-    from rig.report.tables import print_devices
+    from rig.report.devices import print_devices
     from rig.workflows.devices import list_devices
 
-    result = list_devices()
-    _print_json(result) if as_json else print_devices(result)
+    result = list_devices(name)
+    _print_json(result) if as_json else print_devices(result, everything or name is not None)
     return 0
 
 
 @profile_app.command(name="check")
 def profile_check(*files: str, as_json: Json = False) -> int:
-    """Validate profiles: every problem of every file, a line each.
+    """Validate profiles, and files of facts about hardware: every problem of every file, a line each.
 
     Example: rig profile check hw_profiles/*.toml
     """
-    from rig.profile import check_profiles
+    from rig.workflows.profile_files import check_files
 
     if not files:
         raise UsageError("rig profile check needs at least one file, e.g. hw_profiles/sim-room.toml")
-    checked = check_profiles(list(files))
+    checked = check_files(list(files))
     if as_json:
         _print_json({"files": [{"path": c.path, "ok": c.ok, "problems": list(c.problems)} for c in checked]})
     else:
         for one in checked:
             print("\n".join(one.problems) if one.problems else one.summary)
     return 0 if all(one.ok for one in checked) else 2
+
+
+@profile_app.command(name="new")
+def profile_new(
+    path: Annotated[Path, Parameter(help="Profile to write (.toml).")],
+    *,
+    camera: Annotated[str | None, Parameter(help="Device id, if there are several; see rig devices.")] = None,
+    output: Annotated[str | None, Parameter(help="Connector or monitor, if there are several.")] = None,
+    camera_model: Annotated[str | None, Parameter(help="Model in hw_profiles/cameras; default: by USB ids.")] = None,
+    projector_model: Annotated[str | None, Parameter(help="Model in hw_profiles/projectors.")] = None,
+    name: Annotated[str | None, Parameter(help="The profile's name; default: the file's.")] = None,
+    force: Annotated[bool, Parameter(negative="", help="Replace a file that is there.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Write a profile from what is plugged in and what is publicly known of it; says what is left to measure.
+
+    Example: rig profile new lab.toml --projector-model PW800
+    """
+    from rig.report.devices import print_new_profile
+    from rig.workflows.new_profile import Request, write_profile
+
+    result = write_profile(Request(path, camera, output, camera_model, projector_model, name, force))
+    _print_json(result) if as_json else print_new_profile(result)
+    return 0
 
 
 @app.command

@@ -193,7 +193,7 @@ class LightCrafter(_Table):
 
     serial: str | None = None
     led_currents: tuple[Byte, Byte, Byte] | None = None
-    """Red, green, blue, in the controller's steps."""
+    """Red, green, blue, in the controller's steps: 0 is off, larger is brighter, 104, 135, 130 after power-on."""
 
 
 class Profile(_Table):

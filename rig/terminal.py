@@ -63,7 +63,7 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     """A table on stdout; numbers to the right."""
     table = Table(title=escape(title), title_justify="left")
     for k, column in enumerate(columns):
-        table.add_column(escape(column), justify="left" if k == 0 else "right")
+        table.add_column(escape(column), justify="left" if k == 0 else "right", overflow="fold")
     for row in rows:
         table.add_row(*(_text(cell) for cell in row))
     Console().print(table)

@@ -53,14 +53,6 @@ def print_check(result: dict[str, Any]) -> None:
         print(f"suggested: {key} = {value}")
 
 
-def print_devices(result: dict[str, Any]) -> None:
-    """Cameras and outputs."""
-    cameras = [(c["node"], c["name"], c["stable_id"] or "") for c in result["cameras"]]
-    print_table("Cameras (V4L2)", ["node", "name", "stable id"], cameras or [("none", "", "")])
-    outputs = [(o["connector"], o["status"], " ".join(o["modes"][:3])) for o in result["outputs"]]
-    print_table("Display outputs", ["connector", "status", "modes"], outputs or [("none", "", "")])
-
-
 def print_paper(result: dict[str, Any]) -> None:
     """The six configurations, the published figures under each; not narrower than it can be read."""
     from rig.workflows.paper import paper_table

@@ -219,7 +219,8 @@ def test_the_plan_counts_the_frames_that_a_run_takes(capsys: Capture, finished: 
 
 
 def test_json_of_verbs_without_a_session(capsys: Capture) -> None:
-    assert set(printed_json(capsys, "devices", "--json")) == {"cameras", "outputs"}
+    kinds = {"cameras", "outputs", "monitors", "controllers", "problems"}
+    assert set(printed_json(capsys, "devices", "--json")) == kinds
     files = printed_json(capsys, "profile", "check", "hw_profiles/ci-tiny.toml", "--json")["files"]
     assert [(file["ok"], file["problems"]) for file in files] == [(True, [])]
     simulated = printed_json(capsys, "simulate", "corner", "--tolerance", "5", "--json")
