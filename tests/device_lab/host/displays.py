@@ -116,6 +116,25 @@ class XDisplay:
         subprocess.run([program("xrandr"), "--display", self.name, *arguments], check=True, capture_output=True)
 
 
+@dataclass
+class DesktopScreen:
+    """All of a desktop, as a camera's screen."""
+
+    display: XDisplay
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def frame_id(self) -> int:
+        return 1
+
+    def picture(self) -> NDArray[np.uint8]:
+        return self.display.photograph()
+
+
 def read_xwd(dump: bytes) -> NDArray[np.uint8]:
     """(H, W, 3) of a dump of the program xwd, of 24 or 32 bits a pixel, its least significant byte first."""
     header = struct.unpack(">25I", dump[:100])
