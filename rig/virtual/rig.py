@@ -23,6 +23,8 @@ from rig.virtual.uvc_camera import UvcCamera, VideoFormat, video_formats
 
 MODULES = ("vhci-hcd", "uvcvideo")
 """Stock modules of the kernel that the virtual camera needs."""
+_PROMPT_SHARE = 2 / 3
+"""Of the latency that the profile allows for: frames that would come later are lost instead."""
 _OTHER_FORMATS = ("GREY", "YUYV")
 
 
@@ -76,7 +78,10 @@ class VirtualRig:
     _attachment: Attachment | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        self._source = RoomSource(bench_of(self.profile), self.display, SystemClock(), note=self.note)
+        prompt_s = _PROMPT_SHARE * self.profile.projector.latency_s
+        self._source = RoomSource(
+            bench_of(self.profile), self.display, SystemClock(), prompt_s=prompt_s, note=self.note
+        )
 
     @property
     def alive(self) -> bool:
