@@ -1,1 +1,1 @@
-"""Cameras of Linux's video API (V4L2), by its own ioctls."""
+"""Cameras of the Linux kernel's V4L2: found by what they are, asked by ioctl, checked by reading back."""

@@ -1,0 +1,266 @@
+"""A V4L2 camera: found by its id, set up and verified, streaming, its frames told by their own time stamps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from rig.devices.protocols import Clock, RawFrame
+from rig.devices.v4l2 import abi
+from rig.devices.v4l2.controls import EXPOSURE_STEP_S, Setting, mismatch, read_control
+from rig.devices.v4l2.describe import ControlAbility
+from rig.devices.v4l2.find import FoundCamera, find_camera
+from rig.devices.v4l2.formats import layout_of, pixel_format
+from rig.devices.v4l2.frames import Frames, Seen
+from rig.devices.v4l2.node import STALLED, Node
+from rig.devices.v4l2.settling import Settling
+from rig.devices.v4l2.setup import (
+    Wishes,
+    check_exposure_range,
+    check_identity,
+    hold_controls,
+    set_controls,
+    set_format,
+    set_frame_rate,
+)
+from rig.devices.v4l2.stream import Stream, StreamBroken
+from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
+
+_FIRST_FRAMES = 2
+_SETTLING_S = 3.0
+"""Time limit of waiting for frames that show a new exposure, and of the first frames; periods come on top."""
+_SETTLING_PERIODS = 20
+
+
+@dataclass(slots=True)
+class _Opened:
+    """Everything that exists while the camera is open."""
+
+    node: Node
+    stream: Stream
+    frames: Frames
+    period_s: float
+    settings: list[Setting]
+    exposure: ControlAbility | None
+    exposure_s: float
+    undo: ExitStack
+    valid_from_s: float = -math.inf
+    """Frames that began earlier have another exposure."""
+
+
+class V4l2Camera:
+    """A camera of the Linux kernel. Its automatics are off while it is open.
+
+    Parameters
+    ----------
+    device_id
+        As ``rig devices`` prints it: ``usb-VENDOR:PRODUCT-SERIAL`` or a bus path.
+    shape
+        (height, width, channels), in pixels.
+    pixel_format
+        V4L2's four characters.
+    bit_depth
+        Of its numbers; ``2 ** bit_depth - 1`` is saturated.
+    frame_rate_hz
+        Has to be one that it offers.
+    exposure_range_s
+        Shortest and longest exposure; a camera without exposure control has one, its frame period.
+    controls
+        By name, set after everything automatic is off.
+    clock
+        Has to count like CLOCK_MONOTONIC, as time stamps of frames do.
+    """
+
+    def __init__(
+        self,
+        device_id: str,
+        *,
+        shape: tuple[int, int, int],
+        pixel_format: str,
+        bit_depth: int,
+        frame_rate_hz: float,
+        exposure_range_s: tuple[float, float],
+        controls: Mapping[str, int],
+        clock: Clock,
+    ):
+        self.device_id = device_id
+        self._shape = shape
+        self._format_name = pixel_format
+        self._bit_depth = bit_depth
+        self._frame_rate_hz = frame_rate_hz
+        self._exposure_range_s = exposure_range_s
+        self._controls = dict(controls)
+        self._clock = clock
+        self._opened: _Opened | None = None
+        self._found: FoundCamera | None = None
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, channels), in pixels."""
+        return self._shape
+
+    @property
+    def full_scale_dn(self) -> int:
+        """Largest digital number."""
+        return int(2**self._bit_depth - 1)
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure."""
+        return self._exposure_range_s
+
+    def open(self) -> None:
+        """Find the camera under whatever node it has now, set everything and check it, and see first frames come.
+
+        Raises DeviceLost, DeviceBusy, DeviceForbidden, CaptureTimeout (it sends nothing), and SettingRefused, which
+        names what it cannot do and what it can.
+        """
+        if self._opened is not None:
+            return
+        channels = self._shape[2]
+        known_format = pixel_format(self._format_name, channels=channels, bit_depth=self._bit_depth)
+        wishes = Wishes(self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls)
+        self._found = find_camera(self.device_id)
+        self._opened = self._set_up(self._found, wishes)
+        with ExitStack() as undo:
+            undo.callback(self.close)
+            self._see_first_frames(self._opened)
+            hold_controls(self._opened.node, self._opened.settings)
+            undo.pop_all()
+
+    def _set_up(self, found: FoundCamera, wishes: Wishes) -> _Opened:
+        with ExitStack() as undo:
+            node = Node(found.node, self._clock)
+            undo.callback(node.close)
+            check_identity(node, found.bus_path)
+            layout = layout_of(set_format(node, wishes))
+            period_s = set_frame_rate(node, wishes)
+            settings, exposure = set_controls(node, wishes)
+            check_exposure_range(node, exposure, wishes, period_s)
+            exposure_s = period_s if exposure is None else read_control(node, exposure) * EXPOSURE_STEP_S
+            stream = Stream(node, self._clock)
+            undo.callback(stream.stop)
+            frames = Frames(stream, wishes.pixel_format, layout, self._shape[2], period_s, self._clock)
+            stream.start()
+            return _Opened(node, stream, frames, period_s, settings, exposure, exposure_s, undo.pop_all())
+
+    def _see_first_frames(self, opened: _Opened) -> None:
+        for _ in range(_FIRST_FRAMES):
+            self._frame_within(opened, -math.inf, "after it was opened")
+
+    def close(self) -> None:
+        """Stop streaming and let the node go; any number of times, from any state."""
+        opened, self._opened = self._opened, None
+        if opened is not None:
+            opened.undo.close()
+
+    def reset(self) -> None:
+        """Reset it on its USB port; closed it has to be, and opened again afterwards. Raises DeviceError."""
+        self.close()
+        found = self._found or find_camera(self.device_id)
+        if found.vendor_id is None:
+            raise DeviceError(f"{found.device_id} ({found.driver}) is no USB device, so it cannot be reset from here")
+        from rig.devices.usb.reset import reset_usb_device
+
+        reset_usb_device(found.bus_path)
+
+    def set_exposure(self, exposure_s: float) -> float:
+        """Set the nearest exposure, and wait until the frames show it, under the scene that is there.
+
+        A camera without exposure control has its frame period. Raises SettingRefused outside its range, when the
+        camera takes another value, and when the frames do not follow; DeviceLost when closed or gone.
+        """
+        with self._opened_for("setting its exposure") as opened:
+            shortest_s, longest_s = self._exposure_range_s
+            if not shortest_s <= exposure_s <= longest_s:
+                raise SettingRefused(
+                    f"exposure {exposure_s:.6g} s is outside the camera's {shortest_s:g} … {longest_s:g} s"
+                )
+            if opened.exposure is not None:
+                self._set_exposure_control(opened, opened.exposure, round(exposure_s / EXPOSURE_STEP_S))
+            return opened.exposure_s
+
+    def _set_exposure_control(self, opened: _Opened, control: ControlAbility, steps: int) -> None:
+        steps = min(max(steps, control.minimum), control.maximum)
+        steps -= (steps - control.minimum) % max(1, control.step)
+        if steps == round(opened.exposure_s / EXPOSURE_STEP_S) == read_control(opened.node, control):
+            return
+        before = self._frame_within(opened, self._clock.now_s(), "before a new exposure")
+        asked = abi.ControlValue(id=control.id, value=steps)
+        opened.node.call(abi.S_CTRL, asked, f"setting control {control.name} to {steps}", STALLED)
+        got = read_control(opened.node, control)
+        opened.valid_from_s = self._clock.now_s()
+        settling = Settling(before.pixels, steps * EXPOSURE_STEP_S / opened.exposure_s, self.full_scale_dn)
+        opened.exposure_s = got * EXPOSURE_STEP_S
+        if got != steps:
+            raise mismatch(control, steps, got)
+        self._settle(opened, settling)
+
+    def _settle(self, opened: _Opened, settling: Settling) -> None:
+        until_s = self._limit_s(opened)
+        while self._clock.now_s() < until_s:
+            frame = self._frame_within(opened, opened.valid_from_s, "after a new exposure")
+            if settling.add(frame.pixels):
+                opened.valid_from_s = frame.started_s
+                return
+        raise SettingRefused(
+            f"the frames of {self._name} do not follow: {settling.frames} frames after the exposure of "
+            f"{opened.exposure_s:g} s was acknowledged, {settling.state()}; "
+            f"keep the light still, and see that nothing automatic is on"
+        )
+
+    def _frame_within(self, opened: _Opened, after_s: float, when: str) -> RawFrame:
+        seen = Seen()
+        frame = self._next_frame(opened, after_s, self._limit_s(opened), seen)
+        if frame is None:
+            raise CaptureTimeout(f"{self._name}: no frame {when}: {seen}; plug the camera in again")
+        return frame
+
+    def _limit_s(self, opened: _Opened) -> float:
+        longest_s = max(opened.period_s, opened.exposure_s)
+        return self._clock.now_s() + _SETTLING_S + _SETTLING_PERIODS * longest_s
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        """Return the first good frame whose exposure began at or after ``after_s``.
+
+        Frames with the driver's error flag, short and undecodable ones are passed over. Raises CaptureTimeout when
+        none comes within ``timeout_s``, DeviceLost when closed or gone, DeviceError when streaming fails twice.
+        """
+        until_s = self._clock.now_s() + timeout_s
+        with self._opened_for("capturing") as opened:
+            seen = Seen()
+            after_s = max(after_s, opened.valid_from_s)
+            frame = self._next_frame(opened, after_s, until_s, seen)
+            if frame is None:
+                raise CaptureTimeout(
+                    f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
+                    f"{seen}; check the cable, or give timing.timeout_s more time"
+                )
+            return frame
+
+    @property
+    def _name(self) -> str:
+        return f"camera {self.device_id}"
+
+    @contextmanager
+    def _opened_for(self, doing: str) -> Iterator[_Opened]:
+        """The open state; a camera that is lost meanwhile is let go at once, which frees its node's number."""
+        if self._opened is None:
+            raise DeviceLost(f"{self._name} is closed: open it before {doing}")
+        try:
+            yield self._opened
+        except DeviceLost:
+            self.close()
+            raise
+
+    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: Seen) -> RawFrame | None:
+        """The next good frame that began after a time; a stream that breaks is started again, once."""
+        try:
+            return opened.frames.next(after_s, until_s, opened.exposure_s, seen)
+        except StreamBroken:
+            opened.stream.stop()
+            opened.stream.start()
+        hold_controls(opened.node, opened.settings)
+        return opened.frames.next(after_s, until_s, opened.exposure_s, seen)

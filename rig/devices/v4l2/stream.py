@@ -1,0 +1,159 @@
+"""Streaming: buffers of the driver in our memory, filled, looked at, and given back."""
+
+from __future__ import annotations
+
+import errno
+import math
+import mmap
+import select
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.devices.protocols import Clock
+from rig.devices.v4l2 import abi
+from rig.devices.v4l2.formats import Bytes
+from rig.devices.v4l2.node import BUSY, GONE, Node, device_error
+from rig.errors import DeviceError
+
+BUFFERS = 4
+_HALF = 1 << 31
+
+
+class StreamBroken(DeviceError):
+    """The driver gave up this stream, but is still there; a new stream may run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """A buffer that the driver has filled; it has to be given back."""
+
+    index: int
+    bytes_used: int
+    has_error: bool
+    flags: int
+    stamp_s: float
+    number: int
+    """The driver's sequence, made to count on over overflow and restart."""
+    lost: int
+    """Frames that the driver skipped just before although it had an empty buffer."""
+
+
+class Stream:
+    """Capturing with memory-mapped buffers. Give every filled buffer back; stop before closing the node."""
+
+    def __init__(self, node: Node, clock: Clock):
+        self._node = node
+        self._clock = clock
+        self._maps: list[mmap.mmap] = []
+        self._given_s: list[float] = []
+        self._number = 0
+        self._last: tuple[int, float] | None = None
+        self._poll = select.poll()
+        self._has_buffers = False
+
+    def start(self) -> None:
+        """Ask for buffers, give them to the driver, and let the frames come. Raises DeviceError."""
+        wanted = abi.RequestBuffers(count=BUFFERS, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
+        granted = self._node.call(abi.REQBUFS, wanted, "asking for buffers", BUSY)
+        self._has_buffers = True
+        self._last = None
+        for index in range(granted.count):
+            buffer = self._node.call(abi.QUERYBUF, self._buffer(index), "asking where a buffer is")
+            self._maps.append(mmap.mmap(self._node.fd, buffer.length, offset=buffer.m.offset))
+            self._given_s.append(0.0)
+            self.give_back(index)
+        self._poll.register(self._node.fd, select.POLLIN)
+        self._node.call(abi.STREAMON, abi.Integer(abi.VIDEO_CAPTURE), "starting to stream", BUSY)
+
+    def stop(self) -> None:
+        """Stop, and let the buffers go; from any state. Raises DeviceError, but not when the device is gone."""
+        if not self._has_buffers:
+            return
+        self._has_buffers = False
+        with suppress(KeyError):
+            self._poll.unregister(self._node.fd)
+        try:
+            self._node.ioctl(abi.STREAMOFF, abi.Integer(abi.VIDEO_CAPTURE))
+        except OSError as error:
+            if error.errno not in GONE:
+                raise device_error(error, "stopping the stream", self._node.path) from error
+        finally:
+            self._unmap()
+        with suppress(OSError):  # freed with the node at the latest
+            self._node.ioctl(abi.REQBUFS, abi.RequestBuffers(type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP))
+
+    def _unmap(self) -> None:
+        for mapped in self._maps:
+            with suppress(BufferError):  # somebody looks at it still; it goes when they do
+                mapped.close()
+        self._maps.clear()
+        self._given_s.clear()
+
+    def next(self, until_s: float) -> Filled | None:
+        """Wait for a filled buffer; None when none has come by ``until_s``.
+
+        Raises DeviceLost within milliseconds of an unplugging, StreamBroken when only the stream ended.
+        """
+        while True:
+            wait_ms = max(0, math.ceil((until_s - self._clock.now_s()) * 1e3))
+            events = self._poll.poll(wait_ms)
+            buffer = self._dequeue(bool(events) and bool(events[0][1] & (select.POLLERR | select.POLLHUP)))
+            if buffer is not None:
+                return self._filled(buffer)
+            if self._clock.now_s() >= until_s:
+                return None
+
+    def _dequeue(self, alarmed: bool) -> abi.Buffer | None:
+        """Take a buffer if there is one; a poll that reports an error gets its reason from here."""
+        try:
+            return self._node.ioctl(abi.DQBUF, self._buffer())
+        except OSError as error:
+            if error.errno == errno.EAGAIN and not alarmed:
+                return None
+            raise self._failure(error, "waiting for a frame") from error
+
+    def _filled(self, buffer: abi.Buffer) -> Filled:
+        stamp_s = buffer.timestamp.seconds + buffer.timestamp.microseconds * 1e-6
+        lost = self._count(buffer.sequence, self._given_s[buffer.index])
+        self._last = buffer.sequence, stamp_s
+        has_error = bool(buffer.flags & abi.BUFFER_ERROR)
+        return Filled(buffer.index, buffer.bytesused, has_error, buffer.flags, stamp_s, self._number, lost)
+
+    def _count(self, sequence: int, given_s: float) -> int:
+        """Count on, and tell how many frames are missing.
+
+        Nobody lost a frame for which there was no buffer: a gap counts only if the buffer that came after it was
+        with the driver already when the frame before it came.
+        """
+        if self._last is None:
+            self._number += 1
+            return 0
+        last_sequence, last_stamp_s = self._last
+        step = (sequence - last_sequence) & 0xFFFFFFFF
+        if not 0 < step < _HALF:
+            step = 1
+        self._number += step
+        return step - 1 if given_s <= last_stamp_s else 0
+
+    @contextmanager
+    def bytes_of(self, filled: Filled) -> Iterator[Bytes]:
+        """The buffer's bytes, for the length of a ``with`` statement; copy what has to last."""
+        yield np.frombuffer(self._maps[filled.index], np.uint8, filled.bytes_used)
+
+    def give_back(self, index: int) -> None:
+        """Let the driver fill a buffer again. Raises DeviceLost, or StreamBroken when it does not take it."""
+        self._given_s[index] = self._clock.now_s()
+        try:
+            self._node.ioctl(abi.QBUF, self._buffer(index))
+        except OSError as error:
+            raise self._failure(error, "giving a buffer back") from error
+
+    def _failure(self, error: OSError, doing: str) -> DeviceError:
+        failure = device_error(error, doing, self._node.path)
+        return failure if error.errno in GONE else StreamBroken(str(failure))
+
+    def _buffer(self, index: int = 0) -> abi.Buffer:
+        return abi.Buffer(index=index, type=abi.VIDEO_CAPTURE, memory=abi.MEMORY_MMAP)
