@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rig.atomic import write_bytes
 from rig.errors import DeviceLost, SettingRefused, UsageError
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rig.devices.kms.find import FoundOutput
     from rig.devices.v4l2.describe import CameraAbilities
     from rig.devices.v4l2.find import FoundCamera
+
+Device = TypeVar("Device")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +90,7 @@ def _chosen_camera(cameras: Sequence[FoundCamera], wanted: str | None) -> FoundC
     return _only("camera", cameras, wanted, lambda one: (one.device_id, str(one.node), one.name))
 
 
-def _only(what: str, there: Sequence[Any], wanted: str | None, names: Callable[[Any], tuple[str, ...]]) -> Any:
+def _only(what: str, there: Sequence[Device], wanted: str | None, names: Callable[[Device], tuple[str, ...]]) -> Device:
     """The one that is meant: by any of its names, or because it is the only one."""
     meant = [one for one in there if wanted is None or wanted in names(one)]
     if len(meant) == 1:
