@@ -1,5 +1,9 @@
-"""Every back end that the contract suites run over, made small."""
+"""Every back end that the contract suites run over, made small.
 
+PROCAM_DEVICE_LAB_BACK_ENDS, a list with commas, names others instead: those of `lab.py`, on real kernel drivers.
+"""
+
+import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
@@ -15,6 +19,7 @@ from rig.session import Session
 
 LEVELS = {"white": 255, "black": 0, "level-128": 128}
 """Pictures that every back end can show."""
+BACK_ENDS = os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", "simulated,session,photographs").split(",")
 
 
 def flat_codes(rig: Rig, name: str) -> Codes:
@@ -82,9 +87,13 @@ def back_ends(
     }
 
 
-@pytest.fixture(params=["simulated", "session", "photographs"])
-def open_back_end(request: pytest.FixtureRequest, back_ends: dict[str, Profile]) -> Callable[[], Rig]:
-    return partial(open_rig, back_ends[request.param])
+@pytest.fixture(params=BACK_ENDS)
+def open_back_end(request: pytest.FixtureRequest) -> Callable[[], Rig]:
+    if request.param in ("simulated", "session", "photographs"):
+        return partial(open_rig, request.getfixturevalue("back_ends")[request.param])
+    from tests.contract import lab
+
+    return lab.BACK_ENDS[request.param]
 
 
 @pytest.fixture

@@ -69,3 +69,25 @@ class TestCamera:
             rig.camera.open()
         rig.camera.set_exposure(0.04)
         assert rig.camera.capture(after_s=show("white"), timeout_s=5.0).pixels.shape == rig.camera.shape
+
+    def test_a_frame_keeps_its_pixels_when_others_follow(self, rig: Rig, show: Show) -> None:
+        first = rig.camera.capture(after_s=show("white"), timeout_s=5.0)
+        before = first.pixels.copy()
+        for name in ("black", "level-128"):
+            rig.camera.capture(after_s=show(name), timeout_s=5.0)
+        np.testing.assert_array_equal(first.pixels, before)
+
+    def test_opened_again_it_takes_the_same_exposure_and_counts_up(self, rig: Rig, show: Show) -> None:
+        chosen_s = rig.camera.set_exposure(0.04)
+        rig.camera.capture(after_s=show("white"), timeout_s=5.0)
+        rig.camera.close()
+        rig.camera.open()
+        assert rig.camera.set_exposure(chosen_s) == chosen_s
+        settled_s = show("white")
+        frames = [rig.camera.capture(after_s=settled_s, timeout_s=5.0) for _ in range(2)]
+        assert frames[0].exposure_s == frames[1].exposure_s == chosen_s
+        assert frames[0].started_s >= settled_s
+        assert frames[1].sequence > frames[0].sequence
+
+    def test_a_frame_says_how_many_were_lost_before_it(self, rig: Rig, show: Show) -> None:
+        assert rig.camera.capture(after_s=show("white"), timeout_s=5.0).lost >= 0

@@ -54,6 +54,23 @@ class TestPair:
             rig.set_exposure(rig.profile.camera.exposure_s)
             assert rig.shoot(flat(rig, "white"), name="white").pixels.any()
 
+    @pytest.mark.parametrize("device", ["camera", "projector"])
+    def test_a_device_that_was_lost_is_opened_again_and_set_as_it_was(
+        self, open_back_end: Open, flat: Flat, device: str
+    ) -> None:
+        """A recording cannot be unplugged: what it does not have stays away."""
+        with open_back_end() as rig:
+            expected = rig.shoot(flat(rig, "white"), name="white", exposure_s=rig.profile.camera.exposure_s)
+            getattr(rig, device).close()
+            if rig.profile.camera.driver == "replay":
+                with pytest.raises(DeviceLost, match="closed"):
+                    rig.shoot(flat(rig, "white"), name="white")
+                return
+            frame = rig.shoot(flat(rig, "white"), name="white")
+            assert frame.exposure_s == expected.exposure_s
+            assert frame.pixels.mean() == pytest.approx(expected.pixels.mean(), rel=0.02)
+            assert [event.kind for event in rig.events] == ["unplugged", "replugged"]
+
 
 def test_a_stale_frame_is_never_accepted(simulated: Profile, flat: Flat) -> None:
     text = simulated.raw.decode().replace("stale_frame_rate = 0.0", "stale_frame_rate = 0.4")

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.devices.protocols import Codes, Projector
+from rig.devices.protocols import Codes, Projector, Watched
 from rig.errors import DeviceLost, SettingRefused
 from rig.pair import Rig
 
@@ -59,3 +59,12 @@ class TestProjector:
         for _ in range(2):
             rig.projector.open()
         assert rig.projector.show(flat(rig, "white"), name="white").name == "white"
+
+    def test_one_that_notices_that_its_picture_is_gone_says_so_only_then(self, rig: Rig, flat: Flat) -> None:
+        if not isinstance(rig.projector, Watched):
+            return
+        rig.projector.show(flat(rig, "white"), name="white")
+        rig.projector.check_on_screen()
+        rig.projector.close()
+        with pytest.raises(DeviceLost):
+            rig.projector.check_on_screen()

@@ -423,3 +423,18 @@ def test_a_full_disk_leaves_the_journal_as_it_was(
         session.note({"kind": "y"})
     with Session.open(tmp_path / "s") as session:
         assert [e["note"] for e in session.frame_log()] == [{"kind": "y"}]
+
+
+def test_a_session_goes_on_after_the_machine_was_started_again(tmp_path: Path, tiny_profile: Profile) -> None:
+    """The clock of a real rig then begins anew; the order of frames is that of the journal."""
+    with Session.open(tmp_path / "session", tiny_profile) as session:
+        session.step("white").save_frame("before", frame_at(900_000.0))
+    with Session.open(tmp_path / "session", tiny_profile) as session:
+        assert session.last_clock_s > 900_000.0
+        step = session.step("white")
+        assert step.has_frame("before")
+        step.save_frame("after", frame_at(12.0))
+        step.finish()
+        assert session.last_clock_s == pytest.approx(12.0, abs=0.1)
+        assert step.frame_names == ["before", "after"]
+        assert [event["name"] for event in session.frame_log()] == ["before", "after"]

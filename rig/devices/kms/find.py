@@ -77,7 +77,7 @@ def _output(folder: Path, root: Path, card: str, connector: str) -> FoundOutput:
         status_of(folder),
         edid.id if edid else None,
         edid.monitor_name if edid else None,
-        tuple(OutputMode(width, height, None, False) for width, height in listed_sizes(folder)),
+        _listed_modes(folder),
         folder,
     )
 
@@ -94,11 +94,15 @@ def status_of(folder: Path) -> str:
     return _read(folder / "status").decode().strip() or "disconnected"
 
 
-def listed_sizes(folder: Path) -> list[tuple[int, int]]:
-    """(width, height) of a connector's whole-frame modes, in the kernel's order, each once."""
-    names = _read(folder / "modes").decode().split()
-    sizes = (re.fullmatch(r"(\d+)x(\d+)", name) for name in names)
-    return list(dict.fromkeys((int(size[1]), int(size[2])) for size in sizes if size))
+def offers(folder: Path, width_px: int, height_px: int) -> bool:
+    """Whether a connector has a whole-frame mode of this size."""
+    return f"{width_px}x{height_px}" in _read(folder / "modes").decode().split()
+
+
+def _listed_modes(folder: Path) -> tuple[OutputMode, ...]:
+    """Sizes of whole-frame modes, in the kernel's order, each once."""
+    sizes = (re.fullmatch(r"(\d+)x(\d+)", name) for name in _read(folder / "modes").decode().split())
+    return tuple(dict.fromkeys(OutputMode(int(size[1]), int(size[2]), None, False) for size in sizes if size))
 
 
 def _modes_of(card: Path) -> dict[str, tuple[OutputMode, ...]]:
@@ -129,7 +133,7 @@ def choose_output(name: str, outputs: list[FoundOutput]) -> FoundOutput:
 
     Raises DeviceLost when there is none, SettingRefused when several are meant; both list what is there.
     """
-    meant = [each for each in outputs if name in (each.connector, each.full_name, f"edid:{each.edid_id}")]
+    meant = [each for each in outputs if name in _names(each)]
     if len(meant) == 1:
         return meant[0]
     there = "; ".join(map(_described, outputs)) or "none at all: no graphics driver is loaded"
@@ -139,6 +143,13 @@ def choose_output(name: str, outputs: list[FoundOutput]) -> FoundOutput:
     raise SettingRefused(f"{name!r} means {len(meant)} outputs; write for example {one!r}; outputs: {there}")
 
 
+def _names(output: FoundOutput) -> tuple[str, ...]:
+    return (output.connector, output.full_name, *_edid_name(output))
+
+
+def _edid_name(output: FoundOutput) -> tuple[str, ...]:
+    return (f"edid:{output.edid_id}",) if output.edid_id else ()
+
+
 def _described(output: FoundOutput) -> str:
-    edid = f", edid:{output.edid_id}" if output.edid_id else ""
-    return f"{output.full_name} ({output.status}{edid})"
+    return f"{output.full_name} ({', '.join((output.status, *_edid_name(output)))})"

@@ -90,16 +90,24 @@ class KmsProjector:
         SettingRefused
             The codes are no bytes, or of another shape.
         """
-        if self._screen is None:
-            raise DeviceLost(f"the projector on {self._output} is closed: open it before showing a picture")
+        screen = self._opened()
         if codes.dtype != np.uint8 or codes.shape not in (self._shape, (*self._shape, 3)):
             raise SettingRefused(
                 f"the projector shows uint8 codes of shape {self._shape}, not {codes.dtype} of {codes.shape}"
             )
-        flip = self._screen.flip(codes)
+        flip = screen.flip(codes)
         self._flips.append(flip)
         return flip
 
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Show codes, (H, W) or (H, W, 3), and say when the kernel put them on screen; raises as `flip` does."""
         return Shown(self.flip(codes).time_s, name)
+
+    def check_on_screen(self) -> None:
+        """Raise DeviceLost when nobody can see what is shown: it is closed, or cable, mode or link are gone."""
+        self._opened().check()
+
+    def _opened(self) -> Screen:
+        if self._screen is None:
+            raise DeviceLost(f"the projector on {self._output} is closed: open it before showing a picture")
+        return self._screen

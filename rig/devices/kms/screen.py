@@ -10,7 +10,7 @@ import numpy as np
 from rig.devices.kms import abi
 from rig.devices.kms.buffers import Buffer
 from rig.devices.kms.card import Card, Change
-from rig.devices.kms.find import FoundOutput, listed_sizes, status_of
+from rig.devices.kms.find import FoundOutput, offers, status_of
 from rig.devices.kms.flips import Flip
 from rig.devices.kms.settings import (
     choose_mode,
@@ -126,7 +126,7 @@ class Screen:
         """Raise DeviceLost when nobody can see what is shown: cable, mode or link are gone."""
         self._check_plugged()
         height, width = self._shape
-        if (width, height) not in listed_sizes(self.found.folder):
+        if not offers(self.found.folder, width, height):
             raise DeviceLost(
                 f"{self.found.full_name} no longer offers {width} x {height} px; was another display plugged in?"
             )

@@ -124,13 +124,18 @@ class Window:
         }
         for hint, value in hints.items():
             glfw.window_hint(hint, value)
-        window = glfw.create_window(*self._size, "procam-rig projector", monitor, None)
+        window = glfw.create_window(*self._units(monitor), "procam-rig projector", monitor, None)
         if not window:
             raise ScreenProblem("failed", self._display.last_complaint())
         glfw.set_input_mode(window, glfw.CURSOR, glfw.CURSOR_HIDDEN)
         glfw.make_context_current(window)
         glfw.swap_interval(1)
         return window
+
+    def _units(self, monitor: Any) -> tuple[int, ...]:
+        """The window's size as the desktop counts it: a Wayland desktop with large text counts in larger units."""
+        scales = (1, 1) if self._display.knows_places else self._glfw.get_monitor_content_scale(monitor)
+        return tuple(round(pixels / scale) for pixels, scale in zip(self._size, scales, strict=True))
 
     def _make_canvas(self) -> None:
         import moderngl
@@ -155,6 +160,7 @@ class Window:
         self.check()
         self._texture.write(picture)
         self._draw()
+        self._draw()  # a swap may return before its picture was taken over, but not before the one before it was
         self.check()
 
     def black(self) -> None:

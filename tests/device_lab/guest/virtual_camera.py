@@ -1,0 +1,87 @@
+"""Plugging emulated cameras into the machine's kernel, for tests."""
+
+import subprocess
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.devices.clock import SystemClock
+from rig.virtual.faults import Faults
+from rig.virtual.test_source import PatternSource
+from rig.virtual.usbip import Attachment, attach
+from rig.virtual.uvc_camera import UvcCamera, video_formats
+
+CLOCK = SystemClock()
+WIDTH, HEIGHT = 320, 240
+NODES = Path("/sys/class/video4linux")
+
+
+def wait_for(found: Callable[[], object], timeout_s: float = 10.0) -> None:
+    """Poll until something is true."""
+    until_s = CLOCK.now_s() + timeout_s
+    while not found():
+        assert CLOCK.now_s() < until_s, "it did not happen in time"
+        CLOCK.wait_until_s(CLOCK.now_s() + 0.02)
+
+
+def nodes_of(serial: str) -> list[Path]:
+    """Nodes of the camera with a serial number; the first captures, the second has metadata."""
+    found = []
+    for node in NODES.glob("video*"):
+        try:
+            if (node / "device/../serial").read_text().strip() == serial:
+                found.append(Path("/dev") / node.name)
+        except OSError:  # it goes away just now
+            continue
+    return sorted(found, key=lambda node: int(node.name[5:])) if len(found) == 2 else []
+
+
+@dataclass
+class Plugged:
+    camera: UvcCamera
+    attachment: Attachment
+    node: Path
+    faults: Faults
+    serial: str
+
+    def unplug(self) -> None:
+        self.attachment.unplug()
+        wait_for(lambda: not nodes_of(self.serial))
+
+
+def plug_in(*, serial: str = "LAB1", fourccs=("GREY",), sizes=((WIDTH, HEIGHT),), rates=(30,), **options) -> Plugged:
+    faults = Faults()
+    formats = video_formats(fourccs, sizes, rates)
+    options.setdefault("source", PatternSource())
+    camera = UvcCamera(formats=formats, faults=faults, serial=serial, **options)
+    attachment = attach(camera)
+    try:
+        wait_for(lambda: nodes_of(serial))
+    except BaseException:
+        attachment.unplug()
+        raise
+    return Plugged(camera, attachment, nodes_of(serial)[0], faults, serial)
+
+
+def run(*command: object) -> str:
+    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=30, check=False)
+    assert done.returncode == 0, done.stderr + done.stdout
+    return done.stdout + done.stderr
+
+
+def load_drivers() -> None:
+    run("modprobe", "-a", "vhci-hcd", "uvcvideo")
+
+
+@contextmanager
+def plugging() -> Iterator[Callable[..., Plugged]]:
+    """Gives a function that plugs cameras in, and pulls all of them out at the end."""
+    with ExitStack() as undo:
+
+        def plug(**options) -> Plugged:
+            plugged = plug_in(**options)
+            undo.callback(plugged.attachment.unplug)
+            return plugged
+
+        yield plug
