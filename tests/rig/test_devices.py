@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from rig.devices.kms.master import master_is_free
 from rig.errors import DeviceError, DeviceForbidden, UsageError
 from rig.profile import CameraProfile, ProjectorProfile
 from rig.report.devices import print_devices
@@ -107,6 +108,12 @@ def test_a_card_that_a_desktop_drives_is_told() -> None:
     )
     assert (free["master_free"], free["warnings"]) == (True, [])
     assert 'driver = "window"' in held["warnings"][0]
+
+
+def test_what_is_no_graphics_card_is_neither_free_nor_held(tmp_path: Path) -> None:
+    assert master_is_free(tmp_path / "card9") is None
+    (tmp_path / "card0").touch()
+    assert master_is_free(tmp_path / "card0") is None
 
 
 def test_an_output_without_a_projector_has_no_lines_to_paste() -> None:
