@@ -451,6 +451,13 @@ def test_shifts_are_found_to_a_hundredth_of_a_pixel(shift: tuple[float, float]) 
     assert np.array_equal(scene, kept)
 
 
+def test_a_shift_in_a_large_image_is_found_too() -> None:
+    random = np.random.default_rng(2)
+    scene = cv2.GaussianBlur(random.normal(0, 1, (700, 900)), (0, 0), 4.0) * 8000
+    moved = cv2.warpAffine(scene, np.array([[1, 0, 0.37], [0, 1, -1.2]]), (900, 700), flags=cv2.INTER_CUBIC)
+    assert shift_px(moved, scene) == pytest.approx((0.37, -1.2), abs=0.02)
+
+
 def test_room_light_is_measured() -> None:
     checked = Checked(("ambient = 0.0004", "ambient = 0.15"), only=["darkness"])
     assert not checked.row("room light")["passed"]

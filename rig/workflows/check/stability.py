@@ -17,6 +17,8 @@ _BLOCKS = 40
 _SEED = 7
 _REFERENCE_FRAMES = 3
 _ROUNDS = 3
+_LARGE_PX = 500_000
+"""Larger images are halved first: seconds saved, and still thousandths of a pixel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +51,9 @@ def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
     Phase correlation finds it to a fraction of a pixel; the image is then put back, and what is left of the shift
     follows from the gradient, which noise disturbs least.
     """
+    if image.size > _LARGE_PX:
+        half_x, half_y = shift_px(_halved(image), _halved(reference))
+        return 2 * half_x, 2 * half_y
     size = (image.shape[1], image.shape[0])
     window = np.asarray(cv2.createHanningWindow(size, cv2.CV_64F), dtype=np.float64)
     # copies: OpenCV 5 multiplies what it is given by the window
@@ -60,6 +65,10 @@ def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
         moved = cv2.warpAffine(image, back, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
         found = found + _small_shift(np.asarray(moved), reference, window)
     return float(found[0]), float(found[1])
+
+
+def _halved(image: FloatArray) -> FloatArray:
+    return np.asarray(cv2.pyrDown(image), dtype=np.float64)
 
 
 def _small_shift(image: FloatArray, reference: FloatArray, window: FloatArray) -> FloatArray:
