@@ -17,7 +17,7 @@ from rig.pair import Rig
 from rig.profile import load_profile
 from rig.virtual.test_source import PatternSource, encode_picture
 from rig.virtual.uvc_camera import FrameRequest
-from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging
+from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
 
 pytestmark = pytest.mark.timeout(90)
 LAMP_SHAPE = (12, 16)
