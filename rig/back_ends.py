@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Callable
 from typing import NamedTuple
 
 from rig.devices.bench import Bench
@@ -53,14 +55,20 @@ def _real_camera(profile: Profile, clock: Clock) -> Camera:
 
 def _real_projector(profile: Profile, clock: Clock) -> Projector:
     settings = profile.projector
-    if settings.driver == "kms":
-        from rig.devices.kms.projector import KmsProjector as Display
-    else:
-        from rig.devices.window.projector import WindowProjector as Display
-    display = Display(
+    display = _display_kind(settings.driver)(
         settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock
     )
-    return _with_lightcrafter(profile, display, clock)
+    return _with_pjlink(profile, _with_lightcrafter(profile, display, clock), clock)
+
+
+def _display_kind(driver: str) -> Callable[..., Projector]:
+    if driver == "kms":
+        from rig.devices.kms.projector import KmsProjector
+
+        return KmsProjector
+    from rig.devices.window.projector import WindowProjector
+
+    return WindowProjector
 
 
 def _with_lightcrafter(profile: Profile, display: Projector, clock: Clock) -> Projector:
@@ -70,6 +78,24 @@ def _with_lightcrafter(profile: Profile, display: Projector, clock: Clock) -> Pr
     from rig.devices.usb.lightcrafter_projector import LightCrafterProjector
 
     return LightCrafterProjector(display, lambda: open_lightcrafter(light.serial, clock), light.led_currents)
+
+
+def _with_pjlink(profile: Profile, display: Projector, clock: Clock) -> Projector:
+    if (control := profile.pjlink) is None:
+        return display
+    from rig.devices.pjlink import Pjlink
+    from rig.devices.powered_projector import PoweredProjector
+
+    name = control.password_variable
+    if name is not None and name not in os.environ:
+        raise ProfileError(f"{profile.path}: pjlink.password_variable: the variable {name} is not set; export it")
+    return PoweredProjector(
+        display,
+        Pjlink(control.host, control.port, os.environ[name] if name else None),
+        input_code=control.input,
+        warm_up_timeout_s=control.warm_up_timeout_s,
+        clock=clock,
+    )
 
 
 def _replayed(profile: Profile, start_s: float) -> Devices:

@@ -246,6 +246,34 @@ def devices(
     return 0
 
 
+@app.command
+def virtual(
+    *,
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile with a [bench]: the room.")] = (
+        "virtual-rig"
+    ),
+    display: Annotated[
+        str | None, Parameter(help="Display output to look at, e.g. HDMI-A-1; default: the profile's.")
+    ] = None,
+    picture: Annotated[Path | None, Parameter(help="Still picture to look at instead of a display.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Plug a simulated USB camera into this machine, for any program; it sees a display in a simulated room.
+
+    Needs root, and Linux with the modules vhci-hcd and uvcvideo. Ends with "quit" or Ctrl-C.
+
+    Example: sudo rig virtual --picture photograph.png
+    """
+    from rig.workflows.virtual import run_virtual
+
+    def ready(found: dict[str, Any]) -> None:
+        text = "{node} is a virtual camera, {device_id}; it sees {display}. Type help or quit.".format(**found)
+        print(json.dumps(found) if as_json else text, flush=True)
+
+    run_virtual(profile, display, picture, ready, lambda text: print(text, file=sys.stderr, flush=True))
+    return 0
+
+
 @profile_app.command(name="check")
 def profile_check(*files: str, as_json: Json = False) -> int:
     """Validate profiles, and files of facts about hardware: every problem of every file, a line each.

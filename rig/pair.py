@@ -20,7 +20,7 @@ import numpy as np
 from rig.association import Association, Wanted
 from rig.back_ends import make_devices
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, Watched
-from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
+from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
 from rig.profile import Profile, load_profile
 from rig.recovery import Openable, Recovery, close_quietly
 
@@ -42,7 +42,8 @@ class Event:
     """On the rig's clock."""
     kind: str
     """stale, ahead, repeated, lost, malformed, exposure or timeout: it asked again;
-    reopened, reset: it did so to a camera that gave no good frame; unplugged, replugged: it waited for a device."""
+    failed: streaming did; reopened, reset: it did so to a camera that gave no good frame;
+    unplugged, replugged: it waited for a device."""
     detail: str
 
 
@@ -218,6 +219,7 @@ class Rig:
                 remedy()
 
     def _first_good_frame(self, name: str, settled_s: float) -> RawFrame | None:
+        """None when the camera needs more than to be asked again."""
         timing = self.profile.timing
         wanted = Wanted(settled_s, self._exposure_s)
         silent = 0
@@ -231,6 +233,11 @@ class Rig:
                 if silent == _SILENCE:
                     return None
                 continue
+            except (SettingRefused, DeviceBusy, DeviceForbidden):
+                raise
+            except DeviceError as error:
+                self._note("failed", f"{name}: {error}")
+                return None
             silent = 0
             rejection = self._association.rejection(frame, wanted, self.clock.now_s())
             if rejection is None:

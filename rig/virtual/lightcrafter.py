@@ -10,6 +10,9 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from rig.devices.protocols import Clock
+from rig.errors import DeviceLost
+
 MESSAGE_LIMIT = 512
 REPORT = 64
 VERSION = (4 << 24 | 0 << 16 | 0).to_bytes(4, "little")
@@ -278,3 +281,38 @@ class LightCrafterEmulation:
             return False
         at.running = data[0]
         return True
+
+
+class InProcessTransport:
+    """Exchanges reports with an emulated controller without USB; a :class:`rig.devices.usb.hid.HidTransport`.
+
+    Set ``unplugged`` to pull the cable.
+    """
+
+    def __init__(self, device: LightCrafterEmulation, clock: Clock):
+        self.device = device
+        self.clock = clock
+        self.unplugged = False
+        self.closed = 0
+        """How often it was closed."""
+
+    def write_report(self, report: bytes) -> None:
+        """Give the controller a report. Raises DeviceLost when unplugged."""
+        self._check_plugged()
+        self.device.receive(report)
+
+    def read_report(self, timeout_s: float) -> bytes | None:
+        """Return the next report, or None after the time. Raises DeviceLost when unplugged."""
+        self._check_plugged()
+        report = self.device.next_report()
+        if report is None:
+            self.clock.wait_until_s(self.clock.now_s() + timeout_s)
+        return report
+
+    def close(self) -> None:
+        """Count it."""
+        self.closed += 1
+
+    def _check_plugged(self) -> None:
+        if self.unplugged:
+            raise DeviceLost("the emulated LightCrafter is unplugged; plug it in again")

@@ -1,13 +1,30 @@
 """A camera that photographs a display output by reading back what is shown on it."""
 
+from typing import Protocol
+
 import numpy as np
 
 from rig.devices.clock import SystemClock
-from rig.devices.kms.readback import Readback
 from rig.devices.protocols import RawFrame
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 
 BLACK_DN, DN_PER_CODE, NOISE_DN = 200, 10, 2
+
+
+class Screen(Protocol):
+    """What is shown on an output; `rig.devices.kms.readback.Readback` is one."""
+
+    def open(self) -> None: ...
+
+    def close(self) -> None: ...
+
+    def frame_id(self) -> int:
+        """0 when nothing is shown."""
+        ...
+
+    def picture(self) -> np.ndarray:
+        """(H, W, 3) uint8."""
+        ...
 
 
 class ReadbackCamera:
@@ -16,11 +33,11 @@ class ReadbackCamera:
     full_scale_dn = 4095
     exposure_range_s = (1e-4, 2.0)
 
-    def __init__(self, output: str, *, projector_shape: tuple[int, int], clock: SystemClock):
+    def __init__(self, screen: Screen, *, projector_shape: tuple[int, int], clock: SystemClock):
         height, width = projector_shape
         self.shape = (height // 2, width // 2, 1)
         self._clock = clock
-        self._readback = Readback(output)
+        self._readback = screen
         self._random = np.random.default_rng(7)
         self._exposure_s = 0.02
         self._sequence = 0

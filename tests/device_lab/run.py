@@ -37,6 +37,7 @@ PROGRAMS = {
     "Xorg": "xserver-xorg-core xserver-xorg-video-dummy",
     "xrandr": "x11-xserver-utils",
     "xwd": "x11-apps",
+    "xwininfo": "x11-utils",
     "weston": "weston",
 }
 """What the lab calls, and Debian's package of it."""
@@ -62,7 +63,12 @@ SUITES = (
     Suite("vivid", (f"{LAB}/guest/test_vivid.py",)),
     Suite("uvc", (f"{LAB}/guest/test_uvc.py",)),
     Suite("usb", (f"{LAB}/guest/test_usb.py",)),
-    Suite("windows", (f"{LAB}/host",), machine=None),
+    Suite(
+        "windows",
+        (f"{LAB}/host", "tests/contract/test_projector.py tests/contract/test_pair.py"),
+        before="export PROCAM_DEVICE_LAB_BACK_ENDS=window",
+        machine=None,
+    ),
 )
 
 

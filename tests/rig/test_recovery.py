@@ -96,6 +96,7 @@ class FakeCamera(FakeDevice):
     sequence: int = 0
     cured_after: int = 0
     frozen: bool = False
+    failure: DeviceError | None = None
 
     def open(self) -> None:
         if not self.is_open:
@@ -110,6 +111,8 @@ class FakeCamera(FakeDevice):
     def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
         self.check()
         if self.calls.count("open") < self.cured_after and not self.frozen:
+            if self.failure is not None:
+                raise self.failure
             self.clock.wait_until_s(self.clock.now_s() + timeout_s)
             raise CaptureTimeout(f"no frame within {timeout_s:g} s")
         self.sequence += 1
@@ -331,6 +334,16 @@ class TestSilent:
         assert "the camera was reopened" in said
         assert ("the camera was reset" in said) == (kind is ResettableCamera)
         assert bench.clock.now_s() <= 10.0 + limit_s
+        assert bench.is_dark_and_closed
+
+    def test_one_whose_stream_fails_is_opened_again_at_once(self, bench: Bench) -> None:
+        camera = bench.use(FakeCamera(bench.clock, cured_after=2, failure=DeviceError("STREAMON: I/O error")))
+        bench.start()
+        assert bench.shoot().exposure_s == 0.02
+        assert bench.kinds == ["failed", "reopened"]
+        camera.cured_after = 99
+        with pytest.raises(CaptureTimeout, match="STREAMON: I/O error"):
+            bench.shoot()
         assert bench.is_dark_and_closed
 
     def test_a_frozen_camera_is_opened_again(self, bench: Bench) -> None:

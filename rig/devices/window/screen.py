@@ -13,6 +13,7 @@ when the rig hangs up or dies.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import json
 import mmap
 import os
@@ -25,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 EVENT_PERIOD_MS = 20
+AWAKE_PERIOD_S = 10.0
 SETTLE_S = 3.0
 """How long a window manager may take to give the window the whole monitor."""
 _PACKET_BYTES = 1 << 16
@@ -73,6 +75,11 @@ class Display:
         """Whether windows know where they are; Wayland does not tell."""
         return bool(self.glfw.get_platform() != self.glfw.PLATFORM_WAYLAND)
 
+    def stay_awake(self) -> None:
+        """Put off the X server's screen saver and power saving. A full-screen window on Wayland does it by itself."""
+        if self.knows_places:
+            ctypes.CDLL("libX11.so.6").XResetScreenSaver(ctypes.c_void_p(self.glfw.get_x11_display()))
+
     def monitors(self) -> list[dict[str, object]]:
         """Every monitor's name, place and present mode, in the server's order."""
         return [self._monitor(index, monitor) for index, monitor in enumerate(self.glfw.get_monitors())]
@@ -99,6 +106,7 @@ class Window:
         if index >= len(monitors):
             raise ScreenProblem("lost", "it was switched off")
         mode = self._glfw.get_video_mode(monitors[index])
+        self._awake_until_s = 0.0
         self._size = tuple(mode.size)
         self._place = tuple(self._glfw.get_monitor_pos(monitors[index]))
         self._window = self._create(monitors[index], mode)
@@ -171,6 +179,9 @@ class Window:
     def check(self) -> None:
         """Answer the window's events. Raises ScreenProblem when it does not fill its monitor any more."""
         self._glfw.poll_events()
+        if time.monotonic() >= self._awake_until_s:
+            self._display.stay_awake()
+            self._awake_until_s = time.monotonic() + AWAKE_PERIOD_S
         trouble = self._trouble()
         if trouble is not None:
             raise trouble

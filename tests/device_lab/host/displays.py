@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 START_LIMIT_S = 30.0
 ATTEMPTS = 5
+CLIENT_MESSAGE = 33
 COLUMN_PX = 1024
 """Room for each output of the Wayland compositor."""
 PACKAGES = {
@@ -25,6 +26,7 @@ PACKAGES = {
     "Xorg": "xserver-xorg-core xserver-xorg-video-dummy",
     "weston": "weston",
     "xrandr": "x11-xserver-utils",
+    "xset": "x11-xserver-utils",
     "xwd": "x11-apps",
     "xwininfo": "x11-utils",
 }
@@ -112,8 +114,43 @@ class XDisplay:
         area = self.monitors[monitor]
         return self.photograph()[area.y_px :, area.x_px :][: area.height_px, : area.width_px]
 
+    def saver_timeout_s(self) -> int:
+        """After how many seconds the screen saver starts; 0: never."""
+        command = [program("xset"), "-display", self.name, "q"]
+        told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        return int(told.split("timeout:")[1].split()[0])
+
+    def ask_to_close(self, title: str) -> None:
+        """What a window manager sends when somebody clicks on a window's cross."""
+        window = _window_id(self, title)
+        with _x11(self) as (library, connection):
+            protocols, delete = (
+                library.XInternAtom(connection, name, 0) for name in (b"WM_PROTOCOLS", b"WM_DELETE_WINDOW")
+            )
+            event = (ctypes.c_long * 24)(CLIENT_MESSAGE, 0, 0, 0, window, protocols, 32, delete)
+            library.XSendEvent(connection, ctypes.c_ulong(window), 0, ctypes.c_long(0), event)
+
     def xrandr(self, *arguments: str) -> None:
         subprocess.run([program("xrandr"), "--display", self.name, *arguments], check=True, capture_output=True)
+
+
+@dataclass
+class DesktopScreen:
+    """All of a desktop, as a camera's screen."""
+
+    display: XDisplay
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def frame_id(self) -> int:
+        return 1
+
+    def picture(self) -> NDArray[np.uint8]:
+        return self.display.photograph()
 
 
 def read_xwd(dump: bytes) -> NDArray[np.uint8]:

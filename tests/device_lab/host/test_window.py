@@ -11,6 +11,7 @@ import pytest
 
 from rig.devices.clock import SystemClock
 from rig.devices.protocols import Codes
+from rig.devices.window import link
 from rig.devices.window.find import find_monitors
 from rig.devices.window.projector import WindowProjector
 from rig.errors import DeviceError, DeviceLost, SettingRefused
@@ -60,6 +61,14 @@ def make(output: str, shape: tuple[int, int], refresh_rate_hz: float = 60.0) -> 
 def point_to(display: XDisplay | WaylandDisplay, monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in display.environment.items():
         monkeypatch.setenv(name, value)
+
+
+def show_until_it_notices(projector: WindowProjector) -> None:
+    """Show pictures for a while; what was sent to the window arrives some time."""
+    clock = SystemClock()
+    until_s = clock.now_s() + LIMIT_S
+    while clock.now_s() < until_s:
+        projector.show(np.zeros(projector.shape, np.uint8), name="black")
 
 
 def noise(shape: tuple[int, ...]) -> Codes:
@@ -121,6 +130,13 @@ class TestPictures:
             projector.close()
             assert not desktop.photograph().any()
 
+    def test_the_screen_saver_waits(self, desktop: XDisplay) -> None:
+        before_s = desktop.saver_timeout_s()
+        assert before_s > 0
+        for _ in opened(CHOSEN, desktop.monitors[CHOSEN].shape):
+            assert desktop.saver_timeout_s() == 0
+        assert desktop.saver_timeout_s() == before_s
+
 
 class TestRefusals:
     def test_another_size_is_refused(self, desktop: XDisplay) -> None:
@@ -172,6 +188,27 @@ class TestLoss:
         desktop.xrandr("--output", CHOSEN, "--pos", "800x100")
         with pytest.raises(DeviceLost, match="moved"):
             projector.show(noise(projector.shape), name="noise")
+
+    def test_a_window_that_somebody_closes_is_lost_and_comes_back(
+        self, desktop: XDisplay, projector: WindowProjector
+    ) -> None:
+        desktop.ask_to_close("procam-rig projector")
+        with pytest.raises(DeviceLost, match=r"'DUMMY1'.*closed by somebody"):
+            show_until_it_notices(projector)
+        assert not desktop.photograph().any()
+        projector.open()
+        projector.show(np.full(projector.shape, 255, np.uint8), name="white")
+        assert desktop.photograph_of(CHOSEN).all()
+
+    def test_a_display_server_that_hangs_is_waited_for_within_a_limit(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(link, "SHOW_LIMIT_S", 0.5)
+        with virtual_display(320, 240) as display:
+            point_to(display, monkeypatch)
+            for projector in opened("screen", (240, 320)):
+                display.server.send_signal(signal.SIGSTOP)
+                with pytest.raises(DeviceLost, match=r"did not present a picture within 0\.5 s"):
+                    projector.show(noise(projector.shape), name="noise")
+                display.server.send_signal(signal.SIGCONT)
 
     def test_a_display_server_that_dies_leaves_the_rig_alive(self, monkeypatch: pytest.MonkeyPatch) -> None:
         with virtual_display(320, 240) as display:
