@@ -203,18 +203,25 @@ def report(session: SessionFolder, *, as_json: Json = False) -> int:
 def check(
     *,
     profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
+    only: Annotated[str, Parameter(help="Parts to measure, separated by commas; default: all.")] = "",
+    report: Annotated[Path | None, Parameter(help="HTML file to write, with charts.")] = None,
     as_json: Json = False,
 ) -> int:
-    """Open a rig and measure what every rig must keep: latency, darkness, linearity, noise, additivity.
+    """Open a rig and measure what every rig must keep; prints values for its profile.
 
-    Example: rig check -p sim-room
+    Parts: latency, exposure, pipeline, flicker, linearity, noise, saturation, pixels, darkness, additivity, checker,
+    ramp, stability.
+
+    Example: rig check -p sim-room --only latency,noise --report check.html
     """
-    from rig.report.tables import print_check
+    from rig.report.check import print_check, write_check_page
     from rig.terminal import TerminalProgress
     from rig.workflows.check import run_check
 
     with TerminalProgress() as progress:
-        result = run_check(profile, progress)
+        result = run_check(profile, progress, _names(only) if only else ())
+    if report is not None:
+        result["report"] = str(write_check_page(result, report))
     print_json(result) if as_json else print_check(result)
     return 0 if result["within_limits"] else 1
 

@@ -46,7 +46,7 @@ def response_figure(camera: Response, projector: Response) -> str:
         ends = [response.levels[0], response.levels[-1]]
         axes.plot(ends, [response.linear[0], response.linear[-1]], color=_SOFT, lw=0.8, ls=":")
         axes.set_title(f"{title}: rms of the fit {100 * response.rms:.2f} % of full scale", fontsize=10, loc="left")
-        _style(axes, unit, "linear light")
+        style(axes, unit, "linear light")
     figure.subplots_adjust(wspace=0.25)
     return svg(figure)
 
@@ -60,7 +60,7 @@ def timing_figure(seconds: Mapping[str, float]) -> str:
     bars = axes.barh(names, values, color=_CAMERA, height=0.62)
     axes.bar_label(bars, labels=[f"{v:.1f} s" for v in values], padding=4, fontsize=9, color=_SOFT)
     axes.set_xlim(0, max(values, default=1.0) * 1.12 + 1e-9)
-    _style(axes, "wall-clock seconds", "")
+    style(axes, "wall-clock seconds", "")
     return svg(figure)
 
 
@@ -90,7 +90,7 @@ def _draw_plan(axes: Axes, twin: RoomTwin) -> None:
         )
     axes.set_aspect("equal")
     axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=2)
-    _style(axes, "x, m", "y, m")
+    style(axes, "x, m", "y, m")
 
 
 def _edge_ray(device: Optic, x_px: float) -> Any:
@@ -135,7 +135,8 @@ def _draw_view(axes: Any, twin: RoomTwin) -> None:
     bar.set_label("reflectance", color=_SOFT)
 
 
-def _style(axes: Axes, x_label: str, y_label: str) -> None:
+def style(axes: Axes, x_label: str, y_label: str) -> None:
+    """Labels and quiet axes, the same in all charts."""
     axes.set_xlabel(x_label, fontsize=9, color=_SOFT)
     axes.set_ylabel(y_label, fontsize=9, color=_SOFT)
     axes.tick_params(labelsize=8, colors=_SOFT)

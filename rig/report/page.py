@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment
 
 from rig.errors import SessionError
 from rig.report import figures, pictures
+from rig.report.render import rendered
 from rig.report.timing import seconds_by_step
 from rig.session import Session
 from rig.terminal import OnStep
@@ -48,9 +47,7 @@ def write_report(session: Session, metrics: Mapping[str, Any], on_step: OnStep) 
         "timing_figure": figures.timing_figure(seconds_by_step(session)),
         "error_scale": figures.error_scale(),
     }
-    template = files("rig.report").joinpath("template.html").read_text(encoding="utf-8")
-    page = Environment(autoescape=True).from_string(template).render(context)
-    path = session.write_report(page)
+    path = session.write_report(rendered("template.html", context))
     on_step("write report", 3, 3)
     return path
 

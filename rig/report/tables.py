@@ -45,14 +45,6 @@ def print_part(verb: str, result: dict[str, Any]) -> None:
     print_table(f"rig {verb}: done", ["what", "value"], rows)
 
 
-def print_check(result: dict[str, Any]) -> None:
-    """Value, limit, verdict."""
-    rows = [(r["what"], r["value"], r["limit"], "ok" if r["passed"] else "OUTSIDE") for r in result["checks"]]
-    print_table(f"{result['profile']}: self-test", ["check", "value", "limit", ""], rows)
-    for key, value in result["suggested"].items():
-        print(f"suggested: {key} = {value}")
-
-
 def print_paper(result: dict[str, Any]) -> None:
     """The six configurations, the published figures under each; not narrower than it can be read."""
     from rig.workflows.paper import paper_table

@@ -9,14 +9,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import pytest
 
 from rig.cli import run_command
-from rig.errors import CalibrationFailed
-from rig.pair import Rig, open_rig
-from rig.profile import Profile
-from rig.workflows.check import run_check
 
 if TYPE_CHECKING:
     from tests.rig.conftest import Finished
@@ -240,55 +235,6 @@ def test_check_passes_on_a_good_rig_and_prints_json(capsys: Capture) -> None:
     assert result["within_limits"]
     assert all(row["passed"] for row in result["checks"])
     assert result["suggested"]["projector.latency_s"] >= result["latency_s"]["max"]
-
-
-def test_check_finds_the_latency_that_the_bench_has(tiny_profile: Profile, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each trial's light is known to the bench; the check sees only frames."""
-    truth: list[float] = []
-
-    def watched(profile: Profile) -> Rig:
-        rig = open_rig(profile)
-        show = rig.projector.show
-
-        def remember(codes: np.ndarray, *, name: str) -> Any:
-            shown = show(codes, name=name)
-            if name.startswith("latency-"):
-                truth.append(rig.projector._pictures[-1].light_s - shown.on_screen_s)
-            return shown
-
-        rig.projector.show = remember
-        return rig
-
-    monkeypatch.setattr("rig.workflows.check.open_rig", watched)
-    latency = run_check("ci-tiny", lambda *_: None)["latency_s"]
-    assert tiny_profile.bench is not None
-    projector = tiny_profile.bench.projector
-    assert len(truth) >= 10
-    assert latency["mean"] == pytest.approx(np.mean(truth), abs=5e-4)
-    assert latency["max"] == pytest.approx(np.max(truth), abs=5e-4)
-    assert projector.latency_s < latency["mean"] < projector.latency_s + projector.jitter_s
-
-
-def test_check_turns_red_when_the_profile_promises_a_faster_display(
-    capsys: Capture, tmp_path: Path, tiny_profile: Profile
-) -> None:
-    path = tmp_path / "slow.toml"
-    path.write_text(tiny_profile.raw.decode().replace("latency_s = 0.046\n", "latency_s = 0.15\n"))
-    assert run_command(["check", "-p", str(path), "--json"]) == 1
-    result = json.loads(capsys.readouterr().out)
-    assert result["latency_s"]["mean"] == pytest.approx(0.154, abs=0.004)
-    assert [row["what"] for row in result["checks"] if not row["passed"]] == ["latency of the display, s"]
-    assert run_command(["check", "-p", str(path)]) == 1
-    out = capsys.readouterr().out
-    assert "OUTSIDE" in out
-    assert "suggested: projector.latency_s = 0.16" in out
-
-
-def test_check_without_light_says_so(tmp_path: Path, tiny_profile: Profile) -> None:
-    path = tmp_path / "dark.toml"
-    path.write_text(tiny_profile.raw.decode().replace("flux = 10.0", "flux = 1e-6"))
-    with pytest.raises(CalibrationFailed, match="no light of the projector reaches the camera"):
-        run_check(str(path), lambda *_: None)
 
 
 def test_ctrl_c_at_the_very_end_comes_too_late() -> None:

@@ -40,6 +40,8 @@ class _Scene:
     black: FloatArray
     lit: BoolArray
     """Well inside of what is lit."""
+    noise: float
+    """Variance of a single photograph of white."""
 
 
 def check_checker(subject: Subject, linear: Linear) -> Measured:
@@ -84,7 +86,9 @@ def _light(subject: Subject, linear: Linear, picture: int | Codes, name: str) ->
 def _scene(subject: Subject, linear: Linear) -> _Scene:
     inside = cv2.erode(subject.lit.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     lit = np.asarray(inside if inside.sum() > 0.2 * subject.lit.sum() else subject.lit)
-    return _Scene(_light(subject, linear, 255, "white"), _light(subject, linear, 0, "black"), lit)
+    white = _light(subject, linear, 255, "white")
+    noise = float((white - _light(subject, linear, 255, "white"))[lit].var()) * _REPEATS / 2
+    return _Scene(white, _light(subject, linear, 0, "black"), lit, noise)
 
 
 def _pair(subject: Subject, linear: Linear, size_px: int) -> tuple[FloatArray, FloatArray]:
@@ -105,9 +109,12 @@ def _patches(image: FloatArray, lit: BoolArray) -> FloatArray:
 
 
 def _contrast(pair: tuple[FloatArray, FloatArray], scene: _Scene) -> float:
-    """Root mean square of the difference against that of full contrast."""
+    """Root mean square of the difference against that of full contrast, without the noise's part."""
     full = scene.white - scene.black
-    return float(np.sqrt(np.mean(((pair[0] - pair[1])[scene.lit]) ** 2) / np.mean(full[scene.lit] ** 2)))
+    # two photographs of half the light, each the mean of some
+    noise = 2 * (scene.noise / 2) / _REPEATS
+    squared = float(np.mean((pair[0] - pair[1])[scene.lit] ** 2)) - noise
+    return float(np.sqrt(max(squared, 0.0) / np.mean(full[scene.lit] ** 2)))
 
 
 def _edges(subject: Subject, linear: Linear, scene: _Scene) -> dict[str, float]:

@@ -29,6 +29,8 @@ TRIALS = 40
 _FRAMES_WAITED = 200
 _CHANGED = 0.02
 """Share of a change by which a frame shows it; noise of a frame's mean is far below."""
+_NO_GAP = 0.998
+"""Of the camera's period: nothing falls between two frames, and the frame rate stays."""
 _FRACTIONS = (0.2, 0.4, 0.6, 0.8)
 _GOLDEN = 0.618
 """Waits before a change, in periods, that fill the phases evenly."""
@@ -70,7 +72,6 @@ class _Trial:
 
     on_screen_s: float
     sights: tuple[_Sight, ...]
-    brightens: bool
 
     def delay(self) -> tuple[float, float]:
         """Delay of the change as if it were a step, and how much of that no frame has seen. [s].
@@ -91,7 +92,7 @@ class _Trial:
 def check_latency(subject: Subject) -> Measured:
     """Distribution of the display's delay, and the camera's readout as far as it shows."""
     period_s = 1 / subject.rig.profile.camera.frame_rate_hz
-    exposure_s = subject.rig.set_exposure(max(subject.exposure_s, min(period_s, subject.exposure_range_s[1])))
+    exposure_s = subject.rig.set_exposure(float(np.clip(_NO_GAP * period_s, *subject.exposure_range_s)))
     levels = _levels(subject, exposure_s)
     trials = [_run_trial(subject, levels, number) for number in range(TRIALS)]
     line_s = _line_delay_s(trials, levels)
@@ -104,10 +105,9 @@ def check_latency(subject: Subject) -> Measured:
         "code": levels.code,
         "exposure_s": exposure_s,
         "trials": TRIALS,
-        "used": int(chosen.sum()),
+        "used": [int(number) for number in np.flatnonzero(chosen)],
         "unseen_s": float(found[chosen, 1].max()),
         "readout_s": line_s * levels.masks[0].shape[0],
-        "brightening": [bool(trial.brightens) for trial, used in zip(trials, chosen, strict=True) if used],
     }
     return _judge(subject, delays_s, numbers)
 
@@ -142,7 +142,7 @@ def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
 
 def _run_trial(subject: Subject, levels: _Levels, number: int) -> _Trial:
     """Change the picture once, and take frames until one is the new picture's alone."""
-    rig, timeout_s = subject.rig, subject.rig.profile.timing.timeout_s
+    rig = subject.rig
     brightens = number % 2 == 0
     period_s = 1 / rig.profile.camera.frame_rate_hz
     rig.clock.wait_until_s(rig.clock.now_s() + period_s * ((number * _GOLDEN) % 1))
@@ -151,16 +151,14 @@ def _run_trial(subject: Subject, levels: _Levels, number: int) -> _Trial:
     seen: set[int] = set()
     after_s = shown.on_screen_s
     for _ in range(_FRAMES_WAITED):
-        frame = rig.camera.capture(after_s=after_s, timeout_s=timeout_s)
-        subject.frames_taken += 1
-        mark = fingerprint(frame)
-        if mark in seen or frame.started_s < after_s:
+        frame = subject.take(after_s)
+        if frame is None or frame.started_s < after_s or (mark := fingerprint(frame)) in seen:
             continue
         seen.add(mark)
         after_s = frame.started_s + frame.exposure_s / 2
         sights.append(_sight(subject.pixels(frame), frame, levels, brightens))
         if sights[-1].share > 1 - _CHANGED:
-            return _Trial(shown.on_screen_s, tuple(sights), brightens)
+            return _Trial(shown.on_screen_s, tuple(sights))
     raise CaptureTimeout(
         f"a new picture was not seen in {_FRAMES_WAITED} frames after it was shown; does the camera see the projector?"
     )

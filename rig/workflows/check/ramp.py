@@ -26,7 +26,7 @@ def check_ramp(subject: Subject) -> Measured:
     fallen = _fallen(light, noise)
     middle, upper = _steps(light, _MIDDLE, noise), _steps(light, _UPPER, noise)
     dark = _dark_end_sigmas(subject)
-    bright = (light[255] - light[236]) / (np.sqrt(2) * noise)
+    bright = float((light[255] - light[236]) / (np.sqrt(2) * noise))
     limits = subject.limits
     limited = "limited range: set the output or the projector to full RGB (0 to 255)"
     bits = "the path has fewer than eight bits, or a picture mode lifts them: 8 bpc, dynamic contrast off"

@@ -133,7 +133,7 @@ def _measure(name: str, on_step: OnStep, part: Callable[[], Measured]) -> Measur
 def _rejections(subject: Subject) -> Measured:
     """Frames that the rig has refused while it was checked."""
     rejected = subject.rejected()
-    percent = 100 * sum(rejected.values()) / max(subject.frames_taken, 1)
+    percent = 100 * sum(rejected.values()) / subject.frames_given
     row = Row(
         "frames refused: stale, repeated, malformed",
         percent,
@@ -141,7 +141,7 @@ def _rejections(subject: Subject) -> Measured:
         subject.limits.rejected_percent,
         advice="too few buffers or too slow a bus: a smaller format, another port; the events name each frame",
     )
-    return Measured((row,), {}, {"taken": subject.frames_taken, **rejected})
+    return Measured((row,), {}, {"given": subject.frames_given, **rejected})
 
 
 def _result(profile: Profile, subject: Subject, measured: Mapping[str, Measured], device_s: float) -> dict[str, Any]:

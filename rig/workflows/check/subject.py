@@ -39,7 +39,10 @@ class Subject:
     """What the profile says, before it is checked."""
     references: list[tuple[float, float]] = field(default_factory=list)
     """(seconds, light of white above black) through the check."""
-    frames_taken: int = 0
+    taken: int = 0
+    """Frames that measurements were given, and broken ones."""
+    broken: int = 0
+    """Frames of the wrong size, beside those that the rig has refused."""
 
     @property
     def refresh_rate_hz(self) -> float:
@@ -64,7 +67,7 @@ class Subject:
     def shoot(self, picture: int | Codes, name: str = "", exposure_s: float | None = None) -> RawFrame:
         """Frame of a picture, or of one code everywhere, at the working exposure unless told."""
         codes = self.codes_of(picture) if isinstance(picture, int) else picture
-        self.frames_taken += 1
+        self.taken += 1
         return self.rig.shoot(codes, name=name or f"level-{picture:03d}", exposure_s=exposure_s or self.exposure_s)
 
     def photograph(self, picture: int | Codes, name: str = "", exposure_s: float | None = None) -> FloatArray:
@@ -78,24 +81,32 @@ class Subject:
     def series(self, picture: int | Codes, count: int, name: str, exposure_s: float | None = None) -> list[RawFrame]:
         """``count`` frames one after the other while a picture stays; what the camera gives, copies included."""
         frames = [self.shoot(picture, name, exposure_s)]
-        for _ in range(count + _SPARE_FRAMES):
+        for _ in range(2 * count + _SPARE_FRAMES):
             if len(frames) == count:
                 break
-            try:
-                frame = self.rig.camera.capture(
-                    after_s=frames[-1].started_s + frames[-1].exposure_s / 2,
-                    timeout_s=self.rig.profile.timing.timeout_s,
-                )
-            except CaptureTimeout:
-                continue
-            if frame.started_s >= frames[0].started_s:
+            frame = self.take(frames[-1].started_s + frames[-1].exposure_s / 2)
+            if frame is not None and frame.started_s > frames[-1].started_s:
                 frames.append(frame)
-        self.frames_taken += len(frames) - 1
         if len(frames) < count:
             raise CaptureTimeout(
                 f"only {len(frames)} of {count} frames came one after the other; look at cable and bus load"
             )
         return frames
+
+    def take(self, after_s: float) -> RawFrame | None:
+        """Next frame of the camera, whether or not it belongs to the picture; None when it is broken or does not come.
+
+        The rig's own policy would refuse old frames; here they are what is to be seen.
+        """
+        self.taken += 1
+        try:
+            frame = self.rig.camera.capture(after_s=after_s, timeout_s=self.rig.profile.timing.timeout_s)
+        except CaptureTimeout:
+            return None
+        if frame.pixels.shape == self.rig.camera.shape:
+            return frame
+        self.broken += 1
+        return None
 
     @cached_property
     def white(self) -> FloatArray:
@@ -133,10 +144,16 @@ class Subject:
         light = float(self.pixels(frame)[self.lit].mean()) - float(self.black[self.lit].mean())
         self.references.append((frame.started_s, light))
 
+    @property
+    def frames_given(self) -> int:
+        """All that the camera has delivered, good or not."""
+        return max(self.taken + sum(self.rejected().values()) - self.broken, 1)
+
     def rejected(self) -> Mapping[str, int]:
         """Frames that the rig has not accepted, by reason."""
         kinds = [event.kind for event in self.rig.events]
-        return {kind: kinds.count(kind) for kind in _ODD_REJECTIONS}
+        counts = {kind: kinds.count(kind) for kind in _ODD_REJECTIONS}
+        return {**counts, "malformed": counts["malformed"] + self.broken}
 
 
 def fingerprint(frame: RawFrame) -> int:

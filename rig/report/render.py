@@ -1,0 +1,19 @@
+"""Templates to pages that need no other file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from typing import Any
+
+from jinja2 import Environment, FunctionLoader
+
+
+def rendered(template: str, context: Mapping[str, Any]) -> str:
+    """A page of the folder's templates; what it includes comes from there, too."""
+    environment = Environment(autoescape=True, loader=FunctionLoader(_text_of))
+    return environment.get_template(template).render(context)
+
+
+def _text_of(name: str) -> str:
+    return files("rig.report").joinpath(name).read_text(encoding="utf-8")

@@ -1,0 +1,603 @@
+"""Every number of `rig check` against the bench's truth, and every fault that it promises to find, planted."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from rig.back_ends import make_devices
+from rig.cli import run_command
+from rig.devices.protocols import Codes, RawFrame, Shown
+from rig.errors import CalibrationFailed, UsageError
+from rig.pair import Rig
+from rig.profile import Profile
+from rig.terminal import silent
+from rig.workflows.check import PARTS, run_check
+from rig.workflows.check.exposure import mismatch, patient
+from rig.workflows.check.flicker import aliased_hz, named, spectrum_of
+from rig.workflows.check.run import check_rig
+from rig.workflows.check.stability import shift_px
+
+ROOT = Path(__file__).parents[2]
+TINY = (ROOT / "hw_profiles" / "ci-tiny.toml").read_text(encoding="utf-8")
+QUICK = (("cell_size_m = 0.2", "cell_size_m = 0.6"),)
+"""Coarse interreflection: a new picture costs milliseconds; nothing that is measured here depends on it."""
+REFRESH_S = 1 / 60
+Change = tuple[str, str]
+Capture = pytest.CaptureFixture[str]
+
+
+class Through:
+    """A device that passes everything on, but for what a test changes."""
+
+    def __init__(self, inner: Any):
+        self._inner = inner
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+
+class ChangedCamera(Through):
+    """Frames are changed on their way."""
+
+    def __init__(self, inner: Any, change: Callable[[RawFrame], RawFrame]):
+        super().__init__(inner)
+        self._change = change
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        return self._change(self._inner.capture(after_s=after_s, timeout_s=timeout_s))
+
+
+class ChangedProjector(Through):
+    """Codes are changed on their way; remembers when light really came."""
+
+    def __init__(self, inner: Any, change: Callable[[Codes], Codes]):
+        super().__init__(inner)
+        self._change = change
+        self.delays_s: list[float] = []
+
+    def show(self, codes: Codes, *, name: str) -> Shown:
+        shown = self._inner.show(np.ascontiguousarray(self._change(codes)), name=name)
+        if name.startswith("latency-"):
+            self.delays_s.append(self._inner.lit_pictures()[-1].light_s - shown.on_screen_s)
+        return shown
+
+
+def profile_of(*changes: Change) -> Profile:
+    text = TINY
+    for old, new in (*QUICK, *changes):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    return Profile.parse(text.encode(), ROOT / "hw_profiles" / "changed.toml")
+
+
+class Checked:
+    """One check of a changed bench."""
+
+    def __init__(
+        self,
+        *changes: Change,
+        only: Sequence[str] = (),
+        pixels: Callable[[RawFrame], RawFrame] = lambda frame: frame,
+        codes: Callable[[Codes], Codes] = lambda codes: codes,
+    ):
+        profile = profile_of(*changes)
+        camera, projector, clock = make_devices(profile)
+        self.projector = ChangedProjector(projector, codes)
+        with Rig(patient(profile), ChangedCamera(camera, pixels), self.projector, clock) as rig:
+            rig.set_exposure(profile.camera.exposure_s)
+            self.result = check_rig(rig, profile, silent, [part for part in PARTS if part in only] or PARTS)
+        json.dumps(self.result, allow_nan=False)
+
+    def numbers(self, part: str) -> dict[str, Any]:
+        numbers: dict[str, Any] = self.result["numbers"][part]
+        return numbers
+
+    def row(self, beginning: str) -> dict[str, Any]:
+        rows = [row for row in self.result["checks"] if row["what"].startswith(beginning)]
+        assert len(rows) == 1, (beginning, [row["what"] for row in self.result["checks"]])
+        return dict(rows[0])
+
+    @property
+    def failed(self) -> set[str]:
+        return {row["part"] for row in self.result["checks"] if not row["passed"]}
+
+
+# A good rig
+
+
+@pytest.fixture(scope="module")
+def good() -> Checked:
+    return Checked()
+
+
+def test_a_good_rig_passes_every_row(good: Checked) -> None:
+    assert good.failed == set()
+    assert good.result["within_limits"]
+    assert {row["part"] for row in good.result["checks"]} == {*PARTS, "frames"}
+
+
+def test_the_whole_check_takes_less_than_ninety_seconds_of_a_camera_of_30_hz(good: Checked) -> None:
+    assert 10 < good.result["device_s"] < 90
+
+
+def test_every_row_with_a_limit_says_what_to_do_when_it_fails(good: Checked) -> None:
+    assert [row["what"] for row in good.result["checks"] if row["limit"] is not None and not row["advice"]] == []
+
+
+def test_latency_is_that_of_the_bench(good: Checked) -> None:
+    truth, latency = good.projector.delays_s, good.numbers("latency")
+    assert len(truth) == latency["trials"] == 40
+    used = [truth[trial] for trial in latency["used"]]
+    for name, value in (("min", min(truth)), ("median", np.median(truth)), ("max", max(truth))):
+        assert latency[name] == pytest.approx(value, abs=REFRESH_S / 20), name
+    assert np.abs(np.array(latency["values_s"]) - used).max() < REFRESH_S / 10
+    assert latency["sd"] == pytest.approx(np.std(truth, ddof=1), rel=0.1)
+
+
+def test_the_sensor_is_that_of_the_bench(good: Checked) -> None:
+    noise = good.numbers("noise")
+    assert noise["gain_e_per_dn"] == pytest.approx(32000 / (4095 - 64), rel=0.03)
+    assert noise["read_noise_e"] == pytest.approx(6.0, rel=0.05)
+    assert noise["full_well_e"] == pytest.approx(32000, rel=0.05)
+    assert abs(noise["gain_e_per_dn"] - 32000 / (4095 - 64)) < 3 * noise["gain_95_percent"]
+    assert abs(noise["read_noise_e"] - 6.0) < 2 * noise["read_noise_95_percent_e"]
+
+
+def test_the_suggested_values_are_those_of_the_bench_and_make_a_valid_profile(good: Checked) -> None:
+    suggested = good.result["suggested"]
+    assert max(good.projector.delays_s) < suggested["projector.latency_s"] < max(good.projector.delays_s) + REFRESH_S
+    assert suggested["camera.full_well_e"] == pytest.approx(32000, rel=0.05)
+    refreshes = suggested["camera.exposure_s"] * 60
+    assert refreshes == pytest.approx(round(refreshes), abs=0.01)
+    text = TINY.replace("latency_s = 0.06 ", f"latency_s = {suggested['projector.latency_s']} ")
+    assert Profile.parse(text.encode(), ROOT / "hw_profiles" / "pasted.toml").projector.latency_s < 0.06
+
+
+def test_dark_level_clip_level_and_noise_are_those_of_the_bench(good: Checked) -> None:
+    assert good.numbers("linearity")["dark_level_dn"] == pytest.approx(64, abs=0.1)
+    assert good.numbers("saturation") == {"clip_dn": 4095, "step_dn": 1}
+    assert good.numbers("pixels")["hot"] == 0
+    assert good.numbers("pixels")["dead"] == 0
+
+
+def test_a_still_picture_stands_still(good: Checked) -> None:
+    assert good.row("vibration")["value"] < 0.005
+    assert good.row("shift of the picture")["value"] < 0.005
+    assert good.row("drift of white")["value"] < 0.02
+    assert good.row("flicker of white from frame to frame")["value"] < 0.02
+
+
+# Latency
+
+
+@pytest.mark.parametrize("promised_s", [0.0, 0.4])
+def test_the_profiles_own_latency_does_not_matter(promised_s: float) -> None:
+    checked = Checked(("latency_s = 0.06 ", f"latency_s = {promised_s} "), only=["latency"])
+    assert checked.numbers("latency")["max"] == pytest.approx(max(checked.projector.delays_s), abs=1e-3)
+    assert checked.failed == ({"latency"} if promised_s == 0 else set())
+
+
+@pytest.mark.parametrize("frame_rate_hz", [8.0, 25.0, 59.0, 60.0, 144.0])
+def test_latency_with_a_camera_slower_or_faster_than_the_display(frame_rate_hz: float) -> None:
+    checked = Checked(("frame_rate_hz = 30.0", f"frame_rate_hz = {frame_rate_hz}"), only=["latency"])
+    latency, truth = checked.numbers("latency"), checked.projector.delays_s
+    for name, value in (("min", min(truth)), ("median", np.median(truth)), ("max", max(truth))):
+        assert latency[name] == pytest.approx(value, abs=REFRESH_S / 4), name
+
+
+@pytest.mark.parametrize("latency_s", [0.001, 0.2])
+def test_a_very_short_and_a_very_long_latency(latency_s: float) -> None:
+    checked = Checked(("latency_s = 0.046\n", f"latency_s = {latency_s}\n"), only=["latency"])
+    latency, truth = checked.numbers("latency"), checked.projector.delays_s
+    assert latency["median"] == pytest.approx(np.median(truth), abs=REFRESH_S / 4)
+    assert latency["max"] == pytest.approx(max(truth), abs=REFRESH_S / 4)
+
+
+def test_a_strongly_curved_camera_measures_the_same_latency() -> None:
+    checked = Checked(("compression = 0.08", "compression = 1.0"), only=["latency"])
+    latency = checked.numbers("latency")
+    found, truth = np.array(latency["values_s"]), np.array(checked.projector.delays_s)[latency["used"]]
+    assert len(found) > 30
+    assert np.abs(found - truth).max() < REFRESH_S / 8
+
+
+def test_a_rolling_shutter_is_found_and_taken_out_of_the_latency() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "stale_frame_rate = 0.0\nreadout_s = 0.02"), only=["latency"])
+    latency, truth = checked.numbers("latency"), checked.projector.delays_s
+    assert latency["readout_s"] == pytest.approx(0.02, rel=0.1)
+    assert latency["median"] == pytest.approx(np.median(truth), abs=REFRESH_S / 4)
+    assert latency["max"] == pytest.approx(max(truth), abs=REFRESH_S / 4)
+
+
+def test_jitter_of_time_stamps_widens_the_distribution_but_does_not_move_it() -> None:
+    checked = Checked(
+        ("stale_frame_rate = 0.02", "stale_frame_rate = 0.0\ntime_stamp_jitter_s = 0.004"), only=["latency"]
+    )
+    latency, truth = checked.numbers("latency"), checked.projector.delays_s
+    assert latency["median"] == pytest.approx(np.median(truth), abs=REFRESH_S / 8)
+    assert latency["sd"] > 1.05 * np.std(truth, ddof=1)
+
+
+def test_a_display_that_jitters_by_two_refreshes_fails() -> None:
+    checked = Checked(("jitter_s = 0.008", "jitter_s = 0.034"), only=["latency"])
+    truth = checked.projector.delays_s
+    jitter = checked.row("jitter")
+    assert jitter["value"] == pytest.approx((max(truth) - min(truth)) / REFRESH_S, abs=0.2)
+    assert not jitter["passed"]
+
+
+# Faults of the camera
+
+
+def test_stale_frames_are_counted() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "stale_frame_rate = 0.15"), only=["exposure", "linearity", "noise"])
+    refused = checked.row("frames refused")
+    assert refused["value"] == pytest.approx(15, abs=7)
+    assert checked.failed == {"frames"}
+
+
+def test_copies_with_a_new_number_and_time_are_found() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "duplicate_frame_rate = 0.15"), only=["pipeline"])
+    assert checked.row("frames that are copies")["value"] == pytest.approx(15, abs=10)
+    assert "pipeline" in checked.failed
+
+
+def test_lost_frames_are_counted() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "dropped_frame_rate = 0.2"), only=["pipeline"])
+    assert not checked.row("frames lost")["passed"]
+
+
+def test_half_frames_do_not_stop_the_check() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "short_frame_rate = 0.1"), only=["latency", "pipeline", "stability"])
+    assert checked.result["numbers"]["frames"]["malformed"] > 5
+    assert checked.numbers("latency")["max"] == pytest.approx(max(checked.projector.delays_s), abs=1e-3)
+    assert checked.failed == {"frames"}
+
+
+def test_the_depth_of_the_pipeline_is_that_of_the_bench() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "exposure_delay_frames = 3"), only=["pipeline"])
+    assert checked.numbers("pipeline")["depth_frames"] == [3, 3, 3, 3]
+    assert checked.row("frames that claim")["value"] == 0
+
+
+def test_frames_that_claim_an_exposure_that_they_do_not_have_are_found() -> None:
+    class Lying(Through):
+        wanted_s = 0.0
+
+        def set_exposure(self, exposure_s: float) -> float:
+            self.wanted_s = self._inner.set_exposure(exposure_s)
+            return self.wanted_s
+
+        def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+            frame: RawFrame = self._inner.capture(after_s=after_s, timeout_s=timeout_s)
+            return replace(frame, exposure_s=self.wanted_s)
+
+    profile = profile_of(("stale_frame_rate = 0.02", "exposure_delay_frames = 2"))
+    camera, projector, clock = make_devices(profile)
+    with Rig(patient(profile), Lying(camera), projector, clock) as rig:
+        result = check_rig(rig, profile, silent, ["pipeline"])
+    rows = {row["what"]: row for row in result["checks"]}
+    assert rows["frames that claim the new exposure and show the old"]["value"] == 8
+    assert not result["within_limits"]
+
+
+def test_a_strong_curve_is_found_and_does_not_spoil_the_photon_transfer() -> None:
+    checked = Checked(("compression = 0.08", "compression = 0.5"), only=["linearity", "noise"])
+    numbers, noise = checked.numbers("linearity"), checked.numbers("noise")
+    assert checked.failed == {"linearity"}
+    y = numbers["exposures_s"] / np.max(numbers["exposures_s"]) * linear_share(max(numbers["signals_dn"]) / 4031, 0.5)
+    expected = 4031 * y * 1.5 / (1 + 0.5 * y)
+    assert numbers["signals_dn"] == pytest.approx(expected, rel=0.01)
+    line = np.polyval(np.polyfit(y, expected, 1), y)
+    assert checked.row("nonlinearity")["value"] == pytest.approx(
+        100 * np.abs(expected - line).max() / max(expected), rel=0.05
+    )
+    assert noise["gain_e_per_dn"] == pytest.approx(32000 / 4031, rel=0.03)
+    assert noise["read_noise_e"] == pytest.approx(6.0, rel=0.05)
+    assert noise["full_well_e"] == pytest.approx(32000, rel=0.05)
+
+
+def linear_share(share: float, compression: float) -> float:
+    return share / (1 + compression - compression * share)
+
+
+@pytest.mark.parametrize(
+    ("bit_depth", "full_well_e", "read_noise_e", "black_dn"),
+    [(12, 9000, 15.0, 64), (8, 9000, 30.0, 6), (10, 15000, 12, 40)],
+)
+def test_photon_transfer_of_other_sensors(
+    bit_depth: int, full_well_e: float, read_noise_e: float, black_dn: float
+) -> None:
+    checked = Checked(
+        ("channels = 1\nbit_depth = 12", f"channels = 1\nbit_depth = {bit_depth}"),
+        ("full_well_e = 32000.0", f"full_well_e = {full_well_e}"),
+        ("read_noise_e = 6.0", f"read_noise_e = {read_noise_e}"),
+        ("black_level_dn = 64.0", f"black_level_dn = {black_dn}"),
+        only=["noise"],
+    )
+    noise = checked.numbers("noise")
+    assert noise["gain_e_per_dn"] == pytest.approx(full_well_e / (2**bit_depth - 1 - black_dn), rel=0.03)
+    assert noise["read_noise_e"] == pytest.approx(read_noise_e, rel=0.05)
+    assert noise["full_well_e"] == pytest.approx(full_well_e, rel=0.05)
+
+
+def test_a_dark_level_of_zero_is_named_and_no_read_noise_is_suggested() -> None:
+    checked = Checked(("black_level_dn = 64.0", "black_level_dn = 0.0"), only=["noise"])
+    row = checked.row("dark pixels at 0")
+    assert not row["passed"]
+    assert "raise the camera's black level" in row["advice"]
+    assert "camera.read_noise_e" not in checked.result["suggested"]
+    assert checked.numbers("noise")["gain_e_per_dn"] == pytest.approx(32000 / 4095, rel=0.03)
+
+
+def test_a_camera_that_clips_below_full_scale_and_skips_numbers_is_found() -> None:
+    def limit(frame: RawFrame) -> RawFrame:
+        return replace(frame, pixels=np.minimum(frame.pixels // 4 * 4, 3760).astype(np.uint16))
+
+    checked = Checked(only=["saturation"], pixels=limit)
+    assert checked.numbers("saturation") == {"clip_dn": 3760, "step_dn": 4}
+    assert [row["passed"] for row in checked.result["checks"][:2]] == [False, False]
+    assert "16 to 235" in checked.row("level at which")["advice"]
+
+
+def test_hot_and_dead_pixels_are_counted_and_placed() -> None:
+    random = np.random.default_rng(3)
+    hot = {(int(y), int(x)) for y, x in zip(random.integers(5, 235, 120), random.integers(5, 315, 120), strict=True)}
+    dead = {(50 + 20 * k, 40 + 20 * j) for k in range(3) for j in range(3)}
+
+    def plant(frame: RawFrame) -> RawFrame:
+        pixels = frame.pixels.copy()
+        for y, x in hot:
+            pixels[y, x] = np.minimum(pixels[y, x] + 200, 4095)
+        for y, x in dead:
+            pixels[y, x] = 64
+        return replace(frame, pixels=pixels)
+
+    checked = Checked(only=["pixels"], pixels=plant)
+    numbers = checked.numbers("pixels")
+    assert {tuple(place) for place in numbers["dead_yx"]} == dead
+    assert numbers["hot"] == len(hot - dead)
+    assert {tuple(place) for place in numbers["hot_yx"]} <= hot
+    assert not checked.row("hot pixels")["passed"]
+
+
+# Room and mounting
+
+
+def test_room_light_that_flickers_is_found_and_named() -> None:
+    changes = (("ambient = 0.0004", "ambient = 0.08\nambient_flicker_hz = 100.0\nambient_flicker = 0.5"),)
+    checked = Checked(*changes, only=["exposure", "flicker"])
+    numbers = checked.numbers("flicker")
+    assert "flicker" in checked.failed
+    assert checked.row("strongest ripple")["value"] == pytest.approx(10, abs=0.3)
+    assert "100 Hz room light" in numbers["source"]
+    assert numbers["where"] == "room"
+    assert "darkness" not in checked.failed
+    chosen_s = checked.result["suggested"]["camera.exposure_s"]
+    assert chosen_s * 60 == pytest.approx(round(chosen_s * 60), abs=0.01)
+    assert chosen_s * 100 == pytest.approx(round(chosen_s * 100), abs=0.03)
+
+
+def test_the_flicker_of_white_is_as_large_as_that_of_the_bench() -> None:
+    swelling = {"rate": 0.03}
+
+    def flicker(frame: RawFrame) -> RawFrame:
+        factor = 1 + swelling["rate"] * np.sin(2 * np.pi * 3.3 * frame.started_s)
+        return replace(frame, pixels=np.rint(64 + (frame.pixels - 64.0).clip(0) * factor).astype(np.uint16))
+
+    checked = Checked(only=["flicker"], pixels=flicker)
+    assert checked.row("flicker of white from frame to frame")["value"] == pytest.approx(3 / np.sqrt(2), rel=0.05)
+    assert checked.row("strongest ripple")["value"] == pytest.approx(3.3, abs=0.3)
+    assert "unknown" in checked.numbers("flicker")["source"]
+
+
+def test_bands_of_a_rolling_shutter_are_found() -> None:
+    def bands(frame: RawFrame) -> RawFrame:
+        rows = np.arange(frame.pixels.shape[0])[:, None, None]
+        factor = 1 + 0.02 * np.sin(2 * np.pi * (rows / 60 + 7.1 * frame.started_s))
+        return replace(frame, pixels=np.rint(64 + (frame.pixels - 64.0).clip(0) * factor).astype(np.uint16))
+
+    checked = Checked(only=["flicker"], pixels=bands)
+    assert checked.row("flicker of white from row to row")["value"] == pytest.approx(2 / np.sqrt(2), rel=0.15)
+    assert "flicker" in checked.failed
+
+
+def test_drift_of_the_lamp_is_measured() -> None:
+    def fade(frame: RawFrame) -> RawFrame:
+        factor = 1 - 0.06 * frame.started_s / 60
+        return replace(frame, pixels=np.rint(64 + (frame.pixels - 64.0).clip(0) * factor).astype(np.uint16))
+
+    checked = Checked(only=["exposure", "linearity", "pixels", "checker", "stability"], pixels=fade)
+    assert checked.row("drift of white")["value"] == pytest.approx(6, rel=0.15)
+    assert "stability" in checked.failed
+
+
+def test_vibration_and_a_shift_of_the_camera_are_measured() -> None:
+    random = np.random.default_rng(5)
+    seen = {"frames": 0}
+
+    def shake(frame: RawFrame) -> RawFrame:
+        seen["frames"] += 1
+        x, y = random.normal(0, 0.2, 2) + (0.6 if frame.started_s > 8 else 0.0)
+        moved = cv2.warpAffine(frame.pixels[..., 0].astype(np.float32), np.array([[1, 0, x], [0, 1, y]]), (320, 240))
+        return replace(frame, pixels=np.clip(np.rint(moved), 0, 4095).astype(np.uint16)[..., None])
+
+    checked = Checked(only=["exposure", "pixels", "linearity", "stability"], pixels=shake)
+    assert checked.row("vibration")["value"] == pytest.approx(0.2 * np.sqrt(2), rel=0.25)
+    assert checked.row("shift of the picture")["value"] == pytest.approx(0.6 * np.sqrt(2), abs=0.25)
+    assert not checked.row("vibration")["passed"]
+    assert not checked.row("shift of the picture")["passed"]
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.013, -0.31), (2.4, -1.7), (-7.25, 4.0)])
+def test_shifts_are_found_to_a_hundredth_of_a_pixel(shift: tuple[float, float]) -> None:
+    random = np.random.default_rng(2)
+    scene = cv2.GaussianBlur(random.normal(0, 1, (240, 320)), (0, 0), 2.5) * 4000
+    moved = cv2.warpAffine(
+        scene, np.array([[1, 0, shift[0]], [0, 1, shift[1]]], float), (320, 240), flags=cv2.INTER_CUBIC
+    )
+    kept = scene.copy()
+    found = shift_px(1.1 * moved + random.normal(0, 5, moved.shape) + 30, scene)
+    assert found == pytest.approx(shift, abs=0.02)
+    assert np.array_equal(scene, kept)
+
+
+def test_room_light_is_measured() -> None:
+    checked = Checked(("ambient = 0.0004", "ambient = 0.15"), only=["darkness"])
+    assert not checked.row("room light")["passed"]
+    assert checked.row("contrast")["value"] < 6
+
+
+# Faults of the display
+
+
+def test_a_white_segment_is_found_on_a_grey_camera() -> None:
+    checked = Checked(("contrast = 1500.0", "contrast = 1500.0\nwhite_boost = 0.3"), only=["additivity"])
+    assert checked.row("white against")["value"] == pytest.approx(30, abs=1)
+    assert checked.failed == {"additivity"}
+    assert checked.row("superposition")["passed"]
+
+
+def test_dynamic_contrast_breaks_superposition() -> None:
+    def lift(codes: Codes) -> Codes:
+        return np.where(codes.mean() < 200, (codes * 0.93), codes).astype(np.uint8)
+
+    checked = Checked(only=["additivity"], codes=lift)
+    assert not checked.row("superposition")["passed"]
+
+
+def test_limited_range_is_found_at_both_ends() -> None:
+    def limited(codes: Codes) -> Codes:
+        return np.clip((codes.astype(np.float64) - 16) * 255 / 219, 0, 255).astype(np.uint8)
+
+    checked = Checked(only=["ramp"], codes=limited)
+    assert [checked.row(f"light of code {code}")["passed"] for code in ("15", "255")] == [False, False]
+    assert not checked.row("codes 236 to 255")["passed"]
+    assert "full RGB" in checked.row("light of code 15")["advice"]
+
+
+def test_a_six_bit_path_is_found() -> None:
+    checked = Checked(only=["ramp"], codes=lambda codes: codes & 0xFC)
+    assert checked.row("codes 112 to 128")["value"] == pytest.approx(0.25)
+    assert checked.row("light of code 15")["passed"]
+    assert checked.failed == {"ramp"}
+
+
+def test_a_scaled_picture_is_found() -> None:
+    def scaled(codes: Codes) -> Codes:
+        small = cv2.resize(codes, (250, 188), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(cv2.resize(small, (256, 192), interpolation=cv2.INTER_LINEAR))
+
+    checked = Checked(only=["checker"], codes=scaled)
+    assert not checked.row("single-pixel checker + its complement")["passed"]
+    assert not checked.row("beating")["passed"]
+    assert checked.row("light of the picture's edge")["passed"]
+
+
+def test_sharpening_is_found() -> None:
+    def sharpened(codes: Codes) -> Codes:
+        soft = cv2.GaussianBlur(codes.astype(np.float32), (0, 0), 1.0)
+        return np.clip(0.7 * codes + 0.3 * soft, 0, 255).astype(np.uint8)
+
+    checked = Checked(only=["checker"], codes=sharpened)
+    assert not checked.row("single-pixel checker + its complement")["passed"]
+
+
+def test_overscan_is_found() -> None:
+    def overscanned(codes: Codes) -> Codes:
+        return np.asarray(cv2.resize(codes[6:-6, 8:-8], (256, 192), interpolation=cv2.INTER_NEAREST))
+
+    checked = Checked(only=["checker"], codes=overscanned)
+    assert checked.row("light of the picture's edge")["value"] < 0.2
+    assert all(share < 0.2 for share in checked.numbers("checker")["edges"].values())
+
+
+# Small parts
+
+
+def test_an_exposure_of_whole_refreshes_has_no_ripple() -> None:
+    assert mismatch(2 / 60, 60) == pytest.approx(0)
+    assert mismatch(0.025, 60) == pytest.approx(1 / 3)
+    assert mismatch(0.0167, 60) == pytest.approx(0.002, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("light_hz", "rate_hz", "word"), [(100, 30, "50 Hz mains"), (120, 25, "60 Hz mains"), (60, 25, "refresh")]
+)
+def test_a_source_is_named_by_where_it_shows(light_hz: float, rate_hz: float, word: str) -> None:
+    times_s = np.arange(64) / rate_hz
+    spectrum = spectrum_of(times_s, np.sin(2 * np.pi * light_hz * times_s + 0.4))
+    assert spectrum.peak_hz == pytest.approx(aliased_hz(light_hz, rate_hz), abs=rate_hz / 64)
+    assert word in named(spectrum.peak_hz, rate_hz, 60.0, times_s[-1])[0]
+
+
+def test_noise_has_no_peak() -> None:
+    values = np.random.default_rng(1).normal(size=(200, 64))
+    peaks = [spectrum_of(np.arange(64) / 30, row).peak_hz for row in values]
+    assert sum(peak is not None for peak in peaks) <= 2
+
+
+# The command
+
+
+def test_parts_can_be_chosen(capsys: Capture) -> None:
+    assert run_command(["check", "-p", "ci-tiny", "--only", "darkness,exposure", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert [row["part"] for row in result["checks"]] == ["exposure"] * 4 + ["darkness"] * 2 + ["frames"]
+    assert set(result["numbers"]) == {"exposure", "darkness", "frames"}
+
+
+def test_an_unknown_part_is_named_with_those_that_exist(capsys: Capture) -> None:
+    assert run_command(["check", "-p", "ci-tiny", "--only", "latency,colour"]) == 2
+    said = capsys.readouterr().err
+    assert "no part 'colour'" in said
+    assert all(part in said for part in PARTS)
+
+
+def test_a_replay_cannot_be_checked_and_hears_why(tmp_path: Path) -> None:
+    text = TINY[: TINY.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    path = tmp_path / "replay.toml"
+    path.write_text(text + '[replay]\nsession = "nowhere"\n')
+    with pytest.raises(UsageError, match=r"no clock, so no latency.*cannot show the pictures"):
+        run_check(str(path), silent)
+
+
+def test_a_failing_check_says_what_to_do_and_gives_lines_to_paste(capsys: Capture, tmp_path: Path) -> None:
+    path = tmp_path / "slow.toml"
+    path.write_text(TINY.replace("latency_s = 0.046\n", "latency_s = 0.15\n"))
+    assert run_command(["check", "-p", str(path), "--only", "latency"]) == 1
+    out = capsys.readouterr().out
+    assert "OUTSIDE" in out
+    assert "give projector.latency_s the value suggested below" in out
+    assert re.search(r"\[projector\]\nlatency_s = 0\.16\d*\n", out)
+
+
+def test_the_page_needs_no_other_file_and_shows_each_chart(good: Checked, tmp_path: Path) -> None:
+    from rig.report.check import print_check, write_check_page
+
+    page = write_check_page(good.result, tmp_path / "check.html").read_text(encoding="utf-8")
+    assert page.count("data:image/svg+xml;base64,") == 6
+    assert re.findall(r"(?:src|href)=\"(?!data:)", page) == []
+    assert "Photon transfer" in page
+    assert "full_well_e" in page
+    print_check(good.result)
+
+
+def test_a_page_that_cannot_be_written_is_an_error_with_its_name(capsys: Capture, tmp_path: Path) -> None:
+    target = tmp_path / "none" / "check.html"
+    assert run_command(["check", "-p", "ci-tiny", "--only", "darkness", "--report", str(target)]) == 2
+    assert str(target) in capsys.readouterr().err
+
+
+def test_no_light_is_an_error() -> None:
+    with pytest.raises(CalibrationFailed, match="no light of the projector reaches the camera"):
+        Checked(("flux = 10.0", "flux = 1e-6"), only=["darkness"])
