@@ -296,10 +296,17 @@ class TestFrames:
 
     def test_exposures_that_abut_do_not_overlap_by_jitter(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node, exposes_always=True)
-        node.steps = [Step(0, 100.002), Step(1, 100.0105), Step(2, 100.0215), Step(3, 100.0225)]
-        started_s = [next_frame(frames).started_s for _ in range(4)]
-        assert started_s[:3] == pytest.approx([99.992, 100.002, 100.012])
-        assert started_s[3] == pytest.approx(100.0125)
+        node.steps = [Step(n, stamp_s) for n, stamp_s in enumerate((100.002, 100.0105, 100.0305, 100.0245, 99.99))]
+        started_s = [next_frame(frames).started_s for _ in range(5)]
+        assert started_s[:4] == pytest.approx([99.952, 99.962, 99.9805, 99.9905])
+        assert started_s[4] == pytest.approx(99.94), "more than jitter is left as it is"
+
+    def test_without_exposure_control_both_kinds_of_time_stamp_count_alike(
+        self, node: ScriptNode, stream: Stream
+    ) -> None:
+        node.steps = [Step(0, 100.0), Step(1, 101.0, flags=abi.TIMESTAMP_MONOTONIC)]
+        frames = frames_of(stream, node, exposes_always=True)
+        assert [next_frame(frames).started_s for _ in range(2)] == pytest.approx([99.95, 100.95])
 
     def test_a_buffer_that_is_not_taken_back_breaks_the_stream(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node)

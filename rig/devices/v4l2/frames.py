@@ -13,7 +13,7 @@ from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
 
 _TIME_STAMP_SLACK_S = 1.0
-_JITTER_SHARE = 0.25
+_JITTER_SHARE = 0.75
 """Of a frame period."""
 
 
@@ -118,10 +118,15 @@ class Frames:
     def _started_s(self, filled: Filled, exposure_s: float) -> float:
         """Start of exposure; where exposures abut, none is said to begin before the last one's end.
 
-        Their time stamps jitter, their exposures do not overlap. A larger overlap is left: something is amiss.
+        Time stamps jitter, exposures do not overlap. What is added so was taken off before: nothing is known of when
+        in its period such a camera exposes, so its stamps count as those of a frame's end. A larger overlap is left.
         """
         started_s = start_of_exposure(filled, exposure_s, self._period_s, self._format.is_compressed)
-        if self._exposes_always and 0 < self._ended_s - started_s < _JITTER_SHARE * exposure_s:
+        if not self._exposes_always:
+            return started_s
+        if _is_start(filled):
+            started_s -= self._period_s
+        if 0 < self._ended_s - started_s < _JITTER_SHARE * self._period_s:
             started_s = self._ended_s
         self._ended_s = started_s + exposure_s
         return started_s
@@ -163,8 +168,12 @@ def start_of_exposure(filled: Filled, exposure_s: float, period_s: float, is_com
     What a camera keeps frames for inside, no stamp tells; `rig check` measures it as part of the latency.
     """
     ended_s = filled.stamp_s
-    if filled.flags & abi.TIMESTAMP_SOURCE_MASK != abi.TIMESTAMP_START_OF_EXPOSURE:
+    if not _is_start(filled):
         ended_s -= period_s
     if is_compressed:
         ended_s -= period_s
     return ended_s - exposure_s
+
+
+def _is_start(filled: Filled) -> bool:
+    return filled.flags & abi.TIMESTAMP_SOURCE_MASK == abi.TIMESTAMP_START_OF_EXPOSURE
