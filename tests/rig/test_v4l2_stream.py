@@ -11,7 +11,7 @@ import pytest
 from rig.devices.clock import VirtualClock
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.formats import PIXEL_FORMATS, Layout
-from rig.devices.v4l2.frames import Frames, Seen
+from rig.devices.v4l2.frames import Fingerprint, Frames, Seen
 from rig.devices.v4l2.node import Node, device_error
 from rig.devices.v4l2.stream import BUFFERS, Stream, StreamBroken
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
@@ -197,6 +197,24 @@ class TestStream:
         node.failures = {abi.STREAMOFF: [errno.EIO]}
         with pytest.raises(DeviceError, match="stopping the stream failed"):
             stream.stop()
+
+
+class TestFingerprint:
+    @pytest.mark.parametrize("size", [1, 8, 1003])
+    def test_one_changed_byte_is_another_buffer(self, size: int) -> None:
+        fingerprint = Fingerprint()
+        data = np.random.default_rng(3).integers(0, 256, size, np.uint8)
+        for place in {0, size // 2, size - 1}:
+            changed = data.copy()
+            changed[place] ^= 1
+            assert fingerprint.of(changed) != fingerprint.of(data) == fingerprint.of(data.copy())
+
+    def test_moved_bytes_and_another_size_are_another_buffer(self) -> None:
+        fingerprint = Fingerprint()
+        stripes = np.repeat(np.array([0, 255] * 8, np.uint8), 8)
+        prints = {fingerprint.of(np.roll(stripes, shift)) for shift in range(16)}
+        assert len(prints) == 16
+        assert fingerprint.of(stripes[:-8]) not in prints
 
 
 class TestFrames:
