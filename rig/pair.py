@@ -212,11 +212,19 @@ class Rig:
             frame = self._first_good_frame(shot.name, shown.on_screen_s + self.profile.projector.latency_s)
             if frame is not None:
                 return frame
-            remedy = next(shot.remedies, None)
             with self._closing_on_failure():
-                if remedy is None:
-                    raise self._no_good_frame(shot)
+                self._mend(shot)
+
+    def _mend(self, shot: _Shot) -> None:
+        """Apply the next remedy, and the one after it to a camera that stays silent even so."""
+        for remedy in shot.remedies:
+            try:
                 remedy()
+            except CaptureTimeout as error:
+                self._note("timeout", f"{shot.name}: {error}")
+            else:
+                return
+        raise self._no_good_frame(shot)
 
     def _first_good_frame(self, name: str, settled_s: float) -> RawFrame | None:
         """None when the camera needs more than to be asked again."""

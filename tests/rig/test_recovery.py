@@ -135,6 +135,21 @@ class ResettableCamera(FakeCamera):
         self.away_s = (self.clock.now_s(), self.clock.now_s() + 1.5)
 
 
+@dataclass
+class HungCamera(ResettableCamera):
+    """Hangs from the second frame on; then opening it fails too, until it was reset."""
+
+    def open(self) -> None:
+        super().open()
+        if self.calls.count("open") > 1 and "reset" not in self.calls:
+            self.close()
+            raise CaptureTimeout("it streams, but no frame came")
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        self.cured_after = 0 if self.sequence == 0 or "reset" in self.calls else 99
+        return super().capture(after_s=after_s, timeout_s=timeout_s)
+
+
 @pytest.fixture
 def profile(tiny_profile: Profile) -> Profile:
     timing = tiny_profile.timing.model_copy(update={"retries": 3, "timeout_s": 2.0, "replug_timeout_s": LIMIT_S})
@@ -320,6 +335,13 @@ class TestSilent:
         assert bench.shoot().exposure_s == 0.02
         assert bench.kinds == ["timeout"] * 2 + ["reopened"] + ["timeout"] * 2 + ["reset", "unplugged", "replugged"]
         assert camera.calls.index("reset") > 2
+
+    def test_a_camera_that_gives_no_frame_even_on_opening_is_reset(self, bench: Bench) -> None:
+        bench.use(HungCamera(bench.clock))
+        bench.start()
+        assert bench.shoot().sequence == 1
+        assert bench.shoot().exposure_s == 0.02
+        assert bench.kinds == ["timeout", "timeout", "reopened", "timeout", "reset", "unplugged", "replugged"]
 
     @pytest.mark.parametrize(("kind", "limit_s"), [(FakeCamera, 8.1), (ResettableCamera, 15.0)])
     def test_in_the_end_everything_that_was_tried_is_said(
