@@ -14,6 +14,7 @@ from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
 
 _TIME_STAMP_SLACK_S = 1.0
+_LARGEST = np.iinfo(np.uint64).max
 _JITTER_SHARE = 0.75
 """Of a frame period."""
 
@@ -46,7 +47,7 @@ class Fingerprint:
         """What only equal buffers have in common, but for a chance of about 2^-64."""
         words = data.size // 8
         if words > self._weights.size:
-            self._weights = np.random.default_rng(words).integers(0, 1 << 63, words, np.uint64) << 1 | 1
+            self._weights = np.random.default_rng(words).integers(0, _LARGEST, words, np.uint64) | np.uint64(1)
         total = int(np.dot(data[: 8 * words].view(np.uint64), self._weights[:words]))
         return data.size, total, data[8 * words :].tobytes()
 
