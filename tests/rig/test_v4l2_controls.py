@@ -7,9 +7,10 @@ import pytest
 
 from rig.devices.clock import VirtualClock
 from rig.devices.v4l2 import abi
-from rig.devices.v4l2.controls import Setting, apply_settings, changed_settings, plan_settings
+from rig.devices.v4l2.controls import Setting, apply_settings, changed_settings, offer_settings, plan_settings
 from rig.devices.v4l2.describe import ControlAbility, control_name, list_controls
 from rig.devices.v4l2.node import Node
+from rig.devices.v4l2.setup import hold_controls
 from rig.errors import DeviceError, SettingRefused
 
 EXPOSURE_AUTO, EXPOSURE, PRIORITY, WHITE_AUTO, WHITE, GAMMA, GAIN = (
@@ -176,6 +177,19 @@ def test_a_value_that_does_not_stick_names_asked_got_and_range(node: TableNode) 
 def test_a_control_that_another_one_decides_over_is_refused(node: TableNode) -> None:
     with pytest.raises(SettingRefused, match="white_balance_temperature is inactive"):
         apply_settings(node, settings(node, white_balance_automatic=1, white_balance_temperature=5000))
+
+
+def test_controls_that_stick_only_while_frames_come_are_set_again_then(node: TableNode) -> None:
+    planned = settings(node, gain=20)
+    node.deaf = {GAIN, WHITE_AUTO}
+    offer_settings(node, planned)
+    node.deaf = {GAIN}
+    with pytest.raises(SettingRefused, match="gain: asked for 20, the camera has 0"):
+        hold_controls(node, planned)
+    node.deaf = set()
+    hold_controls(node, planned)
+    assert changed_settings(node, planned) == []
+    assert node.values[GAIN] == 20
 
 
 def test_what_drifts_is_noticed(node: TableNode) -> None:

@@ -11,7 +11,7 @@ import pytest
 from rig.devices.clock import VirtualClock
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.formats import PIXEL_FORMATS, Layout
-from rig.devices.v4l2.frames import Frames, Seen
+from rig.devices.v4l2.frames import Fingerprint, Frames, Seen
 from rig.devices.v4l2.node import Node, device_error
 from rig.devices.v4l2.stream import BUFFERS, Stream, StreamBroken
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
@@ -199,6 +199,24 @@ class TestStream:
             stream.stop()
 
 
+class TestFingerprint:
+    @pytest.mark.parametrize("size", [1, 8, 1003])
+    def test_one_changed_byte_is_another_buffer(self, size: int) -> None:
+        fingerprint = Fingerprint()
+        data = np.random.default_rng(3).integers(0, 256, size, np.uint8)
+        for place in {0, size // 2, size - 1}:
+            changed = data.copy()
+            changed[place] ^= 1
+            assert fingerprint.of(changed) != fingerprint.of(data) == fingerprint.of(data.copy())
+
+    def test_moved_bytes_and_another_size_are_another_buffer(self) -> None:
+        fingerprint = Fingerprint()
+        stripes = np.repeat(np.array([0, 255] * 8, np.uint8), 8)
+        prints = {fingerprint.of(np.roll(stripes, shift)) for shift in range(16)}
+        assert len(prints) == 16
+        assert fingerprint.of(stripes[:-8]) not in prints
+
+
 class TestFrames:
     def test_each_frame_has_its_own_pixels_number_and_time(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node)
@@ -296,10 +314,17 @@ class TestFrames:
 
     def test_exposures_that_abut_do_not_overlap_by_jitter(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node, exposes_always=True)
-        node.steps = [Step(0, 100.002), Step(1, 100.0105), Step(2, 100.0215), Step(3, 100.0225)]
-        started_s = [next_frame(frames).started_s for _ in range(4)]
-        assert started_s[:3] == pytest.approx([99.992, 100.002, 100.012])
-        assert started_s[3] == pytest.approx(100.0125)
+        node.steps = [Step(n, stamp_s) for n, stamp_s in enumerate((100.002, 100.0105, 100.0305, 100.0245, 99.99))]
+        started_s = [next_frame(frames).started_s for _ in range(5)]
+        assert started_s[:4] == pytest.approx([99.952, 99.962, 99.9805, 99.9905])
+        assert started_s[4] == pytest.approx(99.94), "more than jitter is left as it is"
+
+    def test_without_exposure_control_both_kinds_of_time_stamp_count_alike(
+        self, node: ScriptNode, stream: Stream
+    ) -> None:
+        node.steps = [Step(0, 100.0), Step(1, 101.0, flags=abi.TIMESTAMP_MONOTONIC)]
+        frames = frames_of(stream, node, exposes_always=True)
+        assert [next_frame(frames).started_s for _ in range(2)] == pytest.approx([99.95, 100.95])
 
     def test_a_buffer_that_is_not_taken_back_breaks_the_stream(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node)
