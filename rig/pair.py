@@ -20,7 +20,7 @@ import numpy as np
 from rig.association import Association, Wanted
 from rig.back_ends import make_devices
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, Watched
-from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
+from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
 from rig.profile import Profile, load_profile
 from rig.recovery import Openable, Recovery, close_quietly
 
@@ -42,7 +42,8 @@ class Event:
     """On the rig's clock."""
     kind: str
     """stale, ahead, repeated, lost, malformed, exposure or timeout: it asked again;
-    reopened, reset: it did so to a camera that gave no good frame; unplugged, replugged: it waited for a device."""
+    failed: streaming did; reopened, reset: it did so to a camera that gave no good frame;
+    unplugged, replugged: it waited for a device."""
     detail: str
 
 
@@ -211,13 +212,22 @@ class Rig:
             frame = self._first_good_frame(shot.name, shown.on_screen_s + self.profile.projector.latency_s)
             if frame is not None:
                 return frame
-            remedy = next(shot.remedies, None)
             with self._closing_on_failure():
-                if remedy is None:
-                    raise self._no_good_frame(shot)
+                self._mend(shot)
+
+    def _mend(self, shot: _Shot) -> None:
+        """Apply the next remedy, and the one after it to a camera that stays silent even so."""
+        for remedy in shot.remedies:
+            try:
                 remedy()
+            except CaptureTimeout as error:
+                self._note("timeout", f"{shot.name}: {error}")
+            else:
+                return
+        raise self._no_good_frame(shot)
 
     def _first_good_frame(self, name: str, settled_s: float) -> RawFrame | None:
+        """None when the camera needs more than to be asked again."""
         timing = self.profile.timing
         wanted = Wanted(settled_s, self._exposure_s)
         silent = 0
@@ -231,6 +241,11 @@ class Rig:
                 if silent == _SILENCE:
                     return None
                 continue
+            except (SettingRefused, DeviceBusy, DeviceForbidden):
+                raise
+            except DeviceError as error:
+                self._note("failed", f"{name}: {error}")
+                return None
             silent = 0
             rejection = self._association.rejection(frame, wanted, self.clock.now_s())
             if rejection is None:

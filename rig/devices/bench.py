@@ -80,13 +80,29 @@ class Bench:
 
     def projector_linear(self, codes: Codes) -> Float32Array:
         """(H, W) linear light that the projector makes of codes; 1 = white, black above 0."""
-        grey = codes if codes.ndim == 2 else codes.mean(axis=2).astype(np.uint8)
-        return np.asarray(projector_response(self.settings.projector)[grey], dtype=np.float32)
+        response = projector_response(self.settings.projector)
+        if codes.ndim == 2:
+            return np.asarray(response[codes], dtype=np.float32)
+        boost = self.settings.projector.white_boost
+        coloured = response[codes]
+        mixed = (coloured.mean(axis=2) + boost * coloured.min(axis=2)) / (1 + boost)
+        return np.asarray(mixed, dtype=np.float32)
 
     @property
     def vignetting(self) -> Float32Array:
         """(H, W) relative illumination of the camera's pixels."""
         return relative_illumination(self.camera, _pixel_grid(self.camera.shape)).astype(np.float32)
+
+    @property
+    def ambient(self) -> Float32Array:
+        """(H, W) radiosity of the room light alone, its mean over time."""
+        return self._ambient
+
+    def ambient_swell(self, starts_s: FloatArray, exposure_s: float) -> FloatArray:
+        """By how much the room light is above its mean during exposures, share of the mean; as `starts_s`."""
+        settings = self.settings
+        middle = np.sin(2 * np.pi * settings.ambient_flicker_hz * (starts_s + exposure_s / 2))
+        return np.asarray(settings.ambient_flicker * np.sinc(settings.ambient_flicker_hz * exposure_s) * middle)
 
     def _direct(self, linear: Float32Array) -> Float32Array:
         blur = self.settings.projector.blur_px

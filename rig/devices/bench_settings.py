@@ -92,6 +92,8 @@ class BenchProjector(BenchLens):
     latency_s: Annotated[float, Field(ge=0)] = 0.0
     """From the time stamp of the display to light."""
     jitter_s: Annotated[float, Field(ge=0)] = 0.0
+    white_boost: Annotated[float, Field(ge=0)] = 0.0
+    """A white segment's part: white is brighter by this share than red, green and blue together."""
     unplugged_s: tuple[Interval, ...] = ()
 
 
@@ -117,6 +119,10 @@ class BenchSettings(_Table):
     cell_size_m: Annotated[float, Field(gt=0)] = 0.12
     ambient: Annotated[float, Field(ge=0)] = 0.0
     """Irradiance of room light on every surface; relative, as the projector's."""
+    ambient_flicker_hz: Annotated[float, Field(ge=0)] = 0.0
+    """How often a second the room light swells; mains lamps do twice a period: 100 or 120."""
+    ambient_flicker: Share = 0.0
+    """By how much, share of its mean."""
     camera: BenchCamera
     projector: BenchProjector
 

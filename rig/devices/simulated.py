@@ -24,6 +24,7 @@ from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 FloatArray = NDArray[np.float64]
 
 _KEPT_PICTURES = 16
+_KEPT_LIGHT = 4
 _SHORT_SHARE = 2
 """A short frame has the upper half of the rows."""
 
@@ -123,7 +124,7 @@ class SimulatedCamera:
         self._sequence = 0
         self._faults = FrameFaults(bench.settings.camera, bench.settings.seed, self._period_s)
         self._vignetting = bench.vignetting
-        self._cache: tuple[Codes, Float32Array] | None = None
+        self._cache: list[tuple[Codes, Float32Array]] = []
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -212,18 +213,24 @@ class SimulatedCamera:
             share = _lit_share(picture, starts_s, starts_s + exposure_s)
             if share.any():
                 light += share.astype(np.float32) * self._light(picture.codes)
+        if self.bench.settings.ambient_flicker:
+            swell = self.bench.ambient_swell(starts_s, exposure_s)
+            light += swell.astype(np.float32) * self._blurred(self.bench.ambient)
         random = random_at(self.bench.settings.seed, 3, start_s)
         return sensor_response(settings, light * self._vignetting, exposure_s, self.full_scale_dn, random)
 
     def _light(self, codes: Codes) -> Float32Array:
-        """Radiosity after the lens's blur; the last picture is kept, for repeated exposures."""
-        if self._cache is None or not np.array_equal(self._cache[0], codes):
-            light = self.bench.light(codes).total
-            blur = self.bench.settings.camera.blur_px
-            blurred = np.asarray(cv2.GaussianBlur(light, (0, 0), blur) if blur > 0 else light, dtype=np.float32)
-            self._cache = (codes, blurred)
-            return blurred
-        return self._cache[1]
+        """Radiosity after the lens's blur; that of the last pictures is kept."""
+        for known, light in self._cache:
+            if np.array_equal(known, codes):
+                return light
+        light = self._blurred(self.bench.light(codes).total)
+        self._cache = [(codes, light), *self._cache[: _KEPT_LIGHT - 1]]
+        return light
+
+    def _blurred(self, light: Float32Array) -> Float32Array:
+        blur = self.bench.settings.camera.blur_px
+        return np.asarray(cv2.GaussianBlur(light, (0, 0), blur) if blur > 0 else light, dtype=np.float32)
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""

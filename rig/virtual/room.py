@@ -21,8 +21,6 @@ Float32Array = NDArray[np.float32]
 
 _SAMPLE_S = 0.02
 """How often the display is looked at during an exposure."""
-PROMPT_S = 0.1
-"""A frame that is not ready so long after its exposure is not sent: it would look younger than it is."""
 _KEPT_PICTURES = 6
 _DEPTH = {"GREY": 8, "Y10 ": 10, "Y12 ": 12, "Y16 ": 16, "YUYV": 8, "MJPG": 8}
 
@@ -48,6 +46,8 @@ class RoomSource:
         Room, lenses and response. Its shapes are those of camera and display.
     display
         Open.
+    prompt_s
+        A frame that is not ready so long after its exposure is not sent: it would look younger than it is.
     seed
         Of the sensor's noise.
     note
@@ -60,12 +60,14 @@ class RoomSource:
         display: Display,
         clock: Clock,
         *,
+        prompt_s: float = 0.1,
         seed: int = 0,
         note: Callable[[str], None] = lambda text: None,
     ):
         self._bench = bench
         self._display = display
         self._clock = clock
+        self._prompt_s = prompt_s
         self._random = np.random.default_rng(seed)
         self._note = note
         self._noted = ""
@@ -82,7 +84,7 @@ class RoomSource:
             light += np.float32(share) * self._light(codes)
         frame = self._frame(light, request)
         late_s = self._clock.now_s() - request.started_s - request.exposure_s
-        if late_s > PROMPT_S:
+        if late_s > self._prompt_s:
             self.late_frames += 1
             return None
         return frame

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rig.errors import RigError, UsageError
+from rig.errors import DeviceForbidden, RigError, UsageError
 from rig.hardware_facts import CameraFile, known_cameras, known_projectors
 from rig.workflows.device_choice import best_camera_mode, best_output_mode, exposure_range_s, toml_value
 
@@ -95,7 +95,7 @@ def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> di
 def _asked(what: str, ask: Callable[[], Sequence[Any]], problems: list[str]) -> Sequence[Any]:
     try:
         return ask()
-    except (RigError, OSError, ModuleNotFoundError) as error:
+    except (RigError, OSError) as error:
         problems.append(f"{what}: {error}")
         return ()
 
@@ -122,7 +122,8 @@ def _camera(found: FoundCamera, usb: Sequence[FoundUsbDevice], finders: Finders)
     try:
         able = finders.describe(found.node)
     except (RigError, OSError) as error:
-        return {**one, "error": str(error), "formats": [], "controls": [], "exposure_range_s": None, "profile": []}
+        said = _advice(error, found)
+        return {**one, "error": said, "formats": [], "controls": [], "exposure_range_s": None, "profile": []}
     range_s = exposure_range_s(able.controls)
     one |= {
         "formats": [_plain(each) for each in able.formats],
@@ -135,6 +136,15 @@ def _camera(found: FoundCamera, usb: Sequence[FoundUsbDevice], finders: Finders)
     if not one["profile"]:
         one["warnings"].append("has no pixel format that a rig can use")
     return one
+
+
+def _advice(error: Exception, found: FoundCamera) -> str:
+    """What went wrong; with a udev rule where permission is missing."""
+    from rig.devices.usb.permissions import forbidden
+
+    if isinstance(error, DeviceForbidden):
+        return str(forbidden(found.node, found.vendor_id, found.product_id))
+    return str(error)
 
 
 def facts_of(found: FoundCamera) -> CameraFile | None:

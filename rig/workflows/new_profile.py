@@ -6,10 +6,10 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from rig.atomic import write_bytes
-from rig.errors import DeviceLost, SettingRefused, UsageError
+from rig.errors import DeviceError, DeviceLost, SettingRefused, UsageError
 from rig.hardware_facts import CameraFacts, ProjectorFacts, by_model, known_cameras, known_projectors
 from rig.profile import Profile
 from rig.workflows.device_choice import CameraMode, best_camera_mode, best_output_mode
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from rig.devices.kms.find import FoundOutput
     from rig.devices.v4l2.describe import CameraAbilities
     from rig.devices.v4l2.find import FoundCamera
+    from rig.devices.window.find import FoundMonitor
+
+Device = TypeVar("Device")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +91,7 @@ def _chosen_camera(cameras: Sequence[FoundCamera], wanted: str | None) -> FoundC
     return _only("camera", cameras, wanted, lambda one: (one.device_id, str(one.node), one.name))
 
 
-def _only(what: str, there: Sequence[Any], wanted: str | None, names: Callable[[Any], tuple[str, ...]]) -> Any:
+def _only(what: str, there: Sequence[Device], wanted: str | None, names: Callable[[Device], tuple[str, ...]]) -> Device:
     """The one that is meant: by any of its names, or because it is the only one."""
     meant = [one for one in there if wanted is None or wanted in names(one)]
     if len(meant) == 1:
@@ -115,7 +118,7 @@ def _planned_display(request: Request, finders: Finders) -> PlannedDisplay:
     file = by_model(request.projector_model, known_projectors()) if request.projector_model else None
     facts = file.facts if file else ProjectorFacts()
     known = f"{file.maker} {file.model}" if file else ""
-    monitors = finders.monitors()
+    monitors = _monitors(finders)
     if monitors:
         one = _only("output", monitors, request.output, lambda monitor: (monitor.name, f"monitor:{monitor.index}"))
         return PlannedDisplay("window", one.name, one, facts, known)
@@ -129,6 +132,16 @@ def _planned_display(request: Request, finders: Finders) -> PlannedDisplay:
     if mode is None:
         raise DeviceLost(f"{output.connector} offers no mode; switch the projector on, or use another cable")
     return PlannedDisplay("kms", paste_name(output, outputs), mode, facts, known)
+
+
+def _monitors(finders: Finders) -> Sequence[FoundMonitor]:
+    """The desktop's monitors; none where the desktop does not answer and a graphics card is free for us."""
+    try:
+        return finders.monitors()
+    except DeviceError:
+        if any(one.status == "connected" and finders.master_is_free(one.card) for one in finders.outputs()):
+            return ()
+        raise
 
 
 def _names_of(output: FoundOutput) -> tuple[str, ...]:

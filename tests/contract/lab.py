@@ -4,18 +4,23 @@ import atexit
 import os
 import subprocess
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import cache, partial
 from pathlib import Path
 
+from rig.back_ends import make_devices
 from rig.devices.clock import SystemClock
 from rig.devices.kms.find import list_outputs
 from rig.devices.kms.projector import KmsProjector
 from rig.devices.kms.readback import Readback
-from rig.devices.protocols import Projector
+from rig.devices.protocols import Clock, Codes, Projector, Shown
+from rig.devices.v4l2.find import find_camera
 from rig.devices.window.projector import WindowProjector
-from rig.pair import Rig
+from rig.errors import DeviceLost
+from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
+from rig.virtual.rig import VirtualRig
+from rig.virtual.rig import open_display as open_display_of
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
 
@@ -23,9 +28,9 @@ ROOT = Path(__file__).parents[2]
 
 
 @cache
-def load_module(name: str) -> None:
+def load_module(name: str, *options: str) -> None:
     """Load a kernel module, once."""
-    subprocess.run(["modprobe", name], check=True)
+    subprocess.run(["modprobe", name, *options], check=True)
 
 
 def display_output(module: str) -> str:
@@ -82,9 +87,101 @@ def opened(profile: Profile, projector: Projector, screen: Screen, clock: System
     return rig
 
 
+def camera_profile(device_id: str) -> Profile:
+    """The tiny rig with a camera that exposes for its whole frame period, and a display that is not looked at."""
+    tiny = load_profile(ROOT / "hw_profiles" / "ci-tiny.toml")
+    camera = (
+        f'driver = "v4l2"\ndevice_id = "{device_id}"\npixel_format = "GREY"\nwidth_px = 320\nheight_px = 180\n'
+        "bit_depth = 8\nframe_rate_hz = 25.0\nexposure_range_s = [0.04, 0.04]\nexposure_s = 0.04\nhfov_deg = 60.0\n"
+    )
+    head, rest = tiny.raw.decode().split("[bench]")[0].split("[camera]")
+    projector = rest.split("[projector]")[1].replace('"simulated"', '"kms"\noutput = "none"')
+    return Profile.parse(f"{head}[camera]\n{camera}[projector]{projector}".encode(), tiny.path)
+
+
+class UnseenProjector:
+    """Takes every picture, for cameras that look elsewhere."""
+
+    def __init__(self, clock: Clock, shape: tuple[int, int]):
+        self.shape = shape
+        self._clock = clock
+
+    def open(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def check_on_screen(self) -> None:
+        pass
+
+    def show(self, codes: Codes, *, name: str) -> Shown:
+        return Shown(self._clock.now_s(), name)
+
+
+def open_vivid() -> Rig:
+    """The kernel's test camera; it sees its own test picture, whatever the projector shows."""
+    load_module("vivid", "n_devs=1", "node_types=0x1", "num_inputs=1", "input_types=0")
+    profile = camera_profile("platform:vivid-000")
+    camera, _, clock = make_devices(profile)
+    rig = Rig(profile, camera, UnseenProjector(clock, profile.projector.shape), clock)
+    rig.open()
+    rig.set_exposure(profile.camera.exposure_s)
+    return rig
+
+
+def small_virtual_profile() -> Profile:
+    """The virtual rig with a camera of a few pixels and a coarse room, which an emulated machine can keep up with."""
+    text = (ROOT / "hw_profiles" / "virtual-rig.toml").read_text()
+    for known, small in {
+        "width_px = 480": "width_px = 160",
+        "height_px = 360": "height_px = 120",
+        "focal_px = 199.39": "focal_px = 66.46",
+        "[241.3, 176.9]": "[80.4, 59.0]",
+        "cell_size_m = 0.3 ": "cell_size_m = 0.6 ",
+        "frame_rate_hz = 10.0": "frame_rate_hz = 20.0",
+    }.items():
+        assert known in text
+        text = text.replace(known, small)
+    return Profile.parse(text.encode(), ROOT / "hw_profiles" / "virtual-rig.toml")
+
+
+@cache
+def virtual_rig() -> VirtualRig:
+    """The small virtual rig, plugged in until the tests end."""
+    for module in ("vkms", "vhci-hcd", "uvcvideo"):
+        load_module(module)
+    profile = small_virtual_profile()
+    rig = VirtualRig(profile, open_display_of(profile))
+    atexit.register(rig.unplug)
+    rig.plug()
+    return rig
+
+
+def open_virtual() -> Rig:
+    """A display, and a camera that sees it in the simulated room: both by real kernel drivers."""
+    profile = virtual_rig().profile
+    wait_for_camera(profile)
+    return open_rig(profile)
+
+
+def wait_for_camera(profile: Profile, timeout_s: float = 20.0) -> None:
+    """Until the kernel has taken the camera."""
+    clock = SystemClock()
+    until_s = clock.now_s() + timeout_s
+    while clock.now_s() < until_s:
+        with suppress(DeviceLost):
+            find_camera(profile.camera.device_id or "")
+            return
+        clock.wait_until_s(clock.now_s() + 0.1)
+    raise AssertionError(f"no camera {profile.camera.device_id} within {timeout_s} s")
+
+
 BACK_ENDS: dict[str, Callable[[], Rig]] = {
     "vkms": partial(open_display, "vkms"),
     "virtio-gpu": partial(open_display, "virtio_gpu"),
+    "vivid": open_vivid,
+    "virtual": open_virtual,
     "window": open_window,
 }
 """By the names that PROCAM_DEVICE_LAB_BACK_ENDS takes."""

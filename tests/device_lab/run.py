@@ -61,7 +61,8 @@ LAB = "tests/device_lab"
 SUITES = (
     Suite("kms", (f"{LAB}/guest/test_kms.py",)),
     Suite("vivid", (f"{LAB}/guest/test_vivid.py",)),
-    Suite("uvc", (f"{LAB}/guest/test_uvc.py",)),
+    Suite("uvc", (f"{LAB}/guest/test_uvc.py", f"{LAB}/guest/test_uvc_faults.py")),
+    Suite("uvc-rig", (f"{LAB}/guest/test_uvc_rig.py",)),
     Suite("usb", (f"{LAB}/guest/test_usb.py",)),
     Suite(
         "windows",

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from rig.devices.kms.master import master_is_free
 from rig.errors import DeviceError, DeviceForbidden, UsageError
 from rig.profile import CameraProfile, ProjectorProfile
 from rig.report.devices import print_devices
@@ -32,11 +33,11 @@ from tests.rig.found import (
 WEBCAM = Camera(
     "usb-046d:082d-AB12", Path("/dev/video2"), "HD Pro Webcam C920", serial="AB12", vendor_id=0x046D, product_id=0x082D
 )
-SECOND = Camera("platform:vivid-000", Path("/dev/video1"), "vivid", "vivid", "platform:vivid-000", None, None, None)
+SECOND = Camera("usb-1209:0001-A", Path("/dev/video1"), "vivid", vendor_id=0x1209, product_id=0x0001, serial="A")
 
 
 def refuse(*_: object) -> Any:
-    raise DeviceForbidden("you may not open it; paste this rule: SUBSYSTEM==…")
+    raise DeviceForbidden("/dev/video1: you may not open it")
 
 
 def test_the_answer_is_plain_data() -> None:
@@ -64,7 +65,8 @@ def test_a_camera_that_may_not_be_opened_is_shown_with_its_error_beside_the_othe
         return refuse() if node == SECOND.node else MONO
 
     cameras = list_devices(finders=finders(cameras=lambda: (SECOND, Camera()), describe=describe))["cameras"]
-    assert cameras[0]["error"].startswith("you may not open it; paste this rule")
+    assert cameras[0]["error"].startswith("/dev/video1: you may not open it")
+    assert 'ATTRS{idVendor}=="1209"' in cameras[0]["error"]
     assert cameras[0]["profile"] == []
     assert cameras[1]["error"] is None
     assert cameras[1]["profile"]
@@ -106,6 +108,12 @@ def test_a_card_that_a_desktop_drives_is_told() -> None:
     )
     assert (free["master_free"], free["warnings"]) == (True, [])
     assert 'driver = "window"' in held["warnings"][0]
+
+
+def test_what_is_no_graphics_card_is_neither_free_nor_held(tmp_path: Path) -> None:
+    assert master_is_free(tmp_path / "card9") is None
+    (tmp_path / "card0").touch()
+    assert master_is_free(tmp_path / "card0") is None
 
 
 def test_an_output_without_a_projector_has_no_lines_to_paste() -> None:
@@ -151,7 +159,7 @@ def test_people_see_the_ids_the_choice_and_the_errors(capsys: pytest.CaptureFixt
     said = capsys.readouterr().out
     assert "GREY 1280x960" in said
     assert "0.1 … 200" in said
-    assert "vivid: you may not open it; paste this rule" in said
+    assert "vivid: /dev/video1: you may not open it" in said
     assert 'device_id = "usb-2bb8:0001-0007"' in said
     assert 'output = "HDMI-A-1"' in said
     assert "YUYV" not in said
@@ -219,7 +227,16 @@ def test_an_exposure_in_lines_has_no_seconds() -> None:
 def test_controls_are_fixed_where_they_add_least() -> None:
     reading = Control("contrast", 0x00980901, 0, 9, 5, 5, is_settable=False)
     pan = Control("pan_absolute", 0x009A0908, -9, 9, 0, 3)
-    assert fixed_controls([*MONO.controls, reading, pan]) == {"gain": 4, "brightness": 0, "focus_absolute": 35}
+    fixed = fixed_controls([*MONO.controls, reading, pan])
+    assert {name: value for name, (value, _) in fixed.items()} == {"gain": 4, "brightness": 0, "focus_absolute": 35}
+
+
+@pytest.mark.parametrize(
+    ("limits", "step", "chosen"), [((72, 500), 1, 100), ((150, 300), 1, 150), ((1, 90), 1, 90), ((72, 500), 20, 92)]
+)
+def test_gamma_is_as_linear_as_the_camera_allows(limits: tuple[int, int], step: int, chosen: int) -> None:
+    gamma = Control("gamma", 0x00980910, *limits, 220, 220, step=step)
+    assert fixed_controls([gamma]) == {"gamma": (chosen, "linear, or nearest to it")}
 
 
 def test_the_preferred_mode_of_a_display_is_its_own() -> None:

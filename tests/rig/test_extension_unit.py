@@ -8,6 +8,8 @@ from pathlib import Path
 from uuid import UUID
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rig.devices.usb.extension_unit import (
     UVCIOC_CTRL_QUERY,
@@ -54,6 +56,12 @@ def test_descriptors_that_end_early_are_no_units(cut: int) -> None:
 @pytest.mark.parametrize("junk", [b"", b"\0" * 40, b"\xff" * 40, b"\x03\x24\x06" * 9, b"\x02\x24" * 9])
 def test_junk_has_no_units(junk: bytes) -> None:
     assert extension_units(DEVICE + VIDEO_CONTROL + junk) == ()
+
+
+@given(st.binary(max_size=200))
+def test_any_bytes_have_units_or_none(junk: bytes) -> None:
+    for found in extension_units(DEVICE + VIDEO_CONTROL + junk):
+        assert all(1 <= selector for selector in found.selectors)
 
 
 def test_the_request_has_the_kernels_layout() -> None:

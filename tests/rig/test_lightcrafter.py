@@ -1,52 +1,22 @@
 """The LightCrafter's controller does what the rig asks, or the rig says what it did not do."""
 
-from dataclasses import dataclass, field
-
-import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rig.devices.clock import VirtualClock
-from rig.devices.protocols import Codes, Projector, Shown
 from rig.devices.usb import lightcrafter_protocol as protocol
 from rig.devices.usb.lightcrafter import LightCrafter
-from rig.devices.usb.lightcrafter_projector import LightCrafterProjector
 from rig.devices.usb.lightcrafter_protocol import Command, DisplayMode, EntryTrigger, InputSource, Pattern, Run
 from rig.errors import DeviceError, DeviceLost, SettingRefused
-from rig.virtual.lightcrafter import LightCrafterEmulation
+from rig.virtual.lightcrafter import InProcessTransport, LightCrafterEmulation
 
 FACTORY = (104, 135, 130)
 
 
-class InProcessTransport:
-    """The emulation behind the driver's own interface, without USB."""
-
-    def __init__(self) -> None:
-        self.device = LightCrafterEmulation()
-        self.clock = VirtualClock()
-        self.unplugged = False
-        self.closed = 0
-
-    def write_report(self, report: bytes) -> None:
-        if self.unplugged:
-            raise DeviceLost("LightCrafter went away")
-        assert len(report) == 64
-        self.device.receive(report)
-
-    def read_report(self, timeout_s: float) -> bytes | None:
-        if self.unplugged:
-            raise DeviceLost("LightCrafter went away")
-        report = self.device.next_report()
-        if report is None:
-            self.clock.wait_until_s(self.clock.now_s() + timeout_s)
-        return report
-
-    def close(self) -> None:
-        self.closed += 1
-
-
 @pytest.fixture
 def transport() -> InProcessTransport:
-    return InProcessTransport()
+    return InProcessTransport(LightCrafterEmulation(), VirtualClock())
 
 
 @pytest.fixture
@@ -280,89 +250,26 @@ def test_an_answer_without_a_head_is_named() -> None:
         protocol.parse_reply(b"\x40\x01")
 
 
+@given(st.binary(max_size=80))
+def test_any_bytes_are_an_answer_or_a_named_error(report: bytes) -> None:
+    try:
+        reply = protocol.parse_reply(report)
+    except DeviceError:
+        return
+    assert reply.length <= 512
+    assert len(reply.data) <= reply.length
+
+
+@given(st.lists(st.binary(min_size=64, max_size=64), max_size=12))
+def test_the_emulation_survives_any_reports(reports: list[bytes]) -> None:
+    device = LightCrafterEmulation()
+    for report in reports:
+        device.receive(report)
+    while (answer := device.next_report()) is not None:
+        assert len(answer) == 64
+
+
 def test_a_controller_that_went_away_is_lost(lightcrafter: LightCrafter, transport: InProcessTransport) -> None:
     transport.unplugged = True
     with pytest.raises(DeviceLost):
         lightcrafter.led_currents()
-
-
-@dataclass
-class FakeDisplay:
-    shape: tuple[int, int] = (3, 4)
-    calls: list[str] = field(default_factory=list)
-    fails: bool = False
-
-    def open(self) -> None:
-        if self.fails:
-            raise DeviceLost("no such output")
-        self.calls.append("open")
-
-    def close(self) -> None:
-        self.calls.append("close")
-
-    def show(self, codes: Codes, *, name: str) -> Shown:
-        self.calls.append(name)
-        return Shown(1.0, name)
-
-
-def wrapped(
-    transport: InProcessTransport, currents: tuple[int, int, int] | None, **display: bool
-) -> tuple[LightCrafterProjector, FakeDisplay]:
-    shown = FakeDisplay(**display)  # type: ignore[arg-type]
-    return LightCrafterProjector(shown, lambda: LightCrafter(transport, transport.clock), currents), shown
-
-
-def test_a_projector_prepares_its_controller_and_puts_back_what_it_found(
-    transport: InProcessTransport, device: LightCrafterEmulation
-) -> None:
-    projector, display = wrapped(transport, (60, 60, 60))
-    assert isinstance(projector, Projector)
-    projector.open()
-    projector.open()
-    assert (device.registers.gamma, device.registers.led_currents) == (0, bytes([195] * 3))
-    assert projector.show(np.zeros((3, 4), np.uint8), name="black").name == "black"
-    projector.close()
-    projector.close()
-    assert (device.registers.gamma, device.registers.led_currents) == (0x80, bytes([151, 120, 125]))
-    assert display.calls == ["open", "black", "close", "close"]
-    assert transport.closed == 1
-
-
-def test_a_projector_wakes_a_controller_in_standby(
-    transport: InProcessTransport, device: LightCrafterEmulation
-) -> None:
-    device.registers.power = 1
-    projector, _ = wrapped(transport, None)
-    projector.open()
-    assert device.registers.power == 0
-    assert device.registers.led_currents == bytes([151, 120, 125])
-    projector.close()
-
-
-def test_a_projector_that_does_not_open_leaves_the_controller_as_it_was(
-    transport: InProcessTransport, device: LightCrafterEmulation
-) -> None:
-    projector, _ = wrapped(transport, (60, 60, 60), fails=True)
-    with pytest.raises(DeviceLost, match="no such output"):
-        projector.open()
-    assert (device.registers.gamma, device.registers.led_currents) == (0x80, bytes([151, 120, 125]))
-    assert transport.closed == 1
-
-
-def test_a_projector_whose_currents_are_refused_never_opens_its_display(
-    transport: InProcessTransport, device: LightCrafterEmulation
-) -> None:
-    projector, display = wrapped(transport, (255, 255, 255))
-    with pytest.raises(SettingRefused, match="red LED current 255"):
-        projector.open()
-    assert display.calls == []
-    assert device.registers.gamma == 0x80
-
-
-def test_closing_after_the_cable_was_pulled_still_blackens_the_display(transport: InProcessTransport) -> None:
-    projector, display = wrapped(transport, None)
-    projector.open()
-    transport.unplugged = True
-    projector.close()
-    assert display.calls == ["open", "close"]
-    assert transport.closed == 1

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.errors import DeviceForbidden, DeviceLost, ProfileError, SettingRefused, UsageError
+from rig.errors import DeviceError, DeviceForbidden, DeviceLost, ProfileError, SettingRefused, UsageError
 from rig.profile import load_profile
 from rig.report.devices import print_new_profile
 from rig.workflows.new_profile import Request, write_profile
@@ -93,6 +93,15 @@ def test_on_a_desktop_the_projector_is_a_window(tmp_path: Path) -> None:
     projector = load_profile(tmp_path / "lab.toml").projector
     assert (result["driver"], projector.driver, projector.output) == ("window", "window", "HDMI-1")
     assert (projector.shape, projector.refresh_rate_hz) == ((800, 1280), 60.0)
+
+
+def test_a_desktop_that_does_not_answer_counts_only_where_no_card_is_free(tmp_path: Path) -> None:
+    def fail() -> None:
+        raise DeviceError("no desktop answers; install procam-rig[window]")
+
+    assert write_profile(Request(tmp_path / "free.toml"), finders(monitors=fail))["driver"] == "kms"
+    with pytest.raises(DeviceError, match="no desktop answers"):
+        write_profile(Request(tmp_path / "held.toml"), finders(monitors=fail, master_is_free=lambda card: False))
 
 
 def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:

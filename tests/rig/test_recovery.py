@@ -96,6 +96,7 @@ class FakeCamera(FakeDevice):
     sequence: int = 0
     cured_after: int = 0
     frozen: bool = False
+    failure: DeviceError | None = None
 
     def open(self) -> None:
         if not self.is_open:
@@ -110,6 +111,8 @@ class FakeCamera(FakeDevice):
     def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
         self.check()
         if self.calls.count("open") < self.cured_after and not self.frozen:
+            if self.failure is not None:
+                raise self.failure
             self.clock.wait_until_s(self.clock.now_s() + timeout_s)
             raise CaptureTimeout(f"no frame within {timeout_s:g} s")
         self.sequence += 1
@@ -130,6 +133,21 @@ class ResettableCamera(FakeCamera):
         assert not self.is_open, "it has to be closed before it is reset"
         self.calls.append("reset")
         self.away_s = (self.clock.now_s(), self.clock.now_s() + 1.5)
+
+
+@dataclass
+class HungCamera(ResettableCamera):
+    """Hangs from the second frame on; then opening it fails too, until it was reset."""
+
+    def open(self) -> None:
+        super().open()
+        if self.calls.count("open") > 1 and "reset" not in self.calls:
+            self.close()
+            raise CaptureTimeout("it streams, but no frame came")
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        self.cured_after = 0 if self.sequence == 0 or "reset" in self.calls else 99
+        return super().capture(after_s=after_s, timeout_s=timeout_s)
 
 
 @pytest.fixture
@@ -318,6 +336,13 @@ class TestSilent:
         assert bench.kinds == ["timeout"] * 2 + ["reopened"] + ["timeout"] * 2 + ["reset", "unplugged", "replugged"]
         assert camera.calls.index("reset") > 2
 
+    def test_a_camera_that_gives_no_frame_even_on_opening_is_reset(self, bench: Bench) -> None:
+        bench.use(HungCamera(bench.clock))
+        bench.start()
+        assert bench.shoot().sequence == 1
+        assert bench.shoot().exposure_s == 0.02
+        assert bench.kinds == ["timeout", "timeout", "reopened", "timeout", "reset", "unplugged", "replugged"]
+
     @pytest.mark.parametrize(("kind", "limit_s"), [(FakeCamera, 8.1), (ResettableCamera, 15.0)])
     def test_in_the_end_everything_that_was_tried_is_said(
         self, bench: Bench, kind: Callable[..., FakeCamera], limit_s: float
@@ -331,6 +356,16 @@ class TestSilent:
         assert "the camera was reopened" in said
         assert ("the camera was reset" in said) == (kind is ResettableCamera)
         assert bench.clock.now_s() <= 10.0 + limit_s
+        assert bench.is_dark_and_closed
+
+    def test_one_whose_stream_fails_is_opened_again_at_once(self, bench: Bench) -> None:
+        camera = bench.use(FakeCamera(bench.clock, cured_after=2, failure=DeviceError("STREAMON: I/O error")))
+        bench.start()
+        assert bench.shoot().exposure_s == 0.02
+        assert bench.kinds == ["failed", "reopened"]
+        camera.cured_after = 99
+        with pytest.raises(CaptureTimeout, match="STREAMON: I/O error"):
+            bench.shoot()
         assert bench.is_dark_and_closed
 
     def test_a_frozen_camera_is_opened_again(self, bench: Bench) -> None:

@@ -20,6 +20,7 @@ _Structure = TypeVar("_Structure", bound=ctypes.Structure)
 _GONE = (errno.ENODEV, errno.ENXIO, errno.ENOENT, errno.EBADF)
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM)
 _EVENT_BYTES = 4096
+_USUAL_PROPERTIES = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,6 +163,13 @@ class Card:
         controllers, connectors = self._resources()
         return tuple(self._connector(each, controllers) for each in connectors)
 
+    def connector(self, name: str) -> Connector:
+        """The socket of that name. Raises DeviceLost when the card has none."""
+        for connector in self.connectors():
+            if connector.name == name:
+                return connector
+        raise DeviceLost(f"{self.name} has no connector {name} any more; look with `rig devices` what there is")
+
     def _resources(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
         counts = self.ioctl(abi.GET_RESOURCES, abi.Resources())
         controllers = (ctypes.c_uint32 * counts.controllers_count)()
@@ -223,11 +231,14 @@ class Card:
 
     def values(self, object_id: int) -> dict[int, int]:
         """Values of an object's properties, by property id."""
-        count = self.ioctl(abi.GET_OBJECT_PROPERTIES, abi.ObjectProperties(id=object_id)).properties_count
-        ids, values = (ctypes.c_uint32 * max(count, 1))(), (ctypes.c_uint64 * max(count, 1))()
-        asked = abi.ObjectProperties(ctypes.addressof(ids), ctypes.addressof(values), count, object_id)
-        count = min(count, self.ioctl(abi.GET_OBJECT_PROPERTIES, asked).properties_count)
-        return dict(zip(ids[:count], values[:count], strict=True))
+        room = _USUAL_PROPERTIES
+        while True:
+            ids, values = (ctypes.c_uint32 * room)(), (ctypes.c_uint64 * room)()
+            asked = abi.ObjectProperties(ctypes.addressof(ids), ctypes.addressof(values), room, object_id)
+            count = self.ioctl(abi.GET_OBJECT_PROPERTIES, asked).properties_count
+            if count <= room:
+                return dict(zip(ids[:count], values[:count], strict=True))
+            room = count
 
     def properties(self, object_id: int) -> dict[str, Property]:
         """An object's properties, by name."""

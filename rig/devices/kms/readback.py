@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import mmap
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import cv2
@@ -59,15 +60,16 @@ class Readback:
             return
         outputs = find_outputs() if self._output.startswith("edid:") else list_outputs()
         self._found = choose_output(self._output, outputs)
-        card = Card(self._found.card)
-        try:
-            card.drop_master()
-            connector = next(each for each in card.connectors() if each.name == self._found.connector)
-            self._connector = connector.id
-            self._controller_property = card.properties(connector.id)["CRTC_ID"].id
-        except OSError as error:
-            card.close()
-            raise card.named(error, f"looking at {self._output}") from error
+        with ExitStack() as undo:
+            card = Card(self._found.card)
+            undo.callback(card.close)
+            try:
+                card.drop_master()
+                self._connector = card.connector(self._found.connector).id
+                self._controller_property = card.properties(self._connector)["CRTC_ID"].id
+            except OSError as error:
+                raise self._named(card, error) from error
+            undo.pop_all()
         self._active: dict[int, int] = {}
         self._card = card
 

@@ -49,9 +49,8 @@ class Screen:
             undo.pop_all()
 
     def _set_up(self, refresh_rate_hz: float, undo: ExitStack) -> None:
-        connectors = {each.name: each for each in self._card.connectors()}
+        connector = self._card.connector(self.found.connector)
         self._check_plugged()
-        connector = connectors[self.found.connector]
         mode = choose_mode(connector.modes, self._shape, refresh_rate_hz, self.found.connector)
         self.refresh_rate_hz = mode.refresh_rate_hz
         self._path = choose_path(self._card, connector)

@@ -34,6 +34,7 @@ def places_by_libusb() -> set[tuple[int, int, int, int]]:
 def open_usb_device(found: FoundUsbDevice) -> Any:
     """Open a device that sysfs shows as pyusb's; give it back by ``usb.util.dispose_resources``.
 
+    libusb hears from udev of what is plugged in after its first use; without udev it does not find that.
     Raises DeviceError without a libusb library, DeviceLost when it is gone, DeviceForbidden without permission.
     """
     bus, address = int(found.node.parent.name), int(found.node.name)

@@ -6,7 +6,7 @@ import errno
 import fcntl
 import os
 import select
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -134,13 +134,15 @@ class LibusbTransport:
         self._number = next((each.number for each in device.interfaces if each.class_code == HID_CLASS), 0)
         self._device: Any = open_usb_device(device)
         self._detached = False
-        try:
-            self._claim()
-        except usb.core.USBError as error:
-            self.close()
-            if error.errno == errno.EBUSY:
-                raise DeviceBusy(f"{device.name}: another program holds its interface; end it") from error
-            raise usb_error(error, device) from error
+        with ExitStack() as undo:
+            undo.callback(self.close)
+            try:
+                self._claim()
+            except usb.core.USBError as error:
+                if error.errno == errno.EBUSY:
+                    raise DeviceBusy(f"{device.name}: another program holds its interface; end it") from error
+                raise usb_error(error, device) from error
+            undo.pop_all()
 
     def _claim(self) -> None:
         if self._device.is_kernel_driver_active(self._number):
@@ -176,7 +178,8 @@ class LibusbTransport:
             return
         with suppress(usb.core.USBError):
             usb.util.release_interface(device, self._number)
-            if self._detached:
+        if self._detached:
+            with suppress(usb.core.USBError):
                 device.attach_kernel_driver(self._number)
         usb.util.dispose_resources(device)
 

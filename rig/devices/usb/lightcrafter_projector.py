@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
-from rig.devices.protocols import Codes, Projector, Shown
+from rig.devices.protocols import Codes, Projector, Shown, Watched
 from rig.devices.usb.lightcrafter import LightCrafter, LightCrafterState
 from rig.errors import DeviceError
 
@@ -65,6 +65,11 @@ class LightCrafterProjector:
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Show codes on the display. Raises DeviceLost, SettingRefused."""
         return self._display.show(codes, name=name)
+
+    def check_on_screen(self) -> None:
+        """Ask the display, where it can tell. Raises DeviceLost."""
+        if isinstance(self._display, Watched):
+            self._display.check_on_screen()
 
 
 def _restore(controller: LightCrafter, found: LightCrafterState) -> None:

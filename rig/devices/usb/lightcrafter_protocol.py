@@ -97,6 +97,8 @@ TRIGGER_ZERO, TRIGGER_LAST = 0xBB, 0xD5
 EXPOSURE_GAP_US = 230
 """An exposure lasts the whole frame period, or is shorter by at least this. [µs]"""
 LONGEST_LUT = 128
+LONGEST_MESSAGE = 512
+"""With its head. [bytes]"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,12 +121,16 @@ def request(command: Command, data: bytes = b"", *, sequence: int, reading: bool
 
 
 def parse_reply(report: bytes) -> Reply:
-    """Read the first report of an answer. Raises DeviceError for one that is too short."""
+    """Read the first report of an answer. Raises DeviceError for one that cannot be an answer."""
     if len(report) < _HEAD.size:
         raise DeviceError(
             f"LightCrafter: an answer of {len(report)} bytes, expected {REPORT_BYTES}; switch it off and on"
         )
     flags, sequence, length = _HEAD.unpack_from(report)
+    if length > LONGEST_MESSAGE:
+        raise DeviceError(
+            f"LightCrafter: an answer of {length} bytes, the longest is {LONGEST_MESSAGE}; switch it off and on"
+        )
     return Reply(sequence, bool(flags & _REFUSED), length, report[_HEAD.size : _HEAD.size + length])
 
 

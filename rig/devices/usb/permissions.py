@@ -39,7 +39,7 @@ def forbidden(node: Path, vendor_id: int | None = None, product_id: int | None =
     if group not in (None, "root"):
         lines.append(f"to be allowed, log in again after: sudo usermod -aG {group} $USER")
     if vendor_id is not None and product_id is not None:
-        lines.append("or paste this once, then plug the device in again:" if group else "paste this once:")
+        lines.append("to allow whoever sits at this machine, paste this once:")
         lines.append(udev_rule(vendor_id, product_id))
     return DeviceForbidden("\n".join(lines))
 

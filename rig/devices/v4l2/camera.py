@@ -15,7 +15,7 @@ from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.devices.v4l2.formats import layout_of, pixel_format
 from rig.devices.v4l2.frames import Frames, Seen
 from rig.devices.v4l2.node import STALLED, Node
-from rig.devices.v4l2.settling import Settling
+from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
 from rig.devices.v4l2.setup import (
     Wishes,
     check_exposure_range,
@@ -32,6 +32,8 @@ _FIRST_FRAMES = 2
 _SETTLING_S = 3.0
 """Time limit of waiting for frames that show a new exposure, and of the first frames; periods come on top."""
 _SETTLING_PERIODS = 20
+_LEAST_INTERVAL = 0.85
+"""Of the exposure, between frames whose time stamps jitter."""
 
 
 @dataclass(slots=True)
@@ -48,6 +50,15 @@ class _Opened:
     undo: ExitStack
     valid_from_s: float = -math.inf
     """Frames that began earlier have another exposure."""
+    is_settled: bool = True
+    """The frames were seen to follow the exposure."""
+    slowest_frames: int = UNMEASURED_FRAMES
+    """How many frames a new exposure took to be seen, at most."""
+
+    @property
+    def steps(self) -> int:
+        """The exposure in steps of its control."""
+        return round(self.exposure_s / EXPOSURE_STEP_S)
 
 
 class V4l2Camera:
@@ -94,7 +105,6 @@ class V4l2Camera:
         self._controls = dict(controls)
         self._clock = clock
         self._opened: _Opened | None = None
-        self._found: FoundCamera | None = None
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -122,8 +132,7 @@ class V4l2Camera:
         channels = self._shape[2]
         known_format = pixel_format(self._format_name, channels=channels, bit_depth=self._bit_depth)
         wishes = Wishes(self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls)
-        self._found = find_camera(self.device_id)
-        self._opened = self._set_up(self._found, wishes)
+        self._opened = self._set_up(find_camera(self.device_id), wishes)
         with ExitStack() as undo:
             undo.callback(self.close)
             self._see_first_frames(self._opened)
@@ -142,7 +151,15 @@ class V4l2Camera:
             exposure_s = period_s if exposure is None else read_control(node, exposure) * EXPOSURE_STEP_S
             stream = Stream(node, self._clock)
             undo.callback(stream.stop)
-            frames = Frames(stream, wishes.pixel_format, layout, self._shape[2], period_s, self._clock)
+            frames = Frames(
+                stream,
+                wishes.pixel_format,
+                layout,
+                self._shape[2],
+                period_s=period_s,
+                exposes_always=exposure is None,
+                clock=self._clock,
+            )
             stream.start()
             return _Opened(node, stream, frames, period_s, settings, exposure, exposure_s, undo.pop_all())
 
@@ -157,14 +174,14 @@ class V4l2Camera:
             opened.undo.close()
 
     def reset(self) -> None:
-        """Reset it on its USB port; closed it has to be, and opened again afterwards. Raises DeviceError."""
+        """Reset it on its USB port and wait for its return; it is closed then. Raises DeviceError."""
         self.close()
-        found = self._found or find_camera(self.device_id)
-        if found.vendor_id is None:
-            raise DeviceError(f"{found.device_id} ({found.driver}) is no USB device, so it cannot be reset from here")
+        found = find_camera(self.device_id)
+        if found.usb_port is None:
+            raise DeviceError(f"{self._name} ({found.driver}) is no USB device, so it cannot be reset from here")
         from rig.devices.usb.reset import reset_usb_device
 
-        reset_usb_device(found.bus_path)
+        reset_usb_device(found.usb_port)
 
     def set_exposure(self, exposure_s: float) -> float:
         """Set the nearest exposure, and wait until the frames show it, under the scene that is there.
@@ -185,18 +202,22 @@ class V4l2Camera:
     def _set_exposure_control(self, opened: _Opened, control: ControlAbility, steps: int) -> None:
         steps = min(max(steps, control.minimum), control.maximum)
         steps -= (steps - control.minimum) % max(1, control.step)
-        if steps == round(opened.exposure_s / EXPOSURE_STEP_S) == read_control(opened.node, control):
+        if opened.is_settled and steps == opened.steps == read_control(opened.node, control):
             return
         before = self._frame_within(opened, self._clock.now_s(), "before a new exposure")
         asked = abi.ControlValue(id=control.id, value=steps)
         opened.node.call(abi.S_CTRL, asked, f"setting control {control.name} to {steps}", STALLED)
         got = read_control(opened.node, control)
         opened.valid_from_s = self._clock.now_s()
-        settling = Settling(before.pixels, steps * EXPOSURE_STEP_S / opened.exposure_s, self.full_scale_dn)
-        opened.exposure_s = got * EXPOSURE_STEP_S
+        ratio = got / opened.steps if opened.is_settled else 1.0
+        opened.exposure_s, opened.is_settled = got * EXPOSURE_STEP_S, False
+        settling = Settling(before.pixels, ratio, self.full_scale_dn, opened.slowest_frames)
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)
+        if opened.exposure_s > opened.period_s:
+            self._check_interval(opened)
+        opened.is_settled = True
 
     def _settle(self, opened: _Opened, settling: Settling) -> None:
         until_s = self._limit_s(opened)
@@ -204,12 +225,23 @@ class V4l2Camera:
             frame = self._frame_within(opened, opened.valid_from_s, "after a new exposure")
             if settling.add(frame.pixels):
                 opened.valid_from_s = frame.started_s
+                opened.slowest_frames = max(opened.slowest_frames, len(settling.means))
                 return
         raise SettingRefused(
-            f"the frames of {self._name} do not follow: {settling.frames} frames after the exposure of "
+            f"the frames of {self._name} do not follow: {len(settling.means)} frames after the exposure of "
             f"{opened.exposure_s:g} s was acknowledged, {settling.state()}; "
             f"keep the light still, and see that nothing automatic is on"
         )
+
+    def _check_interval(self, opened: _Opened) -> None:
+        """Raise SettingRefused when frames follow each other faster than they can have been exposed."""
+        first, *_, last = [self._frame_within(opened, opened.valid_from_s, "of a long exposure") for _ in range(3)]
+        interval_s = (last.started_s - first.started_s) / (last.sequence - first.sequence)
+        if interval_s < _LEAST_INTERVAL * opened.exposure_s:
+            raise SettingRefused(
+                f"{self._name} says that it exposes {opened.exposure_s:g} s, but its frames come every "
+                f"{interval_s:.4g} s; lower camera.frame_rate_hz, or keep exposures below {opened.period_s:.4g} s"
+            )
 
     def _frame_within(self, opened: _Opened, after_s: float, when: str) -> RawFrame:
         seen = Seen()

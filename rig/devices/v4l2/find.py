@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig.devices.v4l2 import abi
-from rig.devices.v4l2.node import Node
+from rig.devices.v4l2.node import Node, forbidden
 from rig.errors import DeviceError, DeviceLost
 
 
@@ -27,6 +28,8 @@ class FoundCamera:
     vendor_id: int | None = None
     product_id: int | None = None
     usb_speed_mbps: float | None = None
+    usb_port: str | None = None
+    """The kernel's name of the USB device: bus and ports, such as ``1-4.2``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +68,32 @@ def find_cameras(root: Path = Path("/"), query: Callable[[Path], NodeFacts | Non
     return sorted(_with_unique_ids(cameras), key=lambda camera: (camera.bus_path, camera.device_id))
 
 
-def find_camera(device_id: str, root: Path = Path("/")) -> FoundCamera:
+def find_camera(
+    device_id: str, root: Path = Path("/"), query: Callable[[Path], NodeFacts | None] = query_node
+) -> FoundCamera:
     """The camera with this id, or at this bus path.
 
     Raises DeviceLost, with a list of what is there, when there is none; DeviceError when there are two.
     """
-    cameras = find_cameras(root)
+    cameras = find_cameras(root, query)
     found = [camera for camera in cameras if device_id in (camera.device_id, camera.bus_path, serial_id(camera))]
     exact = [camera for camera in found if camera.device_id == device_id]
     if len(found) > 1 and len(exact) != 1:
         ids = ", ".join(camera.device_id for camera in found)
         raise DeviceError(f"{len(found)} cameras are {device_id!r}; say which in camera.device_id: {ids}")
     if not found:
+        _refuse_hidden(device_id, root)
         there = ", ".join(f"{camera.device_id} ({camera.name})" for camera in cameras) or "no camera at all"
         raise DeviceLost(f"no camera {device_id!r} is plugged in; there is {there}: check cable and camera.device_id")
     return (exact or found)[0]
+
+
+def _refuse_hidden(device_id: str, root: Path) -> None:
+    """Raise DeviceForbidden when the camera may be one that cannot be asked."""
+    for entry in sorted((root / "sys/class/video4linux").glob("video*")):
+        node = root / "dev" / entry.name
+        if node.exists() and not os.access(node, os.R_OK | os.W_OK, effective_ids=True):
+            raise forbidden(f"no camera that may be opened is {device_id!r}, and {node} may not be", node)
 
 
 def serial_id(camera: FoundCamera) -> str | None:
@@ -119,6 +133,7 @@ def _describe(device: Path, entry: Path, node: Path, facts: NodeFacts) -> FoundC
         vendor_id=int(_read(usb / "idVendor") or "0", 16),
         product_id=int(_read(usb / "idProduct") or "0", 16),
         usb_speed_mbps=float(speed) if speed else None,
+        usb_port=usb.name,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import zlib
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
 
 _TIME_STAMP_SLACK_S = 1.0
+_JITTER_SHARE = 0.25
+"""Of a frame period."""
 
 
 @dataclass(slots=True)
@@ -43,22 +46,34 @@ class Frames:
         What its buffers hold.
     period_s
         Of the frame rate that is set.
+    exposes_always
+        It has no exposure control, and exposes for the whole frame period.
     clock
         CLOCK_MONOTONIC.
     """
 
     def __init__(
-        self, stream: Stream, pixel_format: PixelFormat, layout: Layout, channels: int, period_s: float, clock: Clock
+        self,
+        stream: Stream,
+        pixel_format: PixelFormat,
+        layout: Layout,
+        channels: int,
+        *,
+        period_s: float,
+        exposes_always: bool,
+        clock: Clock,
     ):
         self._stream = stream
         self._format = pixel_format
         self._layout = layout
         self._channels = channels
         self._period_s = period_s
+        self._exposes_always = exposes_always
         self._clock = clock
         self._began_s = clock.now_s()
         self._checksum: int | None = None
         self._rejected = 0
+        self._ended_s = -math.inf
 
     def next(self, after_s: float, until_s: float, exposure_s: float, seen: Seen) -> RawFrame | None:
         """The next good frame that began at or after a time; None when none has come by ``until_s``.
@@ -84,7 +99,7 @@ class Frames:
         self._check_time_stamp(filled)
         if self._is_bad(filled, seen):
             return None
-        started_s = start_of_exposure(filled, exposure_s, self._period_s, self._format.is_compressed)
+        started_s = self._started_s(filled, exposure_s)
         try:
             with self._stream.bytes_of(filled) as data:
                 checksum = zlib.crc32(data.data)
@@ -99,6 +114,17 @@ class Frames:
             seen.early_s = after_s - started_s
             return None
         return RawFrame(pixels, exposure_s, started_s, filled.number, lost, repeats)
+
+    def _started_s(self, filled: Filled, exposure_s: float) -> float:
+        """Start of exposure; where exposures abut, none is said to begin before the last one's end.
+
+        Their time stamps jitter, their exposures do not overlap. A larger overlap is left: something is amiss.
+        """
+        started_s = start_of_exposure(filled, exposure_s, self._period_s, self._format.is_compressed)
+        if self._exposes_always and 0 < self._ended_s - started_s < _JITTER_SHARE * exposure_s:
+            started_s = self._ended_s
+        self._ended_s = started_s + exposure_s
+        return started_s
 
     def _is_bad(self, filled: Filled, seen: Seen) -> bool:
         is_short = filled.bytes_used < self._format.least_bytes(self._layout)

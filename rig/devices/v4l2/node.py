@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import fcntl
+import grp
 import os
 from pathlib import Path
 from typing import TypeVar
@@ -128,7 +129,7 @@ def device_error(error: OSError, doing: str, path: Path) -> DeviceError:
     if number == errno.EBUSY:
         return DeviceBusy(f"{what}; another program uses the camera: end it (`fuser -v {path}`)")
     if number in (errno.EACCES, errno.EPERM):
-        return _forbidden(what, path)
+        return forbidden(what, path)
     if number in (errno.EINVAL, errno.ERANGE, errno.ENOTTY):
         return SettingRefused(f"{what}; the driver cannot do this: compare with `rig devices`")
     if number == errno.ENOSPC:
@@ -136,9 +137,10 @@ def device_error(error: OSError, doing: str, path: Path) -> DeviceError:
     return DeviceError(f"{what}; unplug the camera and plug it in again, and look into the kernel's log")
 
 
-def _forbidden(what: str, path: Path) -> DeviceForbidden:
+def forbidden(what: str, path: Path) -> DeviceForbidden:
+    """The error for a node that the user may not open, with what to do."""
     try:
-        group = path.group()
+        group = grp.getgrgid(path.stat().st_gid).gr_name
     except (OSError, KeyError):
         group = "video"
     return DeviceForbidden(

@@ -19,7 +19,7 @@ _HAPPENED = 0.3
 _MEASURABLE = 3.0
 """A change is measurable when the part that has to be seen is this many times what counts as steady."""
 UNMEASURED_FRAMES = 4
-"""Where the change cannot be seen (darkness, saturation) this many frames have to be steady."""
+"""Where the change cannot be seen (darkness, saturation) so many frames have to be steady, or more."""
 
 
 @dataclass(slots=True)
@@ -34,65 +34,57 @@ class Settling:
         New exposure over old.
     full_scale_dn
         The largest digital number.
+    unmeasured_frames
+        How many frames have to be steady where the change cannot be seen.
     """
 
     before: NDArray[np.uint16]
     ratio: float
     full_scale_dn: int
-    frames: int = 0
+    unmeasured_frames: int = UNMEASURED_FRAMES
     means: list[float] = field(default_factory=list)
+    """Of the frames so far, in dn."""
+    expected_dn: float = field(init=False)
+    """The mean if the sensor's numbers were in proportion to its exposure."""
     _usable: NDArray[np.bool_] = field(init=False)
     _before_dn: float = field(init=False)
 
     def __post_init__(self) -> None:
         sample = self.before[::_EVERY, ::_EVERY]
-        limit = _SATURATED * self.full_scale_dn
-        self._usable = (sample < limit) & (sample * max(1.0, self.ratio) < limit)
-        self._before_dn = self._mean(self.before)
+        self._usable = sample < _SATURATED * self.full_scale_dn
+        if not self._usable.any():
+            self._usable[:] = True
+        usable = sample[self._usable]
+        self._before_dn = float(usable.mean())
+        self.expected_dn = float(np.minimum(usable * self.ratio, self.full_scale_dn).mean())
 
     def add(self, pixels: NDArray[np.uint16]) -> bool:
         """Look at one more frame; True when this one and the last are settled."""
-        self.frames += 1
-        self.means.append(self._mean(pixels))
-        if len(self.means) < 2 or abs(self.means[-1] - self.means[-2]) > self._steady_dn(self.means[-1]):
-            return False
+        self.means.append(float(pixels[::_EVERY, ::_EVERY][self._usable].mean()))
         if self.is_measurable:
-            return self._has_changed()
-        return self._steady_frames() >= UNMEASURED_FRAMES
-
-    @property
-    def expected_dn(self) -> float:
-        """The change of the mean if the sensor's numbers were in proportion to its exposure."""
-        return self._before_dn * (self.ratio - 1.0)
+            return self._steady_frames() >= 2 and self._has_changed()
+        return self._steady_frames() >= self.unmeasured_frames
 
     @property
     def is_measurable(self) -> bool:
         """The change stands out of what two equal frames differ by."""
-        steady_dn = self._steady_dn(self._before_dn * max(1.0, self.ratio))
-        return _HAPPENED * abs(self.expected_dn) > _MEASURABLE * steady_dn
+        steady_dn = self._steady_dn(max(self._before_dn, self.expected_dn))
+        return _HAPPENED * abs(self.expected_dn - self._before_dn) > _MEASURABLE * steady_dn
 
     def state(self) -> str:
         """For messages: what was expected and what was seen."""
         seen = " ".join(f"{mean:.2f}" for mean in self.means[-4:]) or "none"
-        hope = f"{self._before_dn + self.expected_dn:.2f}" if self.is_measurable else "(not measurable)"
-        return f"mean of unsaturated pixels before {self._before_dn:.2f} dn, expected about {hope}, seen {seen}"
+        expected = f"about {self.expected_dn:.2f}" if self.is_measurable else "no change that can be measured"
+        return f"mean of unsaturated pixels before {self._before_dn:.2f} dn, expected {expected}, seen {seen}"
 
     def _has_changed(self) -> bool:
-        change_dn = self.means[-1] - self._before_dn
-        return change_dn / self.expected_dn >= _HAPPENED
+        return (self.means[-1] - self._before_dn) / (self.expected_dn - self._before_dn) >= _HAPPENED
 
     def _steady_frames(self) -> int:
-        steady = 1
-        while steady < len(self.means) and abs(self.means[-steady] - self.means[-steady - 1]) <= self._steady_dn(
-            self.means[-1]
-        ):
-            steady += 1
-        return steady
+        """How many frames, the last among them, have the last one's mean."""
+        limit_dn = self._steady_dn(self.means[-1])
+        steady = [abs(mean - self.means[-1]) <= limit_dn for mean in reversed(self.means)]
+        return steady.index(False) if False in steady else len(steady)
 
     def _steady_dn(self, mean_dn: float) -> float:
         return max(_STEADY_SHARE * mean_dn, _STEADY_DN_OF_255 * self.full_scale_dn / 255)
-
-    def _mean(self, pixels: NDArray[np.uint16]) -> float:
-        if not self._usable.any():
-            return float(pixels[::_EVERY, ::_EVERY].mean())
-        return float(pixels[::_EVERY, ::_EVERY][self._usable].mean())

@@ -117,16 +117,16 @@ class Stream:
 
     def _filled(self, buffer: abi.Buffer) -> Filled:
         stamp_s = buffer.timestamp.seconds + buffer.timestamp.microseconds * 1e-6
-        lost = self._count(buffer.sequence, self._given_s[buffer.index])
+        lost = self._count(buffer.sequence)
         self._last = buffer.sequence, stamp_s
         has_error = bool(buffer.flags & abi.BUFFER_ERROR)
         return Filled(buffer.index, buffer.bytesused, has_error, buffer.flags, stamp_s, self._number, lost)
 
-    def _count(self, sequence: int, given_s: float) -> int:
+    def _count(self, sequence: int) -> int:
         """Count on, and tell how many frames are missing.
 
-        Nobody lost a frame for which there was no buffer: a gap counts only if the buffer that came after it was
-        with the driver already when the frame before it came.
+        Nobody lost a frame for which there was no buffer: a gap counts only if some buffer was with the driver
+        already when the frame before it came.
         """
         if self._last is None:
             self._number += 1
@@ -136,7 +136,7 @@ class Stream:
         if not 0 < step < _HALF:
             step = 1
         self._number += step
-        return step - 1 if given_s <= last_stamp_s else 0
+        return step - 1 if any(given_s <= last_stamp_s for given_s in self._given_s) else 0
 
     @contextmanager
     def bytes_of(self, filled: Filled) -> Iterator[Bytes]:

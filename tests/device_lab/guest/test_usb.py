@@ -117,6 +117,8 @@ def test_libusb_sees_what_sysfs_sees_and_can_take_a_hid_interface(
     }
     assert places <= places_by_libusb()
     assert open_usb_device(devices["LAB1"]).serial_number == "LAB1"
+    with as_nobody(), pytest.raises(DeviceForbidden, match=r"70-procam-rig-1209-0001\.rules"):
+        open_usb_device(devices["LAB1"])
     transport = LibusbTransport(devices["LCR-7"])
     device = LightCrafter(transport, CLOCK)
     assert str(device.version()) == "4.0.0"
@@ -150,8 +152,8 @@ def test_what_the_camera_or_the_driver_refuses_is_named(camera: UvcCamera, vendo
             pass
 
 
-def test_a_reset_enumerates_the_camera_anew_and_it_streams_again(camera: UvcCamera) -> None:
-    camera.controls.put("gain", 3)
+def test_a_reset_enumerates_a_hung_camera_anew_and_it_streams_again(camera: UvcCamera) -> None:
+    camera.faults.frozen_until_reset = True
     before = found("LAB1")[0]
     after = reset_usb_device(before)
     assert (after.serial, after.bus_path) == ("LAB1", before.bus_path)

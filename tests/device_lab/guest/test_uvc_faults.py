@@ -17,6 +17,7 @@ from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, Sett
 from rig.virtual.test_source import MEDIUM_EXPOSURE_S, read_number
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging, run, wait_for
 
+pytestmark = pytest.mark.timeout(60)
 EXPOSURE_MODE, EXPOSURE, GAIN = (1, 2), (1, 4), (2, 4)
 NODROP = Path("/sys/module/uvcvideo/parameters/nodrop")
 STRIKE_LIMIT_S = 2.0
@@ -126,13 +127,13 @@ def test_frames_begin_after_the_time_that_was_asked_for_and_tell_it(plug: Callab
 
 
 def test_everything_automatic_is_off_while_it_is_open(plug: Callable[..., Plugged]) -> None:
-    plugged = plug()
+    plugged = plug(exposure_s=0.002)
     assert plugged.camera.controls.value("exposure_mode") == 8
-    with opened(plugged, controls={"gain": 200}):
+    with opened(plugged, 0.004, controls={"gain": 200}):
         values = plugged.camera.controls.value
         assert values("exposure_mode") == 1
         assert values("white_balance_automatic") == values("focus_automatic") == 0
-        assert (values("gain"), values("exposure")) == (200, 100)
+        assert (values("gain"), values("exposure")) == (200, 40)
 
 
 def test_a_camera_unplugged_while_it_streams_is_lost_at_once(plug: Callable[..., Plugged]) -> None:
@@ -147,12 +148,12 @@ def test_a_camera_unplugged_while_it_streams_is_lost_at_once(plug: Callable[...,
 
 
 def test_a_camera_under_another_node_number_is_found_again_with_its_settings(plug: Callable[..., Plugged]) -> None:
-    before = plug()
-    with opened(before, controls={"gain": 300}) as camera, before.node.open("rb"):
-        assert level_of(capture(camera)) == 255
+    before = plug(exposure_s=0.004)
+    with opened(before, 0.002, controls={"gain": 300}) as camera, before.node.open("rb"):
+        assert level_of(capture(camera)) == round(255 / 2 * 0.2 * 3)
         before.unplug()
         assert isinstance(frames_until_error(camera), DeviceLost)
-        after = plug()
+        after = plug(exposure_s=0.002)
         assert after.node != before.node
         assert after.camera.controls.value("gain") == 100
         camera.open()
@@ -236,16 +237,12 @@ def test_bad_frames_are_never_accepted_and_their_loss_is_told(
     with opened(plugged) as camera:
         numbers = [number_of(capture(camera))]
         setattr(plugged.faults, fault, 3)
-        lost = 0
-        while getattr(plugged.faults, fault) or not lost:
-            frame = capture(camera)
-            assert level_of(frame) == 128
-            numbers.append(number_of(frame))
-            lost += frame.lost
-        assert lost >= 1
-        assert numbers == sorted(set(numbers))
-        after = capture(camera)
-        assert level_of(after) == 128
+        frames = [camera.capture(after_s=0.0, timeout_s=5.0) for _ in range(12)]
+    assert getattr(plugged.faults, fault) == 0
+    assert {level_of(frame) for frame in frames} == {128}
+    numbers += map(number_of, frames)
+    assert sum(frame.lost for frame in frames) == 3
+    assert sum(after - before - 1 for before, after in itertools.pairwise(numbers)) >= 3
 
 
 def test_frames_that_the_camera_itself_drops_only_take_time(plug: Callable[..., Plugged]) -> None:
@@ -263,11 +260,11 @@ def test_a_copy_of_an_old_frame_says_that_it_is_one(plug: Callable[..., Plugged]
     plugged = plug()
     with opened(plugged) as camera:
         capture(camera)
-        plugged.faults.duplicate_frames = 1
+        plugged.faults.duplicate_frames = 3
         frames = [camera.capture(after_s=0.0, timeout_s=5.0) for _ in range(8)]
     numbers = [number_of(frame) for frame in frames]
     copies = [one == other for one, other in itertools.pairwise(numbers)]
-    assert copies.count(True) == 1
+    assert any(copies)
     assert [frame.repeats for frame in frames[1:]] == copies
 
 
