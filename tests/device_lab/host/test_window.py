@@ -262,8 +262,8 @@ class TestWayland:
     ) -> None:
         with weston(tmp_path, [(800, 600), (640, 480)]) as desktop:
             point_to(desktop, monkeypatch)
-            desktop.point_at("X2")  # the projector hides the pointer
             for projector in opened("monitor:1", (480, 640)):
+                desktop.point_at("X2")  # the projector hides the pointer
                 codes = noise((*projector.shape, 3))
                 projector.show(codes, name="noise")
                 wait_until_shown(desktop, "X2", codes)
