@@ -1,17 +1,21 @@
-# Two commands: `make demo` runs a whole session on the simulated rig, `make test` runs every check.
+# Two commands: `make demo` runs a whole session on the simulated rig, `make test` runs every check that needs no
+# machine of its own. `make test-devices` runs the drivers on real kernel drivers, in virtual machines.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEMO_SESSION ?= runs/demo
 
-.PHONY: demo test lint check-tools clean
+.PHONY: demo test test-devices lint check-tools clean
 
 demo: $(READY)
 	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
 
 test: $(READY) lint
 	$(BIN)/python -m pytest
+
+test-devices: $(READY)
+	$(BIN)/python tests/device_lab/run.py $(SUITES)
 
 lint: $(READY)
 	$(BIN)/ruff check .

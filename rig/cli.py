@@ -5,15 +5,15 @@ Exit status: 0 ok, 1 outside limits, 2 usage or profile, 3 device, 4 session, 13
 
 from __future__ import annotations
 
-import json
 import sys
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import cyclopts
 from cyclopts import App, Parameter
 
+from rig.cli_devices import Json, devices, print_json, profile_app, virtual
 from rig.errors import RigError, UsageError
 
 
@@ -30,10 +30,10 @@ app = App(
     version_flags=["--version"],
     suppress_keyboard_interrupt=False,
 )
-profile_app = App(name="profile", help="Write and check hardware profiles.")
 app.command(profile_app)
+app.command(devices)
+app.command(virtual)
 
-Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
 ProfileOption = Annotated[
     str | None,
     Parameter(name=["--profile", "-p"], help="Profile file or name; needed once, then the session keeps its copy."),
@@ -70,10 +70,6 @@ def _help_of(arguments: list[str]) -> str:
     return " ".join(["rig", *verbs, "--help"])
 
 
-def _print_json(value: dict[str, Any]) -> None:
-    print(json.dumps(value, indent=2, allow_nan=False))
-
-
 @app.command
 def run(
     session: SessionFolder,
@@ -98,11 +94,11 @@ def run(
     request = Request(session, profile, target, _names(strategies), fit)
     if dry_run:
         plan = plan_session(request)
-        _print_json(plan) if as_json else print_plan(plan)
+        print_json(plan) if as_json else print_plan(plan)
         return 0
     with TerminalProgress() as progress:
         result = run_session(request, progress)
-    _print_json(result) if as_json else print_run(result)
+    print_json(result) if as_json else print_run(result)
     return 0 if result["within_limits"] else 1
 
 
@@ -125,7 +121,7 @@ def _verb(
 
     with TerminalProgress() as progress:
         result = run_part(Request(session, profile, target, _names(strategies), fit), upto, progress)
-    _print_json(result) if as_json else print_part(upto, result)
+    print_json(result) if as_json else print_part(upto, result)
     return 0 if result.get("within_limits", True) else 1
 
 
@@ -199,7 +195,7 @@ def report(session: SessionFolder, *, as_json: Json = False) -> int:
     from rig.workflows.whole import rewrite_report
 
     path = rewrite_report(session)
-    _print_json({"report": str(path)}) if as_json else print(path)
+    print_json({"report": str(path)}) if as_json else print(path)
     return 0
 
 
@@ -226,102 +222,8 @@ def check(
         result = run_check(profile, progress, _names(only) if only else ())
     if report is not None:
         result["report"] = str(write_check_page(result, report))
-    _print_json(result) if as_json else print_check(result)
+    print_json(result) if as_json else print_check(result)
     return 0 if result["within_limits"] else 1
-
-
-@app.command
-def devices(
-    name: Annotated[
-        str | None, Parameter(help="Only devices that this names: device id, node, connector, part of the name.")
-    ] = None,
-    *,
-    everything: Annotated[
-        bool, Parameter(name="--all", negative="", help="All formats, controls and modes; a name does so too.")
-    ] = False,
-    as_json: Json = False,
-) -> int:
-    """List what is plugged in: cameras, display outputs, monitors, controllers, and their lines for a profile.
-
-    Example: rig devices --json
-    """
-    from rig.report.devices import print_devices
-    from rig.workflows.devices import list_devices
-
-    result = list_devices(name)
-    _print_json(result) if as_json else print_devices(result, everything or name is not None)
-    return 0
-
-
-@app.command
-def virtual(
-    *,
-    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile with a [bench]: the room.")] = (
-        "virtual-rig"
-    ),
-    display: Annotated[
-        str | None, Parameter(help="Display output to look at, e.g. HDMI-A-1; default: the profile's.")
-    ] = None,
-    picture: Annotated[Path | None, Parameter(help="Still picture to look at instead of a display.")] = None,
-    as_json: Json = False,
-) -> int:
-    """Plug a simulated USB camera into this machine, for any program; it sees a display in a simulated room.
-
-    Needs root, and Linux with the modules vhci-hcd and uvcvideo. Ends with "quit" or Ctrl-C.
-
-    Example: sudo rig virtual --picture photograph.png
-    """
-    from rig.workflows.virtual import run_virtual
-
-    def ready(found: dict[str, Any]) -> None:
-        text = "{node} is a virtual camera, {device_id}; it sees {display}. Type help or quit.".format(**found)
-        print(json.dumps(found) if as_json else text, flush=True)
-
-    run_virtual(profile, display, picture, ready, lambda text: print(text, file=sys.stderr, flush=True))
-    return 0
-
-
-@profile_app.command(name="check")
-def profile_check(*files: str, as_json: Json = False) -> int:
-    """Validate profiles, and files of facts about hardware: every problem of every file, a line each.
-
-    Example: rig profile check hw_profiles/*.toml
-    """
-    from rig.workflows.profile_files import check_files
-
-    if not files:
-        raise UsageError("rig profile check needs at least one file, e.g. hw_profiles/sim-room.toml")
-    checked = check_files(list(files))
-    if as_json:
-        _print_json({"files": [{"path": c.path, "ok": c.ok, "problems": list(c.problems)} for c in checked]})
-    else:
-        for one in checked:
-            print("\n".join(one.problems) if one.problems else one.summary)
-    return 0 if all(one.ok for one in checked) else 2
-
-
-@profile_app.command(name="new")
-def profile_new(
-    path: Annotated[Path, Parameter(help="Profile to write (.toml).")],
-    *,
-    camera: Annotated[str | None, Parameter(help="Device id, if there are several; see rig devices.")] = None,
-    output: Annotated[str | None, Parameter(help="Connector or monitor, if there are several.")] = None,
-    camera_model: Annotated[str | None, Parameter(help="Model in hw_profiles/cameras; default: by USB ids.")] = None,
-    projector_model: Annotated[str | None, Parameter(help="Model in hw_profiles/projectors.")] = None,
-    name: Annotated[str | None, Parameter(help="The profile's name; default: the file's.")] = None,
-    force: Annotated[bool, Parameter(negative="", help="Replace a file that is there.")] = False,
-    as_json: Json = False,
-) -> int:
-    """Write a profile from what is plugged in and what is publicly known of it; says what is left to measure.
-
-    Example: rig profile new lab.toml --projector-model PW800
-    """
-    from rig.report.devices import print_new_profile
-    from rig.workflows.new_profile import Request, write_profile
-
-    result = write_profile(Request(path, camera, output, camera_model, projector_model, name, force))
-    _print_json(result) if as_json else print_new_profile(result)
-    return 0
 
 
 @app.command
@@ -340,7 +242,7 @@ def paper(
 
     with TerminalProgress() as progress:
         result = run_paper(figures, progress)
-    _print_json(result) if as_json else print_paper(result)
+    print_json(result) if as_json else print_paper(result)
     return 0
 
 
@@ -384,7 +286,7 @@ def simulate(
         print_simulation_plan(result)
     with TerminalProgress() as progress:
         result["actual"] = run_planned(planned, progress, check)
-    _print_json(result) if as_json else print_simulation(result)
+    print_json(result) if as_json else print_simulation(result)
     return 0
 
 
@@ -411,7 +313,7 @@ def bench(
         raise UsageError("--quick and --full exclude each other; give one")
     with TerminalProgress() as progress:
         result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
-    _print_json(result) if as_json else print_bench(result)
+    print_json(result) if as_json else print_bench(result)
     return 0 if result["within_limits"] else 1
 
 
@@ -432,5 +334,5 @@ def scan(
 
     with TerminalProgress() as progress:
         result = run_scan(manifest, output, on_step=progress)
-    _print_json(result) if as_json else print_scan(result)
+    print_json(result) if as_json else print_scan(result)
     return 0

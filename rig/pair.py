@@ -212,11 +212,19 @@ class Rig:
             frame = self._first_good_frame(shot.name, shown.on_screen_s + self.profile.projector.latency_s)
             if frame is not None:
                 return frame
-            remedy = next(shot.remedies, None)
             with self._closing_on_failure():
-                if remedy is None:
-                    raise self._no_good_frame(shot)
+                self._mend(shot)
+
+    def _mend(self, shot: _Shot) -> None:
+        """Apply the next remedy, and the one after it to a camera that stays silent even so."""
+        for remedy in shot.remedies:
+            try:
                 remedy()
+            except CaptureTimeout as error:
+                self._note("timeout", f"{shot.name}: {error}")
+            else:
+                return
+        raise self._no_good_frame(shot)
 
     def _first_good_frame(self, name: str, settled_s: float) -> RawFrame | None:
         """None when the camera needs more than to be asked again."""
@@ -272,17 +280,23 @@ class Rig:
 
     def _reopen(self) -> None:
         self._note("reopened", f"{self._name_of(self.camera)}: gave no good frame")
-        self._open_camera_again(lambda: None)
+        close_quietly(self.camera)
+        self._open_camera()
 
     def _reset(self) -> None:
-        self._note("reset", f"{self._name_of(self.camera)}: gave no good frame after it was opened again")
-        if isinstance(self.camera, Resettable):
-            self._open_camera_again(self.camera.reset)
-
-    def _open_camera_again(self, between: Callable[[], None]) -> None:
+        name = self._name_of(self.camera)
         close_quietly(self.camera)
+        try:
+            if isinstance(self.camera, Resettable):
+                self.camera.reset()
+        except DeviceError as error:
+            self._note("failed", f"{name} could not be reset: {error}")
+        else:
+            self._note("reset", f"{name}: gave no good frame after it was opened again")
+        self._open_camera()
+
+    def _open_camera(self) -> None:
         with _talking_to(self.camera):
-            between()
             self.camera.open()
             self._restore_camera()
 

@@ -11,7 +11,7 @@ from rig.terminal import print_table
 
 def print_devices(result: dict[str, Any], details: bool = False) -> None:
     """Tables of cameras, outputs, monitors and controllers; `details` adds formats, controls and modes."""
-    _print_overview(result)
+    _print_overview(result, empty=not details)
     if details:
         for camera in (one for one in result["cameras"] if not one["error"]):
             _print_camera(camera)
@@ -21,11 +21,14 @@ def print_devices(result: dict[str, Any], details: bool = False) -> None:
     _print_lines(result)
 
 
-def _print_overview(result: dict[str, Any]) -> None:
+def _print_overview(result: dict[str, Any], empty: bool) -> None:
+    """A table for each kind; `empty` shows that there are no cameras or outputs."""
     cameras = [(c["device_id"], c["name"], _best(c), _exposure(c), _speed(c)) for c in result["cameras"]]
-    _print_rows("Cameras (V4L2)", ["device id", "name", "best for a rig", "exposure, ms", "USB, Mbit/s"], cameras)
+    if cameras or empty:
+        _print_rows("Cameras (V4L2)", ["device id", "name", "best for a rig", "exposure, ms", "USB, Mbit/s"], cameras)
     outputs = [(o["output"], o["status"], o["monitor_name"], _mode(o), _free(o)) for o in result["outputs"]]
-    _print_rows("Display outputs", ["output", "status", "monitor", "mode", "card is free"], outputs)
+    if outputs or empty:
+        _print_rows("Display outputs", ["output", "status", "monitor", "mode", "card is free"], outputs)
     if result["monitors"]:
         monitors = [(m["name"], _mode(m), f"{m['x_px']}, {m['y_px']}") for m in result["monitors"]]
         _print_rows("Monitors of this desktop", ["name", "mode", "place, px"], monitors)
@@ -79,10 +82,10 @@ def _print_camera(camera: dict[str, Any]) -> None:
     title = f"{camera['name']}: formats"
     _print_rows(title, ["format", "meaning", "size", "frame rates, Hz"], formats)
     controls = [
-        (c["name"], c["kind"], c["minimum"], c["maximum"], c["step"], c["default"], c["value"])
+        (c["name"], c["kind"], f"{c['minimum']} … {c['maximum']}", c["step"], c["default"], c["value"])
         for c in camera["controls"]
     ]
-    head = ["control", "kind", "minimum", "maximum", "step", "default", "now"]
+    head = ["control", "kind", "range", "step", "default", "now"]
     _print_rows(f"{camera['name']}: controls", head, controls)
 
 

@@ -16,8 +16,8 @@ from rig.errors import DeviceLost
 MESSAGE_LIMIT = 512
 REPORT = 64
 VERSION = (4 << 24 | 0 << 16 | 0).to_bytes(4, "little")
-MODE_DELAY = 3
-"""How many questions a change of mode outlasts."""
+MODE_DELAY, CHECK_DELAY = 3, 2
+"""How many messages a change of mode, and a check of a sequence, outlast."""
 
 
 @dataclass
@@ -105,6 +105,7 @@ class LightCrafterEmulation:
     def _message(self, message: bytes) -> None:
         flags, sequence, data = message[0], message[1], message[6:]
         command = message[5] << 8 | message[4]
+        self._age()
         if self.faults.silent:
             return
         asleep = self.registers.power and command not in (0x0200, 0x1A0A, 0x1A0B, 0x1A0C)
@@ -156,7 +157,7 @@ class LightCrafterEmulation:
             0x1A0C: lambda: bytes([(at.power and 1) | (not at.power) << 1 | (at.gamma >> 7) << 3]),
             0x1A0E: lambda: bytes([at.gamma]),
             0x1A1A: self._checked,
-            0x1A1B: self._mode,
+            0x1A1B: lambda: bytes([at.mode]),
             0x1A1D: lambda: at.trigger_out_1,
             0x1A1E: lambda: at.trigger_out_2,
             0x1A22: lambda: bytes([at.pattern_source]),
@@ -232,13 +233,16 @@ class LightCrafterEmulation:
         self._pending = (MODE_DELAY, data[0])
         return True
 
-    def _mode(self) -> bytes:
+    def _age(self) -> None:
+        """Changes that take a while come nearer with every message."""
         if self._pending is not None:
             left, mode = self._pending
             self._pending = (left - 1, mode) if left else None
             if not left:
                 self.registers.mode, self.registers.running = mode, 0
-        return bytes([self.registers.mode])
+        if self._pending_check:
+            self._pending_check -= 1
+            self.registers.valid = None if self._pending_check else self._verdict()
 
     def _fill_table(self, data: bytes) -> bool:
         at, start = self.registers, 3 * self.registers.offset
@@ -250,15 +254,11 @@ class LightCrafterEmulation:
     def _start_check(self, data: bytes) -> bool:
         if len(data) != 1 or self.registers.running == 2 or not self.registers.mode:
             return False
-        self._pending_check = MODE_DELAY
+        self._pending_check, self.registers.valid = CHECK_DELAY, None
         return True
 
     def _checked(self) -> bytes:
-        if self._pending_check:
-            self._pending_check -= 1
-            return b"\x80"
-        self.registers.valid = self._verdict()
-        return bytes([self.registers.valid])
+        return bytes([0x80 if self.registers.valid is None else self.registers.valid])
 
     def _verdict(self) -> int:
         at = self.registers
@@ -275,9 +275,9 @@ class LightCrafterEmulation:
 
     def _run(self, data: bytes) -> bool:
         at = self.registers
-        if len(data) != 1 or data[0] > 2 or not at.mode:
+        if len(data) != 1 or data[0] > 2:
             return False
-        if data[0] == 2 and (at.valid is None or at.valid & 3):
+        if data[0] == 2 and (not at.mode or at.valid is None or at.valid & 3):
             return False
         at.running = data[0]
         return True

@@ -86,6 +86,9 @@ class UvcCamera:
         Limits of the manual exposure, and the one it begins with; steps of 0.1 ms. It begins in automatic mode.
     control_delay_frames
         So many frames after the change of exposure or gain are still exposed with the old one.
+    longest_delay_s
+        A frame that is not on its way so long after its exposure is lost: its host, which times it by its arrival,
+        would take it for younger than it is. A rig's ``projector.latency_s`` has to cover it.
     """
 
     speed = UsbSpeed.HIGH
@@ -103,6 +106,7 @@ class UvcCamera:
         exposure_range_s: tuple[float, float] = (0.0001, 0.5),
         exposure_s: float = 0.0156,
         control_delay_frames: int = 1,
+        longest_delay_s: float = 0.1,
         transport: Transport = Transport.ISOCHRONOUS,
     ):
         self.faults = faults or Faults()
@@ -119,6 +123,7 @@ class UvcCamera:
         self.frames_sent = 0
         self._formats, self._transport, self._source = formats, transport, source
         self._exposure_range_s = exposure_range_s
+        self._longest_delay_s = longest_delay_s
         self._settings: deque[tuple[float, float]] = deque(maxlen=control_delay_frames + 1)
         self._probed = self._committed = negotiate(formats, transport)
         self._sender = Sender(transport)
@@ -210,7 +215,8 @@ class UvcCamera:
             frame = self._source.expose(request)
             number += 1
             if frame is not None:
-                last = self._send(stream, frame, last)
+                until_s = request.started_s + request.exposure_s + self._longest_delay_s
+                last = self._send(stream, frame, last, until_s)
                 self._adjust(request, frame)
             period_s = max(stream.interval / INTERVAL_UNITS_PER_S, request.exposure_s)
             next_s = request.started_s + period_s
@@ -230,7 +236,7 @@ class UvcCamera:
         size = chosen.sizes[stream.size_index - 1]
         return FrameRequest(chosen.fourcc, size.width_px, size.height_px, started_s, exposure_s, gain, number)
 
-    def _send(self, stream: Stream, frame: bytes, last: bytes) -> bytes:
+    def _send(self, stream: Stream, frame: bytes, last: bytes, until_s: float) -> bytes:
         """Send a frame with the next fault, if there is one; returns the picture that was sent."""
         faults = self.faults
         if faults.frozen or faults.frozen_until_reset or faults.take("dropped_frames"):
@@ -240,8 +246,8 @@ class UvcCamera:
         error = faults.take("error_frames")
         sent = frame[: len(frame) // 2] if not error and faults.take("short_frames") else frame
         with self._change:
-            if self._stream is stream and self._sender.send(sent, stream.payload_bytes, error=error):
-                self.frames_sent += 1
+            if self._stream is stream:
+                self.frames_sent += self._sender.send(sent, stream.payload_bytes, begin_until_s=until_s, error=error)
         return frame
 
     def _adjust(self, request: FrameRequest, frame: bytes) -> None:

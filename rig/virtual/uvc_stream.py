@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from enum import IntFlag
 from functools import lru_cache
@@ -31,6 +32,11 @@ class Parcel(Protocol):
     """A frame on its way."""
 
     @property
+    def is_begun(self) -> bool:
+        """Whether some of it is sent."""
+        ...
+
+    @property
     def is_sent(self) -> bool:
         """Whether all of it is."""
         ...
@@ -56,6 +62,11 @@ class IsochronousParcel:
         length = full + len(frame) - full + count * PAYLOAD_HEADER_BYTES
         self._bytes = packets.reshape(-1).data[:length]
         self._position = 0
+
+    @property
+    def is_begun(self) -> bool:
+        """Whether some of it is sent."""
+        return self._position > 0
 
     @property
     def is_sent(self) -> bool:
@@ -92,6 +103,11 @@ class BulkParcel:
         self._needs_end = len(self._bytes) < payload_bytes
 
     @property
+    def is_begun(self) -> bool:
+        """Whether some of it is sent."""
+        return self._position > 0
+
+    @property
     def is_sent(self) -> bool:
         """Whether all of it is."""
         return self._position >= len(self._bytes) and not self._needs_end
@@ -111,6 +127,7 @@ class Sender:
         self._transport = transport
         self._transfers: deque[Transfer] = deque()
         self._parcel: Parcel | None = None
+        self._begin_until_s = 0.0
         self._parity = 0
         self._lock = threading.Lock()
 
@@ -120,11 +137,13 @@ class Sender:
             self._transfers.append(transfer)
             self._pump()
 
-    def send(self, frame: bytes, payload_bytes: int, *, error: bool = False) -> bool:
-        """Begin to send a frame. False when the one before is still on its way: then this one is lost."""
+    def send(self, frame: bytes, payload_bytes: int, *, begin_until_s: float, error: bool = False) -> bool:
+        """Send a frame, if that can begin in time. False when it is lost, as another one is still on its way."""
         with self._lock:
+            self._drop_late()
             if self._parcel is not None:
                 return False
+            self._begin_until_s = begin_until_s
             flags = self._parity | (PayloadFlag.ERROR if error else 0)
             self._parity ^= PayloadFlag.FRAME_PARITY
             if self._transport is Transport.ISOCHRONOUS:
@@ -140,7 +159,13 @@ class Sender:
             self._transfers.clear()
             self._parcel = None
 
+    def _drop_late(self) -> None:
+        """Hosts time a frame by its arrival: one that comes late would look younger than it is."""
+        if self._parcel is not None and not self._parcel.is_begun and time.monotonic() > self._begin_until_s:
+            self._parcel = None
+
     def _pump(self) -> None:
+        self._drop_late()
         while self._parcel is not None and self._transfers:
             self._parcel.send(self._transfers.popleft())
             if self._parcel.is_sent:

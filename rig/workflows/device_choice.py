@@ -30,7 +30,9 @@ MOST_RATE_HZ = 60.0
 """More frames a second than a projector shows are thrown away."""
 AT_MINIMUM = frozenset({"gain", "sharpness", "backlight_compensation", "power_line_frequency"})
 """Controls that add noise or process pictures: least of them."""
-AT_DEFAULT = frozenset({"brightness", "contrast", "saturation", "hue", "gamma", "zoom_absolute"})
+AT_DEFAULT = frozenset({"brightness", "contrast", "saturation", "hue", "zoom_absolute"})
+LINEAR_GAMMA = 100
+"""UVC counts gamma in hundredths."""
 AS_THEY_ARE = frozenset({"focus_absolute", "white_balance_temperature"})
 """Controls whose right value depends on the scene."""
 
@@ -80,17 +82,25 @@ def exposure_range_s(controls: Iterable[ControlAbility]) -> tuple[float, float] 
     return None
 
 
-def fixed_controls(controls: Iterable[ControlAbility]) -> dict[str, int]:
-    """Values for controls that change brightness or sharpness, so that they are the same in every session."""
-    fixed: dict[str, int] = {}
+def fixed_controls(controls: Iterable[ControlAbility]) -> dict[str, tuple[int, str]]:
+    """Values, and why, for controls that change the picture, so that they are the same in every session."""
+    fixed: dict[str, tuple[int, str]] = {}
     for control in (one for one in controls if one.is_settable):
-        if control.name in AT_MINIMUM:
-            fixed[control.name] = control.minimum
+        if control.name == "gamma":
+            fixed[control.name] = (_nearest(control, LINEAR_GAMMA), "linear, or nearest to it")
+        elif control.name in AT_MINIMUM:
+            fixed[control.name] = (control.minimum, "the least")
         elif control.name in AT_DEFAULT:
-            fixed[control.name] = control.default
+            fixed[control.name] = (control.default, "the camera's default")
         elif control.name in AS_THEY_ARE and control.value is not None:
-            fixed[control.name] = control.value
+            fixed[control.name] = (control.value, "as it is now; set it for your scene")
     return fixed
+
+
+def _nearest(control: ControlAbility, value: int) -> int:
+    """The value that a control takes which is nearest to one, from below."""
+    inside = min(max(value, control.minimum), control.maximum)
+    return inside - (inside - control.minimum) % max(1, control.step)
 
 
 def best_output_mode(modes: Iterable[OutputMode], facts: ProjectorFacts | None = None) -> OutputMode | None:

@@ -75,7 +75,7 @@ def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> s
             "", [Entry("schema", 1, ""), Entry("name", name, ""), Entry("description", _about(camera, display), "")]
         ),
         _section("camera", _camera_entries(camera, display)),
-        _section("camera.controls", [Entry(key, value, _control_origin(key)) for key, value in controls.items()]),
+        _section("camera.controls", [Entry(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]),
         _section("projector", _projector_entries(display)),
         _section("scale", [Entry("baseline_m", 0.5, f"{MEASURE}: lens to lens, or better two spots, by tape")]),
         _section("room", [Entry("closed", False, f"{MEASURE}: true if light comes back from all sides")]),
@@ -151,7 +151,9 @@ def _bit_depth_origin(camera: PlannedCamera) -> str:
 def _exposure_range(camera: PlannedCamera) -> tuple[tuple[float, float], str]:
     asked = exposure_range_s(camera.controls)
     if asked is not None:
-        return asked, DEVICE
+        period_s = 1 / (camera.mode.frame_rate_hz or _GUESSED_RATE_HZ)
+        too_long = asked[1] > period_s
+        return asked, f"{DEVICE}; many cameras stop at a frame's {period_s:.3g} s" if too_long else DEVICE
     fact = camera.facts.exposure_range_s
     if fact is not None:
         return fact.value, _cited(camera.facts_of, fact)
@@ -167,12 +169,6 @@ def _camera_angle(camera: PlannedCamera) -> Entry:
         wide = 2 * math.degrees(math.atan(share * math.tan(math.radians(facts.dfov_deg.value / 2))))
         return Entry("hfov_deg", round(wide, 1), f"{MEASURE}: {_cited(camera.facts_of, facts.dfov_deg)}")
     return Entry("hfov_deg", _GUESSED_CAMERA_DEG, f"{MEASURE}: 2 atan(width seen / (2 distance))")
-
-
-def _control_origin(key: str) -> str:
-    return (
-        "chosen: as it is now, set it for your scene" if key.endswith(("focus_absolute", "temperature")) else "chosen"
-    )
 
 
 def _projector_entries(display: PlannedDisplay) -> list[Entry]:

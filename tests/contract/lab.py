@@ -1,6 +1,5 @@
 """Back ends on real kernel drivers, which only the device lab has: each a function that opens a rig."""
 
-import atexit
 import os
 import subprocess
 from collections.abc import Callable
@@ -25,6 +24,8 @@ from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
 
 ROOT = Path(__file__).parents[2]
+UNTIL_THE_END = ExitStack()
+"""What tests share; closed when they end."""
 
 
 @cache
@@ -66,9 +67,7 @@ def open_display(module: str) -> Rig:
 @cache
 def desktop() -> XDisplay:
     """A desktop with one monitor of 640 x 480 pixels, until the tests end."""
-    until_the_end = ExitStack()
-    atexit.register(until_the_end.close)
-    return until_the_end.enter_context(virtual_display(640, 480))
+    return UNTIL_THE_END.enter_context(virtual_display(640, 480))
 
 
 def open_window() -> Rig:
@@ -152,10 +151,7 @@ def virtual_rig() -> VirtualRig:
     for module in ("vkms", "vhci-hcd", "uvcvideo"):
         load_module(module)
     profile = small_virtual_profile()
-    rig = VirtualRig(profile, open_display_of(profile))
-    atexit.register(rig.unplug)
-    rig.plug()
-    return rig
+    return UNTIL_THE_END.enter_context(VirtualRig(profile, open_display_of(profile)))
 
 
 def open_virtual() -> Rig:

@@ -46,11 +46,15 @@ busybox poweroff -f
 
 @dataclass(frozen=True)
 class Machine:
-    """How a machine is started. `displays`: a virtio-gpu with that many outputs; `boot`: more for the kernel."""
+    """How a machine is started. `displays`: a virtio-gpu with that many outputs; `boot`: more for the kernel.
+
+    `steady`: its time is the count of its instructions, 500 million a second, so that a busy host makes nothing late.
+    """
 
     memory_mb: int = 1536
     displays: int = 0
     boot: str = ""
+    steady: bool = False
 
     def command(self, kernel: Kernel, lab: Path) -> list[str]:
         """QEMU's command line."""
@@ -62,7 +66,7 @@ class Machine:
                 "-machine",
                 "pc",
                 "-accel",
-                "tcg,thread=multi",
+                "tcg,thread=single" if self.steady else "tcg,thread=multi",
                 "-cpu",
                 "Nehalem",
                 "-smp",
@@ -77,6 +81,7 @@ class Machine:
             *("-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap"),
             *("-virtfs", f"local,path={lab},mount_tag=lab,security_model=none"),
             *(("-device", gpu) if self.displays else ()),
+            *(("-icount", "shift=1") if self.steady else ()),
         ]
 
 
@@ -125,13 +130,14 @@ def _status(lab: Path) -> int:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--display", action="store_true", help="add a virtio-gpu with two outputs")
+    parser.add_argument("--steady", action="store_true", help="let its time pass by the instructions that it executes")
     parser.add_argument("--boot", default="", help="more for the kernel's command line")
     parser.add_argument("--memory-mb", type=int, default=1536)
     parser.add_argument("--timeout", type=float, default=600, help="seconds")
     parser.add_argument("--lab", type=Path, help="folder that is /lab in the guest; default: a new one")
     parser.add_argument("command", nargs="+", help="a shell command line")
     given = parser.parse_args()
-    machine = Machine(given.memory_mb, 2 if given.display else 0, given.boot)
+    machine = Machine(given.memory_mb, 2 if given.display else 0, given.boot, given.steady)
     lab = given.lab.resolve() if given.lab else None
     return run_in_machine(" ".join(given.command), machine=machine, timeout_s=given.timeout, lab=lab)
 

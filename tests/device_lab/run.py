@@ -59,9 +59,19 @@ class Suite:
 
 LAB = "tests/device_lab"
 SUITES = (
-    Suite("kms", (f"{LAB}/guest/test_kms.py",)),
+    Suite(
+        "kms",
+        (
+            f"{LAB}/guest/test_kms.py",
+            "tests/contract/test_projector.py tests/contract/test_pair.py -k 'vkms or virtio'",
+        ),
+        before="export PROCAM_DEVICE_LAB_BACK_ENDS=vkms,virtio-gpu",
+        timeout_s=540,
+        machine=Machine(displays=2, steady=True),
+    ),
     Suite("vivid", (f"{LAB}/guest/test_vivid.py",)),
-    Suite("uvc", (f"{LAB}/guest/test_uvc.py",)),
+    Suite("uvc", (f"{LAB}/guest/test_uvc.py", f"{LAB}/guest/test_uvc_faults.py")),
+    Suite("uvc-rig", (f"{LAB}/guest/test_uvc_rig.py",)),
     Suite("usb", (f"{LAB}/guest/test_usb.py",)),
     Suite(
         "windows",

@@ -227,7 +227,16 @@ def test_an_exposure_in_lines_has_no_seconds() -> None:
 def test_controls_are_fixed_where_they_add_least() -> None:
     reading = Control("contrast", 0x00980901, 0, 9, 5, 5, is_settable=False)
     pan = Control("pan_absolute", 0x009A0908, -9, 9, 0, 3)
-    assert fixed_controls([*MONO.controls, reading, pan]) == {"gain": 4, "brightness": 0, "focus_absolute": 35}
+    fixed = fixed_controls([*MONO.controls, reading, pan])
+    assert {name: value for name, (value, _) in fixed.items()} == {"gain": 4, "brightness": 0, "focus_absolute": 35}
+
+
+@pytest.mark.parametrize(
+    ("limits", "step", "chosen"), [((72, 500), 1, 100), ((150, 300), 1, 150), ((1, 90), 1, 90), ((72, 500), 20, 92)]
+)
+def test_gamma_is_as_linear_as_the_camera_allows(limits: tuple[int, int], step: int, chosen: int) -> None:
+    gamma = Control("gamma", 0x00980910, *limits, 220, 220, step=step)
+    assert fixed_controls([gamma]) == {"gamma": (chosen, "linear, or nearest to it")}
 
 
 def test_the_preferred_mode_of_a_display_is_its_own() -> None:

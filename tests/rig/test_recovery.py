@@ -129,10 +129,29 @@ class FakeCamera(FakeDevice):
 class ResettableCamera(FakeCamera):
     """Can be switched off and on."""
 
+    reset_fails: bool = False
+
     def reset(self) -> None:
+        if self.reset_fails:
+            raise DeviceError("it is no USB device")
         assert not self.is_open, "it has to be closed before it is reset"
         self.calls.append("reset")
         self.away_s = (self.clock.now_s(), self.clock.now_s() + 1.5)
+
+
+@dataclass
+class HungCamera(ResettableCamera):
+    """Hangs from the second frame on; then opening it fails too, until it was reset."""
+
+    def open(self) -> None:
+        super().open()
+        if self.calls.count("open") > 1 and "reset" not in self.calls:
+            self.close()
+            raise CaptureTimeout("it streams, but no frame came")
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        self.cured_after = 0 if self.sequence == 0 or "reset" in self.calls else 99
+        return super().capture(after_s=after_s, timeout_s=timeout_s)
 
 
 @pytest.fixture
@@ -320,6 +339,21 @@ class TestSilent:
         assert bench.shoot().exposure_s == 0.02
         assert bench.kinds == ["timeout"] * 2 + ["reopened"] + ["timeout"] * 2 + ["reset", "unplugged", "replugged"]
         assert camera.calls.index("reset") > 2
+
+    def test_a_camera_that_gives_no_frame_even_on_opening_is_reset(self, bench: Bench) -> None:
+        bench.use(HungCamera(bench.clock))
+        bench.start()
+        assert bench.shoot().sequence == 1
+        assert bench.shoot().exposure_s == 0.02
+        assert bench.kinds == ["timeout", "timeout", "reopened", "timeout", "reset", "unplugged", "replugged"]
+
+    def test_one_that_cannot_be_reset_is_opened_once_more(self, bench: Bench) -> None:
+        camera = bench.use(ResettableCamera(bench.clock, cured_after=3, reset_fails=True))
+        bench.start()
+        bench.shoot()
+        assert bench.kinds == ["timeout"] * 2 + ["reopened"] + ["timeout"] * 2 + ["failed"]
+        assert bench.rig.events[-1].detail == "camera usb-1209:0001-A7 could not be reset: it is no USB device"
+        assert camera.calls == ["open", "close", "open", "close", "open"]
 
     @pytest.mark.parametrize(("kind", "limit_s"), [(FakeCamera, 8.1), (ResettableCamera, 15.0)])
     def test_in_the_end_everything_that_was_tried_is_said(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.devices.clock import VirtualClock
+from rig.devices.clock import SystemClock, VirtualClock
 from rig.errors import DeviceError
 from rig.virtual import usbip
 from rig.virtual.faults import Faults
@@ -432,6 +432,33 @@ def test_a_bulk_camera_ends_each_frame_with_a_transfer_that_is_not_full(cable: t
             host.command(1, 1, 769)
         lengths = [len(host.reply()[1].data) for _ in range(7)]
     assert lengths == [769, 769, 0, 769, 769, 769, 767]
+
+
+def test_a_frame_that_is_ready_too_late_is_lost(cable: tuple[socket.socket, Host]) -> None:
+    class EvenNumbersLate(Numbers):
+        def expose(self, request: FrameRequest) -> bytes | None:
+            late_s = 0.3 if request.number % 2 == 0 else 0.0
+            SystemClock().wait_until_s(request.started_s + request.exposure_s + late_s)
+            return super().expose(request)
+
+    source, faults = EvenNumbersLate(), Faults()
+    formats = video_formats(("GREY",), ((64, 48),), (200,))
+    camera = UvcCamera(source=source, formats=formats, faults=faults, longest_delay_s=0.15)
+    with serve(camera, cable[0]):
+        plugged = Plugged(camera, source, cable[1], faults)
+        plugged.start()
+        assert [plugged.frame()[0][0] for _ in range(3)] == [1, 3, 5]
+
+
+def test_frames_for_which_the_host_has_no_room_are_lost_and_not_kept(plugged: Plugged) -> None:
+    plugged.start(transfers=0)
+    SystemClock().wait_until_s(SystemClock().now_s() + 0.5)
+    for _ in range(5):
+        plugged.host.submit_iso()
+    first = plugged.frame()[0][0]
+    assert first > 3
+    plugged.frame()
+    assert plugged.frame()[0][0] > first
 
 
 def test_a_camera_can_be_plugged_in_again() -> None:

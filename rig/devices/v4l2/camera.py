@@ -32,6 +32,8 @@ _FIRST_FRAMES = 2
 _SETTLING_S = 3.0
 """Time limit of waiting for frames that show a new exposure, and of the first frames; periods come on top."""
 _SETTLING_PERIODS = 20
+_LEAST_INTERVAL = 0.85
+"""Of the exposure, between frames whose time stamps jitter."""
 
 
 @dataclass(slots=True)
@@ -213,13 +215,16 @@ class V4l2Camera:
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)
+        if opened.exposure_s > opened.period_s:
+            self._check_interval(opened)
+        opened.is_settled = True
 
     def _settle(self, opened: _Opened, settling: Settling) -> None:
         until_s = self._limit_s(opened)
         while self._clock.now_s() < until_s:
             frame = self._frame_within(opened, opened.valid_from_s, "after a new exposure")
             if settling.add(frame.pixels):
-                opened.valid_from_s, opened.is_settled = frame.started_s, True
+                opened.valid_from_s = frame.started_s
                 opened.slowest_frames = max(opened.slowest_frames, len(settling.means))
                 return
         raise SettingRefused(
@@ -227,6 +232,16 @@ class V4l2Camera:
             f"{opened.exposure_s:g} s was acknowledged, {settling.state()}; "
             f"keep the light still, and see that nothing automatic is on"
         )
+
+    def _check_interval(self, opened: _Opened) -> None:
+        """Raise SettingRefused when frames follow each other faster than they can have been exposed."""
+        first, *_, last = [self._frame_within(opened, opened.valid_from_s, "of a long exposure") for _ in range(3)]
+        interval_s = (last.started_s - first.started_s) / (last.sequence - first.sequence)
+        if interval_s < _LEAST_INTERVAL * opened.exposure_s:
+            raise SettingRefused(
+                f"{self._name} says that it exposes {opened.exposure_s:g} s, but its frames come every "
+                f"{interval_s:.4g} s; lower camera.frame_rate_hz, or keep exposures below {opened.period_s:.4g} s"
+            )
 
     def _frame_within(self, opened: _Opened, after_s: float, when: str) -> RawFrame:
         seen = Seen()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from rig.devices.v4l2 import abi
@@ -120,12 +121,20 @@ def apply_settings(node: Node, settings: Iterable[Setting]) -> None:
             )
 
 
+def offer_settings(node: Node, settings: Iterable[Setting]) -> None:
+    """Set what can be set already; some cameras keep controls only while they stream."""
+    for setting in settings:
+        with suppress(SettingRefused):  # asked for again, and insisted on, when frames come
+            apply_settings(node, [setting])
+
+
 def changed_settings(node: Node, settings: Iterable[Setting]) -> list[Setting]:
-    """Those that do not have their value any more; inactive and volatile ones may have any."""
+    """Those that do not have their value; volatile ones may have any, and inactive ones that nobody asked for."""
     changed = []
     for setting in settings:
         now = query_control(node, setting.control.id)
-        if now.value != setting.value and not {"inactive", "volatile", "write-only"} & set(now.flags):
+        free = {"volatile", "write-only"} if setting.asked_for else {"volatile", "write-only", "inactive"}
+        if now.value != setting.value and not free & set(now.flags):
             changed.append(setting)
     return changed
 

@@ -68,12 +68,14 @@ def find_cameras(root: Path = Path("/"), query: Callable[[Path], NodeFacts | Non
     return sorted(_with_unique_ids(cameras), key=lambda camera: (camera.bus_path, camera.device_id))
 
 
-def find_camera(device_id: str, root: Path = Path("/")) -> FoundCamera:
+def find_camera(
+    device_id: str, root: Path = Path("/"), query: Callable[[Path], NodeFacts | None] = query_node
+) -> FoundCamera:
     """The camera with this id, or at this bus path.
 
     Raises DeviceLost, with a list of what is there, when there is none; DeviceError when there are two.
     """
-    cameras = find_cameras(root)
+    cameras = find_cameras(root, query)
     found = [camera for camera in cameras if device_id in (camera.device_id, camera.bus_path, serial_id(camera))]
     exact = [camera for camera in found if camera.device_id == device_id]
     if len(found) > 1 and len(exact) != 1:

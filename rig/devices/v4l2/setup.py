@@ -14,6 +14,7 @@ from rig.devices.v4l2.controls import (
     apply_settings,
     changed_settings,
     mismatch,
+    offer_settings,
     plan_settings,
     read_control,
 )
@@ -97,10 +98,13 @@ def _same_mode(node: Node, wishes: Wishes) -> list[tuple[float, ...]]:
 
 
 def set_controls(node: Node, wishes: Wishes) -> tuple[list[Setting], ControlAbility | None]:
-    """Automatics off, the profile's controls; returns all that was set, and the exposure control if there is one."""
+    """Automatics off, the profile's controls; returns all of them, and the exposure control if there is one.
+
+    What the camera does not keep before it streams, :func:`hold_controls` insists on.
+    """
     controls = list(list_controls(node))
     settings = plan_settings(controls, wishes.controls)
-    apply_settings(node, settings)
+    offer_settings(node, settings)
     return settings, next((control for control in controls if control.id == EXPOSURE_ABSOLUTE), None)
 
 

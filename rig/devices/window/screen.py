@@ -210,8 +210,8 @@ class Window:
             return None
         return ScreenProblem(
             "refused",
-            f"the desktop gives a full-screen window {_size(drawn)} of the monitor's {_size(self._size)}: it scales; "
-            "set that monitor's scale to 100 %",
+            f"the desktop gives a full-screen window {_size(drawn)} of the monitor's {_size(self._size)}: it scales, "
+            "or fills another monitor; set that monitor's scale to 100 %",
         )
 
     def _wrong_place(self, monitor: Any) -> ScreenProblem | None:

@@ -1,6 +1,7 @@
 """The projector on real display drivers: vkms, which has page flips, and virtio-gpu, which has none.
 
-Runs in a device lab machine with displays: `python tests/device_lab/machine.py --display 'python -m pytest THIS'`.
+Runs in a device lab machine with displays and a time that a busy host does not disturb:
+`python tests/device_lab/machine.py --display --steady 'python -m pytest THIS'`.
 """
 
 import atexit
@@ -160,7 +161,7 @@ class TestFlips:
     def test_120_flips_at_60_hz_are_none_late(self, vkms: str) -> None:
         codes = [noise(1), noise(2)]
         with opened(make(vkms)) as projector:
-            until_s = CLOCK.now_s() + 30.0  # the machine's one processor is emulated, and not ours alone
+            until_s = CLOCK.now_s() + 30.0  # the machine's one emulated processor has other work too
             in_a_row: list[Flip] = []
             while len(in_a_row) < 120 and CLOCK.now_s() < until_s:
                 late = projector.flips.late

@@ -1,5 +1,6 @@
 """The emulated USB camera under the real drivers vhci-hcd and uvcvideo, byte for byte, seen by other programs."""
 
+import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -8,11 +9,22 @@ import numpy as np
 import pytest
 import usb.core
 
-from rig.errors import DeviceError
+from rig.devices.v4l2.find import find_cameras
+from rig.errors import DeviceError, DeviceForbidden
 from rig.virtual.test_source import FULL_SCALES, MEDIUM_EXPOSURE_S, PatternSource, encode_picture, read_number
 from rig.virtual.usbip import attach
 from rig.virtual.uvc_camera import FrameRequest, Transport, UvcCamera
-from tests.device_lab.guest.virtual_camera import HEIGHT, NODES, WIDTH, Plugged, load_drivers, plug_in, plugging, run
+from tests.device_lab.guest.virtual_camera import (
+    HEIGHT,
+    NODES,
+    WIDTH,
+    Plugged,
+    load_drivers,
+    plug_in,
+    plugging,
+    run,
+    wait_for,
+)
 
 ALL_FORMATS = tuple(FULL_SCALES)
 
@@ -106,3 +118,27 @@ def test_libusb_sees_the_camera_and_its_strings(every_format: Plugged) -> None:
 def test_an_occupied_port_is_named(every_format: Plugged) -> None:
     with pytest.raises(DeviceError, match="port"):
         attach(UvcCamera(source=PatternSource()), port=every_format.attachment.port)
+
+
+def test_plugging_in_needs_root_and_says_so(every_format: Plugged) -> None:
+    os.seteuid(65534)
+    try:
+        with pytest.raises(DeviceForbidden, match="sudo"):
+            attach(UvcCamera(source=PatternSource()))
+    finally:
+        os.seteuid(0)
+
+
+def test_a_camera_without_a_serial_number_is_known_by_its_port() -> None:
+    with attach(UvcCamera(source=PatternSource(), serial="", product_id=0x0BAD)):
+        wait_for(lambda: [camera for camera in find_cameras() if camera.product_id == 0x0BAD])
+        (found,) = [camera for camera in find_cameras() if camera.product_id == 0x0BAD]
+        assert found.serial is None
+        assert found.device_id == found.bus_path
+        assert found.usb_speed_mbps == 480
+
+
+def test_a_program_may_stop_and_start_as_often_as_it_likes(every_format: Plugged, tmp_path: Path) -> None:
+    for size in (1, 2, 1):
+        data = stream(every_format.node, "GREY", size, tmp_path / "frames")
+        assert len(data) == size * WIDTH * HEIGHT

@@ -247,26 +247,11 @@ class TestLoss:
                 wait_until_shown(desktop, CHOSEN, np.zeros((480, 640, 3), np.uint8))
 
 
-class TestDesktops:
-    def test_without_one_the_advice_is_to_use_the_other_driver(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.delenv("DISPLAY", raising=False)
-        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-        for open_it in (find_monitors, make("monitor:0", (480, 640)).open):
-            with pytest.raises(DeviceError, match=r'neither DISPLAY nor WAYLAND_DISPLAY .* driver = "kms"'):
-                open_it()
-
-    def test_one_that_does_not_answer_is_named(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setenv("DISPLAY", ":987")
-        monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-        with pytest.raises(DeviceError, match=":987"):
-            find_monitors()
-
-    def test_missing_packages_are_named(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-        (tmp_path / "glfw.py").write_text("raise ImportError('No module named glfw')")
-        monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-        monkeypatch.setenv("DISPLAY", ":987")
-        with pytest.raises(DeviceError, match=r"pip install 'procam-rig\[window\]'"):
-            find_monitors()
+def test_a_desktop_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":987")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(DeviceError, match=":987"):
+        find_monitors()
 
 
 class TestWayland:
@@ -277,8 +262,8 @@ class TestWayland:
     ) -> None:
         with weston(tmp_path, [(800, 600), (640, 480)]) as desktop:
             point_to(desktop, monkeypatch)
-            desktop.point_at("X2")  # the projector hides the pointer
             for projector in opened("monitor:1", (480, 640)):
+                desktop.point_at("X2")  # the projector hides the pointer
                 codes = noise((*projector.shape, 3))
                 projector.show(codes, name="noise")
                 wait_until_shown(desktop, "X2", codes)

@@ -1,0 +1,81 @@
+"""When frames are taken to show a new exposure."""
+
+import numpy as np
+import pytest
+
+from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
+
+FULL = 255
+
+
+def frames(level_dn: float, *, noise_dn: float = 1.0, seed: int = 1) -> np.ndarray:
+    random = np.random.default_rng(seed)
+    scene = np.linspace(0.5, 1.5, 64 * 64).reshape(64, 64, 1)
+    return np.clip(scene * level_dn + random.normal(0, noise_dn, scene.shape), 0, FULL).astype(np.uint16)
+
+
+def settle(before_dn: float, levels_dn: list[float], ratio: float) -> int | None:
+    """After how many frames it is settled."""
+    settling = Settling(frames(before_dn), ratio, FULL)
+    for count, level_dn in enumerate(levels_dn, 1):
+        if settling.add(frames(level_dn, seed=count)):
+            return count
+    return None
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3, 7])
+@pytest.mark.parametrize("ratio", [0.25, 0.5, 1.5, 2.0, 8.0])
+def test_old_frames_are_waited_out_however_many(delay: int, ratio: float) -> None:
+    assert settle(60, [60] * delay + [60 * ratio] * 4, ratio) == delay + 2
+
+
+def test_a_frame_between_the_two_exposures_is_not_taken() -> None:
+    assert settle(40, [40, 60, 80, 80], 2.0) == 4
+
+
+def test_a_camera_that_does_not_follow_is_never_settled() -> None:
+    assert settle(60, [60] * 50, 2.0) is None
+    assert settle(60, [30] * 50, 2.0) is None
+
+
+def test_light_that_changes_all_the_time_is_never_settled() -> None:
+    assert settle(60, [100, 120] * 20, 2.0) is None
+
+
+def test_a_response_curve_may_bend_the_change() -> None:
+    assert settle(100, [100, *[100 * 2 ** (1 / 2.2)] * 3], 2.0) == 3
+
+
+def test_saturated_pixels_say_nothing() -> None:
+    before = frames(60)
+    before[:, :48] = FULL
+    settling = Settling(before, 0.5, FULL)
+    stale = before.copy()
+    assert [settling.add(stale) for _ in range(5)] == [False] * 5
+    fresh = before // 2
+    assert [settling.add(fresh) for _ in range(2)] == [False, True]
+
+
+def test_in_darkness_several_frames_have_to_be_steady() -> None:
+    settling = Settling(frames(0.0), 8.0, FULL)
+    assert not settling.is_measurable
+    assert settle(0.0, [0.0] * 10, 8.0) == UNMEASURED_FRAMES
+
+
+def test_a_change_that_is_smaller_than_the_noise_is_not_waited_for() -> None:
+    assert settle(60, [60] * 10, 1.01) == UNMEASURED_FRAMES
+
+
+def test_the_message_says_what_was_expected_and_what_was_seen() -> None:
+    half_lit = np.repeat([[[0]], [[100]]], 8, axis=0).repeat(16, axis=1).astype(np.uint16)
+    settling = Settling(half_lit, 2.0, FULL)
+    settling.add(np.full((16, 16, 1), 51, np.uint16))
+    assert settling.state() == "mean of unsaturated pixels before 50.00 dn, expected about 100.00, seen 51.00"
+
+
+def test_a_black_level_is_no_light_that_a_longer_exposure_would_raise() -> None:
+    """A nearly dark picture on a pedestal of 64: its mean follows the exposure by next to nothing."""
+    dark = np.random.default_rng(1).normal(64.0, 0.4, (64, 64, 1))
+    settling = Settling(np.rint(dark).astype(np.uint16), 2.4, FULL)
+    assert not settling.is_measurable
+    assert [settling.add(np.rint(dark + 0.2).astype(np.uint16)) for _ in range(4)] == [False, False, False, True]
