@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
 
-from rig.errors import CalibrationFailed, CaptureTimeout, UsageError
+from rig.errors import CalibrationFailed, CaptureTimeout, SettingRefused, UsageError
 from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
 from rig.terminal import OnStep
@@ -129,7 +129,7 @@ def _measure(name: str, on_step: OnStep, part: Callable[[], Measured]) -> Measur
     on_step(f"check: {name}", 0, 1)
     try:
         result = part()
-    except (CalibrationFailed, CaptureTimeout) as error:
+    except (CalibrationFailed, CaptureTimeout, SettingRefused) as error:
         result = Measured((Row(f"{name} could not be measured", 1.0, "failure", 0.0, advice=str(error)),))
     on_step(f"check: {name}", 1, 1)
     return result
