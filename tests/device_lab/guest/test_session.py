@@ -4,7 +4,6 @@ import json
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import pytest
@@ -27,7 +26,7 @@ def frames(session: Path) -> int:
 def pull_the_cable(virtual: subprocess.Popen[str], session: Path, ended: threading.Event) -> None:
     """In the middle of the patterns; and put it back."""
     while frames(session) < PULLED_AFTER_FRAMES and not ended.is_set():
-        time.sleep(0.2)
+        ended.wait(0.2)
     for command in ("unplug", "plug"):
         virtual.stdin.write(f"{command}\n")
         virtual.stdin.flush()
