@@ -67,6 +67,15 @@ def test_a_change_that_is_smaller_than_the_noise_is_not_waited_for() -> None:
 
 
 def test_the_message_says_what_was_expected_and_what_was_seen() -> None:
-    settling = Settling(np.full((8, 8, 1), 50, np.uint16), 2.0, FULL)
-    settling.add(np.full((8, 8, 1), 51, np.uint16))
+    half_lit = np.repeat([[[0]], [[100]]], 8, axis=0).repeat(16, axis=1).astype(np.uint16)
+    settling = Settling(half_lit, 2.0, FULL)
+    settling.add(np.full((16, 16, 1), 51, np.uint16))
     assert settling.state() == "mean of unsaturated pixels before 50.00 dn, expected about 100.00, seen 51.00"
+
+
+def test_a_black_level_is_no_light_that_a_longer_exposure_would_raise() -> None:
+    """A nearly dark picture on a pedestal of 64: its mean follows the exposure by next to nothing."""
+    dark = np.random.default_rng(1).normal(64.0, 0.4, (64, 64, 1))
+    settling = Settling(np.rint(dark).astype(np.uint16), 2.4, FULL)
+    assert not settling.is_measurable
+    assert [settling.add(np.rint(dark + 0.2).astype(np.uint16)) for _ in range(4)] == [False, False, False, True]

@@ -159,6 +159,10 @@ class TestStream:
         assert stream.next(100.5) is None
         assert node._clock.now_s() == pytest.approx(100.5, abs=0.02)
 
+    def test_a_wait_without_end_is_no_error(self, node: ScriptNode, stream: Stream) -> None:
+        node.steps = regular(0)
+        assert stream.next(float("inf")) is not None
+
     @pytest.mark.parametrize(("number", "kind"), [(errno.ENODEV, DeviceLost), (errno.EIO, StreamBroken)])
     def test_a_stream_that_ends_says_whether_the_camera_is_still_there(
         self, node: ScriptNode, stream: Stream, number: int, kind: type[DeviceError]

@@ -11,6 +11,8 @@ _EVERY = 4
 """Pixels that are looked at: every fourth of every fourth row."""
 _SATURATED = 0.95
 """Share of full scale above which a pixel says nothing of the exposure."""
+_BLACK_SHARE = 0.01
+"""The darkest hundredth of the pixels is taken for black: sensors add a level that no exposure changes."""
 _STEADY_SHARE = 0.01
 _STEADY_DN_OF_255 = 0.3
 """Two means agree when they differ by less than a hundredth, or by less than this share of full scale."""
@@ -45,7 +47,7 @@ class Settling:
     means: list[float] = field(default_factory=list)
     """Of the frames so far, in dn."""
     expected_dn: float = field(init=False)
-    """The mean if the sensor's numbers were in proportion to its exposure."""
+    """The mean if what stands above the darkest pixels were in proportion to the exposure."""
     _usable: NDArray[np.bool_] = field(init=False)
     _before_dn: float = field(init=False)
 
@@ -56,7 +58,9 @@ class Settling:
             self._usable[:] = True
         usable = sample[self._usable]
         self._before_dn = float(usable.mean())
-        self.expected_dn = float(np.minimum(usable * self.ratio, self.full_scale_dn).mean())
+        black_dn = np.quantile(usable, _BLACK_SHARE)
+        light_dn = np.maximum(usable - black_dn, 0.0)
+        self.expected_dn = float(np.minimum(black_dn + light_dn * self.ratio, self.full_scale_dn).mean())
 
     def add(self, pixels: NDArray[np.uint16]) -> bool:
         """Look at one more frame; True when this one and the last are settled."""

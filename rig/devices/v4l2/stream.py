@@ -19,6 +19,8 @@ from rig.devices.v4l2.node import BUSY, GONE, Node, device_error
 from rig.errors import DeviceError
 
 BUFFERS = 4
+_LONGEST_POLL_S = 60.0
+"""Longer waits are several; poll's own limit is 24 days."""
 _HALF = 1 << 31
 
 
@@ -100,8 +102,8 @@ class Stream:
         Raises DeviceLost within milliseconds of an unplugging, StreamBroken when only the stream ended.
         """
         while True:
-            wait_ms = max(0, math.ceil((until_s - self._clock.now_s()) * 1e3))
-            events = self._poll.poll(wait_ms)
+            wait_s = min(max(0.0, until_s - self._clock.now_s()), _LONGEST_POLL_S)
+            events = self._poll.poll(math.ceil(wait_s * 1e3))
             buffer = self._dequeue(bool(events) and bool(events[0][1] & (select.POLLERR | select.POLLHUP)))
             if buffer is not None:
                 return self._filled(buffer)

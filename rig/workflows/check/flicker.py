@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,9 @@ FloatArray = NDArray[np.float64]
 
 _FRAMES = 64
 _DARK_FRAMES = 32
+_NOISE_PAIRS = 8
+_LIT_ROW = 0.1
+"""Of its width: rows with fewer lit pixels are left out."""
 _PEAK = 14.0
 """Power of a peak over the mean of the others: chance reaches it once in ten thousand series of this length."""
 _ROOM_LIGHT_HZ = {"room light on 50 Hz mains": 100.0, "room light on 60 Hz mains": 120.0}
@@ -43,20 +47,21 @@ def check_flicker(subject: Subject) -> Measured:
     limits, lit = subject.limits, subject.lit
     white = subject.series(255, _FRAMES, "white")
     times_s = np.array([frame.started_s for frame in white])
-    stack = np.stack([subject.pixels(frame) for frame in white])
-    level = float(stack.mean(axis=0)[lit].mean() - subject.black[lit].mean())
-    means = stack[:, lit].mean(axis=1)
+    rows = _row_means(subject, white)
+    means = np.array([subject.pixels(frame)[lit].mean() for frame in white])
+    level = float(means.mean() - subject.black[lit].mean())
     steady = _straightened(times_s, means)
-    noise = _pixel_noise(stack, lit) / np.sqrt(lit.sum())
+    pixel_noise = _pixel_noise(subject, white)
+    noise = pixel_noise / float(np.sqrt(lit.sum()))
     temporal = 100 * float(np.sqrt(max(steady.var() - noise**2, 0.0))) / level
-    by_row = 100 * _row_excess(stack, lit) / level
+    by_row = 100 * _row_excess(subject, rows, pixel_noise) / level
     rate_hz = frame_rate_hz(white)
     spectrum = spectrum_of(times_s, steady)
     source, light_hz = named(spectrum.peak_hz, rate_hz, subject.refresh_rate_hz, times_s[-1] - times_s[0])
     dark = _dark_ripple(subject, spectrum.peak_hz)
     where = "room" if dark is not None and dark > 0.5 * spectrum.amplitudes.max() else "projector or camera"
     advice = f"{source}, most likely of the {where}; " if source else ""
-    rows = (
+    judged = (
         Row("flicker of white from frame to frame", temporal, "% of white", limits.flicker_percent,
             advice=advice + "expose whole refreshes and whole periods of the room light, or switch that light off"),
         Row("flicker of white from row to row", by_row, "% of white", limits.flicker_percent,
@@ -75,7 +80,7 @@ def check_flicker(subject: Subject) -> Measured:
         "source": source,
         "where": where if source else "",
     }
-    return Measured(rows, suggested, numbers)
+    return Measured(judged, suggested, numbers)
 
 
 def _exposure(subject: Subject, light_hz: float | None) -> dict[str, float]:
@@ -89,21 +94,29 @@ def _straightened(times_s: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(values - np.polyval(np.polyfit(times_s - times_s[0], values, 1), times_s - times_s[0]))
 
 
-def _pixel_noise(stack: FloatArray, lit: NDArray[np.bool_]) -> float:
-    """Standard deviation of one pixel over time; frames' and rows' common changes left out. [dn]."""
-    weight = lit / np.maximum(lit.sum(axis=1, keepdims=True), 1)
-    rows = (stack * weight).sum(axis=2, keepdims=True)
-    return float((stack - rows).std(axis=0, ddof=1)[lit].mean())
+def _row_means(subject: Subject, frames: Sequence[RawFrame]) -> FloatArray:
+    """(N, R) means over the lit pixels of each row that has enough of them. [dn]."""
+    count = subject.lit.sum(axis=1)
+    rows = count > _LIT_ROW * subject.lit.shape[1]
+    return np.stack([(subject.pixels(frame) * subject.lit).sum(axis=1)[rows] / count[rows] for frame in frames])
 
 
-def _row_excess(stack: FloatArray, lit: NDArray[np.bool_]) -> float:
+def _pixel_noise(subject: Subject, frames: Sequence[RawFrame]) -> float:
+    """Standard deviation of one pixel over time; changes that whole rows have in common left out. [dn]."""
+    variances = []
+    for earlier, later in pairwise(frames[: _NOISE_PAIRS + 1]):
+        change = subject.pixels(later) - subject.pixels(earlier)
+        common = (change * subject.lit).sum(axis=1) / np.maximum(subject.lit.sum(axis=1), 1)
+        variances.append(float(((change - common[:, None])[subject.lit] ** 2).mean()) / 2)
+    return float(np.sqrt(np.mean(variances)))
+
+
+def _row_excess(subject: Subject, rows: FloatArray, noise: float) -> float:
     """Standard deviation over time of rows against their frame, beyond what the pixels' noise gives. [dn]."""
-    count = lit.sum(axis=1)
-    rows = count > 0.1 * lit.shape[1]
-    means = (stack * lit).sum(axis=2)[:, rows] / count[rows]
-    alone = means - means.mean(axis=1, keepdims=True)
+    count = subject.lit.sum(axis=1)
+    alone = rows - rows.mean(axis=1, keepdims=True)
     variance = float((alone - alone.mean(axis=0)).var(axis=0, ddof=1).mean())
-    expected = float((_pixel_noise(stack, lit) ** 2 / count[rows]).mean())
+    expected = float((noise**2 / count[count > _LIT_ROW * subject.lit.shape[1]]).mean())
     return float(np.sqrt(max(variance - 1.2 * expected, 0.0)))
 
 

@@ -61,23 +61,27 @@ def _settled_levels(subject: Subject) -> tuple[tuple[float, float], tuple[float,
 
 
 def _change(subject: Subject, settled: tuple[tuple[float, float], tuple[float, float]], number: int) -> tuple[int, int]:
-    """Frames that still show the old exposure after a new one was set, and how many of them claim the new."""
+    """Frames that a new exposure takes to be seen, and how many claim it before.
+
+    A driver may wait itself until the exposure is there, so frames are counted by time.
+    """
     (_, old), (new_s, new) = settled if number % 2 == 0 else settled[::-1]
     rig = subject.rig
     rig.set_exposure(settled[number % 2][0])
     subject.shoot(255, "white", settled[number % 2][0])
+    called_s = rig.clock.now_s()
     chosen_s = rig.set_exposure(new_s)
-    lagging = misreported = 0
+    depth = misreported = 0
     for _ in range(_FRAMES):
         frame = subject.take(0.0)
         if frame is None:
             continue
         level = float(subject.pixels(frame)[subject.lit].mean())
+        depth = max(int((frame.started_s - called_s) * rig.profile.camera.frame_rate_hz), depth)
         if abs(level - new) < abs(level - old):
             break
-        lagging += 1
         misreported += abs(frame.exposure_s / chosen_s - 1) < 0.01
-    return lagging, misreported
+    return depth, misreported
 
 
 def _queue(subject: Subject) -> tuple[int, dict[str, float]]:

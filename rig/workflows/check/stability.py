@@ -9,14 +9,19 @@ import numpy as np
 
 from rig.devices.protocols import Codes
 from rig.workflows.check.rows import Measured, Row
-from rig.workflows.check.subject import FloatArray, Subject, line_through
+from rig.workflows.check.subject import BoolArray, FloatArray, Subject, line_through
 
 _FRAMES = 24
 _BLOCKS = 40
 """Along the longer side of the picture: large enough to be sharp, small enough to hold still by."""
 _SEED = 7
 _REFERENCE_FRAMES = 3
-_ROUNDS = 3
+_ROUNDS = 2
+_SMOOTH_PX = 1.5
+_INSIDE = 0.05
+"""Of the window: pixels nearer to the border are left out, where whole-pixel shifts wrap."""
+_LARGE_PX = 500_000
+"""Larger images are halved first: seconds saved, and still thousandths of a pixel."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,31 +51,47 @@ def note_landmark(subject: Subject) -> Landmark:
 def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
     """(x, y) by which an image is displaced against another.
 
-    Phase correlation finds it to a fraction of a pixel; the image is then put back, and what is left of the shift
-    follows from the gradient, which noise disturbs least.
+    Phase correlation finds it roughly, the image is put back by whole pixels, and what is left follows from the
+    gradient. No interpolation: OpenCV's moves edges by hundredths of a pixel.
     """
-    size = (image.shape[1], image.shape[0])
-    window = np.asarray(cv2.createHanningWindow(size, cv2.CV_64F), dtype=np.float64)
+    if image.size > _LARGE_PX:
+        half_x, half_y = shift_px(_halved(image), _halved(reference))
+        return 2 * half_x, 2 * half_y
+    window = np.asarray(cv2.createHanningWindow((image.shape[1], image.shape[0]), cv2.CV_64F), dtype=np.float64)
     # copies: OpenCV 5 multiplies what it is given by the window
     (x, y), _ = cv2.phaseCorrelate(reference.copy(), image.copy(), window.copy())
-    rough = np.array([x, y])
-    found = rough if np.hypot(*rough) > 1 else np.zeros(2)
+    found = np.array([x, y])
     for _ in range(_ROUNDS):
-        back = np.array([[1, 0, found[0]], [0, 1, found[1]]])
-        moved = cv2.warpAffine(image, back, size, flags=cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP)
-        found = found + _small_shift(np.asarray(moved), reference, window)
+        whole = np.rint(found).astype(int)
+        back = np.roll(image, (-whole[1], -whole[0]), axis=(0, 1))
+        found = whole + _small_shift(back, reference, window)
     return float(found[0]), float(found[1])
 
 
+def _halved(image: FloatArray) -> FloatArray:
+    return np.asarray(cv2.pyrDown(image), dtype=np.float64)
+
+
 def _small_shift(image: FloatArray, reference: FloatArray, window: FloatArray) -> FloatArray:
-    """Least squares of image - reference = -gradient · shift, brightness free."""
-    smooth = [np.asarray(cv2.GaussianBlur(one, (0, 0), 1.0)) for one in (image, reference)]
-    gradient_y, gradient_x = np.gradient((smooth[0] + smooth[1]) / 2)
-    weight = window.ravel() > 0.02
-    terms = np.stack([-gradient_x, -gradient_y, smooth[1], np.ones_like(image)], axis=-1).reshape(-1, 4)[weight]
-    difference = (smooth[0] - smooth[1]).ravel()[weight]
-    solved = np.linalg.solve(terms.T @ terms, terms.T @ difference)
-    return np.asarray(solved[:2])
+    """Least squares of image - reference = -gradient · shift, brightness free; good to half a pixel."""
+    inside = window > _INSIDE
+    first, second = (_of_unit_contrast(one, inside) for one in (image, reference))
+    middle = (first + second) / 2
+    terms = np.stack([-_slope(middle, 1)[inside], -_slope(middle, 0)[inside]], axis=-1)
+    return np.asarray(np.linalg.solve(terms.T @ terms, terms.T @ (first - second)[inside]))
+
+
+def _of_unit_contrast(image: FloatArray, inside: BoolArray) -> FloatArray:
+    """Smooth, and of the same brightness and contrast whatever the lamp does."""
+    smooth = np.asarray(cv2.GaussianBlur(image, (0, 0), _SMOOTH_PX))
+    return np.asarray((smooth - smooth[inside].mean()) / smooth[inside].std())
+
+
+def _slope(image: FloatArray, axis: int) -> FloatArray:
+    """Derivative along an axis, from four neighbours."""
+    near = np.roll(image, -1, axis) - np.roll(image, 1, axis)
+    far = np.roll(image, -2, axis) - np.roll(image, 2, axis)
+    return np.asarray((8 * near - far) / 12)
 
 
 def check_stability(subject: Subject, landmark: Landmark) -> Measured:
