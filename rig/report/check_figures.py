@@ -25,7 +25,7 @@ def check_figures(numbers: Mapping[str, Numbers]) -> list[dict[str, str]]:
         "ramp": _ramp,
         "stability": _stability,
     }
-    made = [draw(numbers[name]) for name, draw in known.items() if name in numbers]
+    made = [draw(numbers[name]) for name, draw in known.items() if numbers.get(name)]
     return [{"title": title, "text": text, "src": svg(figure)} for title, text, figure in made]
 
 

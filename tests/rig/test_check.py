@@ -251,6 +251,14 @@ def test_copies_with_a_new_number_and_time_are_found() -> None:
     assert "pipeline" in checked.failed
 
 
+def test_a_part_that_cannot_be_measured_fails_alone_and_says_why() -> None:
+    fixed = ("exposure_range_s = [1.0e-4, 2.0]", "exposure_range_s = [0.01666, 0.01667]")
+    checked = Checked(fixed, only=["latency", "exposure", "linearity", "darkness"])
+    assert checked.failed == {"linearity"}
+    assert "different exposures" in checked.row("linearity could not be measured")["advice"]
+    assert checked.numbers("latency")["max"] == pytest.approx(max(checked.projector.delays_s), abs=REFRESH_S / 4)
+
+
 def test_lost_frames_are_counted() -> None:
     checked = Checked(("stale_frame_rate = 0.02", "dropped_frame_rate = 0.2"), only=["pipeline"])
     assert not checked.row("frames lost")["passed"]

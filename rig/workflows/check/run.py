@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import Any
 
-from rig.errors import UsageError
+from rig.errors import CalibrationFailed, CaptureTimeout, UsageError
 from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
 from rig.terminal import OnStep
@@ -76,7 +76,7 @@ def run_check(profile_name: str, on_step: OnStep, only: Sequence[str] = ()) -> d
     UsageError
         An unknown part, or a replay.
     CalibrationFailed
-        No light of the projector reaches the camera, or a measurement makes no sense.
+        No light of the projector reaches the camera.
     DeviceError
         A device fails.
     """
@@ -113,7 +113,8 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
     if "latency" in parts:
         measured["latency"] = _measure("latency", on_step, partial(check_latency, subject))
         # from here on the rig waits as long as was measured, and no longer
-        rig.profile = patient(rig.profile, min(measured["latency"].numbers["safe_s"], 2 * PATIENCE_S))
+        safe_s = measured["latency"].numbers.get("safe_s", PATIENCE_S)
+        rig.profile = patient(rig.profile, min(safe_s, 2 * PATIENCE_S))
     check = _Check(subject)
     for name in parts:
         if name in _PARTS:
@@ -124,8 +125,12 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
 
 
 def _measure(name: str, on_step: OnStep, part: Callable[[], Measured]) -> Measured:
+    """A part that cannot be measured is a row that fails, and the others go on; a device that is lost ends it all."""
     on_step(f"check: {name}", 0, 1)
-    result = part()
+    try:
+        result = part()
+    except (CalibrationFailed, CaptureTimeout) as error:
+        result = Measured((Row(f"{name} could not be measured", 1.0, "failure", 0.0, advice=str(error)),))
     on_step(f"check: {name}", 1, 1)
     return result
 
@@ -157,7 +162,7 @@ def _result(profile: Profile, subject: Subject, measured: Mapping[str, Measured]
         "numbers": {name: dict(part.numbers) for name, part in measured.items()},
         "within_limits": all(row["passed"] for row in rows),
     }
-    if "latency" in measured:
-        numbers = measured["latency"].numbers
+    numbers = measured["latency"].numbers if "latency" in measured else {}
+    if numbers:
         result["latency_s"] = {key: numbers[key] for key in ("mean", "min", "median", "max", "sd")}
     return result
