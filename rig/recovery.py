@@ -7,7 +7,7 @@ from contextlib import suppress
 from typing import Protocol
 
 from rig.devices.protocols import Clock
-from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost
+from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost
 
 _FIRST_PAUSE_S = 0.1
 _LONGEST_PAUSE_S = 1.0
@@ -76,7 +76,8 @@ class Recovery:
             self._deadline_s = lost_s + self._limit_s
         self._note("unplugged", f"{name}: {loss}")
         close_quietly(device)
-        tries, last = 0, loss
+        tries = 0
+        last: DeviceError = loss
         while self._pause(self._deadline_s):
             tries += 1
             again = self._open(device, restore)
@@ -98,12 +99,12 @@ class Recovery:
         self._pause_s = min(_PAUSE_GROWTH * self._pause_s, _LONGEST_PAUSE_S)
         return True
 
-    def _open(self, device: Openable, restore: Callable[[], None]) -> DeviceLost | None:
-        """Open and restore; returns the loss when it is still, or again, away."""
+    def _open(self, device: Openable, restore: Callable[[], None]) -> DeviceError | None:
+        """Open and restore; returns the reason when it is still, or again, away, or not awake yet."""
         try:
             device.open()
             restore()
-        except DeviceLost as loss:
+        except (DeviceLost, CaptureTimeout) as loss:
             close_quietly(device)
             return loss
         except (DeviceBusy, DeviceForbidden) as refusal:

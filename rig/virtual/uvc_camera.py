@@ -209,14 +209,14 @@ class UvcCamera:
 
     def _expose_frames(self) -> None:
         self._settings.clear()
-        number, next_s, last = 0, 0.0, b""
+        number, next_s = 0, 0.0
         while (stream := self._wait_until(next_s)) is not None:
             request = self._request(stream, _begin(next_s), number)
             frame = self._source.expose(request)
             number += 1
             if frame is not None:
                 until_s = request.started_s + request.exposure_s + self._longest_delay_s
-                last = self._send(stream, frame, last, until_s)
+                self._send(stream, frame, until_s)
                 self._adjust(request, frame)
             period_s = max(stream.interval / INTERVAL_UNITS_PER_S, request.exposure_s)
             next_s = request.started_s + period_s
@@ -236,19 +236,20 @@ class UvcCamera:
         size = chosen.sizes[stream.size_index - 1]
         return FrameRequest(chosen.fourcc, size.width_px, size.height_px, started_s, exposure_s, gain, number)
 
-    def _send(self, stream: Stream, frame: bytes, last: bytes, until_s: float) -> bytes:
-        """Send a frame with the next fault, if there is one; returns the picture that was sent."""
-        faults = self.faults
+    def _send(self, stream: Stream, picture: bytes, until_s: float) -> None:
+        """Send a frame, with the next fault if there is one."""
+        faults, sender = self.faults, self._sender
         if faults.frozen or faults.frozen_until_reset or faults.take("dropped_frames"):
-            return last
-        if last and faults.take("duplicate_frames"):
-            frame = last
+            return
+        if sender.last_picture and faults.take("duplicate_frames"):
+            picture = sender.last_picture
         error = faults.take("error_frames")
-        sent = frame[: len(frame) // 2] if not error and faults.take("short_frames") else frame
+        torn = not error and faults.take("short_frames")
         with self._change:
             if self._stream is stream:
-                self.frames_sent += self._sender.send(sent, stream.payload_bytes, begin_until_s=until_s, error=error)
-        return frame
+                self.frames_sent += sender.send(
+                    picture, stream.payload_bytes, begin_until_s=until_s, error=error, torn=torn
+                )
 
     def _adjust(self, request: FrameRequest, frame: bytes) -> None:
         """In automatic mode: bring the next exposures half the way to a picture of medium brightness."""

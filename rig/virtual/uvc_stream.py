@@ -124,9 +124,12 @@ class Sender:
     """Brings frames and the host's transfers together; used by the thread that exposes and by the one that listens."""
 
     def __init__(self, transport: Transport):
+        self.last_picture = b""
+        """Of the last frame that was sent, or at least begun."""
         self._transport = transport
         self._transfers: deque[Transfer] = deque()
         self._parcel: Parcel | None = None
+        self._picture = b""
         self._begin_until_s = 0.0
         self._parity = 0
         self._lock = threading.Lock()
@@ -137,13 +140,19 @@ class Sender:
             self._transfers.append(transfer)
             self._pump()
 
-    def send(self, frame: bytes, payload_bytes: int, *, begin_until_s: float, error: bool = False) -> bool:
-        """Send a frame, if that can begin in time. False when it is lost, as another one is still on its way."""
+    def send(
+        self, picture: bytes, payload_bytes: int, *, begin_until_s: float, error: bool = False, torn: bool = False
+    ) -> bool:
+        """Send a frame, or (torn) half of it, if that can begin in time.
+
+        False when it is lost, as another one is still on its way.
+        """
         with self._lock:
             self._drop_late()
             if self._parcel is not None:
                 return False
-            self._begin_until_s = begin_until_s
+            self._picture, self._begin_until_s = picture, begin_until_s
+            frame = picture[: len(picture) // 2] if torn else picture
             flags = self._parity | (PayloadFlag.ERROR if error else 0)
             self._parity ^= PayloadFlag.FRAME_PARITY
             if self._transport is Transport.ISOCHRONOUS:
@@ -158,6 +167,7 @@ class Sender:
         with self._lock:
             self._transfers.clear()
             self._parcel = None
+            self.last_picture = b""
 
     def _drop_late(self) -> None:
         """Hosts time a frame by its arrival: one that comes late would look younger than it is."""
@@ -168,5 +178,7 @@ class Sender:
         self._drop_late()
         while self._parcel is not None and self._transfers:
             self._parcel.send(self._transfers.popleft())
+            if self._parcel.is_begun:
+                self.last_picture = self._picture
             if self._parcel.is_sent:
                 self._parcel = None

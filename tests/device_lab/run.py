@@ -59,6 +59,7 @@ class Suite:
 
 LAB = "tests/device_lab"
 SUITES = (
+    Suite("session", (f"{LAB}/guest/test_session.py -s",), timeout_s=560),
     Suite(
         "kms",
         (
@@ -69,10 +70,23 @@ SUITES = (
         timeout_s=540,
         machine=Machine(displays=2, steady=True),
     ),
-    Suite("vivid", (f"{LAB}/guest/test_vivid.py",)),
+    Suite(
+        "virtual",
+        (
+            f"tests/contract/test_camera.py tests/contract/test_projector.py tests/contract/test_pair.py "
+            f"{LAB}/guest/test_virtual_rig.py -k 'not simulated'",
+        ),
+        before="export PROCAM_DEVICE_LAB_BACK_ENDS=virtual",
+        timeout_s=540,
+    ),
+    Suite(
+        "vivid",
+        (f"{LAB}/guest/test_vivid.py", "tests/contract/test_camera.py"),
+        before="export PROCAM_DEVICE_LAB_BACK_ENDS=vivid",
+    ),
     Suite("uvc", (f"{LAB}/guest/test_uvc.py", f"{LAB}/guest/test_uvc_faults.py")),
     Suite("uvc-rig", (f"{LAB}/guest/test_uvc_rig.py",)),
-    Suite("usb", (f"{LAB}/guest/test_usb.py",)),
+    Suite("usb", (f"{LAB}/guest/test_usb.py", f"{LAB}/guest/test_devices_verb.py")),
     Suite(
         "windows",
         (f"{LAB}/host", "tests/contract/test_projector.py tests/contract/test_pair.py"),
@@ -80,6 +94,7 @@ SUITES = (
         machine=None,
     ),
 )
+"""The longest first."""
 
 
 def main() -> int:

@@ -300,6 +300,13 @@ class TestComesBackAsAnother:
         bench.shoot()
         assert bench.kinds == ["unplugged", "replugged"]
 
+    def test_one_that_gives_no_frame_at_once_is_waited_for(self, bench: Bench) -> None:
+        bench.start()
+        bench.camera.away_s = away_for(bench, 1.0)
+        bench.camera.refusals = [CaptureTimeout("it streams, but no frame came")] * 2
+        assert bench.shoot().exposure_s == 0.02
+        assert bench.kinds == ["unplugged", "replugged"]
+
     @pytest.mark.parametrize("refusal", [DeviceBusy("held by obs"), DeviceForbidden("add a udev rule")])
     def test_a_lasting_refusal_is_the_error(self, bench: Bench, refusal: DeviceError) -> None:
         bench.start()

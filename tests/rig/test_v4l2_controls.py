@@ -175,8 +175,12 @@ def test_a_value_that_does_not_stick_names_asked_got_and_range(node: TableNode) 
 
 
 def test_a_control_that_another_one_decides_over_is_refused(node: TableNode) -> None:
+    planned = settings(node, white_balance_automatic=1, white_balance_temperature=5000)
     with pytest.raises(SettingRefused, match="white_balance_temperature is inactive"):
-        apply_settings(node, settings(node, white_balance_automatic=1, white_balance_temperature=5000))
+        apply_settings(node, planned)
+    offer_settings(node, planned)
+    with pytest.raises(SettingRefused, match="white_balance_temperature is inactive"):
+        hold_controls(node, planned)
 
 
 def test_controls_that_stick_only_while_frames_come_are_set_again_then(node: TableNode) -> None:

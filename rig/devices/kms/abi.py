@@ -6,7 +6,7 @@ Layouts are those of the kernel's public headers `drm.h` and `drm_mode.h`; they 
 from __future__ import annotations
 
 import ctypes
-from ctypes import c_char, c_int64, c_uint16, c_uint32, c_uint64
+from ctypes import c_char, c_uint16, c_uint32, c_uint64
 
 
 class ClientCapability(ctypes.Structure):
@@ -175,12 +175,6 @@ class AtomicRequest(ctypes.Structure):
     )
 
 
-class ControllerSequence(ctypes.Structure):
-    """A controller's vblank counter, and when it last counted."""
-
-    _fields_ = (("controller", c_uint32), ("active", c_uint32), ("sequence", c_uint64), ("time_ns", c_int64))
-
-
 class FlipEvent(ctypes.Structure):
     """What the kernel says when a picture came on screen."""
 
@@ -206,7 +200,6 @@ CLOSE_BUFFER = _request(0x09, BufferHandle, _WRITE)
 SET_CLIENT_CAPABILITY = _request(0x0D, ClientCapability, _WRITE)
 SET_MASTER = _request(0x1E, None)
 DROP_MASTER = _request(0x1F, None)
-GET_SEQUENCE = _request(0x3B, ControllerSequence)
 GET_RESOURCES = _request(0xA0, Resources)
 GET_CONTROLLER = _request(0xA1, ControllerInfo)
 GET_ENCODER = _request(0xA6, EncoderInfo)
@@ -222,7 +215,6 @@ ADD_FRAMEBUFFER = _request(0xB8, Framebuffer)
 GET_OBJECT_PROPERTIES = _request(0xB9, ObjectProperties)
 ATOMIC = _request(0xBC, AtomicRequest)
 CREATE_BLOB = _request(0xBD, NewBlob)
-DESTROY_BLOB = _request(0xBE, Handle)
 GET_FRAMEBUFFER = _request(0xCE, Framebuffer)
 
 UNIVERSAL_PLANES, ATOMIC_CLIENT, CURSOR_HOTSPOT = 2, 3, 6
@@ -244,8 +236,8 @@ XBGR8888 = int.from_bytes(b"XB24", "little")
 ABGR8888 = int.from_bytes(b"AB24", "little")
 HAS_MODIFIERS = 1 << 1
 """Flag of a framebuffer."""
-LINEAR, UNKNOWN_MODIFIER = 0, (1 << 56) - 1
-"""Modifiers: rows of pixels one after the other; whatever the driver thinks best."""
+LINEAR = 0
+"""Modifier: rows of pixels one after the other."""
 
 CONNECTOR_TYPES = (
     *("Unknown", "VGA", "DVI-I", "DVI-D", "DVI-A", "Composite", "SVIDEO", "LVDS", "Component", "DIN", "DP"),

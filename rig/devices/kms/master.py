@@ -7,8 +7,7 @@ import fcntl
 import os
 from pathlib import Path
 
-_SET_MASTER, _DROP_MASTER = 0x641E, 0x641F
-"""DRM_IOCTL_SET_MASTER and DRM_IOCTL_DROP_MASTER."""
+from rig.devices.kms.abi import DROP_MASTER, SET_MASTER
 
 
 def master_is_free(card: Path) -> bool | None:
@@ -21,8 +20,8 @@ def master_is_free(card: Path) -> bool | None:
     except OSError:
         return None
     try:
-        fcntl.ioctl(descriptor, _SET_MASTER)
-        fcntl.ioctl(descriptor, _DROP_MASTER)
+        fcntl.ioctl(descriptor, SET_MASTER)
+        fcntl.ioctl(descriptor, DROP_MASTER)
         return True
     except OSError as error:
         return False if error.errno in (errno.EBUSY, errno.EACCES, errno.EINVAL) else None

@@ -129,12 +129,16 @@ def offer_settings(node: Node, settings: Iterable[Setting]) -> None:
 
 
 def changed_settings(node: Node, settings: Iterable[Setting]) -> list[Setting]:
-    """Those that do not have their value; volatile ones may have any, and inactive ones that nobody asked for."""
+    """Those that do not have their value, or that another control decides over although the profile asked for them.
+
+    Volatile ones may have any value, and inactive ones that nobody asked for.
+    """
     changed = []
     for setting in settings:
         now = query_control(node, setting.control.id)
-        free = {"volatile", "write-only"} if setting.asked_for else {"volatile", "write-only", "inactive"}
-        if now.value != setting.value and not free & set(now.flags):
+        is_free = bool({"inactive", "volatile", "write-only"} & set(now.flags))
+        is_overruled = setting.asked_for and "inactive" in now.flags
+        if is_overruled or (now.value != setting.value and not is_free):
             changed.append(setting)
     return changed
 

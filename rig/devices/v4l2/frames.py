@@ -112,24 +112,29 @@ class Frames:
                 return None
 
     def _look_at(self, filled: Filled, after_s: float, exposure_s: float, seen: Seen) -> RawFrame | None:
-        """The frame in a buffer; None when it is bad or began too early."""
+        """The frame in a buffer; None when it is bad or began too early.
+
+        The first one after frames that nobody saw may be a copy of one of them: it only serves to judge the next.
+        """
         seen.frames += 1
         self._check_time_stamp(filled)
         if self._is_bad(filled, seen):
             return None
         started_s = self._started_s(filled, exposure_s)
+        is_wanted = started_s >= after_s and not filled.unseen
         try:
             with self._stream.bytes_of(filled) as data:
                 fingerprint = self._fingerprint.of(data)
-                pixels = self._format.decode(data, self._layout, self._channels) if started_s >= after_s else None
+                pixels = self._format.decode(data, self._layout, self._channels) if is_wanted else None
         except Undecodable:
             seen.undecodable += 1
             self._rejected += 1
             return None
         repeats, self._last_print = fingerprint == self._last_print, fingerprint
         lost, self._rejected = filled.lost + self._rejected, 0
-        if pixels is None:
+        if started_s < after_s:
             seen.early_s = after_s - started_s
+        if pixels is None:
             return None
         return RawFrame(pixels, exposure_s, started_s, filled.number, lost, repeats)
 

@@ -19,6 +19,8 @@ from rig.devices.v4l2.node import BUSY, GONE, Node, device_error
 from rig.errors import DeviceError
 
 BUFFERS = 4
+_LONGEST_POLL_S = 60.0
+"""Longer waits are several; poll's own limit is 24 days."""
 _HALF = 1 << 31
 
 
@@ -39,6 +41,8 @@ class Filled:
     """The driver's sequence, made to count on over overflow and restart."""
     lost: int
     """Frames that the driver skipped just before although it had an empty buffer."""
+    unseen: int
+    """Frames that it skipped just before as it had none."""
 
 
 class Stream:
@@ -98,8 +102,8 @@ class Stream:
         Raises DeviceLost within milliseconds of an unplugging, StreamBroken when only the stream ended.
         """
         while True:
-            wait_ms = max(0, math.ceil((until_s - self._clock.now_s()) * 1e3))
-            events = self._poll.poll(wait_ms)
+            wait_s = min(max(0.0, until_s - self._clock.now_s()), _LONGEST_POLL_S)
+            events = self._poll.poll(math.ceil(wait_s * 1e3))
             buffer = self._dequeue(bool(events) and bool(events[0][1] & (select.POLLERR | select.POLLHUP)))
             if buffer is not None:
                 return self._filled(buffer)
@@ -117,26 +121,27 @@ class Stream:
 
     def _filled(self, buffer: abi.Buffer) -> Filled:
         stamp_s = buffer.timestamp.seconds + buffer.timestamp.microseconds * 1e-6
-        lost = self._count(buffer.sequence)
+        lost, unseen = self._count(buffer.sequence)
         self._last = buffer.sequence, stamp_s
         has_error = bool(buffer.flags & abi.BUFFER_ERROR)
-        return Filled(buffer.index, buffer.bytesused, has_error, buffer.flags, stamp_s, self._number, lost)
+        return Filled(buffer.index, buffer.bytesused, has_error, buffer.flags, stamp_s, self._number, lost, unseen)
 
-    def _count(self, sequence: int) -> int:
-        """Count on, and tell how many frames are missing.
+    def _count(self, sequence: int) -> tuple[int, int]:
+        """Count on, and tell how many frames were lost, and how many skipped for want of a buffer.
 
         Nobody lost a frame for which there was no buffer: a gap counts only if some buffer was with the driver
         already when the frame before it came.
         """
         if self._last is None:
             self._number += 1
-            return 0
+            return 0, 0
         last_sequence, last_stamp_s = self._last
         step = (sequence - last_sequence) & 0xFFFFFFFF
         if not 0 < step < _HALF:
             step = 1
         self._number += step
-        return step - 1 if any(given_s <= last_stamp_s for given_s in self._given_s) else 0
+        had_buffer = any(given_s <= last_stamp_s for given_s in self._given_s)
+        return (step - 1, 0) if had_buffer else (0, step - 1)
 
     @contextmanager
     def bytes_of(self, filled: Filled) -> Iterator[Bytes]:

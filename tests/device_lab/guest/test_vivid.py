@@ -64,6 +64,11 @@ def opened(*given: object, **options: object) -> Iterator[V4l2Camera]:
         made.close()
 
 
+def open_and_close(*given: object, **options: object) -> None:
+    with opened(*given, **options):
+        pass
+
+
 @contextmanager
 def program(*command: object) -> Iterator[subprocess.Popen[bytes]]:
     """Another program that runs meanwhile."""
@@ -235,25 +240,25 @@ class TestControls:
     )
     def test_a_control_that_cannot_be_set_is_named(self, controls: dict[str, int], message: str) -> None:
         with pytest.raises(SettingRefused, match=message):
-            camera(controls=controls).open()
+            open_and_close(controls=controls)
 
 
 class TestModes:
     def test_a_size_that_it_lacks_is_refused_with_those_it_has(self) -> None:
         with pytest.raises(SettingRefused, match=r"asked for GREY 642 x 361.*offers GREY in 320 x 180, 640 x 360"):
-            camera(shape=(361, 642, 1)).open()
+            open_and_close(shape=(361, 642, 1))
 
     def test_a_format_that_it_lacks_is_refused_with_those_it_has(self) -> None:
         with pytest.raises(SettingRefused, match=r"asked for MJPG.*offers YUYV, UYVY"):
-            camera("MJPG").open()
+            open_and_close("MJPG")
 
     def test_a_rate_that_it_lacks_is_refused_with_those_it_has(self) -> None:
         with pytest.raises(SettingRefused, match=r"asked for 17 Hz.*offers 1, 2, 4, 5, 10, 12.5, 15, 25, 30"):
-            camera(frame_rate_hz=17).open()
+            open_and_close(frame_rate_hz=17)
 
     def test_without_exposure_control_the_exposure_is_the_frame_period(self) -> None:
         with pytest.raises(SettingRefused, match=r"has to be \[0.04, 0.04\], not \[0.001, 0.04\]"):
-            camera(exposure_range_s=(0.001, 0.04)).open()
+            open_and_close(exposure_range_s=(0.001, 0.04))
 
 
 class TestStreaming:
@@ -301,7 +306,7 @@ class TestStreaming:
     def test_time_stamps_of_another_clock_are_refused(self) -> None:
         control(wrap_timestamp=1)
         with pytest.raises(DeviceError, match="of another clock"):
-            camera().open()
+            open_and_close()
 
     @pytest.mark.usefixtures("altered")
     def test_both_kinds_of_time_stamp_end_after_their_frame(self) -> None:
@@ -404,7 +409,7 @@ class TestFaults:
             wait_for(lambda: is_streaming())
             asked_s = CLOCK.now_s()
             with pytest.raises(DeviceBusy, match="another program"):
-                camera().open()
+                open_and_close()
             assert CLOCK.now_s() - asked_s < 5.0
 
     def test_a_camera_that_another_program_is_about_to_leave_is_waited_for(self) -> None:
@@ -421,7 +426,7 @@ class TestFaults:
         os.seteuid(NOBODY)
         try:
             with pytest.raises(DeviceForbidden, match="usermod -aG"):
-                camera().open()
+                open_and_close()
         finally:
             os.seteuid(0)
 

@@ -1,0 +1,97 @@
+"""A whole session of the command line on real drivers: `rig virtual` beside `rig run`, and a cable pulled meanwhile."""
+
+import json
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from rig.devices.kms.readback import Readback
+from rig.journal import JOURNAL_NAME
+from tests.contract.lab import load_module
+
+pytestmark = pytest.mark.timeout(560)
+RIG = (sys.executable, "-m", "rig")
+PULLED_AFTER_FRAMES = 30
+
+
+def frames(session: Path) -> int:
+    """How many are on disk."""
+    journal = session / JOURNAL_NAME
+    return journal.read_text().count('"event": "frame"') if journal.exists() else 0
+
+
+def pull_the_cable(virtual: subprocess.Popen[str], session: Path, ended: threading.Event) -> None:
+    """In the middle of the patterns; and put it back."""
+    while frames(session) < PULLED_AFTER_FRAMES and not ended.is_set():
+        ended.wait(0.2)
+    for command in ("unplug", "plug"):
+        virtual.stdin.write(f"{command}\n")
+        virtual.stdin.flush()
+        ended.wait(2.0)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    load_module("vkms")
+    session = tmp_path_factory.mktemp("runs") / "virtual"
+    command = [*RIG, "virtual", "-p", "virtual-rig", "--json"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as virtual:
+        found = json.loads(virtual.stdout.readline())
+        assert found["device_id"] == "usb-1209:0001-VIRTUAL1"
+        ended = threading.Event()
+        hand = threading.Thread(target=pull_the_cable, args=(virtual, session, ended))
+        hand.start()
+        done = subprocess.run(
+            [*RIG, "run", str(session), "-p", "virtual-rig", "--json"], capture_output=True, text=True, check=False
+        )
+        ended.set()
+        hand.join()
+        virtual.stdin.write("quit\n")
+        virtual.stdin.flush()
+    print(done.stderr)
+    return session, done
+
+
+def test_it_ends_within_its_limits_with_a_report(run: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    session, done = run
+    assert done.returncode == 0, done.stdout + done.stderr
+    metrics = json.loads(done.stdout)
+    print({key: metrics[key] for key in ("geometry", "truth", "comparison", "measured", "elapsed_s")})
+    assert metrics["within_limits"]
+    assert (session / "report.html").stat().st_size > 100_000
+
+
+def test_compensation_gains_in_the_room_behind_the_drivers(
+    run: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    measured = json.loads(run[1].stdout)["measured"]
+    assert measured["compensated"]["mean"] < 0.3 * measured["uncompensated"]["mean"]
+
+
+def test_calibration_finds_the_lenses_of_the_room_behind_the_drivers(
+    run: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    truth = json.loads(run[1].stdout)["truth"]
+    assert truth["camera_position_mm"] < 5
+    assert truth["focal_percent"] < 1
+    assert truth["reflectance_rmse"] < 0.06
+
+
+def test_the_pulled_cable_is_noted_and_no_frame_is_missing_or_doubled(
+    run: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    events = [json.loads(line) for line in (run[0] / JOURNAL_NAME).read_text().splitlines()]
+    kinds = {event["note"]["event"] for event in events if event["event"] == "note"}
+    assert {"unplugged", "replugged"} <= kinds
+    names = [(event["step"], event["name"]) for event in events if event["event"] == "frame"]
+    assert len(names) == len(set(names)) > PULLED_AFTER_FRAMES
+
+
+def test_the_projector_is_dark_afterwards(run: tuple[Path, subprocess.CompletedProcess[str]]) -> None:
+    readback = Readback("Virtual-1")
+    readback.open()
+    assert readback.frame_id() == 0 or not readback.picture().any()
+    readback.close()
