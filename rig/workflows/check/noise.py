@@ -22,6 +22,8 @@ _DARK_PAIRS = 4
 _BINS = 24
 _TOP = 0.93
 """Brighter pixels may clip in one of the two frames."""
+_CURVE = 0.02
+"""Relative error of variances by the camera's curve, whose slope is fitted; with many pixels it is the largest."""
 _TAIL = 1.96
 """Of a normal distribution: 95 % of it lies within so many standard deviations."""
 _BLACK_CLIP = 0.01
@@ -74,11 +76,11 @@ def points_of(first: FloatArray, second: FloatArray, linear: Linear, step_dn: fl
 
 
 def fit_transfer(points: Points) -> Transfer:
-    """Weighted straight line; a variance of n pixels is known to sqrt(2 / n) of what the line says."""
+    """Weighted straight line; a variance of n pixels is known to sqrt(2 / n) of itself, and as well as the curve."""
     terms = np.stack([np.ones_like(points.signals), points.signals], axis=1)
     model = np.maximum(points.variances, 1e-3 * points.variances.max())
     for _ in range(5):
-        weights = np.sqrt(points.counts / 2) / model
+        weights = 1 / (model * np.sqrt(2 / points.counts + _CURVE**2))
         fitted = np.linalg.lstsq(terms * weights[:, None], points.variances * weights, rcond=None)[0]
         model = np.maximum(terms @ fitted, 1e-3 * points.variances.max())
     covariance = np.linalg.inv((terms * weights[:, None]).T @ (terms * weights[:, None]))
