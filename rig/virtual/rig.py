@@ -39,6 +39,10 @@ class Shows(Protocol):
         """Let it go; any number of times."""
         ...
 
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of what is on screen now."""
+        ...
+
     def picture(self) -> Codes:
         """What is on screen now."""
         ...
@@ -55,6 +59,10 @@ class StillPicture:
 
     def close(self) -> None:
         """Nothing to do."""
+
+    def shape(self) -> tuple[int, int]:
+        """(height, width)."""
+        return self.codes.shape[0], self.codes.shape[1]
 
     def picture(self) -> Codes:
         """The picture."""

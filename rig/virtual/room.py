@@ -28,6 +28,10 @@ _DEPTH = {"GREY": 8, "Y10 ": 10, "Y12 ": 12, "Y16 ": 16, "YUYV": 8, "MJPG": 8}
 class Display(Protocol):
     """Something that shows a picture; :class:`rig.devices.kms.readback.Readback` is one."""
 
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of what it shows now. Raises DeviceLost when it is dark."""
+        ...
+
     def picture(self) -> Codes:
         """(H, W, 3) uint8 codes that are on screen now. Raises DeviceLost when it is dark."""
         ...
@@ -105,20 +109,17 @@ class RoomSource:
         return _merged([codes for _, codes in looks], [span_s / (ended_s - started_s) for span_s in spans_s])
 
     def _look(self) -> Codes:
-        shape = self._bench.projector.shape
-        dark = np.zeros(shape, np.uint8)
+        expected = self._bench.projector.shape
         try:
-            codes = self._display.picture()
+            shape = self._display.shape()
+            if shape == expected:
+                codes = self._display.picture()
+                self._tell("")
+                return codes
+            self._tell(f"the display shows {_size(shape)}, the room expects {_size(expected)}")
         except (DeviceLost, CaptureTimeout, SettingRefused) as error:
             self._tell(str(error))
-            return dark
-        if codes.shape[:2] != shape:
-            self._tell(
-                f"the display shows {codes.shape[1]} x {codes.shape[0]} px, the room expects {shape[1]} x {shape[0]}"
-            )
-            return dark
-        self._tell("")
-        return codes
+        return np.zeros(expected, np.uint8)
 
     def _tell(self, text: str) -> None:
         """Once for each change."""
@@ -146,6 +147,10 @@ class RoomSource:
         gained = light * np.float32(request.gain)
         pixels = sensor_response(settings, gained, request.exposure_s, full_scale_dn, self._random)
         return encoded(_sized(pixels, request), request.fourcc)
+
+
+def _size(shape: tuple[int, int]) -> str:
+    return f"{shape[1]} x {shape[0]} px"
 
 
 def _merged(pictures: list[Codes], shares: list[float]) -> list[tuple[Codes, float]]:

@@ -26,6 +26,10 @@ class Screen:
     def __init__(self, clock: VirtualClock, picture_at: Callable[[float], Codes], look_s: float = 0.0):
         self._clock, self._picture_at, self._look_s = clock, picture_at, look_s
 
+    def shape(self) -> tuple[int, int]:
+        height, width, _ = self._picture_at(self._clock.now_s()).shape
+        return height, width
+
     def picture(self) -> Codes:
         codes = self._picture_at(self._clock.now_s())
         self._clock.wait_until_s(self._clock.now_s() + self._look_s)
@@ -101,7 +105,7 @@ def test_a_display_of_another_size_is_told(bench: Bench, clock: VirtualClock) ->
     told: list[str] = []
     source = RoomSource(bench, Screen(clock, lambda _: np.zeros((4, 6, 3), np.uint8)), clock, note=told.append)
     source.expose(request())
-    assert told == ["the display shows 6 x 4 px, the room expects 256 x 192"]
+    assert told == ["the display shows 6 x 4 px, the room expects 256 x 192 px"]
 
 
 def test_two_frames_never_have_the_same_noise(bench: Bench, clock: VirtualClock) -> None:

@@ -18,7 +18,6 @@ from rig.session import Session, Step
 from rig.terminal import TerminalProgress, print_table, silent
 from rig.workflows.capture import Shot, frame_name, photograph
 from rig.workflows.compensate import check_strategies
-from rig.workflows.devices import list_devices
 from rig.workflows.target import load_target
 from rig.workflows.whole import _Opening
 
@@ -178,33 +177,7 @@ def test_a_rig_is_opened_when_more_than_its_profile_is_asked_for(
         assert opened == [7.5]
 
 
-# Devices and terminal
-
-
-def test_devices_are_what_the_kernel_shows(tmp_path: Path) -> None:
-    camera = tmp_path / "sys/class/video4linux/video0"
-    camera.mkdir(parents=True)
-    (camera / "name").write_text("Machine vision 5\n")
-    stable = tmp_path / "dev/v4l/by-id"
-    stable.mkdir(parents=True)
-    (tmp_path / "dev/video0").touch()
-    (stable / "usb-Maker_5-video-index0").symlink_to("../../video0")
-    output = tmp_path / "sys/class/drm/card1-HDMI-A-1"
-    output.mkdir(parents=True)
-    (output / "status").write_text("connected\n")
-    (output / "modes").write_text("1920x1080\n1280x720\n")
-    (tmp_path / "sys/class/drm/card1-DP-1").mkdir()
-    assert list_devices(tmp_path) == {
-        "cameras": [{"node": "video0", "name": "Machine vision 5", "stable_id": "usb-Maker_5-video-index0"}],
-        "outputs": [
-            {"connector": "DP-1", "status": "", "modes": []},
-            {"connector": "HDMI-A-1", "status": "connected", "modes": ["1920x1080", "1280x720"]},
-        ],
-    }
-
-
-def test_a_machine_without_any_is_no_error(tmp_path: Path) -> None:
-    assert list_devices(tmp_path) == {"cameras": [], "outputs": []}
+# Terminal
 
 
 def test_tables_print_what_they_are_given(capsys: pytest.CaptureFixture[str]) -> None:

@@ -92,6 +92,20 @@ class Readback:
             raise self._named(card, error) from error
         return shown.framebuffer if shown is not None else 0
 
+    def shape(self) -> tuple[int, int]:
+        """(height, width) of what is shown, without reading it. Raises DeviceLost when closed or dark."""
+        card = self._opened()
+        try:
+            shown = self._shown(card)
+        except OSError as error:
+            raise self._named(card, error) from error
+        if shown is None:
+            raise self._dark()
+        return shown.height_px, shown.width_px
+
+    def _dark(self) -> DeviceLost:
+        return DeviceLost(f"{self._found.full_name} is dark: no program shows anything on it")
+
     def picture(self) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 codes, red first, as they are sent to the display; a copy.
 
@@ -111,7 +125,7 @@ class Readback:
             for _ in range(_ATTEMPTS):
                 before = self._shown(card)
                 if before is None:
-                    raise DeviceLost(f"{self._found.full_name} is dark: no program shows anything on it")
+                    raise self._dark()
                 picture = self._read(card, before)
                 if self._shown(card) == before:
                     return picture
