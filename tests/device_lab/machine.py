@@ -5,7 +5,8 @@
 
 The guest sees the host's root read-only, below a scratch layer that vanishes; /lab is a shared folder that stays.
 One emulated processor, no KVM: that is faster to boot than two, and works everywhere. It is one without AVX: QEMU
-emulates that slowly, and wrongly (numpy's sort crashed on it with QEMU 7.2).
+emulates that slowly, and wrongly (numpy's sort crashed on it with QEMU 7.2). The guest's time is the count of its
+instructions, 500 million a second, so that a busy host makes nothing late in there.
 Exit status: the command's; 124 when it ran out of time, 125 when the machine died.
 """
 
@@ -46,15 +47,11 @@ busybox poweroff -f
 
 @dataclass(frozen=True)
 class Machine:
-    """How a machine is started. `displays`: a virtio-gpu with that many outputs; `boot`: more for the kernel.
-
-    `steady`: its time is the count of its instructions, 500 million a second, so that a busy host makes nothing late.
-    """
+    """How a machine is started. `displays`: a virtio-gpu with that many outputs; `boot`: more for the kernel."""
 
     memory_mb: int = 1536
     displays: int = 0
     boot: str = ""
-    steady: bool = False
 
     def command(self, kernel: Kernel, lab: Path) -> list[str]:
         """QEMU's command line."""
@@ -62,18 +59,8 @@ class Machine:
         gpu = f"virtio-gpu-pci,id=gpu0,max_outputs={self.displays},xres=640,yres=480"
         return [
             *("qemu-system-x86_64", "-nodefaults", "-no-user-config", "-no-reboot", "-display", "none"),
-            *(
-                "-machine",
-                "pc",
-                "-accel",
-                "tcg,thread=single" if self.steady else "tcg,thread=multi",
-                "-cpu",
-                "Nehalem",
-                "-smp",
-                "1",
-                "-m",
-                str(self.memory_mb),
-            ),
+            *("-machine", "pc", "-cpu", "Nehalem", "-smp", "1", "-m", str(self.memory_mb)),
+            *("-accel", "tcg,thread=single", "-icount", "shift=1"),
             *("-kernel", str(kernel.image), "-initrd", str(kernel.initramfs), "-append", f"{boot} {self.boot}"),
             *("-chardev", f"file,id=console,path={lab}/console.log", "-serial", "chardev:console"),
             *("-device", "virtio-serial-pci", "-chardev", "stdio,id=output,signal=off"),
@@ -81,7 +68,6 @@ class Machine:
             *("-virtfs", "local,path=/,mount_tag=host,security_model=none,readonly=on,multidevs=remap"),
             *("-virtfs", f"local,path={lab},mount_tag=lab,security_model=none"),
             *(("-device", gpu) if self.displays else ()),
-            *(("-icount", "shift=1") if self.steady else ()),
         ]
 
 
@@ -130,14 +116,13 @@ def _status(lab: Path) -> int:
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--display", action="store_true", help="add a virtio-gpu with two outputs")
-    parser.add_argument("--steady", action="store_true", help="let its time pass by the instructions that it executes")
     parser.add_argument("--boot", default="", help="more for the kernel's command line")
     parser.add_argument("--memory-mb", type=int, default=1536)
     parser.add_argument("--timeout", type=float, default=600, help="seconds")
     parser.add_argument("--lab", type=Path, help="folder that is /lab in the guest; default: a new one")
     parser.add_argument("command", nargs="+", help="a shell command line")
     given = parser.parse_args()
-    machine = Machine(given.memory_mb, 2 if given.display else 0, given.boot, given.steady)
+    machine = Machine(given.memory_mb, 2 if given.display else 0, given.boot)
     lab = given.lab.resolve() if given.lab else None
     return run_in_machine(" ".join(given.command), machine=machine, timeout_s=given.timeout, lab=lab)
 

@@ -68,7 +68,7 @@ SUITES = (
         ),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=vkms,virtio-gpu",
         timeout_s=540,
-        machine=Machine(displays=2, steady=True),
+        machine=Machine(displays=2),
     ),
     Suite(
         "virtual",
