@@ -217,7 +217,8 @@ class SimulatedCamera:
             swell = self.bench.ambient_swell(starts_s, exposure_s)
             light += swell.astype(np.float32) * self._blurred(self.bench.ambient)
         random = random_at(self.bench.settings.seed, 3, start_s)
-        return sensor_response(settings, light * self._vignetting, exposure_s, self.full_scale_dn, random)
+        noise = random.standard_normal(light.shape, dtype=np.float32)
+        return sensor_response(settings, light * self._vignetting, exposure_s, self.full_scale_dn, noise)
 
     def _light(self, codes: Codes) -> Float32Array:
         """Radiosity after the lens's blur; that of the last pictures is kept."""
@@ -253,11 +254,13 @@ def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) ->
 
 
 def sensor_response(
-    camera: BenchCamera, light: Float32Array, exposure_s: float, full_scale_dn: int, random: np.random.Generator
+    camera: BenchCamera, light: Float32Array, exposure_s: float, full_scale_dn: int, noise: Float32Array
 ) -> NDArray[np.uint16]:
-    """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip."""
+    """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip.
+
+    ``noise`` is standard normal, in the shape of the light.
+    """
     electrons = light * np.float32(camera.sensitivity_e_per_s * exposure_s)
-    noise = random.standard_normal(electrons.shape, dtype=np.float32)
     electrons += noise * np.sqrt(electrons + np.float32(camera.read_noise_e**2))
     y = np.clip(electrons / np.float32(camera.full_well_e), -0.05, 1.0)
     y *= (1 + camera.compression) / (1 + camera.compression * y)

@@ -86,10 +86,13 @@ class VirtualRig:
     _attachment: Attachment | None = field(init=False, default=None)
 
     def __post_init__(self) -> None:
-        prompt_s = _PROMPT_SHARE * self.profile.projector.latency_s
         self._source = RoomSource(
-            bench_of(self.profile), self.display, SystemClock(), prompt_s=prompt_s, note=self.note
+            bench_of(self.profile), self.display, SystemClock(), prompt_s=self._prompt_s, note=self.note
         )
+
+    @property
+    def _prompt_s(self) -> float:
+        return _PROMPT_SHARE * self.profile.projector.latency_s
 
     @property
     def alive(self) -> bool:
@@ -136,6 +139,7 @@ class VirtualRig:
             faults=self.faults,
             exposure_range_s=camera.exposure_range_s,
             exposure_s=camera.exposure_s,
+            longest_delay_s=self._prompt_s,
         )
 
 

@@ -22,6 +22,7 @@ Float32Array = NDArray[np.float32]
 _SAMPLE_S = 0.02
 """How often the display is looked at during an exposure."""
 _KEPT_PICTURES = 6
+_NOISE_FRAMES = 8
 _DEPTH = {"GREY": 8, "Y10 ": 10, "Y12 ": 12, "Y16 ": 16, "YUYV": 8, "MJPG": 8}
 
 
@@ -73,6 +74,7 @@ class RoomSource:
         self._clock = clock
         self._prompt_s = prompt_s
         self._random = np.random.default_rng(seed)
+        self._noise = self._random.standard_normal(_NOISE_FRAMES * bench.vignetting.size, dtype=np.float32)
         self._note = note
         self._noted = ""
         self._lit: OrderedDict[bytes, Float32Array] = OrderedDict()
@@ -141,11 +143,17 @@ class RoomSource:
         self._lit.move_to_end(key)
         return self._lit[key]
 
+    def _fresh_noise(self) -> Float32Array:
+        """Another piece of a long row of noise: quicker than to draw it anew, and no two pieces begin alike."""
+        shape = self._vignetting.shape
+        first = int(self._random.integers(len(self._noise) - self._vignetting.size))
+        return self._noise[first : first + self._vignetting.size].reshape(shape)
+
     def _frame(self, light: Float32Array, request: FrameRequest) -> bytes:
         settings = self._bench.settings.camera
         full_scale_dn = 2 ** _DEPTH[request.fourcc] - 1
         gained = light * np.float32(request.gain)
-        pixels = sensor_response(settings, gained, request.exposure_s, full_scale_dn, self._random)
+        pixels = sensor_response(settings, gained, request.exposure_s, full_scale_dn, self._fresh_noise())
         return encoded(_sized(pixels, request), request.fourcc)
 
 
