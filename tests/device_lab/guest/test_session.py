@@ -12,7 +12,7 @@ from rig.devices.kms.readback import Readback
 from rig.journal import JOURNAL_NAME
 from tests.contract.lab import load_module
 
-pytestmark = pytest.mark.timeout(560)
+pytestmark = pytest.mark.timeout(3500)
 RIG = (sys.executable, "-m", "rig")
 PULLED_AFTER_FRAMES = 30
 
