@@ -12,7 +12,7 @@ demo: $(READY)
 	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
 
 test: $(READY) lint
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n auto
 
 test-devices: $(READY)
 	$(BIN)/python tests/device_lab/run.py $(SUITES)
