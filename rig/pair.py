@@ -19,7 +19,7 @@ import numpy as np
 
 from rig.association import Association, Wanted
 from rig.back_ends import make_devices
-from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, Watched
+from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, check_on_screen
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
 from rig.profile import Profile, load_profile
 from rig.recovery import Openable, Recovery, close_quietly
@@ -249,16 +249,11 @@ class Rig:
             silent = 0
             rejection = self._association.rejection(frame, wanted, self.clock.now_s())
             if rejection is None:
-                self._check_on_screen()
+                with _talking_to(self.projector):
+                    check_on_screen(self.projector)  # unplugged during the exposure: the frame is spoilt
                 return frame
             self._note(rejection.kind, f"{name}: {rejection.detail}")
         return None
-
-    def _check_on_screen(self) -> None:
-        """A display that was unplugged during the exposure has spoilt the frame."""
-        if isinstance(self.projector, Watched):
-            with _talking_to(self.projector):
-                self.projector.check_on_screen()
 
     def _no_good_frame(self, shot: _Shot) -> CaptureTimeout:
         timing = self.profile.timing

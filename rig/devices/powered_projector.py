@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Callable
 
 from rig.devices.pjlink import Pjlink, Power
-from rig.devices.protocols import Clock, Codes, Projector, Shown
+from rig.devices.protocols import Clock, Codes, Projector, Shown, check_on_screen
 from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
 
 _PERIOD_S = 1.0
@@ -81,6 +81,10 @@ class PoweredProjector:
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Show uint8 codes of exactly its shape. Raises DeviceLost, SettingRefused."""
         return self._projector.show(codes, name=name)
+
+    def check_on_screen(self) -> None:
+        """Ask the display, where it can tell. Raises DeviceLost."""
+        check_on_screen(self._projector)
 
     def _start(self, was_lit: bool, until_s: float) -> None:
         self._wait_for(self._is_lit, until_s)

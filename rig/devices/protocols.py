@@ -121,6 +121,12 @@ class Watched(Protocol):
         ...
 
 
+def check_on_screen(display: object) -> None:
+    """Ask a projector whether its picture is still on screen, where it can tell. Raises DeviceLost."""
+    if isinstance(display, Watched):
+        display.check_on_screen()
+
+
 @runtime_checkable
 class Projector(Protocol):
     """A display output that shows codes unscaled."""

@@ -10,7 +10,7 @@ from rig.back_ends import _real_projector
 from rig.devices.clock import VirtualClock
 from rig.devices.pjlink import ErrorStatus, Health, Lamp, Mute, Pjlink, Power
 from rig.devices.powered_projector import PoweredProjector
-from rig.devices.protocols import Codes, Projector, Shown
+from rig.devices.protocols import Codes, Projector, Shown, check_on_screen
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, ProfileError, SettingRefused
 from rig.profile import Profile
 from tests.rig.pjlink_emulator import CLASS_1, FAULTS, EmulatedProjector, served
@@ -335,6 +335,18 @@ class TestPoweredProjector:
         emulated.fault = "hang up"
         projector.close()
         assert not output.is_open
+
+    def test_a_display_that_lost_its_picture_is_heard_through_it(
+        self, output: Output, make: Make, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        make().check_on_screen()
+
+        def unplugged(_: Output) -> None:
+            raise DeviceLost("HDMI-A-1 was unplugged")
+
+        monkeypatch.setattr(Output, "check_on_screen", unplugged, raising=False)
+        with pytest.raises(DeviceLost, match="HDMI-A-1 was unplugged"):
+            check_on_screen(make())
 
 
 class TestProfile:

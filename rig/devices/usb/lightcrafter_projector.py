@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
-from rig.devices.protocols import Codes, Projector, Shown, Watched
+from rig.devices.protocols import Codes, Projector, Shown, check_on_screen
 from rig.devices.usb.lightcrafter import LightCrafter, LightCrafterState
 from rig.errors import DeviceError
 
@@ -68,8 +68,7 @@ class LightCrafterProjector:
 
     def check_on_screen(self) -> None:
         """Ask the display, where it can tell. Raises DeviceLost."""
-        if isinstance(self._display, Watched):
-            self._display.check_on_screen()
+        check_on_screen(self._display)
 
 
 def _restore(controller: LightCrafter, found: LightCrafterState) -> None:
