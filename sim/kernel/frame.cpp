@@ -59,7 +59,7 @@ class Kernel {
         pixels_.n_lit = static_cast<std::int64_t>(matrix.shape(2));
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
-        frame_.response = response.data();
+        frame_.response = reinterpret_cast<const std::int32_t *>(response.data());
         frame_.dither = array_of<std::uint8_t, 3>(model, "dither").data();
         set_channels(array_of<double, 2>(model, "response"), array_of<double, 2>(model, "mixing"), unmixing);
         irradiance_.resize(BANDS * pixels_.n_viewed);
@@ -86,9 +86,7 @@ class Kernel {
   private:
     void set_channels(const In<double, 2> &response, const In<double, 2> &mixing, const In<double, 2> &unmixing) {
         for (int b = 0; b < BANDS; ++b) {
-            const double *light = response.data() + 256 * b;
-            frame_.lower[b] = static_cast<float>(light[0]);
-            frame_.span[b] = static_cast<float>(light[255] - light[0]);
+            frame_.per_span[b] = static_cast<float>(1 / response.data()[256 * b + 255]);
             for (int c = 0; c < BANDS; ++c) {
                 frame_.mixing[b][c] = static_cast<float>(mixing.data()[BANDS * b + c]);
                 frame_.unmixing[b][c] = static_cast<float>(unmixing.data()[BANDS * b + c]);
@@ -100,7 +98,10 @@ class Kernel {
     void begin_frame(const In<std::uint8_t, 3> &codes, const Out<std::uint8_t, 3> &out, const In<float, 2> &target) {
         frame_.codes = codes.data();
         frame_.out = out.data();
-        frame_.target = target.data();
+        for (int b = 0; b < BANDS; ++b)
+            for (int code = 0; code < 256; ++code)
+                target_[256 * b + code] = target.data()[256 * b + code] * pixels_.inverse.unit[b];
+        frame_.target = target_;
         frame_.irradiance = irradiance_.data();
         sums_.assign(CHUNKS, Sums{});
         std::fill(partial_.begin(), partial_.end(), 0.0);
@@ -145,6 +146,7 @@ class Kernel {
     std::int64_t matrices_;
     std::vector<double> black_, partial_;
     std::vector<float> irradiance_, emitted_;
+    float target_[BANDS * 256];
     std::vector<Sums> sums_;
 };
 

@@ -30,13 +30,13 @@ struct Pixels {
 // What differs from frame to frame, and small tables.
 struct Frame {
     const std::uint8_t *codes;
-    const float *target;           // (3, 256) camera value of each code
+    const float *target;           // (3, 256) camera value of each code, times the unit of 1 / D
     const float *irradiance;       // (3, W)
     const float *adjoint;          // (3, L) lambda; bounded only
     float mixing[BANDS][BANDS], unmixing[BANDS][BANDS];
     bool mixed;                    // mixing is not the identity
-    float lower[BANDS], span[BANDS];
-    const std::uint32_t *response; // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
+    float per_span[BANDS];         // 1 / light of the highest code
+    const std::int32_t *response;  // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
     const std::uint8_t *dither;    // (3, 64, 64)
     std::uint8_t *out;
 };
