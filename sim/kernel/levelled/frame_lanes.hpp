@@ -48,20 +48,36 @@ inline To same_bits(const From &from) {
     return to;
 }
 
-// In two steps, each of which compilers have an instruction for.
+// Wider and narrower integers: compilers take these apart instead of using the one instruction.
 inline Ints widened(const Bytes &bytes) {
+#if defined(__AVX512F__)
+    return same_bits<Ints>(_mm512_cvtepu8_epi32(same_bits<__m128i>(bytes)));
+#else
     return __builtin_convertvector(__builtin_convertvector(bytes, Halves), Ints);
+#endif
+}
+
+inline Words widened(const Halves &halves) {
+#if defined(__AVX512F__)
+    return same_bits<Words>(_mm512_cvtepu16_epi32(same_bits<__m256i>(halves)));
+#else
+    return __builtin_convertvector(halves, Words);
+#endif
 }
 
 inline Bytes narrowed(const Ints &numbers) {
+#if defined(__AVX512F__)
+    return same_bits<Bytes>(_mm512_cvtepi32_epi8(same_bits<__m512i>(numbers)));
+#else
     return __builtin_convertvector(__builtin_convertvector(numbers, Halves), Bytes);
+#endif
 }
 
 // Packed numbers (sim/frame_packed.py) in units of their layer.
 inline Floats unpacked(const std::uint16_t *bits, int n) {
     constexpr std::uint32_t TOE_BITS = 0x3b800000;
     constexpr float TOE = 1.0f / 256;
-    const Words words = __builtin_convertvector(load<Halves>(bits, n), Words);
+    const Words words = widened(load<Halves>(bits, n));
     return same_bits<Floats>((words << 10) + TOE_BITS) - TOE;
 }
 
@@ -121,16 +137,24 @@ inline void join(const Codes &from, int n, std::uint8_t *codes) {
     std::memcpy(codes, whole, 3 * n);
 }
 
-inline Floats clamped(const Floats &x, float low, float high) {
-    const Floats above = x < low ? Floats{} + low : x;
-    return above > high ? Floats{} + high : above;
+inline Floats within_unit(const Floats &x) {
+#if defined(__AVX512F__)
+    const __m512 above = _mm512_max_ps(same_bits<__m512>(x), _mm512_setzero_ps());
+    return same_bits<Floats>(_mm512_min_ps(above, _mm512_set1_ps(1)));
+#else
+    const Floats above = x < 0 ? Floats{} : x;
+    return above > 1 ? Floats{} + 1 : above;
+#endif
 }
 
 inline float lanes_sum(const Floats &lanes) {
-    float eight[8], four[4];
-    for (int lane = 0; lane < 8; ++lane) eight[lane] = lanes[lane] + lanes[lane + 8];
-    for (int lane = 0; lane < 4; ++lane) four[lane] = eight[lane] + eight[lane + 4];
-    return (four[0] + four[2]) + (four[1] + four[3]);
+    typedef float Eight __attribute__((vector_size(32)));
+    typedef float Four __attribute__((vector_size(16)));
+    const Eight eight = __builtin_shufflevector(lanes, lanes, 0, 1, 2, 3, 4, 5, 6, 7) +
+                        __builtin_shufflevector(lanes, lanes, 8, 9, 10, 11, 12, 13, 14, 15);
+    const Four four = __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
+    const Four two = four + __builtin_shufflevector(four, four, 2, 3, 0, 1);
+    return two[0] + two[1];
 }
 
 inline Ints lane_numbers() { return Ints{0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15}; }

@@ -143,7 +143,7 @@ inline void encode(const Frame &frame, const Light &light, std::int64_t row, std
     Codes codes;
     const std::uint8_t *dither = frame.dither + row % DITHER * DITHER + column % DITHER;
     for (int c = 0; c < BANDS; ++c) {
-        const Floats asked = light.band[c] * frame.per_span[c], share = clamped(asked, 0, 1);
+        const Floats asked = light.band[c] * frame.per_span[c], share = within_unit(asked);
         clipped -= share != asked;
         const Words bits = same_bits<Words>(share + RESPONSE_TOE) - TOE_BITS;
         const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
