@@ -246,7 +246,7 @@ def _response(response: ArrayLike | None) -> FloatArray:
     table = _table("response", response, (CHANNELS, 256))
     if table[:, 0].any():
         raise SimulationError(
-            f"frame model: response begins at {table[:, 0].max():g}; it is light above the projector's black: begin at 0"
+            f"frame model: response begins at {table[:, 0].max():g}; it counts from the projector's black: begin at 0"
         )
     return table
 

@@ -113,15 +113,19 @@ struct Seen {
     }
 };
 
-// Target less black and less what comes from all patches, over D: light of the bands.
-inline Light wanted(const Pixels &pixels, const Frame &frame, const Seen &seen, std::int64_t first, int k, int n) {
-    Light light = divided_target(pixels, frame, first + k, n);
+// Light of the bands that a pixel asks for: whole, and what is left once that of all patches has come.
+struct Asked {
+    Light whole, direct;
+};
+
+inline Asked asked(const Pixels &pixels, const Frame &frame, const Seen &seen, std::int64_t first, int k, int n) {
+    Asked light{divided_target(pixels, frame, first + k, n), {}};
     Floats gain = unpacked(pixels.gain.band[0] + first + k, n);
     for (int b = 0; b < BANDS; ++b) {
         if (pixels.offset.unit[b] != 0)
-            light.band[b] -= unpacked(pixels.offset.band[b] + first + k, n) * pixels.offset.unit[b];
+            light.whole.band[b] -= unpacked(pixels.offset.band[b] + first + k, n) * pixels.offset.unit[b];
         if (b && pixels.gain.band[b] != pixels.gain.band[0]) gain = unpacked(pixels.gain.band[b] + first + k, n);
-        light.band[b] -= gain * pixels.gain.unit[b] * load<Floats>(seen.irradiance[b] + k);
+        light.direct.band[b] = light.whole.band[b] - gain * pixels.gain.unit[b] * load<Floats>(seen.irradiance[b] + k);
     }
     return light;
 }
@@ -136,15 +140,115 @@ inline Light unmixed(const Frame &frame, const Light &light) {
     return channels;
 }
 
-// Codes of channels' light, clamped; clipped counts what the range holds back.
+inline Light mixed(const Frame &frame, const Light &channels) {
+    if (!frame.mixed) return channels;
+    Light light;
+    for (int b = 0; b < BANDS; ++b)
+        light.band[b] = frame.mixing[b][0] * channels.band[0] + frame.mixing[b][1] * channels.band[1] +
+                        frame.mixing[b][2] * channels.band[2];
+    return light;
+}
+
+// What a pixel's light counts for: emission of its patch, 1 / D.
+struct Weights {
+    Floats emission, inverse[BANDS];
+
+    Weights(const Pixels &pixels, std::int64_t first, int n)
+        : emission(unpacked(pixels.emission.band[0] + first, n) * pixels.emission.unit[0]) {
+        for (int b = 0; b < BANDS; ++b)
+            inverse[b] = unpacked(pixels.inverse.band[b] + first, n) * pixels.inverse.unit[b];
+    }
+};
+
+// By how much the errors elsewhere pull at the light of each patch's pixels.
+struct Pull {
+    alignas(64) Row adjoint;
+
+    Pull(const Pixels &pixels, const Frame &frame, const Segment &at, bool bounded) {
+        if (!bounded) return;
+        each_run<1>(pixels, pixels.patches, at, [&](int begin, int end, const std::int32_t *patch) {
+            for (int b = 0; b < BANDS; ++b) {
+                const Floats same = Floats{} + frame.adjoint[b * pixels.n_lit + *patch];
+                for (int k = begin; k < end; k += BLOCK) store(adjoint[b] + k, same);
+            }
+        });
+    }
+};
+
+inline Light pulled(const Light &direct, const Weights &weights, const Pull &pull, int k) {
+    Light light;
+    for (int b = 0; b < BANDS; ++b)
+        light.band[b] = direct.band[b] - weights.emission * weights.inverse[b] * weights.inverse[b] *
+                                             load<Floats>(pull.adjoint[b] + k);
+    return light;
+}
+
+// The channels' light within the span whose mixture comes nearest in camera values: by coordinates, which for
+// three of them that hardly mix is at its end after three rounds.
+inline Light chosen(const Frame &frame, const Light &free, const Weights &weights) {
+    constexpr int ROUNDS = 3;
+    Light channels = unmixed(frame, free);
+    for (int c = 0; c < BANDS; ++c)
+        channels.band[c] = within_unit(channels.band[c] * frame.per_span[c]) * frame.span[c];
+    if (!frame.mixed) return channels;
+    const Light now = mixed(frame, channels);
+    Floats error[BANDS], weight[BANDS];
+    for (int b = 0; b < BANDS; ++b) {
+        error[b] = now.band[b] - free.band[b];
+        const Floats ratio = (weights.inverse[0] + 1e-20f) / (weights.inverse[b] + 1e-20f);
+        weight[b] = ratio * ratio;
+    }
+    for (int round = 0; round < ROUNDS; ++round)
+        for (int c = 0; c < BANDS; ++c) {
+            Floats slope{}, curvature{};
+            for (int b = 0; b < BANDS; ++b) {
+                const Floats share = weight[b] * frame.mixing[b][c];
+                slope += share * error[b];
+                curvature += share * frame.mixing[b][c];
+            }
+            const Floats best = (channels.band[c] - slope / curvature) * frame.per_span[c];
+            const Floats next = within_unit(best) * frame.span[c], change = next - channels.band[c];
+            for (int b = 0; b < BANDS; ++b) error[b] += frame.mixing[b][c] * change;
+            channels.band[c] = next;
+        }
+    return channels;
+}
+
+// returned += light as seen by each cell's corners.
+inline void add_by_cell(const Pixels &pixels, const Segment &at, const Seen &seen, const Row &light, double *returned) {
+    each_run<4>(pixels, pixels.cells, at, [&](int begin, int end, const std::int32_t *corner) {
+        for (int b = 0; b < BANDS; ++b) {
+            Floats sum{}, along_x{}, along_y{}, along_both{};
+            for (int k = begin; k < end; k += BLOCK) {
+                const Floats value = k + lane_numbers() < end ? load<Floats>(light[b] + k) : Floats{};
+                const Floats x = load<Floats>(seen.x + k), y = load<Floats>(seen.y + k);
+                sum += value;
+                along_x += value * x;
+                along_y += value * y;
+                along_both += value * x * y;
+            }
+            const float all = lanes_sum(sum), x = lanes_sum(along_x), y = lanes_sum(along_y), xy = lanes_sum(along_both);
+            double *to = returned + b * pixels.n_viewed;
+            to[corner[0]] += all - x - y + xy;
+            to[corner[1]] += x - xy;
+            to[corner[2]] += y - xy;
+            to[corner[3]] += xy;
+        }
+    });
+}
+
+inline void count_beyond(const Frame &frame, const Light &channels, Ints &count) {
+    for (int c = 0; c < BANDS; ++c) count -= (channels.band[c] < 0) | (channels.band[c] > frame.span[c]);
+}
+
+// Codes of channels' light, clamped.
 inline void encode(const Frame &frame, const Light &light, std::int64_t row, std::int64_t column, std::int64_t first,
-                   int n, Ints &clipped) {
+                   int n) {
     constexpr std::uint32_t TOE_BITS = 0x35800000;
     Codes codes;
     const std::uint8_t *dither = frame.dither + row % DITHER * DITHER + column % DITHER;
     for (int c = 0; c < BANDS; ++c) {
-        const Floats asked = light.band[c] * frame.per_span[c], share = within_unit(asked);
-        clipped -= share != asked;
+        const Floats share = within_unit(light.band[c] * frame.per_span[c]);
         const Words bits = same_bits<Words>(share + RESPONSE_TOE) - TOE_BITS;
         const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
         const Words entry = same_bits<Words>(entries(frame.response + c * RESPONSE, index));
@@ -173,13 +277,58 @@ void code_row(const Pixels &pixels, const Frame &frame, bool bounded, std::int64
     Ints clipped{};
     each_segment(pixels, row, [&](const Segment &at) {
         const Seen seen(pixels, frame, at);
-        (void)bounded;
+        const Pull pull(pixels, frame, at, bounded);
         each_block(at.n, [&](int k, int n) {
-            const Light light = unmixed(frame, wanted(pixels, frame, seen, at.first, k, n));
-            encode(frame, light, row, at.column + k, at.first + k, n, clipped);
+            Light light = asked(pixels, frame, seen, at.first, k, n).direct;
+            if (bounded) {
+                const Weights weights(pixels, at.first + k, n);
+                const Light free = pulled(light, weights, pull, k);
+                count_beyond(frame, unmixed(frame, free), clipped);
+                light = chosen(frame, free, weights);
+            } else {
+                light = unmixed(frame, light);
+                count_beyond(frame, light, clipped);
+            }
+            encode(frame, light, row, at.column + k, at.first + k, n);
         });
     });
     for (int lane = 0; lane < BLOCK; ++lane) sums.clipped += clipped[lane];
+}
+
+void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums) {
+    each_segment(pixels, row, [&](const Segment &at) {
+        const Seen seen(pixels, frame, at);
+        const Pull pull(pixels, frame, at, true);
+        alignas(64) Row emitted, returned;
+        Floats squared{};
+        each_block(at.n, [&](int k, int n) {
+            const Asked light = asked(pixels, frame, seen, at.first, k, n);
+            const Weights weights(pixels, at.first + k, n);
+            const Light free = pulled(light.direct, weights, pull, k);
+            const Light q = mixed(frame, chosen(frame, free, weights));
+            for (int b = 0; b < BANDS; ++b) {
+                const Floats delta = q.band[b] - free.band[b], inverse = weights.inverse[b];
+                const Floats per_direct = inverse > 0 ? 1 / inverse : Floats{};
+                const Floats gain = unpacked(pixels.gain.band[b] + at.first + k, n) * pixels.gain.unit[b];
+                const Floats error = (q.band[b] - light.direct.band[b]) * per_direct;
+                store(emitted[b] + k, weights.emission * (light.whole.band[b] + delta));
+                store(returned[b] + k, gain * per_direct * per_direct * delta);
+                squared += error * error;
+            }
+        });
+        add_by_patch(pixels, at, emitted, sums.emitted);
+        add_by_cell(pixels, at, seen, returned, sums.returned);
+        sums.squared += lanes_sum(squared);
+    });
+}
+
+void product_columns(const float *matrix, const float *x, std::int64_t rows, std::int64_t columns, std::int64_t begin,
+                     std::int64_t end, float *out) {
+    for (std::int64_t column = begin; column < end; ++column) out[column] = 0;
+    for (std::int64_t row = 0; row < rows; ++row) {
+        const float *values = matrix + row * columns, factor = x[row];
+        for (std::int64_t column = begin; column < end; ++column) out[column] += values[column] * factor;
+    }
 }
 
 float product_row(const float *matrix, const float *x, std::int64_t n) {
