@@ -186,10 +186,9 @@ inline Light pulled(const Light &direct, const Weights &weights, const Pull &pul
     return light;
 }
 
-// The channels' light within the span whose mixture comes nearest in camera values, by coordinates: three channels
-// that mix little are near its end after two rounds.
+// The channels' light within the span whose mixture comes nearest in camera values, by coordinates: each round leaves
+// about the square of the share that two channels have in common.
 inline Light chosen(const Frame &frame, const Light &free, const Weights &weights) {
-    constexpr int ROUNDS = 2;
     const Light asked = unmixed(frame, free);
     Light channels;
     for (int c = 0; c < BANDS; ++c)
@@ -206,7 +205,7 @@ inline Light chosen(const Frame &frame, const Light &free, const Weights &weight
         }
         per_curvature[c] = 1 / curvature;
     }
-    for (int round = 0; round < ROUNDS; ++round)
+    for (int round = 0; round < frame.rounds; ++round)
         for (int c = 0; c < BANDS; ++c) {
             const Floats slope = share[c][0] * error[0] + share[c][1] * error[1] + share[c][2] * error[2];
             const Floats best = (channels.band[c] - slope * per_curvature[c]) * frame.per_span[c];
