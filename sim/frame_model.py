@@ -19,9 +19,11 @@ from scipy.sparse import csr_array, diags_array
 
 from sim.compensation.result import diagonal_of
 from sim.errors import SimulationError
+from sim.form_factors import FormFactors
 from sim.frame_packed import Packed, packed
 from sim.frame_runs import Cells, Runs, cells_of, runs_of
 from sim.light_transport import LightTransport
+from sim.radiosity import Radiosity
 from sim.scene import BoolArray, FloatArray, IntArray
 
 CHANNELS = 3
@@ -361,6 +363,10 @@ def _inverse(
 
 def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray) -> FloatArray:
     """(W, L) (I - G)⁻¹ G from lit to viewed patches."""
-    unit = np.zeros((transport.radiosity.n_patches, len(lit)))
+    radiosity = transport.radiosity
+    if isinstance(radiosity.form_factors, FormFactors):
+        # A factor pays for so many right-hand sides.
+        radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
+    unit = np.zeros((radiosity.n_patches, len(lit)))
     unit[lit, np.arange(len(lit))] = 1.0
-    return np.asarray((transport.radiosity.solve(unit) - unit)[viewed])
+    return np.asarray((radiosity.solve(unit) - unit)[viewed])
