@@ -17,7 +17,7 @@ from rig.devices.protocols import Codes
 from rig.errors import DeviceError, DeviceForbidden, ProfileError
 from rig.profile import Profile
 from rig.virtual.faults import Faults
-from rig.virtual.room import RoomSource
+from rig.virtual.room import Display, RoomSource
 from rig.virtual.usbip import Attachment, attach
 from rig.virtual.uvc_camera import UvcCamera, VideoFormat, video_formats
 
@@ -28,7 +28,7 @@ _PROMPT_SHARE = 2 / 3
 _OTHER_FORMATS = ("GREY", "YUYV")
 
 
-class Shows(Protocol):
+class Shows(Display, Protocol):
     """A display that is opened and closed."""
 
     def open(self) -> None:
@@ -37,14 +37,6 @@ class Shows(Protocol):
 
     def close(self) -> None:
         """Let it go; any number of times."""
-        ...
-
-    def shape(self) -> tuple[int, int]:
-        """(height, width) of what is on screen now."""
-        ...
-
-    def picture(self) -> Codes:
-        """What is on screen now."""
         ...
 
 
