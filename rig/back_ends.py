@@ -105,11 +105,15 @@ def _replayed(profile: Profile, start_s: float) -> Devices:
     return Devices(ReplayCamera(recording, player, clock), player, clock)
 
 
-def _simulated(profile: Profile, start_s: float) -> Devices:
-    clock = VirtualClock(start_s)
+def bench_of(profile: Profile) -> Bench:
+    """The simulated room of a profile, made anew. Raises ProfileError when it has none."""
     if profile.bench is None:
-        raise ProfileError(f"{profile.path}: bench: missing; driver = 'simulated' needs a [bench] table")
-    bench = Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
+        raise ProfileError(f"{profile.path}: bench: missing; a simulated room needs a [bench] table")
+    return Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
+
+
+def _simulated(profile: Profile, start_s: float) -> Devices:
+    clock, bench = VirtualClock(start_s), bench_of(profile)
     projector = SimulatedProjector(bench, clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
     camera = SimulatedCamera(
         bench,
