@@ -83,10 +83,11 @@ class Bench:
         response = projector_response(self.settings.projector)
         if codes.ndim == 2:
             return np.asarray(response[codes], dtype=np.float32)
-        boost = self.settings.projector.white_boost
-        coloured = response[codes]
-        mixed = (coloured.mean(axis=2) + boost * coloured.min(axis=2)) / (1 + boost)
-        return np.asarray(mixed, dtype=np.float32)
+        coloured = cv2.LUT(codes, response)
+        mean = cv2.transform(coloured, np.full((1, 3), 1 / 3))
+        if not (boost := self.settings.projector.white_boost):
+            return np.asarray(mean, dtype=np.float32)
+        return np.asarray((mean + boost * coloured.min(axis=2)) / (1 + boost), dtype=np.float32)
 
     @property
     def vignetting(self) -> Float32Array:
@@ -118,6 +119,32 @@ class Bench:
         indirect = self.room.indirect_irradiance(self.room.reflectance * even)
         seen = (self._view @ (indirect + even).astype(np.float32)).reshape(self.camera.shape)
         return np.asarray(self._reflectance * seen, dtype=np.float32)
+
+
+class SeenLight:
+    """What reaches the camera's sensor through its lens; that of the last few pictures is kept."""
+
+    def __init__(self, bench: Bench, kept: int):
+        self._bench = bench
+        self._kept = kept
+        self._vignetting = bench.vignetting
+        self._known: list[tuple[Codes, Float32Array]] = []
+
+    def of(self, codes: Codes) -> Float32Array:
+        """(H, W) relative light on the sensor while the projector shows `codes`."""
+        for k, (known, light) in enumerate(self._known):
+            if np.array_equal(known, codes):
+                self._known.insert(0, self._known.pop(k))
+                return light
+        light = self.through_lens(self._bench.light(codes).total)
+        self._known = [(codes, light), *self._known[: self._kept - 1]]
+        return light
+
+    def through_lens(self, radiosity: Float32Array) -> Float32Array:
+        """(H, W) light on the sensor, blurred and vignetted."""
+        blur = self._bench.settings.camera.blur_px
+        blurred = cv2.GaussianBlur(radiosity, (0, 0), blur) if blur > 0 else radiosity
+        return np.asarray(blurred * self._vignetting, dtype=np.float32)
 
 
 def projector_response(projector: BenchProjector) -> Float32Array:
