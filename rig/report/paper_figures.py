@@ -232,10 +232,12 @@ def _strategies_panel(axes: Axes, configuration: Mapping[str, Any]) -> None:
     means = [score["mean"] for score in strategies.values()]
     colours = [OURS if name == "bounded" else "#a9bcd6" for name in strategies]
     bars = axes.barh(places, means, 0.7, color=colours)
-    axes.bar_label(bars, fmt=" %.1f", fontsize=8, label_type="edge")
     axes.plot([score["rms"] for score in strategies.values()], places, "o", color="black", markersize=3)
-    for bar, score in zip(bars, strategies.values(), strict=True):
+    for bar, place, score in zip(bars, places, strategies.values(), strict=True):
         bar.set_hatch("///" if "worse_than_direct" in score["notes"] else "")
+        axes.annotate(
+            f"{score['mean']:.1f}", (score["rms"], place), (6, 0), textcoords="offset points", va="center", fontsize=8
+        )
     axes.set_yticks(places, [name.replace("_", " ") for name in strategies])
     axes.set_title(str(configuration["title"]))
     axes.spines[["top", "right"]].set_visible(False)
