@@ -33,8 +33,6 @@ from rig.devices.protocols import Codes
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-_SAMPLES = 2
-"""Sub-samples a pixel along each axis, for the direct light and for the projector's splats."""
 _BAND_ROWS = 16
 
 
@@ -83,10 +81,11 @@ class Bench:
         response = projector_response(self.settings.projector)
         if codes.ndim == 2:
             return np.asarray(response[codes], dtype=np.float32)
-        boost = self.settings.projector.white_boost
-        coloured = response[codes]
-        mixed = (coloured.mean(axis=2) + boost * coloured.min(axis=2)) / (1 + boost)
-        return np.asarray(mixed, dtype=np.float32)
+        coloured = cv2.LUT(codes, response)
+        mean = cv2.transform(coloured, np.full((1, 3), 1 / 3))
+        if not (boost := self.settings.projector.white_boost):
+            return np.asarray(mean, dtype=np.float32)
+        return np.asarray((mean + boost * coloured.min(axis=2)) / (1 + boost), dtype=np.float32)
 
     @property
     def vignetting(self) -> Float32Array:
@@ -120,6 +119,32 @@ class Bench:
         return np.asarray(self._reflectance * seen, dtype=np.float32)
 
 
+class SeenLight:
+    """What reaches the camera's sensor through its lens; that of the last few pictures is kept."""
+
+    def __init__(self, bench: Bench, kept: int):
+        self._bench = bench
+        self._kept = kept
+        self._vignetting = bench.vignetting
+        self._known: list[tuple[Codes, Float32Array]] = []
+
+    def of(self, codes: Codes) -> Float32Array:
+        """(H, W) relative light on the sensor while the projector shows `codes`."""
+        for k, (known, light) in enumerate(self._known):
+            if np.array_equal(known, codes):
+                self._known.insert(0, self._known.pop(k))
+                return light
+        light = self.through_lens(self._bench.light(codes).total)
+        self._known = [(codes, light), *self._known[: self._kept - 1]]
+        return light
+
+    def through_lens(self, radiosity: Float32Array) -> Float32Array:
+        """(H, W) light on the sensor, blurred and vignetted."""
+        blur = self._bench.settings.camera.blur_px
+        blurred = cv2.GaussianBlur(radiosity, (0, 0), blur) if blur > 0 else radiosity
+        return np.asarray(blurred * self._vignetting, dtype=np.float32)
+
+
 def projector_response(projector: BenchProjector) -> Float32Array:
     """(256,) linear light of each code: power law mixed with a smooth step, above the black level."""
     x = np.arange(256) / 255
@@ -137,13 +162,14 @@ def _pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:
 def _splat(room: BenchRoom, projector: BenchOptics, flux: float) -> tuple[csr_array, FloatArray]:
     """(cells, pixels): reflected emission of each cell for each pixel, the pixel's flux shared by sub-samples."""
     height, width = projector.shape
-    grid = _pixel_grid(projector.shape, _SAMPLES)
+    samples = room.settings.pixel_samples
+    grid = _pixel_grid(projector.shape, samples)
     cells = cells_of(room, trace(room, projector.position_m, directions(projector, grid)))
     pixel_flux = flux / (height * width) * relative_illumination(projector, _pixel_grid(projector.shape))
-    y, x = (np.arange(n * _SAMPLES) // _SAMPLES for n in projector.shape)
+    y, x = (np.arange(n * samples) // samples for n in projector.shape)
     pixels = y[:, None] * width + x[None, :]
     hit = cells >= 0
-    share = pixel_flux.ravel()[pixels[hit]] / _SAMPLES**2 / room.cell_area_m2[cells[hit]]
+    share = pixel_flux.ravel()[pixels[hit]] / samples**2 / room.cell_area_m2[cells[hit]]
     data = (share * room.reflectance[cells[hit]]).astype(np.float32)
     matrix = csr_array((data, (cells[hit], pixels[hit])), shape=(len(room.reflectance), height * width))
     return matrix, pixel_flux
@@ -156,7 +182,7 @@ def _direct_path(
 
     In bands of rows, so that what is computed stays in the cache, on two threads.
     """
-    grid = _pixel_grid(camera.shape, _SAMPLES)
+    grid = _pixel_grid(camera.shape, room.settings.pixel_samples)
     bands = [grid[first : first + _BAND_ROWS] for first in range(0, len(grid), _BAND_ROWS)]
     with ThreadPoolExecutor(2) as executor:
         parts = list(executor.map(lambda band: _direct_band(room, camera, projector, flux, band), bands))

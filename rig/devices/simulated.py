@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.bench import Bench, Float32Array
+from rig.devices.bench import Bench, Float32Array, SeenLight
 from rig.devices.bench_settings import BenchCamera, Interval
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame, Shown
@@ -123,8 +122,7 @@ class SimulatedCamera:
         self._opened_s: float | None = None
         self._sequence = 0
         self._faults = FrameFaults(bench.settings.camera, bench.settings.seed, self._period_s)
-        self._vignetting = bench.vignetting
-        self._cache: list[tuple[Codes, Float32Array]] = []
+        self._seen = SeenLight(bench, _KEPT_LIGHT)
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -212,26 +210,13 @@ class SimulatedCamera:
         for picture in self._projector.lit_pictures():
             share = _lit_share(picture, starts_s, starts_s + exposure_s)
             if share.any():
-                light += share.astype(np.float32) * self._light(picture.codes)
+                light += share.astype(np.float32) * self._seen.of(picture.codes)
         if self.bench.settings.ambient_flicker:
             swell = self.bench.ambient_swell(starts_s, exposure_s)
-            light += swell.astype(np.float32) * self._blurred(self.bench.ambient)
+            light += swell.astype(np.float32) * self._seen.through_lens(self.bench.ambient)
         random = random_at(self.bench.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
-        return sensor_response(settings, light * self._vignetting, exposure_s, self.full_scale_dn, noise)
-
-    def _light(self, codes: Codes) -> Float32Array:
-        """Radiosity after the lens's blur; that of the last pictures is kept."""
-        for known, light in self._cache:
-            if np.array_equal(known, codes):
-                return light
-        light = self._blurred(self.bench.light(codes).total)
-        self._cache = [(codes, light), *self._cache[: _KEPT_LIGHT - 1]]
-        return light
-
-    def _blurred(self, light: Float32Array) -> Float32Array:
-        blur = self.bench.settings.camera.blur_px
-        return np.asarray(cv2.GaussianBlur(light, (0, 0), blur) if blur > 0 else light, dtype=np.float32)
+        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise)
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""

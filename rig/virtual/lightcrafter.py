@@ -98,10 +98,6 @@ class LightCrafterEmulation:
                 return bytes(range(REPORT))
             return self._answers.popleft() if self._answers else None
 
-    def light_on(self) -> bool:
-        """Whether any light can leave the lens."""
-        return not self.registers.power and bool(self.registers.led_enable & 0x0F)
-
     def _message(self, message: bytes) -> None:
         flags, sequence, data = message[0], message[1], message[6:]
         command = message[5] << 8 | message[4]

@@ -10,14 +10,16 @@ from typing import Protocol
 
 import numpy as np
 
+from rig.back_ends import bench_of
 from rig.devices.bench import Bench
 from rig.devices.clock import SystemClock
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Codes
-from rig.errors import DeviceError, DeviceForbidden, ProfileError
+from rig.devices.v4l2.find import FoundCamera, find_camera
+from rig.errors import DeviceError, DeviceForbidden, DeviceLost, ProfileError
 from rig.profile import Profile
 from rig.virtual.faults import Faults
-from rig.virtual.room import RoomSource
+from rig.virtual.room import Display, RoomSource
 from rig.virtual.usbip import Attachment, attach
 from rig.virtual.uvc_camera import UvcCamera, VideoFormat, video_formats
 
@@ -25,10 +27,11 @@ MODULES = ("vhci-hcd", "uvcvideo")
 """Stock modules of the kernel that the virtual camera needs."""
 _PROMPT_SHARE = 2 / 3
 """Of the latency that the profile allows for: frames that would come later are lost instead."""
+_LOOK_S = 0.1
 _OTHER_FORMATS = ("GREY", "YUYV")
 
 
-class Shows(Protocol):
+class Shows(Display, Protocol):
     """A display that is opened and closed."""
 
     def open(self) -> None:
@@ -37,14 +40,6 @@ class Shows(Protocol):
 
     def close(self) -> None:
         """Let it go; any number of times."""
-        ...
-
-    def shape(self) -> tuple[int, int]:
-        """(height, width) of what is on screen now."""
-        ...
-
-    def picture(self) -> Codes:
-        """What is on screen now."""
         ...
 
 
@@ -87,7 +82,7 @@ class VirtualRig:
 
     def __post_init__(self) -> None:
         self._source = RoomSource(
-            bench_of(self.profile), self.display, SystemClock(), prompt_s=self._prompt_s, note=self.note
+            real_time_bench(self.profile), self.display, SystemClock(), prompt_s=self._prompt_s, note=self.note
         )
 
     @property
@@ -143,16 +138,30 @@ class VirtualRig:
         )
 
 
-def bench_of(profile: Profile) -> Bench:
+def real_time_bench(profile: Profile) -> Bench:
     """The simulated room of a profile. Raises ProfileError when it has none, or one with a latency of its own."""
-    if profile.bench is None:
-        raise ProfileError(f"{profile.path}: bench: missing; a virtual rig needs a [bench] table, its room")
-    if profile.bench.projector.latency_s or profile.bench.projector.jitter_s:
+    bench = bench_of(profile)
+    if bench.settings.projector.latency_s or bench.settings.projector.jitter_s:
         raise ProfileError(
             f"{profile.path}: bench.projector.latency_s and jitter_s: a virtual rig has the latency of its real "
             "display; leave them out"
         )
-    return Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
+    return bench
+
+
+def wait_for_camera(profile: Profile, timeout_s: float = 30.0) -> FoundCamera:
+    """Until the kernel's driver has taken the virtual camera. Raises DeviceError when it does not."""
+    clock, device_id = SystemClock(), profile.camera.device_id or ""
+    until_s = clock.now_s() + timeout_s
+    while True:
+        try:
+            return find_camera(device_id)
+        except DeviceLost as error:
+            if clock.now_s() > until_s:
+                raise DeviceError(
+                    f"the kernel did not take {device_id} as a camera within {timeout_s:g} s; look at dmesg"
+                ) from error
+        clock.wait_until_s(clock.now_s() + _LOOK_S)
 
 
 def usb_identity(profile: Profile) -> tuple[int, int, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Callable
 from itertools import pairwise
 from typing import Protocol
@@ -11,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.bench import Bench
+from rig.devices.bench import Bench, SeenLight
 from rig.devices.protocols import Clock, Codes
 from rig.devices.simulated import sensor_response
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
@@ -74,11 +73,10 @@ class RoomSource:
         self._clock = clock
         self._prompt_s = prompt_s
         self._random = np.random.default_rng(seed)
-        self._noise = self._random.standard_normal(_NOISE_FRAMES * bench.vignetting.size, dtype=np.float32)
+        self._noise = self._random.standard_normal(_NOISE_FRAMES * self._n_pixels, dtype=np.float32)
         self._note = note
         self._noted = ""
-        self._lit: OrderedDict[bytes, Float32Array] = OrderedDict()
-        self._vignetting = bench.vignetting
+        self._seen = SeenLight(bench, _KEPT_PICTURES)
         self.late_frames = 0
         """Frames that were lost because the light took too long to compute."""
 
@@ -87,7 +85,7 @@ class RoomSource:
         pictures = self._watch(request.started_s, request.started_s + request.exposure_s)
         light = np.zeros(self._bench.camera.shape, np.float32)
         for codes, share in pictures:
-            light += np.float32(share) * self._light(codes)
+            light += np.float32(share) * self._seen.of(codes)
         frame = self._frame(light, request)
         late_s = self._clock.now_s() - request.started_s - request.exposure_s
         if late_s > self._prompt_s:
@@ -130,24 +128,15 @@ class RoomSource:
             if text:
                 self._note(text)
 
-    def _light(self, codes: Codes) -> Float32Array:
-        """Light on the sensor, (H, W), relative; the last few pictures are kept."""
-        key = codes.tobytes()
-        if key not in self._lit:
-            light = self._bench.light(_grey(codes)).total
-            blur = self._bench.settings.camera.blur_px
-            blurred = cv2.GaussianBlur(light, (0, 0), blur) if blur > 0 else light
-            self._lit[key] = np.asarray(blurred * self._vignetting, dtype=np.float32)
-            while len(self._lit) > _KEPT_PICTURES:
-                self._lit.popitem(last=False)
-        self._lit.move_to_end(key)
-        return self._lit[key]
+    @property
+    def _n_pixels(self) -> int:
+        height, width = self._bench.camera.shape
+        return height * width
 
     def _fresh_noise(self) -> Float32Array:
         """Another piece of a long row of noise: quicker than to draw it anew, and no two pieces begin alike."""
-        shape = self._vignetting.shape
-        first = int(self._random.integers(len(self._noise) - self._vignetting.size))
-        return self._noise[first : first + self._vignetting.size].reshape(shape)
+        first = int(self._random.integers(len(self._noise) - self._n_pixels))
+        return self._noise[first : first + self._n_pixels].reshape(self._bench.camera.shape)
 
     def _frame(self, light: Float32Array, request: FrameRequest) -> bytes:
         settings = self._bench.settings.camera
@@ -170,10 +159,6 @@ def _merged(pictures: list[Codes], shares: list[float]) -> list[tuple[Codes, flo
         else:
             merged.append((codes, share))
     return [(codes, share) for codes, share in merged if share > 0]
-
-
-def _grey(codes: Codes) -> Codes:
-    return codes if codes.ndim == 2 else np.asarray(np.rint(codes.mean(axis=2, dtype=np.float32)), dtype=np.uint8)
 
 
 def _sized(pixels: NDArray[np.uint16], request: FrameRequest) -> NDArray[np.uint16]:

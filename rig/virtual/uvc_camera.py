@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from rig.devices.usb.extension_unit import Query
 from rig.virtual.faults import Faults
 from rig.virtual.usb_device import Descriptors, Setup, Stall, Transfer, UsbSpeed
 from rig.virtual.uvc_controls import (
@@ -22,7 +23,6 @@ from rig.virtual.uvc_controls import (
     UNITY_GAIN,
     ControlBank,
     Info,
-    Request,
     RequestError,
     camera_controls,
     processing_controls,
@@ -181,18 +181,18 @@ class UvcCamera:
     def _negotiate(self, selector: int, request: int, data: bytes) -> bytes:
         if selector not in (_PROBE, _COMMIT):
             raise Stall
-        if request == Request.SET_CUR:
+        if request == Query.SET_CUR:
             agreed = negotiate(self._formats, self._transport, data)
             if selector == _PROBE:
                 self._probed = agreed
             else:
                 self._commit(agreed)
             return b""
-        if request == Request.GET_LEN:
+        if request == Query.GET_LEN:
             return PROBE_BYTES.to_bytes(2, "little")
-        if request == Request.GET_INFO:
+        if request == Query.GET_INFO:
             return bytes([Info.GET | Info.SET])
-        if request == Request.GET_DEF:
+        if request == Query.GET_DEF:
             return negotiate(self._formats, self._transport).pack()
         return (self._probed if selector == _PROBE else self._committed).pack()
 

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
 
+from rig.devices.usb.extension_unit import Query
 from rig.virtual.usb_device import Stall
 
 CAMERA_TERMINAL, PROCESSING_UNIT, OUTPUT_TERMINAL, EXTENSION_UNIT = 1, 2, 3, 4
@@ -20,19 +21,6 @@ UNITY_GAIN = 100
 MANUAL_EXPOSURE, AUTO_EXPOSURE = 1, 8
 """Exposure modes: manual; aperture priority, in which the camera chooses the exposure."""
 _ERROR_CODE_SELECTOR = 2
-
-
-class Request(IntEnum):
-    """Class requests of a control."""
-
-    SET_CUR = 0x01
-    GET_CUR = 0x81
-    GET_MIN = 0x82
-    GET_MAX = 0x83
-    GET_RES = 0x84
-    GET_LEN = 0x85
-    GET_INFO = 0x86
-    GET_DEF = 0x87
 
 
 class RequestError(IntEnum):
@@ -186,26 +174,26 @@ class ControlBank:
         return Stall()
 
     def _describe_error(self, request: int) -> bytes:
-        return bytes([Info.GET if request == Request.GET_INFO else self.last_error])
+        return bytes([Info.GET if request == Query.GET_INFO else self.last_error])
 
     def _integer(self, control: Control, request: int, data: bytes) -> bytes:
-        if request == Request.SET_CUR:
+        if request == Query.SET_CUR:
             self._set(control, data)
             return b""
-        if request == Request.GET_INFO:
+        if request == Query.GET_INFO:
             return bytes([control.info | (Info.DISABLED_BY_AUTOMATIC if self._is_automatic(control) else 0)])
-        if request == Request.GET_LEN:
+        if request == Query.GET_LEN:
             return control.length.to_bytes(2, "little")
         numbers = {
-            Request.GET_CUR: self.value(control.name),
-            Request.GET_MIN: control.minimum,
-            Request.GET_MAX: control.maximum,
-            Request.GET_RES: control.step,
-            Request.GET_DEF: control.default,
+            Query.GET_CUR: self.value(control.name),
+            Query.GET_MIN: control.minimum,
+            Query.GET_MAX: control.maximum,
+            Query.GET_RES: control.step,
+            Query.GET_DEF: control.default,
         }
         if request not in numbers:
             raise self.refuse(RequestError.INVALID_REQUEST)
-        return numbers[Request(request)].to_bytes(control.length, "little", signed=control.signed)
+        return numbers[Query(request)].to_bytes(control.length, "little", signed=control.signed)
 
     def _is_automatic(self, control: Control) -> bool:
         by = control.automatic
@@ -226,21 +214,21 @@ class ControlBank:
         if control is None:
             raise self.refuse(RequestError.INVALID_CONTROL)
         length = len(control.default)
-        if request == Request.SET_CUR:
+        if request == Query.SET_CUR:
             self._set_vendor(control, data)
             return b""
         answers = {
-            Request.GET_CUR: self._bytes[control.name],
-            Request.GET_MIN: bytes(length),
-            Request.GET_MAX: b"\xff" * length,
-            Request.GET_RES: b"\x01" + bytes(length - 1),
-            Request.GET_DEF: control.default,
-            Request.GET_LEN: length.to_bytes(2, "little"),
-            Request.GET_INFO: bytes([control.info]),
+            Query.GET_CUR: self._bytes[control.name],
+            Query.GET_MIN: bytes(length),
+            Query.GET_MAX: b"\xff" * length,
+            Query.GET_RES: b"\x01" + bytes(length - 1),
+            Query.GET_DEF: control.default,
+            Query.GET_LEN: length.to_bytes(2, "little"),
+            Query.GET_INFO: bytes([control.info]),
         }
         if request not in answers:
             raise self.refuse(RequestError.INVALID_REQUEST)
-        return answers[Request(request)]
+        return answers[Query(request)]
 
     def _set_vendor(self, control: VendorControl, data: bytes) -> None:
         if Info.SET not in control.info:

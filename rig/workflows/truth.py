@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.back_ends import bench_of
 from rig.devices.bench import Bench
 from rig.devices.bench_room import reflectance_at
 from rig.devices.simulated import SimulatedCamera
-from rig.errors import ProfileError
 from rig.pair import Rig
 from rig.session import Session
 from rig.twin import Optic
@@ -24,23 +24,20 @@ def score(rig: Rig, session: Session) -> dict[str, float] | None:
         return None
     step = session.step("truth", needs=("geometry", "separation", "model"))
     if not step.done:
-        step.save_record("truth", _scores(bench_of(rig), session))
+        step.save_record("truth", _scores(true_bench(rig), session))
         step.finish()
     scores: dict[str, float] = step.load_record("truth")
     return scores
 
 
-def bench_of(rig: Rig) -> Bench:
+def true_bench(rig: Rig) -> Bench:
     """The bench that a rig photographs. The virtual rig's stands behind real drivers: made again, it is the same.
 
     Raises ProfileError when the profile has none.
     """
-    profile = rig.profile
-    if profile.camera.driver == "simulated" and isinstance(rig.camera, SimulatedCamera):
+    if rig.profile.camera.driver == "simulated" and isinstance(rig.camera, SimulatedCamera):
         return rig.camera.bench
-    if profile.bench is None:
-        raise ProfileError(f"{profile.path}: bench: missing; only a rig that is simulated has a truth")
-    return Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
+    return bench_of(rig.profile)
 
 
 def _scores(bench: Bench, session: Session) -> dict[str, float]:

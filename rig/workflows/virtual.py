@@ -10,15 +10,10 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from rig.devices.clock import SystemClock
-from rig.devices.v4l2.find import find_camera
-from rig.errors import DeviceError, DeviceLost
 from rig.profile import Profile, load_profile
-from rig.virtual.rig import Shows, VirtualRig, load_modules, open_display, still
+from rig.virtual.rig import Shows, VirtualRig, load_modules, open_display, still, wait_for_camera
 from rig.workflows.target import load_target
 
-_PLUG_TIMEOUT_S = 30.0
-_LOOK_S = 0.1
 COMMANDS = {
     "unplug": "pull the cable",
     "plug": "plug it in again",
@@ -66,7 +61,8 @@ def run_virtual(
     shown, name = _display(profile, display, picture)
     load_modules()
     with VirtualRig(profile, shown, note=tell) as rig:
-        on_ready({**_found(profile), "display": name})
+        found = wait_for_camera(profile)
+        on_ready({"node": str(found.node), "device_id": found.device_id, "display": name})
         for line in _typed(commands or sys.stdin):
             answer = obey(rig, line)
             if answer is None:
@@ -80,22 +76,6 @@ def _display(profile: Profile, display: str | None, picture: Path | None) -> tup
         target = load_target(picture, profile.projector.shape, fit=True)
         return still(np.rint(target.grey).astype(np.uint8)), str(picture)
     return open_display(profile, display), display or profile.projector.output or ""
-
-
-def _found(profile: Profile) -> dict[str, Any]:
-    """Wait until the kernel's driver has taken the camera."""
-    clock = SystemClock()
-    until_s = clock.now_s() + _PLUG_TIMEOUT_S
-    device_id = profile.camera.device_id or ""
-    while True:
-        try:
-            return {"node": str(find_camera(device_id).node), "device_id": device_id}
-        except DeviceLost as error:
-            if clock.now_s() > until_s:
-                raise DeviceError(
-                    f"the kernel did not take {device_id} as a camera within {_PLUG_TIMEOUT_S:g} s; look at dmesg"
-                ) from error
-        clock.wait_until_s(clock.now_s() + _LOOK_S)
 
 
 def _typed(commands: TextIO) -> Iterator[str]:

@@ -3,7 +3,7 @@
 import os
 import subprocess
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
@@ -13,12 +13,10 @@ from rig.devices.kms.find import list_outputs
 from rig.devices.kms.projector import KmsProjector
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Clock, Codes, Projector, Shown
-from rig.devices.v4l2.find import find_camera
 from rig.devices.window.projector import WindowProjector
-from rig.errors import DeviceLost
 from rig.pair import Rig, open_rig
 from rig.profile import Profile, load_profile
-from rig.virtual.rig import VirtualRig
+from rig.virtual.rig import VirtualRig, wait_for_camera
 from rig.virtual.rig import open_display as open_display_of
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
@@ -137,7 +135,7 @@ def small_virtual_profile() -> Profile:
         "height_px = 360": "height_px = 120",
         "focal_px = 199.39": "focal_px = 66.46",
         "[241.3, 176.9]": "[80.4, 59.0]",
-        "cell_size_m = 0.3 ": "cell_size_m = 0.6 ",
+        "cell_size_m = 0.4 ": "cell_size_m = 0.6 ",
         "latency_s = 0.3 ": "latency_s = 0.15 ",
         "frame_rate_hz = 8.0": "frame_rate_hz = 20.0",
     }.items():
@@ -160,18 +158,6 @@ def open_virtual() -> Rig:
     profile = virtual_rig().profile
     wait_for_camera(profile)
     return open_rig(profile)
-
-
-def wait_for_camera(profile: Profile, timeout_s: float = 20.0) -> None:
-    """Until the kernel has taken the camera."""
-    clock = SystemClock()
-    until_s = clock.now_s() + timeout_s
-    while clock.now_s() < until_s:
-        with suppress(DeviceLost):
-            find_camera(profile.camera.device_id or "")
-            return
-        clock.wait_until_s(clock.now_s() + 0.1)
-    raise AssertionError(f"no camera {profile.camera.device_id} within {timeout_s} s")
 
 
 BACK_ENDS: dict[str, Callable[[], Rig]] = {

@@ -20,10 +20,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-try:
-    from kernel import Kernel, prepare_kernel
-except ImportError:  # imported as part of the tests
-    from tests.device_lab.kernel import Kernel, prepare_kernel
+from kernel import Kernel, prepare_kernel
 
 TIMED_OUT, DIED = 124, 125
 BEGIN = """#!/bin/sh

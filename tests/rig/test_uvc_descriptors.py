@@ -5,6 +5,7 @@ from collections import Counter
 
 import pytest
 
+from rig.devices.usb.extension_unit import Query
 from rig.virtual.usb_device import Stall
 from rig.virtual.uvc_controls import (
     AUTO_EXPOSURE,
@@ -14,7 +15,6 @@ from rig.virtual.uvc_controls import (
     PROCESSING_UNIT,
     ControlBank,
     Info,
-    Request,
     RequestError,
     camera_controls,
     processing_controls,
@@ -153,29 +153,29 @@ def test_frame_sizes_follow_format_and_size() -> None:
     assert grey.payload_bytes == grey.frame_bytes + 2
 
 
-def number(bank: ControlBank, control: tuple[int, int], request: Request, *, signed: bool = False) -> int:
+def number(bank: ControlBank, control: tuple[int, int], request: Query, *, signed: bool = False) -> int:
     return int.from_bytes(bank.request(*control, request, b""), "little", signed=signed)
 
 
 @pytest.mark.parametrize("control", CONTROLS, ids=lambda control: control.name)
 def test_every_control_says_limits_that_hold(control, bank: ControlBank) -> None:
-    def ask(request: Request) -> int:
+    def ask(request: Query) -> int:
         return number(bank, (control.unit, control.selector), request, signed=control.signed)
 
-    assert ask(Request.GET_LEN) == control.length
-    assert control.allows(ask(Request.GET_DEF))
-    assert ask(Request.GET_CUR) == ask(Request.GET_DEF)
+    assert ask(Query.GET_LEN) == control.length
+    assert control.allows(ask(Query.GET_DEF))
+    assert ask(Query.GET_CUR) == ask(Query.GET_DEF)
     if not control.choices:
-        assert ask(Request.GET_MIN) <= ask(Request.GET_DEF) <= ask(Request.GET_MAX)
+        assert ask(Query.GET_MIN) <= ask(Query.GET_DEF) <= ask(Query.GET_MAX)
         assert not control.allows(control.minimum - 1)
         assert not control.allows(control.maximum + 1)
 
 
 def test_a_value_that_was_set_is_read_back(bank: ControlBank) -> None:
-    bank.request(*BRIGHTNESS, Request.SET_CUR, (-5).to_bytes(2, "little", signed=True))
-    assert number(bank, BRIGHTNESS, Request.GET_CUR, signed=True) == -5
+    bank.request(*BRIGHTNESS, Query.SET_CUR, (-5).to_bytes(2, "little", signed=True))
+    assert number(bank, BRIGHTNESS, Query.GET_CUR, signed=True) == -5
     bank.reset()
-    assert number(bank, BRIGHTNESS, Request.GET_CUR) == 0
+    assert number(bank, BRIGHTNESS, Query.GET_CUR) == 0
 
 
 @pytest.mark.parametrize(
@@ -197,8 +197,8 @@ def test_a_refused_value_changes_nothing_and_the_reason_can_be_asked(
 ) -> None:
     before = bank.value("gain"), bank.value("exposure"), bank.value("exposure_mode")
     with pytest.raises(Stall):
-        bank.request(*control, Request.SET_CUR, data)
-    assert bank.request(0, 2, Request.GET_CUR, b"") == bytes([reason])
+        bank.request(*control, Query.SET_CUR, data)
+    assert bank.request(0, 2, Query.GET_CUR, b"") == bytes([reason])
     assert before == (bank.value("gain"), bank.value("exposure"), bank.value("exposure_mode"))
 
 
@@ -211,17 +211,17 @@ def test_an_unknown_request_is_refused(bank: ControlBank) -> None:
 
 def test_exposure_obeys_only_in_manual_mode_and_says_so(bank: ControlBank) -> None:
     assert bank.value("exposure_mode") == AUTO_EXPOSURE
-    assert number(bank, EXPOSURE, Request.GET_INFO) & Info.DISABLED_BY_AUTOMATIC
-    bank.request(*EXPOSURE_MODE, Request.SET_CUR, bytes([MANUAL_EXPOSURE]))
-    assert not number(bank, EXPOSURE, Request.GET_INFO) & Info.DISABLED_BY_AUTOMATIC
-    bank.request(*EXPOSURE, Request.SET_CUR, struct.pack("<I", 5000))
+    assert number(bank, EXPOSURE, Query.GET_INFO) & Info.DISABLED_BY_AUTOMATIC
+    bank.request(*EXPOSURE_MODE, Query.SET_CUR, bytes([MANUAL_EXPOSURE]))
+    assert not number(bank, EXPOSURE, Query.GET_INFO) & Info.DISABLED_BY_AUTOMATIC
+    bank.request(*EXPOSURE, Query.SET_CUR, struct.pack("<I", 5000))
     assert bank.value("exposure") == 5000
 
 
 def test_the_vendors_register_keeps_bytes_and_its_firmware_is_read_only(bank: ControlBank) -> None:
     register = (EXTENSION_UNIT, 1)
-    length = number(bank, register, Request.GET_LEN)
-    bank.request(*register, Request.SET_CUR, bytes(range(length)))
-    assert bank.request(*register, Request.GET_CUR, b"") == bytes(range(32))
-    assert number(bank, (EXTENSION_UNIT, 2), Request.GET_INFO) == Info.GET
-    assert bank.request(EXTENSION_UNIT, 2, Request.GET_CUR, b"") == b"1.04"
+    length = number(bank, register, Query.GET_LEN)
+    bank.request(*register, Query.SET_CUR, bytes(range(length)))
+    assert bank.request(*register, Query.GET_CUR, b"") == bytes(range(32))
+    assert number(bank, (EXTENSION_UNIT, 2), Query.GET_INFO) == Info.GET
+    assert bank.request(EXTENSION_UNIT, 2, Query.GET_CUR, b"") == b"1.04"

@@ -11,7 +11,7 @@ from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes
 from rig.errors import DeviceLost, ProfileError
 from rig.profile import Profile
-from rig.virtual.rig import VirtualRig, bench_of, camera_formats, open_display, still, usb_identity
+from rig.virtual.rig import VirtualRig, camera_formats, open_display, real_time_bench, still, usb_identity
 from rig.virtual.room import RoomSource, encoded
 from rig.virtual.uvc_camera import FrameRequest
 from rig.workflows.virtual import COMMANDS, obey
@@ -150,12 +150,12 @@ def test_a_format_that_the_camera_cannot_send_is_refused(tiny_profile: Profile) 
 
 def test_a_room_with_a_latency_of_its_own_is_refused(tiny_profile: Profile) -> None:
     with pytest.raises(ProfileError, match="latency of its real display"):
-        bench_of(tiny_profile)
+        real_time_bench(tiny_profile)
 
 
 def test_a_profile_without_a_room_is_refused(tiny_profile: Profile) -> None:
     with pytest.raises(ProfileError, match="needs a"):
-        bench_of(tiny_profile.model_copy(update={"bench": None}))
+        real_time_bench(tiny_profile.model_copy(update={"bench": None}))
 
 
 def test_a_profile_without_a_kms_display_needs_to_be_told_where_to_look(tiny_profile: Profile) -> None:

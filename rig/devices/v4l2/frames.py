@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.devices.protocols import Clock, RawFrame
 from rig.devices.v4l2 import abi
+from rig.devices.v4l2.cadence import Cadence
 from rig.devices.v4l2.formats import Bytes, Layout, PixelFormat, Undecodable
 from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
@@ -27,12 +28,17 @@ class Seen:
     with_error: int = 0
     short: int = 0
     undecodable: int = 0
+    late: int = 0
+    """Frames whose time stamps came too late to be trusted."""
     early_s: float | None = None
 
     def __str__(self) -> str:
         if not self.frames:
             return "no frame came at all"
-        rejected = f"{self.with_error} with the error flag, {self.short} too short, {self.undecodable} undecodable"
+        rejected = (
+            f"{self.with_error} with the error flag, {self.short} too short, {self.undecodable} undecodable, "
+            f"{self.late} stamped too late"
+        )
         early = "" if self.early_s is None else f", the newest began {self.early_s * 1e3:.0f} ms too early"
         return f"{self.frames} frames came, {rejected}{early}"
 
@@ -92,6 +98,7 @@ class Frames:
         self._last_print: tuple[int, int, bytes] | None = None
         self._rejected = 0
         self._ended_s = -math.inf
+        self._cadence = Cadence(period_s)
 
     def next(self, after_s: float, until_s: float, exposure_s: float, seen: Seen) -> RawFrame | None:
         """The next good frame that began at or after a time; None when none has come by ``until_s``.
@@ -112,16 +119,18 @@ class Frames:
                 return None
 
     def _look_at(self, filled: Filled, after_s: float, exposure_s: float, seen: Seen) -> RawFrame | None:
-        """The frame in a buffer; None when it is bad or began too early.
+        """The frame in a buffer; None when it is bad, began too early, or nobody knows when.
 
         The first one after frames that nobody saw may be a copy of one of them: it only serves to judge the next.
         """
         seen.frames += 1
         self._check_time_stamp(filled)
+        is_late = self._cadence.is_late(filled.number, filled.stamp_s, exposure_s)
         if self._is_bad(filled, seen):
             return None
+        seen.late += is_late
         started_s = self._started_s(filled, exposure_s)
-        is_wanted = started_s >= after_s and not filled.unseen
+        is_wanted = started_s >= after_s and not filled.unseen and not is_late
         try:
             with self._stream.bytes_of(filled) as data:
                 fingerprint = self._fingerprint.of(data)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from rig.errors import CalibrationFailed
@@ -101,8 +99,3 @@ def without_room_light(exposure_s: float, subject: Subject, light_hz: float) -> 
         if shortest <= candidate_s <= longest and abs(periods - round(periods)) < 0.02 and round(periods) > 0:
             return candidate_s
     return None
-
-
-def at_exposure(subject: Subject, exposure_s: float) -> Subject:
-    """The same rig at another exposure, nothing measured yet."""
-    return replace(subject, exposure_s=exposure_s, references=[])

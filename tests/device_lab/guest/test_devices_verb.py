@@ -2,11 +2,9 @@
 
 import grp  # noqa: F401 - nobody may not read the interpreter's folder, so this is imported before
 import json
-import os
 import pwd  # noqa: F401 - likewise
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +20,11 @@ from rig.profile import load_profile
 from rig.virtual.test_source import PatternSource
 from rig.virtual.usbip import attach
 from rig.virtual.uvc_camera import UvcCamera
+from tests.device_lab.guest.rights import as_nobody
 
 Capture = pytest.CaptureFixture[str]
 CLOCK = SystemClock()
 USB_ID, VIVID_ID = "usb-1209:0001-LAB7", "platform:vivid-000"
-NOBODY = 65534
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -52,15 +50,6 @@ def answer(capsys: Capture, *words: str, status: int = 0) -> dict[str, Any]:
     said = capsys.readouterr()
     assert got == status, said.err
     return json.loads(said.out) if said.out else {"error": said.err}
-
-
-@contextmanager
-def as_nobody() -> Iterator[None]:
-    os.seteuid(NOBODY)
-    try:
-        yield
-    finally:
-        os.seteuid(0)
 
 
 def test_cameras_and_outputs_are_listed_with_what_they_can_do(capsys: Capture) -> None:

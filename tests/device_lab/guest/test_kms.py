@@ -1,7 +1,6 @@
 """The projector on real display drivers: vkms, which has page flips, and virtio-gpu, which has none.
 
-Runs in a device lab machine with displays and a time that a busy host does not disturb:
-`python tests/device_lab/machine.py --display --steady 'python -m pytest THIS'`.
+Runs in a device lab machine with displays: `python tests/device_lab/machine.py --display 'python -m pytest THIS'`.
 """
 
 import atexit

@@ -1,9 +1,7 @@
 """USB devices on the kernel's own drivers: an emulated camera under uvcvideo, an emulated LightCrafter under usbhid."""
 
-import os
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from uuid import UUID
 
@@ -24,8 +22,8 @@ from rig.virtual.test_source import PatternSource
 from rig.virtual.usbip import Attachment, attach
 from rig.virtual.uvc_camera import UvcCamera
 from rig.virtual.uvc_descriptors import EXTENSION_GUID
+from tests.device_lab.guest.rights import as_nobody
 
-NOBODY = 65534
 REGISTER, FIRMWARE = 1, 2
 CLOCK = SystemClock()
 
@@ -51,16 +49,6 @@ def with_drivers(serial: str, driver: str) -> bool:
 def video_node(device: FoundUsbDevice) -> Path:
     folders = sorted(device.interfaces[0].folder.glob("video4linux/video*"), key=lambda folder: int(folder.name[5:]))
     return Path("/dev") / folders[0].name
-
-
-@contextmanager
-def as_nobody() -> Iterator[None]:
-    """Another user's rights, for opening files."""
-    os.seteuid(NOBODY)
-    try:
-        yield
-    finally:
-        os.seteuid(0)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """The emulated USB camera under the real drivers vhci-hcd and uvcvideo, byte for byte, seen by other programs."""
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from rig.errors import DeviceError, DeviceForbidden
 from rig.virtual.test_source import FULL_SCALES, MEDIUM_EXPOSURE_S, PatternSource, encode_picture, read_number
 from rig.virtual.usbip import attach
 from rig.virtual.uvc_camera import FrameRequest, Transport, UvcCamera
+from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.guest.virtual_camera import (
     HEIGHT,
     NODES,
@@ -121,12 +121,8 @@ def test_an_occupied_port_is_named(every_format: Plugged) -> None:
 
 
 def test_plugging_in_needs_root_and_says_so(every_format: Plugged) -> None:
-    os.seteuid(65534)
-    try:
-        with pytest.raises(DeviceForbidden, match="sudo"):
-            attach(UvcCamera(source=PatternSource()))
-    finally:
-        os.seteuid(0)
+    with as_nobody(), pytest.raises(DeviceForbidden, match="sudo"):
+        attach(UvcCamera(source=PatternSource()))
 
 
 def test_a_camera_without_a_serial_number_is_known_by_its_port() -> None:

@@ -18,6 +18,7 @@ from rig.devices.v4l2.describe import describe
 from rig.devices.v4l2.find import find_camera, find_cameras
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
+from tests.device_lab.guest.rights import as_nobody
 
 CLOCK = SystemClock()
 ID = "platform:vivid-000"
@@ -28,7 +29,6 @@ MODULE = (
 """One camera with a webcam input and an HDMI input, and one HDMI output."""
 BINDING = Path("/sys/bus/platform/drivers/vivid")
 HDMI_HZ = 25.175e6 / (800 * 525)
-NOBODY = 65534
 
 
 def run(*command: object) -> str:
@@ -423,12 +423,8 @@ class TestFaults:
 
     def test_a_camera_that_the_user_may_not_open_is_forbidden_with_advice(self) -> None:
         os.chmod("/dev/video0", 0o600)
-        os.seteuid(NOBODY)
-        try:
-            with pytest.raises(DeviceForbidden, match="usermod -aG"):
-                open_and_close()
-        finally:
-            os.seteuid(0)
+        with as_nobody(), pytest.raises(DeviceForbidden, match="usermod -aG"):
+            open_and_close()
 
 
 def test_no_descriptor_stays_open_and_no_buffer_mapped() -> None:
