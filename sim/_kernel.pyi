@@ -156,6 +156,7 @@ class FrameKernel:
         out: NDArray[uint8],
         target: NDArray[float32],
         steps: int,
+        first_steps: int,
         fresh: bool,
         threads: int,
-    ) -> tuple[int, float]: ...
+    ) -> tuple[int, float, int]: ...

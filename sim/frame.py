@@ -22,7 +22,7 @@ __all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model", "refe
 
 Strategy = Literal["exact", "bounded"]
 STEPS, FIRST_STEPS = 1, 4
-"""Steps towards the bounded optimum: from the last frame's, and from the exact inverse."""
+"""Steps towards the bounded optimum: from the last frame's, and from the exact inverse for a first frame or a cut."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,6 @@ class FrameCompensator:
 
     def _bounded(self, codes: NDArray[np.uint8], out: NDArray[np.uint8], target: NDArray[np.float32]) -> FrameReport:
         fresh, self._fresh = self._fresh, False
-        steps = FIRST_STEPS if fresh else STEPS
-        clipped, squared = self._kernel.bounded(codes, out, target, steps, fresh, self.threads)
+        clipped, squared, passes = self._kernel.bounded(codes, out, target, STEPS, FIRST_STEPS, fresh, self.threads)
         error = float(np.sqrt(squared / self._channels / np.mean(self.model.target_scale**2)))
-        return FrameReport(error, clipped / self._channels, steps + 1 + fresh)
+        return FrameReport(error, clipped / self._channels, passes)

@@ -152,7 +152,7 @@ def frame_model(
         curvature,
         seen_black,
         mixing,
-        np.broadcast_to(np.asarray(target_scale, dtype=np.float64), (CHANNELS,)).copy(),
+        _scale(target_scale),
         _table("eotf", eotf, (256,)),
         _response(response),
         _dither(dither_seed),
@@ -226,6 +226,13 @@ def _black(black: ArrayLike, n: int) -> FloatArray:
             f"frame model: black {whole.min():g} ... {whole.max():g}; it must be finite and 0 or more"
         )
     return whole
+
+
+def _scale(target_scale: ArrayLike) -> FloatArray:
+    scale = np.asarray(target_scale, dtype=np.float64)
+    if scale.shape not in ((), (CHANNELS,)) or not (np.isfinite(scale).all() and scale.min() > 0):
+        raise SimulationError(f"frame model: target scale {scale}; one number above 0, or one a band")
+    return np.broadcast_to(scale, (CHANNELS,)).copy()
 
 
 def _table(name: str, table: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:

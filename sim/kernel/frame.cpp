@@ -89,28 +89,30 @@ class Kernel {
         return clipped();
     }
 
-    // The same for the bounded optimum: begins with what the last call left, or from the exact inverse if fresh, and
-    // takes so many steps. Returns the number and the sum of squared errors in camera values before the last step.
-    nb::tuple bounded(In<std::uint8_t, 3> codes, Out<std::uint8_t, 3> out, In<float, 2> target, int steps, bool fresh,
-                      int threads) {
+    // The same for the bounded optimum: steps from what the last call left, or first_steps from the exact inverse if
+    // fresh or if the target is quite another. Returns how many channels are held back, the sum of squared errors in
+    // camera values before the last step, and how often the picture was gone through.
+    nb::tuple bounded(In<std::uint8_t, 3> codes, Out<std::uint8_t, 3> out, In<float, 2> target, int steps,
+                      int first_steps, bool fresh, int threads) {
         {
             const nb::gil_scoped_release unlocked;
             begin_frame(codes, out, target);
-            if (fresh) std::fill(adjoint_.begin(), adjoint_.end(), 0.0f);
+            fresh |= is_another();
+            if (fresh) {
+                steps = first_steps;
+                std::fill(adjoint_.begin(), adjoint_.end(), 0.0f);
+                forget_sums();
+            }
 #pragma omp parallel num_threads(threads)
             {
-                if (fresh) {
-#pragma omp single
-                    forget_sums();
-                    invert();
-                }
+                if (fresh) invert();
                 for (int step = 0; step < steps; ++step) improve();
                 code(true);
             }
         }
         double squared = 0;
         for (const Sums &sums : sums_) squared += left_out() * sums.squared;
-        return nb::make_tuple(clipped(), squared);
+        return nb::make_tuple(clipped(), squared, steps + 1 + fresh);
     }
 
   private:
@@ -151,6 +153,23 @@ class Kernel {
         frame_.irradiance = irradiance_.data();
         frame_.adjoint = adjoint_.data();
         sums_.assign(CHUNKS, Sums{});
+    }
+
+    // Whether the target differs from the last one by more than a quarter, in a thin sample.
+    bool is_another() {
+        constexpr std::int64_t EACH = 16;
+        double change = 0, light = 0;
+        std::size_t k = 0;
+        for (std::int64_t row = EACH / 2; row < pixels_.height; row += EACH)
+            for (std::int64_t column = EACH / 2; column < pixels_.width; column += EACH)
+                for (std::int64_t b = 0; b < BANDS; ++b, ++k) {
+                    const float now = target_[256 * b + frame_.codes[BANDS * (row * pixels_.width + column) + b]];
+                    if (k == sample_.size()) sample_.push_back(now);
+                    change += std::abs(now - sample_[k]);
+                    light += (now + sample_[k]) / 2;
+                    sample_[k] = now;
+                }
+        return change > 0.25 * light;
     }
 
     void forget_sums() {
@@ -246,7 +265,7 @@ class Kernel {
     const std::int32_t *rows_;
     const double *row_scale_;
     std::vector<double> black_, curvature_, partial_;
-    std::vector<float> irradiance_, returned_, emitted_, adjoint_;
+    std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_;
     float target_[BANDS * 256];
     std::vector<Sums> sums_;
 };
@@ -262,5 +281,5 @@ void bind_frame(nb::module_ &m) {
         .def("exact", &Kernel::exact, nb::arg("codes"), nb::arg("out"), nb::arg("target"), nb::arg("threads"),
              nb::call_guard<nb::gil_scoped_release>())
         .def("bounded", &Kernel::bounded, nb::arg("codes"), nb::arg("out"), nb::arg("target"), nb::arg("steps"),
-             nb::arg("fresh"), nb::arg("threads"));
+             nb::arg("first_steps"), nb::arg("fresh"), nb::arg("threads"));
 }
