@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.compensation.view import View
+from sim.compensation.view import View, direct_blocks
 from sim.scene import BoolArray, FloatArray
 
 ENOUGH = 0.3
@@ -88,9 +88,7 @@ class BoxProblem:
     @cached_property
     def blocks(self) -> FloatArray:
         """(n, C, C) Kᵀ D Ω D K: direct light's part of TᵀΩT."""
-        scaled = self.view.diagonal[:, :, None] * self.view.mixing
-        weighted = scaled if self.metric is None else self.metric @ scaled
-        return np.asarray(scaled.transpose(0, 2, 1) @ weighted)
+        return direct_blocks(self.view, self.metric)
 
     @cached_property
     def curvature(self) -> FloatArray:

@@ -86,6 +86,12 @@ def view_of(transport: Transport) -> View:
     return View(bands, mixing, np.stack([diagonal_of(band) for band in bands], axis=-1))
 
 
+def direct_blocks(view: View, metric: FloatArray | None = None) -> FloatArray:
+    """(n, C, C) Kᵀ D Ω D K, direct light's part of TᵀΩT; the metric Ω (n, C, C) is the identity unless given."""
+    scaled = view.diagonal[:, :, None] * view.mixing
+    return np.asarray(scaled.transpose(0, 2, 1) @ (scaled if metric is None else metric @ scaled))
+
+
 def diagonal_of(transport: LightTransport) -> FloatArray:
     """(n,) diagonal of D.
 
