@@ -21,7 +21,7 @@ DAMPING_RANGE = (1e-9, 1.0)
 """Levenberg and Marquardt's damping of a step, as a share of the curvature; starts at 1e-6."""
 FLOOR = 1e-8
 """An objective below this share of the target's square counts as this share: 1e-4 of its root mean square."""
-FORCING = (1e-1, 1e-3)
+FORCING = (1e-1, 1e-2)
 """Residual that conjugate gradients leave, first and from the second step on."""
 CG_LIMIT = 60
 
