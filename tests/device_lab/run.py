@@ -26,7 +26,7 @@ from kernel import prepare_kernel
 from machine import Machine, run_in_machine
 
 ROOT = Path(__file__).parents[2]
-PYTEST = "{python} -m pytest -p no:cacheprovider -q --durations=3 --junitxml={results}/results-{number}.xml {tests}"
+PYTEST = "{python} -m pytest -p no:cacheprovider -q --durations=25 --junitxml={results}/results-{number}.xml {tests}"
 PROGRAMS = {
     "qemu-system-x86_64": "qemu-system-x86",
     "busybox": "busybox-static",
