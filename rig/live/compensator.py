@@ -12,7 +12,7 @@ class FrameReport(Protocol):
 
     @property
     def error(self) -> float:
-        """Expected mean absolute error, in grey levels."""
+        """Root mean square of predicted minus wanted camera image, share of full scale; NaN if not known."""
         ...
 
 

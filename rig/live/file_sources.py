@@ -170,8 +170,7 @@ def test_picture(shape: tuple[int, int]) -> Pixels:
     y, x = np.mgrid[:height, :width].astype(np.float32) / np.float32(height)
     turn = 2 * np.pi * x * height / width
     colours = [
-        128 + 70 * np.sin(turn * k + phase) * np.cos(np.pi * y * k)
-        for k, phase in ((1.0, 0.0), (2.0, 2.1), (3.0, 4.2))
+        128 + 70 * np.sin(turn * k + phase) * np.cos(np.pi * y * k) for k, phase in ((1.0, 0.0), (2.0, 2.1), (3.0, 4.2))
     ]
     picture = np.stack(colours, axis=-1)
     band = height // 5
@@ -182,4 +181,4 @@ def test_picture(shape: tuple[int, int]) -> Pixels:
     third, quarter = height // 3, width // 4
     picture[third : 2 * third, : quarter // 2] = 0
     picture[third : 2 * third, 2 * quarter : 2 * quarter + quarter // 2] = 255
-    return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)

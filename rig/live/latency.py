@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
+from rig.back_ends import make_devices
 from rig.devices.protocols import Clock, Codes, Projector, Shown
-from rig.live.loop import LiveLoop
+from rig.errors import UsageError
+from rig.live.compensator import Compensator
+from rig.live.controls import Controls
+from rig.live.loop import LiveLoop, Surroundings
 from rig.live.slot import Slot
 from rig.live.source import Pixels
 from rig.pair import Rig
-from rig.workflows.check.exposure import find_subject
+from rig.profile import Profile
+from rig.workflows.check.exposure import find_subject, patient
 from rig.workflows.check.latency import check_latency
 
 
@@ -60,7 +66,7 @@ class LivePath:
 
 
 def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
-    """From a picture in memory to its light, over many flashes, in milliseconds; ``rig`` is open and patient.
+    """From a picture in memory to its light, over many flashes, in milliseconds; ``rig`` is closed and patient.
 
     Raises CalibrationFailed when the camera sees nothing, DeviceError.
     """
@@ -75,3 +81,17 @@ def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
         "flashes": len(found["values_s"]),
         "unseen": 1000 * found["unseen_s"],
     }
+
+
+def light_latency(profile: Profile, compensators: Mapping[str, Compensator], controls: Controls) -> dict[str, Any]:
+    """Measure on a profile's rig; on a simulated one in virtual time, in which computing takes none.
+
+    Raises UsageError for a recording, CalibrationFailed when the camera sees nothing, DeviceError.
+    """
+    if profile.camera.driver == "replay":
+        raise UsageError(f"{profile.path}: a recording has no latency; give a profile of a real or simulated rig")
+    rig = Rig(patient(profile), *make_devices(profile))
+    rate_hz = profile.projector.refresh_rate_hz
+    slot = Slot(rig.projector.shape, 1 / rate_hz, rig.clock)
+    loop = LiveLoop(Surroundings(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
+    return measure_light_latency(rig, LivePath(rig.projector, slot, loop, rig.clock))

@@ -113,7 +113,7 @@ def guessed_transport(
     """Transport of the lit projector pixels, seen from the projector, and (H * W,) which these are."""
     scene = room(size_m, patch_size_m, _GUESSED_REFLECTANCE)
     place = np.array(size_m) * _GUESSED_PLACE
-    pose = Pose.look_at(place, place + (1.0, 1.0, 0.0))
+    pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))
     whole = coaxial_transport(scene, form_factors(scene), lens, pose, "physical", "area")
     hits = intersect(scene, pose.position_m, rays_at(lens, pose, lens.pixel_grid()))
     direct = whole.direct_matrix.diagonal()

@@ -76,9 +76,7 @@ class StreamSource:
         """Look for a writer; does not wait for one. Raises SourceBroken."""
         self.close()
         try:
-            self._descriptor = (
-                os.dup(0) if self._path is None else os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
-            )
+            self._descriptor = os.dup(0) if self._path is None else os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
             raise SourceBroken(f"{self._path}: cannot be read: {error.strerror}; make it with mkfifo") from error
         with contextlib.suppress(OSError):  # a file, or a limit of the system's
@@ -153,7 +151,7 @@ class StreamSource:
         return len(data)
 
     def _read_pixels(self, pixels: Pixels) -> int:
-        count = os.readv(self._descriptor or 0, [memoryview(pixels.reshape(-1))[self._filled :]])
+        count = os.readv(self._descriptor or 0, [pixels.reshape(-1).data[self._filled :]])
         self._filled += count
         return count
 
@@ -228,7 +226,7 @@ class SharedMemorySource:
         """False when the writer wrote meanwhile."""
         if self._pixels.shape != shape:
             self._pixels = np.empty(shape, np.uint8)
-        count = os.preadv(self._descriptor or 0, [memoryview(self._pixels.reshape(-1))], _HEADER_BYTES)
+        count = os.preadv(self._descriptor or 0, [self._pixels.reshape(-1).data], _HEADER_BYTES)
         if self._header()[2] != before:
             return False
         if count < self._pixels.nbytes:

@@ -7,7 +7,7 @@ import signal
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from rig.live.compensator import Compensator
 from rig.live.controls import Controls
 from rig.live.display import ClockedDisplay
 from rig.live.keys import Keyboard
+from rig.live.latency import light_latency
 from rig.live.loop import LiveLoop, ShownFrame, Surroundings
 from rig.live.model import LiveModel, guessed_model, session_model
 from rig.live.reader import Reader
@@ -60,6 +61,8 @@ class Request:
     auto_gain: bool = False
     is_linear: bool = False
     record: Path | None = None
+    flashes: bool = False
+    """Measure the latency by light before the show."""
     threads: int = 2
 
 
@@ -84,8 +87,8 @@ class _Show:
     signals: EndSignals
     clock: Clock
     seconds: float | None
-    on_status: OnStatus
-    notes: list[str] = field(default_factory=list)
+    notes: list[str]
+    on_status: OnStatus = lambda line: None
     started_s: float = 0.0
     ended_by: str = ""
     resident_mb: float | None = None
@@ -106,11 +109,14 @@ def run_live(request: Request, on_step: OnStep, on_status: OnStatus) -> dict[str
     with one_error_tree():
         profile, model = _profile_and_model(request, on_step)
         compensators = compensators_of(model, request.threads)
+        controls = _controls(request, compensators)
+        light_latency_ms = _light_latency_ms(request, profile, compensators, controls, on_step)
         with ExitStack() as stack:
             signals = stack.enter_context(EndSignals())
-            show = _prepare(request, profile, compensators, signals, stack, on_status)
+            show = _prepare(request, profile, compensators, controls, signals, stack)
+            show.on_status = on_status
             _run(show)
-        return _result(request, show, model)
+        return {**_result(request, show, model), "light_latency_ms": light_latency_ms}
 
 
 def check_request(request: Request) -> None:
@@ -145,7 +151,7 @@ def _profile_and_model(request: Request, on_step: OnStep) -> tuple[Profile, Live
 
 def _check_fit(profile: Profile, model: LiveModel | None) -> None:
     if profile.projector.driver == "replay":
-        raise UsageError(f"{profile.path}: a recording shows no live pictures; give a profile of a real or simulated rig")
+        raise UsageError(f"{profile.path}: a recording shows nothing live; give a real or simulated rig's profile")
     if model is not None and model.frames.shape != profile.projector.shape:
         raise UsageError(
             f"{profile.path}: the projector has {profile.projector.shape} px, the session's {model.frames.shape}; "
@@ -161,6 +167,30 @@ def compensators_of(model: LiveModel | None, threads: int) -> Mapping[str, Compe
         "exact": FrameCompensator(model.frames, "exact", threads),
         "bounded": FrameCompensator(model.frames, "bounded", threads),
     }
+
+
+def _controls(request: Request, compensators: Mapping[str, Compensator]) -> Controls:
+    return Controls(
+        request.strategy if request.strategy in STRATEGIES else STRATEGIES[0],
+        compensating=bool(compensators) and request.strategy != "none",
+        gain=request.gain,
+        auto_gain=request.auto_gain,
+    )
+
+
+def _light_latency_ms(
+    request: Request,
+    profile: Profile,
+    compensators: Mapping[str, Compensator],
+    controls: Controls,
+    on_step: OnStep,
+) -> dict[str, Any] | None:
+    if not request.flashes:
+        return None
+    on_step("measure latency by light", 0, 1)
+    found = light_latency(profile, compensators, controls)
+    on_step("measure latency by light", 1, 1)
+    return found
 
 
 def _devices(profile: Profile, *, photographs: bool) -> _Devices:
@@ -179,9 +209,9 @@ def _prepare(
     request: Request,
     profile: Profile,
     compensators: Mapping[str, Compensator],
+    controls: Controls,
     signals: EndSignals,
     stack: ExitStack,
-    on_status: OnStatus,
 ) -> _Show:
     notes: list[str] = []
     devices = _devices(profile, photographs=request.record is not None)
@@ -210,14 +240,8 @@ def _prepare(
         signals.interrupting,
         notes,
     )
-    controls = Controls(
-        request.strategy if request.strategy in STRATEGIES else STRATEGIES[0],
-        compensating=bool(compensators) and request.strategy != "none",
-        gain=request.gain,
-        auto_gain=request.auto_gain,
-    )
     loop = LiveLoop(surroundings, controls)
-    return _Show(loop, slot, reader, recorder, signals, clock, request.seconds, on_status, notes)
+    return _Show(loop, slot, reader, recorder, signals, clock, request.seconds, notes)
 
 
 def _open_camera(camera: Camera | None, profile: Profile, stack: ExitStack, notes: list[str]) -> Camera | None:

@@ -60,7 +60,7 @@ def next_gain(state: GainState, white_share: float, most: float, elapsed_s: floa
 def wanted_gain(gain: float, white_share: float, most: float) -> float:
     """Where the gain is drawn to: down while too much is at white, up while hardly anything is, else nowhere."""
     if white_share > WHITE_SHARE:
-        return max(gain * max((WHITE_SHARE / white_share) ** 0.25, _FALL), _LEAST_GAIN * most)
+        return max(gain * max(math.sqrt(math.sqrt(WHITE_SHARE / white_share)), _FALL), _LEAST_GAIN * most)
     return min(gain * _RISE, most) if white_share < WHITE_SHARE / 2 else min(gain, most)
 
 

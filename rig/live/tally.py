@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 _KEPT = 1 << 16
 """Frames over which medians and percentiles are taken: 18 minutes at 60 Hz."""
 _MB = 1e6
+_GREY_LEVELS = 255
 
 
 class Ring:
@@ -76,9 +78,10 @@ class Tally:
         self._last_s = on_screen_s
 
     def note_error(self, error: float) -> None:
-        """Count a frame's expected error, in grey levels."""
-        self._errors += error
-        self._error_count += 1
+        """Count a frame's expected error, share of full scale; NaN is not counted."""
+        if math.isfinite(error):
+            self._errors += _GREY_LEVELS * error
+            self._error_count += 1
 
     def forget_interval(self) -> None:
         """The display was away: the next interval says nothing."""
