@@ -125,7 +125,7 @@ class LiveLoop:
         feed = self._around.feed
         latch_s = target_s - self._lead.lead_s
         if self.controls.frozen:
-            feed.skip()
+            feed.skip(target_s)
             self._around.clock.wait_until_s(latch_s)
             return None
         frame = feed.take(latch_s, target_s)
@@ -138,10 +138,11 @@ class LiveLoop:
         begun_s = clock.now_s()
         codes = self._codes_of(frame.codes)
         busy_s = clock.now_s() - begun_s
+        deadline_s = frame.due_s or self._display.target_s(frame.ready_s + self._lead.lead_s)
         on_screen_s = self._show(codes)
-        is_late = self.tally.is_late(on_screen_s, target_s)
-        self._lead.note(busy_s, is_late=is_late and begun_s <= target_s - self._lead.lead_s)
-        self.tally.note_frame(frame.number, frame.ready_s, busy_s, target_s, on_screen_s)
+        missed = begun_s <= target_s - self._lead.lead_s and self.tally.is_late(on_screen_s, target_s)
+        self._lead.note(busy_s, is_late=missed)
+        self.tally.note_frame(frame.number, frame.ready_s, busy_s, deadline_s, on_screen_s)
         self._follow_brightness(frame, codes)
         self._around.on_shown(ShownFrame(frame.number, codes, on_screen_s, self.gain, self.controls))
 
@@ -197,7 +198,6 @@ class LiveLoop:
         """Nothing new for this refresh."""
         if self._frame is None or self.ended:
             return
-        self.tally.repeated += 1
         now_s = self._around.clock.now_s()
         if now_s - self._watched_s < _WATCH_S:
             return

@@ -14,6 +14,8 @@ _KEPT = 1 << 16
 """Frames over which medians and percentiles are taken: 18 minutes at 60 Hz."""
 _MB = 1e6
 _GREY_LEVELS = 255
+_TOLERANCE = 0.6
+"""Of the period: a picture may be due half a period before or after a refresh, and clocks jitter."""
 
 
 class Ring:
@@ -60,14 +62,14 @@ class Tally:
         self._errors, self._error_count = 0.0, 0
         self._latencies_s, self._intervals_s, self._busy_s = Ring(), Ring(), Ring()
 
-    def is_late(self, on_screen_s: float, target_s: float) -> bool:
-        """Whether a picture missed the refresh that it was made for."""
-        return on_screen_s > target_s + self._period_s / 2
+    def is_late(self, on_screen_s: float, deadline_s: float) -> bool:
+        """Whether a picture missed the refresh nearest to its deadline."""
+        return on_screen_s > deadline_s + _TOLERANCE * self._period_s
 
-    def note_frame(self, number: int, ready_s: float, busy_s: float, target_s: float, on_screen_s: float) -> None:
-        """Count a frame that was shown."""
+    def note_frame(self, number: int, ready_s: float, busy_s: float, deadline_s: float, on_screen_s: float) -> None:
+        """Count a frame that was shown, and the refreshes since the last one that had no new frame."""
         self.frames += 1
-        self.late += self.is_late(on_screen_s, target_s)
+        self.late += self.is_late(on_screen_s, deadline_s)
         self.out_of_order += number <= self._last_number
         self._last_number = number
         self._latencies_s.add(on_screen_s - ready_s)
@@ -75,6 +77,7 @@ class Tally:
         if self._last_s is not None:
             self.last_interval_s = on_screen_s - self._last_s
             self._intervals_s.add(self.last_interval_s)
+            self.repeated += max(round(self.last_interval_s / self._period_s) - 1, 0)
         self._last_s = on_screen_s
 
     def note_error(self, error: float) -> None:
