@@ -12,9 +12,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sim import _kernel
 from sim.errors import SimulationError
-from sim.frame_model import FrameModel, frame_model
-from sim.frame_reference import checked_frame, coded, reference_frame, wanted_light
+from sim.frame_model import CHANNELS, FrameModel, frame_model
+from sim.frame_reference import checked_frame, reference_frame
+from sim.frame_tables import response_tables, target_table
 
 __all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model", "reference_frame"]
 
@@ -58,6 +60,8 @@ class FrameCompensator:
             raise SimulationError(f"{threads} threads; give at least 1")
         self.model, self.strategy, self.threads = model, strategy, threads
         self.last = FrameReport(np.nan, 0.0, 0)
+        self._channels = max(1, CHANNELS * int(model.active.sum()))
+        self._kernel = _kernel.FrameKernel(model, response_tables(model), np.linalg.inv(model.mixing))
 
     def frame(
         self, codes: NDArray[np.uint8], out: NDArray[np.uint8] | None = None, gain: float = 1.0
@@ -81,11 +85,8 @@ class FrameCompensator:
         if not (np.isfinite(gain) and gain >= 0):
             raise SimulationError(f"gain {gain:g}; give a finite number of 0 or more")
         result = np.empty_like(codes) if out is None else checked_frame(self.model, out, "out")
-        light = wanted_light(self.model, codes, gain)
-        result[:] = coded(self.model, light)
-        span = self.model.response[:, [0, -1], None, None]
-        beyond = (light < span[:, 0]) | (light > span[:, 1])
-        self.last = FrameReport(np.nan, float(beyond[:, self.model.active].mean()), 2)
+        clipped = self._kernel.exact(codes, result, target_table(self.model, gain), self.threads)
+        self.last = FrameReport(np.nan, clipped / self._channels, 2)
         return result
 
     def reset(self) -> None:

@@ -28,7 +28,7 @@ class Packed:
     bits: NDArray[np.uint16]
     """(layers, H, W)."""
     unit: FloatArray
-    """(layers,) value of 1 in each layer."""
+    """(layers,) value of 1 in each layer; 0 for a layer of zeros."""
 
     @property
     def values(self) -> FloatArray:
@@ -40,9 +40,9 @@ class Packed:
 def packed(values: FloatArray) -> Packed:
     """Round numbers of 0 and more, (layers, H, W), each layer to its own unit."""
     largest = values.reshape(len(values), -1).max(axis=1)
-    unit = np.where(largest > 0, largest, 1.0) / (1 - 2 * TOE)
+    unit = largest / (1 - 2 * TOE)
     bits = np.empty(values.shape, dtype=np.uint16)
     for layer, per, out in zip(values, unit, bits, strict=True):
-        single = (layer / per + TOE).astype(np.float32).view(np.uint32)
+        single = (layer / (per or 1.0) + TOE).astype(np.float32).view(np.uint32)
         out[:] = np.minimum((single - np.uint32(_FIRST) + np.uint32(1 << (SHIFT - 1))) >> SHIFT, _LARGEST)
     return Packed(bits, unit)
