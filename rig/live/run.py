@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rig.back_ends import make_devices
 from rig.devices.clock import SystemClock
 from rig.devices.protocols import Camera, Clock, Projector
@@ -109,6 +111,7 @@ def run_live(request: Request, on_step: OnStep, on_status: OnStatus) -> dict[str
     with one_error_tree():
         profile, model = _profile_and_model(request, on_step)
         compensators = compensators_of(model, request.threads)
+        _warm_up(compensators, profile.projector.shape)
         controls = _controls(request, compensators)
         light_latency_ms = _light_latency_ms(request, profile, compensators, controls, on_step)
         with ExitStack() as stack:
@@ -167,6 +170,14 @@ def compensators_of(model: LiveModel | None, threads: int) -> Mapping[str, Compe
         "exact": FrameCompensator(model.frames, "exact", threads),
         "bounded": FrameCompensator(model.frames, "bounded", threads),
     }
+
+
+def _warm_up(compensators: Mapping[str, Compensator], shape: tuple[int, int]) -> None:
+    """A first frame takes longer than the others."""
+    codes = np.zeros((*shape, 3), np.uint8)
+    for compensator in compensators.values():
+        compensator.frame(codes, np.empty_like(codes))
+        compensator.reset()
 
 
 def _controls(request: Request, compensators: Mapping[str, Compensator]) -> Controls:
@@ -343,8 +354,7 @@ def _result(request: Request, show: _Show, model: LiveModel | None) -> dict[str,
         notes += show.recorder.notes
         recorded = {"frames": show.recorder.frames, "photographs": show.recorder.photographs}
     return {
-        **show.loop.tally.result(),
-        "dropped": show.slot.dropped,
+        **show.loop.tally.result(show.slot.dropped),
         "strategy": controls.strategy if controls.compensating else "none",
         "gain": show.loop.gain,
         "memory_growth_mb": None if show.resident_mb is None else resident_mb() - show.resident_mb,

@@ -89,7 +89,7 @@ class Slot:
         self._waiting: _Waiting | None = None
         self._following: _Waiting | None = None
         """In the reader's hands, complete."""
-        self._taken = 0
+        self._taken, self._filling = 0, 1
         self._origin_s: float | None = None
         self._count = 0
         self._finished = False
@@ -104,17 +104,15 @@ class Slot:
     def writable(self) -> Pixels:
         """(H, W, 3) memory to fill next; the reader's alone until it is offered."""
         with self._changed:
-            return self._buffers[self._free()]
-
-    def _free(self) -> int:
-        used = {self._taken, *(entry.buffer for entry in (self._waiting, self._following) if entry is not None)}
-        return next(k for k in range(3) if k not in used)
+            used = {self._taken, *(entry.buffer for entry in (self._waiting, self._following) if entry is not None)}
+            self._filling = next(k for k in range(3) if k not in used)
+            return self._buffers[self._filling]
 
     def offer(self, media_s: float | None) -> None:
         """Hand over what :meth:`writable` gave. With a media time, waits until the one before was taken or is over."""
         with self._changed:
             self._count += 1
-            entry = _Waiting(self._count, self._free(), self._clock.now_s(), media_s)
+            entry = _Waiting(self._count, self._filling, self._clock.now_s(), media_s)
             if media_s is not None and self._waiting is not None:
                 self._following = entry
                 self._wait_for_turn(entry, media_s)
@@ -129,6 +127,8 @@ class Slot:
                 self._replace(entry)
             else:
                 self._changed.wait(min(left_s, _PATIENCE_S))
+        if self._following is entry:  # closed
+            self._following = None
 
     def _until_s(self, media_s: float) -> float:
         """How long until a media time; some time as long as its clock stands."""

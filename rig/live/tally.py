@@ -90,8 +90,9 @@ class Tally:
         """The display was away: the next interval says nothing."""
         self._last_s = None
 
-    def result(self) -> dict[str, Any]:
-        """Counts, medians and percentiles."""
+    def result(self, dropped: int = 0) -> dict[str, Any]:
+        """Counts, medians and percentiles; ``dropped`` frames of the source were never shown, so never on time."""
+        wanted = self.frames + dropped
         interval_s = self._intervals_s.quantile(0.5)
         return {
             "frames": self.frames,
@@ -100,7 +101,8 @@ class Tally:
             "latency_frames_p99": _share(self._latencies_s.quantile(0.99), self._period_s),
             "compute_ms": {"p50": _ms(self._busy_s.quantile(0.5)), "p99": _ms(self._busy_s.quantile(0.99))},
             "late_frames": self.late,
-            "on_time_share": 1 - self.late / self.frames if self.frames else None,
+            "on_time_share": (self.frames - self.late) / wanted if wanted else None,
+            "dropped": dropped,
             "repeated": self.repeated,
             "out_of_order": self.out_of_order,
             "unplugged": self.unplugged,
