@@ -24,6 +24,7 @@ def live(
             help="Video file, folder, named pipe, pipe:PATH, - (standard input), shm:NAME, camera:ID or pattern; "
             "may be given several times.",
             negative="",
+            allow_leading_hyphen=True,
         ),
     ] = ("pattern",),
     strategy: Annotated[str, Parameter(help="exact, bounded, or none.")] = "bounded",
