@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array, diags_array
 
-from sim.compensation.result import diagonal_of
+from sim.compensation.view import diagonal_of
 from sim.errors import SimulationError
 from sim.frame_packed import Packed, packed
 from sim.frame_runs import Cells, Runs, cells_of, runs_of
