@@ -157,7 +157,7 @@ def frame_model(
         mixing,
         np.broadcast_to(np.asarray(target_scale, dtype=np.float64), (CHANNELS,)).copy(),
         _table("eotf", eotf, (256,)),
-        _table("response", response, (CHANNELS, 256)),
+        _response(response),
         _dither(dither_seed),
     )
 
@@ -240,6 +240,15 @@ def _table(name: str, table: ArrayLike | None, shape: tuple[int, ...]) -> FloatA
     if not (np.isfinite(whole).all() and rising and whole.min() >= 0):
         raise SimulationError(f"frame model: {name} must be finite, rise with the code, and not be below 0")
     return whole
+
+
+def _response(response: ArrayLike | None) -> FloatArray:
+    table = _table("response", response, (CHANNELS, 256))
+    if table[:, 0].any():
+        raise SimulationError(
+            f"frame model: response begins at {table[:, 0].max():g}; it counts from the projector's black: begin at 0"
+        )
+    return table
 
 
 def _dither(seed: int | None) -> NDArray[np.uint8]:

@@ -59,36 +59,61 @@ class Kernel {
         pixels_.n_lit = static_cast<std::int64_t>(matrix.shape(2));
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
-        frame_.response = response.data();
+        frame_.response = reinterpret_cast<const std::int32_t *>(response.data());
         frame_.dither = array_of<std::uint8_t, 3>(model, "dither").data();
         set_channels(array_of<double, 2>(model, "response"), array_of<double, 2>(model, "mixing"), unmixing);
-        irradiance_.resize(BANDS * pixels_.n_viewed);
-        emitted_.resize(BANDS * pixels_.n_lit);
-        partial_.resize(CHUNKS * BANDS * pixels_.n_lit);
+        const auto curvature = array_of<double, 2>(model, "curvature");
+        for (std::int64_t b = 0; b < BANDS; ++b) {
+            const double *from = curvature.data() + (curvature.shape(0) == 1 ? 0 : b) * pixels_.n_lit;
+            curvature_.insert(curvature_.end(), from, from + pixels_.n_lit);
+        }
+        for (auto *of_lit : {&emitted_, &adjoint_}) of_lit->resize(BANDS * pixels_.n_lit);
+        for (auto *of_viewed : {&irradiance_, &returned_}) of_viewed->resize(BANDS * pixels_.n_viewed);
+        partial_.resize(CHUNKS * BANDS * (pixels_.n_lit + pixels_.n_viewed));
     }
 
     // Fills out; returns how many of the steered pixels' channels the range holds back.
     std::int64_t exact(In<std::uint8_t, 3> codes, Out<std::uint8_t, 3> out, In<float, 2> target, int threads) {
         begin_frame(codes, out, target);
-        std::int64_t clipped = 0;
+        forget_sums();
 #pragma omp parallel num_threads(threads)
         {
-            each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(sum_row(pixels_, frame_, row, sums)); });
-            add_up();
-#pragma omp for schedule(static)
-            for (std::int64_t j = 0; j < pixels_.n_viewed; ++j) products(j);
+            invert();
             each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(code_row(pixels_, frame_, false, row, sums)); });
         }
-        for (const Sums &sums : sums_) clipped += sums.clipped;
-        return clipped;
+        return clipped();
+    }
+
+    // The same for the bounded optimum: begins with what the last call left, or from the exact inverse if fresh, and
+    // takes so many steps. Returns the number and the sum of squared errors in camera values before the last step.
+    nb::tuple bounded(In<std::uint8_t, 3> codes, Out<std::uint8_t, 3> out, In<float, 2> target, int steps, bool fresh,
+                      int threads) {
+        {
+            const nb::gil_scoped_release unlocked;
+            begin_frame(codes, out, target);
+            if (fresh) std::fill(adjoint_.begin(), adjoint_.end(), 0.0f);
+#pragma omp parallel num_threads(threads)
+            {
+                if (fresh) {
+#pragma omp single
+                    forget_sums();
+                    invert();
+                }
+                for (int step = 0; step < steps; ++step) improve();
+                each_chunk(
+                    [&](std::int64_t row, Sums &sums) { KERNEL_CALL(code_row(pixels_, frame_, true, row, sums)); });
+            }
+        }
+        double squared = 0;
+        for (const Sums &sums : sums_) squared += sums.squared;
+        return nb::make_tuple(clipped(), squared);
     }
 
   private:
     void set_channels(const In<double, 2> &response, const In<double, 2> &mixing, const In<double, 2> &unmixing) {
         for (int b = 0; b < BANDS; ++b) {
-            const double *light = response.data() + 256 * b;
-            frame_.lower[b] = static_cast<float>(light[0]);
-            frame_.span[b] = static_cast<float>(light[255] - light[0]);
+            frame_.span[b] = static_cast<float>(response.data()[256 * b + 255]);
+            frame_.per_span[b] = static_cast<float>(1 / response.data()[256 * b + 255]);
             for (int c = 0; c < BANDS; ++c) {
                 frame_.mixing[b][c] = static_cast<float>(mixing.data()[BANDS * b + c]);
                 frame_.unmixing[b][c] = static_cast<float>(unmixing.data()[BANDS * b + c]);
@@ -100,12 +125,57 @@ class Kernel {
     void begin_frame(const In<std::uint8_t, 3> &codes, const Out<std::uint8_t, 3> &out, const In<float, 2> &target) {
         frame_.codes = codes.data();
         frame_.out = out.data();
-        frame_.target = target.data();
+        for (int b = 0; b < BANDS; ++b)
+            for (int code = 0; code < 256; ++code)
+                target_[256 * b + code] = target.data()[256 * b + code] * pixels_.inverse.unit[b];
+        frame_.target = target_;
         frame_.irradiance = irradiance_.data();
+        frame_.adjoint = adjoint_.data();
         sums_.assign(CHUNKS, Sums{});
+    }
+
+    void forget_sums() {
+        const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
         std::fill(partial_.begin(), partial_.end(), 0.0);
         for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk)
-            sums_[chunk].emitted = partial_.data() + chunk * BANDS * pixels_.n_lit;
+            sums_[chunk] = {partial_.data() + chunk * lit, partial_.data() + CHUNKS * lit + chunk * viewed, 0, 0};
+    }
+
+    std::int64_t clipped() const {
+        std::int64_t sum = 0;
+        for (const Sums &sums : sums_) sum += sums.clipped;
+        return sum;
+    }
+
+    // The exact inverse's irradiance; like all below, within a parallel region.
+    void invert() {
+        each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(sum_row(pixels_, frame_, row, sums)); });
+        const std::int64_t n = BANDS * pixels_.n_lit;
+#pragma omp for schedule(static)
+        for (std::int64_t i = 0; i < n; ++i) emitted_[i] = static_cast<float>(added(partial_.data(), n, i) - black_[i]);
+        irradiate();
+    }
+
+    // One step towards the bounded optimum.
+    void improve() {
+#pragma omp single
+        forget_sums();
+        each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(step_row(pixels_, frame_, row, sums)); });
+        const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
+#pragma omp for schedule(static)
+        for (std::int64_t j = 0; j < viewed; ++j)
+            returned_[j] = static_cast<float>(added(partial_.data() + CHUNKS * lit, viewed, j));
+        constexpr std::int64_t PARTS = 8;
+#pragma omp for schedule(dynamic, 1)
+        for (std::int64_t part = 0; part < BANDS * PARTS; ++part) {
+            const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit;
+            KERNEL_CALL(product_columns(matrix_of(b), returned_.data() + b * pixels_.n_viewed, pixels_.n_viewed, n,
+                                        n * k / PARTS, n * (k + 1) / PARTS, adjoint_.data() + b * n));
+        }
+#pragma omp for schedule(static)
+        for (std::int64_t i = 0; i < lit; ++i)
+            emitted_[i] = static_cast<float>(added(partial_.data(), lit, i) - curvature_[i] * adjoint_[i]);
+        irradiate();
     }
 
     // All rows by chunks, within a parallel region.
@@ -118,24 +188,24 @@ class Kernel {
 
     std::int64_t begin(std::int64_t chunk) const { return pixels_.height * chunk / CHUNKS; }
 
-    // The chunks' sums in their order, less black's.
-    void add_up() {
-        const std::int64_t n = BANDS * pixels_.n_lit;
-#pragma omp for schedule(static)
-        for (std::int64_t i = 0; i < n; ++i) {
-            double sum = -black_[i];
-            for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk) sum += partial_[chunk * n + i];
-            emitted_[i] = static_cast<float>(sum);
-        }
+    // The chunks' sums in their order.
+    static double added(const double *partial, std::int64_t n, std::int64_t i) {
+        double sum = 0;
+        for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk) sum += partial[chunk * n + i];
+        return sum;
     }
 
-    // The j-th viewed patch's irradiance in each band.
-    void products(std::int64_t j) {
-        for (std::int64_t b = 0; b < BANDS; ++b) {
-            const float *row = matrix_ + ((matrices_ == 1 ? 0 : b) * pixels_.n_viewed + j) * pixels_.n_lit;
-            irradiance_[b * pixels_.n_viewed + j] =
-                KERNEL_CALL(product_row(row, emitted_.data() + b * pixels_.n_lit, pixels_.n_lit));
-        }
+    const float *matrix_of(std::int64_t band) const {
+        return matrix_ + (matrices_ == 1 ? 0 : band) * pixels_.n_viewed * pixels_.n_lit;
+    }
+
+    // Irradiance of the viewed patches by what the lit ones emit.
+    void irradiate() {
+#pragma omp for schedule(static)
+        for (std::int64_t j = 0; j < pixels_.n_viewed; ++j)
+            for (std::int64_t b = 0; b < BANDS; ++b)
+                irradiance_[b * pixels_.n_viewed + j] = KERNEL_CALL(product_row(
+                    matrix_of(b) + j * pixels_.n_lit, emitted_.data() + b * pixels_.n_lit, pixels_.n_lit));
     }
 
     std::vector<nb::object> kept_;
@@ -143,8 +213,9 @@ class Kernel {
     Frame frame_{};
     const float *matrix_;
     std::int64_t matrices_;
-    std::vector<double> black_, partial_;
-    std::vector<float> irradiance_, emitted_;
+    std::vector<double> black_, curvature_, partial_;
+    std::vector<float> irradiance_, returned_, emitted_, adjoint_;
+    float target_[BANDS * 256];
     std::vector<Sums> sums_;
 };
 
@@ -157,5 +228,7 @@ void bind_frame(nb::module_ &m) {
         .def(nb::init<nb::object, In<std::uint32_t, 2>, In<double, 2>>(), nb::arg("model"), nb::arg("response"),
              nb::arg("unmixing"))
         .def("exact", &Kernel::exact, nb::arg("codes"), nb::arg("out"), nb::arg("target"), nb::arg("threads"),
-             nb::call_guard<nb::gil_scoped_release>());
+             nb::call_guard<nb::gil_scoped_release>())
+        .def("bounded", &Kernel::bounded, nb::arg("codes"), nb::arg("out"), nb::arg("target"), nb::arg("steps"),
+             nb::arg("fresh"), nb::arg("threads"));
 }
