@@ -21,7 +21,7 @@ from sim.frame_tables import response_tables, target_table
 __all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model", "reference_frame"]
 
 Strategy = Literal["exact", "bounded"]
-STEPS, FIRST_STEPS = 2, 6
+STEPS, FIRST_STEPS = 1, 4
 """Steps towards the bounded optimum: from the last frame's, and from the exact inverse."""
 
 

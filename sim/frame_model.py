@@ -19,13 +19,17 @@ from scipy.sparse import csr_array, diags_array
 
 from sim.compensation.view import diagonal_of
 from sim.errors import SimulationError
+from sim.form_factors import FormFactors
 from sim.frame_packed import Packed, packed
 from sim.frame_runs import Cells, Runs, cells_of, runs_of
 from sim.light_transport import LightTransport
+from sim.radiosity import Radiosity
 from sim.scene import BoolArray, FloatArray, IntArray
 
 CHANNELS = 3
 DITHER_PX = 64
+ROWS_OF_A_SUM = 16
+"""A patch's sum takes no fewer rows than this, or all."""
 ONE_LAYER = 2e-3
 """Bands whose geometry differs by less than this share use one layer for it."""
 
@@ -56,6 +60,10 @@ class FrameModel:
     """black / D."""
     view_gain: Packed
     """Camera value of unit irradiance from all patches at a pixel, over D."""
+    sum_rows: NDArray[np.int32]
+    """(R,) rows that sums over patches are taken from: all, or one of each two to four by a fixed pattern."""
+    row_scale: FloatArray
+    """(L,) emission from all rows over that from these rows, for even light."""
     emission: Packed
     """Emission of a pixel's patch by unit light of the pixel, in the first band: one layer."""
     patch_runs: Runs
@@ -142,12 +150,15 @@ def frame_model(
     inverse = [_inverse(band, sums, lit, cells.viewed, share[k][lit], gain_share[k]) for k, band in enumerate(light)]
     curvature = np.stack([sums.power(2) @ band.inverse**2 for band in light])
     seen_black = np.stack([sums @ row for row in black_over_direct])
+    rows, scale = _sum_rows(shape, places, index, emission, len(lit))
     image = _Image(places, shape)
     return FrameModel(
         shape,
         image.packed([band.inverse for band in light]),
         image.packed(black_over_direct if black_of.any() else [np.zeros(len(places))]),
         image.packed(gain),
+        rows,
+        scale,
         image.packed([emission]),
         runs_of(index, places, shape),
         cells.cells,
@@ -308,6 +319,23 @@ def _main_patch(band: _Band) -> tuple[IntArray, FloatArray]:
     return patch, _power(band) * per_power[patch]
 
 
+def _sum_rows(
+    shape: tuple[int, int], places: IntArray, index: IntArray, emission: FloatArray, n_lit: int
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Rows for sums over patches, and what the left-out ones are made up for with.
+
+    One row of each group, by the ones in the group's binary number (as Thue and Morse): no picture's stripes repeat
+    like that.
+    """
+    step = int(np.clip(np.sqrt(len(places) / n_lit) / ROWS_OF_A_SUM, 1, 4))
+    groups = np.arange(shape[0] // step)
+    rows = groups * step + np.bitwise_count(groups) % step
+    taken = np.isin(places // shape[1], rows)
+    whole, part = (np.bincount(index[some], emission[some], n_lit) for some in (slice(None), taken))
+    scale = np.divide(whole, part, out=np.zeros(n_lit), where=part > 0)
+    return rows.astype(np.int32), scale
+
+
 def _one_layer(layers: Sequence[FloatArray]) -> tuple[list[FloatArray], list[float]]:
     """The layers and (1, 1, 1), or the first and each one's ratio to it if that is nearly the same everywhere."""
     first = layers[0]
@@ -335,6 +363,10 @@ def _inverse(
 
 def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray) -> FloatArray:
     """(W, L) (I - G)⁻¹ G from lit to viewed patches."""
-    unit = np.zeros((transport.radiosity.n_patches, len(lit)))
+    radiosity = transport.radiosity
+    if isinstance(radiosity.form_factors, FormFactors):
+        # A factor pays for so many right-hand sides.
+        radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
+    unit = np.zeros((radiosity.n_patches, len(lit)))
     unit[lit, np.arange(len(lit))] = 1.0
-    return np.asarray((transport.radiosity.solve(unit) - unit)[viewed])
+    return np.asarray((radiosity.solve(unit) - unit)[viewed])

@@ -2,6 +2,7 @@
 #include "frame.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <vector>
 
 #include "arrays.hpp"
@@ -62,6 +63,10 @@ class Kernel {
         frame_.response = reinterpret_cast<const std::int32_t *>(response.data());
         frame_.dither = array_of<std::uint8_t, 3>(model, "dither").data();
         set_channels(array_of<double, 2>(model, "response"), array_of<double, 2>(model, "mixing"), unmixing);
+        frame_.rounds = rounds_for(frame_.mixing);
+        rows_ = array_of<std::int32_t, 1>(model, "sum_rows").data();
+        n_rows_ = static_cast<std::int64_t>(array_of<std::int32_t, 1>(model, "sum_rows").shape(0));
+        row_scale_ = array_of<double, 1>(model, "row_scale").data();
         const auto curvature = array_of<double, 2>(model, "curvature");
         for (std::int64_t b = 0; b < BANDS; ++b) {
             const double *from = curvature.data() + (curvature.shape(0) == 1 ? 0 : b) * pixels_.n_lit;
@@ -79,7 +84,7 @@ class Kernel {
 #pragma omp parallel num_threads(threads)
         {
             invert();
-            each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(code_row(pixels_, frame_, false, row, sums)); });
+            code(false);
         }
         return clipped();
     }
@@ -100,12 +105,11 @@ class Kernel {
                     invert();
                 }
                 for (int step = 0; step < steps; ++step) improve();
-                each_chunk(
-                    [&](std::int64_t row, Sums &sums) { KERNEL_CALL(code_row(pixels_, frame_, true, row, sums)); });
+                code(true);
             }
         }
         double squared = 0;
-        for (const Sums &sums : sums_) squared += sums.squared;
+        for (const Sums &sums : sums_) squared += left_out() * sums.squared;
         return nb::make_tuple(clipped(), squared);
     }
 
@@ -120,6 +124,21 @@ class Kernel {
                 frame_.mixed |= mixing.data()[BANDS * b + c] != (b == c);
             }
         }
+    }
+
+    // One if two channels have less than a fifth in common.
+    static int rounds_for(const float (&mixing)[BANDS][BANDS]) {
+        float most = 0;
+        for (int c = 0; c < BANDS; ++c)
+            for (int d = 0; d < BANDS; ++d) {
+                float own = 0, common = 0;
+                for (int b = 0; b < BANDS; ++b) {
+                    own += mixing[b][c] * mixing[b][c];
+                    common += mixing[b][c] * mixing[b][d];
+                }
+                if (c != d) most = std::max(most, std::abs(common) / own);
+            }
+        return most < 0.2f ? 1 : 4;
     }
 
     void begin_frame(const In<std::uint8_t, 3> &codes, const Out<std::uint8_t, 3> &out, const In<float, 2> &target) {
@@ -149,10 +168,10 @@ class Kernel {
 
     // The exact inverse's irradiance; like all below, within a parallel region.
     void invert() {
-        each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(sum_row(pixels_, frame_, row, sums)); });
+        each_chunk(n_rows_, [&](std::int64_t k, Sums &sums) { KERNEL_CALL(sum_row(pixels_, frame_, rows_[k], sums)); });
         const std::int64_t n = BANDS * pixels_.n_lit;
 #pragma omp for schedule(static)
-        for (std::int64_t i = 0; i < n; ++i) emitted_[i] = static_cast<float>(added(partial_.data(), n, i) - black_[i]);
+        for (std::int64_t i = 0; i < n; ++i) emitted_[i] = static_cast<float>(emission(i) - black_[i]);
         irradiate();
     }
 
@@ -160,11 +179,11 @@ class Kernel {
     void improve() {
 #pragma omp single
         forget_sums();
-        each_chunk([&](std::int64_t row, Sums &sums) { KERNEL_CALL(step_row(pixels_, frame_, row, sums)); });
+        each_chunk(n_rows_, [&](std::int64_t k, Sums &sums) { KERNEL_CALL(step_row(pixels_, frame_, rows_[k], sums)); });
         const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
 #pragma omp for schedule(static)
         for (std::int64_t j = 0; j < viewed; ++j)
-            returned_[j] = static_cast<float>(added(partial_.data() + CHUNKS * lit, viewed, j));
+            returned_[j] = static_cast<float>(left_out() * added(partial_.data() + CHUNKS * lit, viewed, j));
         constexpr std::int64_t PARTS = 8;
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t part = 0; part < BANDS * PARTS; ++part) {
@@ -174,19 +193,23 @@ class Kernel {
         }
 #pragma omp for schedule(static)
         for (std::int64_t i = 0; i < lit; ++i)
-            emitted_[i] = static_cast<float>(added(partial_.data(), lit, i) - curvature_[i] * adjoint_[i]);
+            emitted_[i] = static_cast<float>(emission(i) - curvature_[i] * adjoint_[i]);
         irradiate();
     }
 
-    // All rows by chunks, within a parallel region.
+    // Calls work(row number, sums) for n rows by chunks, within a parallel region.
     template <class Work>
-    void each_chunk(const Work &work) {
+    void each_chunk(std::int64_t n, const Work &work) {
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk)
-            for (std::int64_t row = begin(chunk); row < begin(chunk + 1); ++row) work(row, sums_[chunk]);
+            for (std::int64_t row = n * chunk / CHUNKS; row < n * (chunk + 1) / CHUNKS; ++row) work(row, sums_[chunk]);
     }
 
-    std::int64_t begin(std::int64_t chunk) const { return pixels_.height * chunk / CHUNKS; }
+    void code(bool bounded) {
+        each_chunk(pixels_.height, [&](std::int64_t row, Sums &sums) {
+            KERNEL_CALL(code_row(pixels_, frame_, bounded, row, sums));
+        });
+    }
 
     // The chunks' sums in their order.
     static double added(const double *partial, std::int64_t n, std::int64_t i) {
@@ -194,6 +217,13 @@ class Kernel {
         for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk) sum += partial[chunk * n + i];
         return sum;
     }
+
+    double emission(std::int64_t i) const {
+        return row_scale_[i % pixels_.n_lit] * added(partial_.data(), BANDS * pixels_.n_lit, i);
+    }
+
+    // How many rows each one of those that are summed stands for.
+    double left_out() const { return static_cast<double>(pixels_.height) / static_cast<double>(n_rows_); }
 
     const float *matrix_of(std::int64_t band) const {
         return matrix_ + (matrices_ == 1 ? 0 : band) * pixels_.n_viewed * pixels_.n_lit;
@@ -212,7 +242,9 @@ class Kernel {
     Pixels pixels_{};
     Frame frame_{};
     const float *matrix_;
-    std::int64_t matrices_;
+    std::int64_t matrices_, n_rows_;
+    const std::int32_t *rows_;
+    const double *row_scale_;
     std::vector<double> black_, curvature_, partial_;
     std::vector<float> irradiance_, returned_, emitted_, adjoint_;
     float target_[BANDS * 256];

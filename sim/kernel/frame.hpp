@@ -35,6 +35,7 @@ struct Frame {
     const float *adjoint;          // (3, L) H^T V^T (predicted - wanted), emission as of the first band; bounded only
     float mixing[BANDS][BANDS], unmixing[BANDS][BANDS];
     bool mixed;                    // mixing is not the identity
+    int rounds;                    // over the channels, to bound their light together
     float span[BANDS], per_span[BANDS]; // light of the highest code, and 1 over it
     const std::int32_t *response;  // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
     const std::uint8_t *dither;    // (3, 64, 64)

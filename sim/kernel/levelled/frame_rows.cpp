@@ -2,6 +2,7 @@
 // instruction set gives the same bits. Loops over runs go by whole blocks; what a block writes beyond its run, the
 // next run writes again.
 #include <algorithm>
+#include <limits>
 
 #include "frame.hpp"
 #include "frame_lanes.hpp"
@@ -149,14 +150,16 @@ inline Light mixed(const Frame &frame, const Light &channels) {
     return light;
 }
 
-// What a pixel's light counts for: emission of its patch, 1 / D.
+// What a pixel's light counts for: emission of its patch, 1 / D and D.
 struct Weights {
-    Floats emission, inverse[BANDS];
+    Floats emission, inverse[BANDS], direct[BANDS];
 
     Weights(const Pixels &pixels, std::int64_t first, int n)
         : emission(unpacked(pixels.emission.band[0] + first, n) * pixels.emission.unit[0]) {
-        for (int b = 0; b < BANDS; ++b)
+        for (int b = 0; b < BANDS; ++b) {
             inverse[b] = unpacked(pixels.inverse.band[b] + first, n) * pixels.inverse.unit[b];
+            direct[b] = inverse[b] > 0 ? 1 / inverse[b] : Floats{};
+        }
     }
 };
 
@@ -183,30 +186,29 @@ inline Light pulled(const Light &direct, const Weights &weights, const Pull &pul
     return light;
 }
 
-// The channels' light within the span whose mixture comes nearest in camera values: by coordinates, which for
-// three of them that hardly mix is at its end after three rounds.
+// The channels' light within the span whose mixture comes nearest in camera values, by coordinates: each round leaves
+// about the square of the share that two channels have in common.
 inline Light chosen(const Frame &frame, const Light &free, const Weights &weights) {
-    constexpr int ROUNDS = 3;
-    Light channels = unmixed(frame, free);
+    const Light asked = unmixed(frame, free);
+    Light channels;
     for (int c = 0; c < BANDS; ++c)
-        channels.band[c] = within_unit(channels.band[c] * frame.per_span[c]) * frame.span[c];
+        channels.band[c] = within_unit(asked.band[c] * frame.per_span[c]) * frame.span[c];
     if (!frame.mixed) return channels;
     const Light now = mixed(frame, channels);
-    Floats error[BANDS], weight[BANDS];
-    for (int b = 0; b < BANDS; ++b) {
-        error[b] = now.band[b] - free.band[b];
-        const Floats ratio = (weights.inverse[0] + 1e-20f) / (weights.inverse[b] + 1e-20f);
-        weight[b] = ratio * ratio;
+    Floats error[BANDS], share[BANDS][BANDS], per_curvature[BANDS];
+    for (int b = 0; b < BANDS; ++b) error[b] = now.band[b] - free.band[b];
+    for (int c = 0; c < BANDS; ++c) {
+        Floats curvature = Floats{} + std::numeric_limits<float>::min();
+        for (int b = 0; b < BANDS; ++b) {
+            share[c][b] = weights.direct[b] * weights.direct[b] * frame.mixing[b][c];
+            curvature += share[c][b] * frame.mixing[b][c];
+        }
+        per_curvature[c] = 1 / curvature;
     }
-    for (int round = 0; round < ROUNDS; ++round)
+    for (int round = 0; round < frame.rounds; ++round)
         for (int c = 0; c < BANDS; ++c) {
-            Floats slope{}, curvature{};
-            for (int b = 0; b < BANDS; ++b) {
-                const Floats share = weight[b] * frame.mixing[b][c];
-                slope += share * error[b];
-                curvature += share * frame.mixing[b][c];
-            }
-            const Floats best = (channels.band[c] - slope / curvature) * frame.per_span[c];
+            const Floats slope = share[c][0] * error[0] + share[c][1] * error[1] + share[c][2] * error[2];
+            const Floats best = (channels.band[c] - slope * per_curvature[c]) * frame.per_span[c];
             const Floats next = within_unit(best) * frame.span[c], change = next - channels.band[c];
             for (int b = 0; b < BANDS; ++b) error[b] += frame.mixing[b][c] * change;
             channels.band[c] = next;
@@ -307,12 +309,11 @@ void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &
             const Light free = pulled(light.direct, weights, pull, k);
             const Light q = mixed(frame, chosen(frame, free, weights));
             for (int b = 0; b < BANDS; ++b) {
-                const Floats delta = q.band[b] - free.band[b], inverse = weights.inverse[b];
-                const Floats per_direct = inverse > 0 ? 1 / inverse : Floats{};
+                const Floats delta = q.band[b] - free.band[b], direct = weights.direct[b];
                 const Floats gain = unpacked(pixels.gain.band[b] + at.first + k, n) * pixels.gain.unit[b];
-                const Floats error = (q.band[b] - light.direct.band[b]) * per_direct;
+                const Floats error = (q.band[b] - light.direct.band[b]) * direct;
                 store(emitted[b] + k, weights.emission * (light.whole.band[b] + delta));
-                store(returned[b] + k, gain * per_direct * per_direct * delta);
+                store(returned[b] + k, gain * direct * direct * delta);
                 squared += error * error;
             }
         });
