@@ -20,7 +20,7 @@ from rig.live.tally import Tally
 from rig.recovery import Recovery
 
 _WATCH_S = 0.5
-"""Between two questions whether a picture that stays is still on screen."""
+"""Between two questions whether the picture is still on screen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,8 +102,8 @@ class LiveLoop:
             self._show(self._codes_of(self._frame.codes))
         else:
             self._display.let_pass(target_s)
-            self._let_it_stay()
         self._changed = False
+        self._watch()
 
     def _obey_keys(self) -> None:
         for key in self._around.keys():
@@ -138,7 +138,9 @@ class LiveLoop:
         begun_s = clock.now_s()
         codes = self._codes_of(frame.codes)
         busy_s = clock.now_s() - begun_s
-        deadline_s = frame.due_s or self._display.target_s(frame.ready_s + self._lead.lead_s)
+        deadline_s = frame.due_s
+        if deadline_s is None:
+            deadline_s = self._display.target_s(frame.ready_s + self._lead.lead_s)
         on_screen_s = self._show(codes)
         missed = begun_s <= target_s - self._lead.lead_s and self.tally.is_late(on_screen_s, target_s)
         self._lead.note(busy_s, is_late=missed)
@@ -194,8 +196,8 @@ class LiveLoop:
         self._display.forget()
         self.tally.forget_interval()
 
-    def _let_it_stay(self) -> None:
-        """Nothing new for this refresh."""
+    def _watch(self) -> None:
+        """Ask now and then whether the picture is still on screen: some outputs take pictures without a cable."""
         if self._frame is None or self.ended:
             return
         now_s = self._around.clock.now_s()

@@ -16,8 +16,9 @@ import pytest
 
 from rig.cli import run_command
 from rig.devices.protocols import Codes, Shown
-from rig.errors import UsageError
+from rig.errors import SessionError, UsageError
 from rig.journal import read_events
+from rig.live import record
 from rig.live import run as live_run
 from rig.live.display import ClockedDisplay
 from rig.live.run import Request, run_live
@@ -136,6 +137,17 @@ def test_a_recording_has_every_file_its_journal_names_and_how_it_ended(tmp_path:
     assert len(photographs) == result["recorded"]["photographs"] > 0
     assert all((folder / event["file"]).is_file() and event["exposure_s"] > 0 for event in photographs)
     assert not list(folder.glob("*.part"))
+
+
+def test_a_full_disk_ends_the_recording_and_not_the_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(path: Path, data: bytes) -> None:
+        raise SessionError("the disk is full")
+
+    monkeypatch.setattr(record, "write_bytes", refuse)
+    result = run_live(request(record=tmp_path / "record"), silent, quiet)
+    assert result["ended_by"] == "time"
+    assert result["recorded"]["frames"] == 0
+    assert "recording stopped: the disk is full" in result["notes"]
 
 
 def test_a_recording_is_not_mixed_with_other_files(tmp_path: Path) -> None:
