@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array, diags_array
 
+from sim.colour import ColourTransport
 from sim.compensation.view import diagonal_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
@@ -32,20 +32,6 @@ ROWS_OF_A_SUM = 16
 """A patch's sum takes no fewer rows than this, or all."""
 ONE_LAYER = 2e-3
 """Bands whose geometry differs by less than this share use one layer for it."""
-
-
-class Colour(Protocol):
-    """A colour transport: one light transport a camera band, and the mixing of projector channels into bands."""
-
-    @property
-    def bands(self) -> Sequence[LightTransport]:
-        """One transport a band, of the same pixels and patches."""
-        ...
-
-    @property
-    def mixing(self) -> FloatArray:
-        """(C, C) K[band, channel]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +85,7 @@ class FrameModel:
 
 
 def frame_model(
-    transport: LightTransport | Colour,
+    transport: LightTransport | ColourTransport,
     shape: tuple[int, int],
     active: ArrayLike | None = None,
     *,
@@ -201,7 +187,7 @@ class _Image:
         return packed(whole.reshape(len(layers), *self.shape))
 
 
-def _bands_of(transport: LightTransport | Colour) -> tuple[Sequence[LightTransport], FloatArray]:
+def _bands_of(transport: LightTransport | ColourTransport) -> tuple[Sequence[LightTransport], FloatArray]:
     if isinstance(transport, LightTransport):
         return (transport,), np.eye(CHANNELS)
     mixing = np.asarray(transport.mixing, dtype=np.float64)
