@@ -14,6 +14,7 @@ import cyclopts
 from cyclopts import App, Parameter
 
 from rig.cli_devices import Json, devices, print_json, profile_app, virtual
+from rig.cli_live import live
 from rig.errors import RigError, UsageError
 
 
@@ -33,6 +34,7 @@ app = App(
 app.command(profile_app)
 app.command(devices)
 app.command(virtual)
+app.command(live)
 
 ProfileOption = Annotated[
     str | None,

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, lsqr
 
 from sim.compensation.result import Compensation, Task, begun
-from sim.compensation.view import Transport
+from sim.compensation.view import Transport, direct_blocks
 from sim.errors import SimulationError
 from sim.scene import FloatArray
 
@@ -17,6 +17,8 @@ DEFAULT_NOISE = 1 / 255 / 12**0.5
 """Share of the target's peak: the quantisation noise of an 8-bit camera."""
 SEARCHES = 12
 """Most values of the damping that are tried."""
+
+_Solve = Callable[[float], tuple[FloatArray, float, int]]
 
 
 def tikhonov(
@@ -62,33 +64,39 @@ def tikhonov(
     return task.finished(p, iterations, {"noise_rms": noise, "regularisation": found})
 
 
-def _solver(task: Task, prior: float, limit: int, tolerance: float) -> Callable[[float], tuple[FloatArray, float, int]]:
-    """λ -> p, ||T p - c||, iterations."""
-    shape, size = task.target.shape, task.target.size
-    operator = LinearOperator(
-        (size, size),
-        matvec=lambda p: task.view.forward(p.reshape(shape)).ravel(),
-        rmatvec=lambda c: task.view.adjoint(c.reshape(shape)).ravel(),
-        dtype=np.dtype(np.float64),
-    )
+def _solver(task: Task, prior: float, limit: int, tolerance: float) -> _Solve:
+    """λ -> p, ||T p - c||, iterations; LSQR on [T; λ] M, M the inverse root of direct light's part at each pixel."""
+    view, shape, size = task.view, task.target.shape, task.target.size
+    blocks = direct_blocks(view)
     start = np.full(shape, prior)
-    right = (task.target - task.view.forward(start)).ravel()
+    right = np.concatenate([(task.target - view.forward(start)).ravel(), np.zeros(size)])
 
     def solve(damp: float) -> tuple[FloatArray, float, int]:
-        step, _, iterations, residual = lsqr(
-            operator, right, damp=damp, atol=tolerance, btol=tolerance, iter_lim=limit
-        )[:4]
-        return start + step.reshape(shape), float(residual), int(iterations)
+        root = np.linalg.inv(np.linalg.cholesky(blocks + damp**2 * np.eye(shape[1])))
+
+        def image(y: FloatArray) -> FloatArray:
+            return np.asarray(np.einsum("ncb,nc->nb", root, y.reshape(shape)))
+
+        def forward(y: FloatArray) -> FloatArray:
+            p = image(y)
+            return np.concatenate([view.forward(p).ravel(), damp * p.ravel()])
+
+        def adjoint(r: FloatArray) -> FloatArray:
+            returned = view.adjoint(r[:size].reshape(shape)) + damp * r[size:].reshape(shape)
+            return np.asarray(np.einsum("nbc,nc->nb", root, returned)).ravel()
+
+        operator = LinearOperator((2 * size, size), matvec=forward, rmatvec=adjoint, dtype=np.dtype(np.float64))
+        y, _, iterations = lsqr(operator, right, atol=tolerance, btol=tolerance, iter_lim=limit)[:3]
+        p = start + image(y)
+        return p, float(np.linalg.norm(view.forward(p) - task.target)), int(iterations)
 
     return solve
 
 
-def _discrepancy(
-    task: Task, solve: Callable[[float], tuple[FloatArray, float, int]], wanted: float
-) -> tuple[FloatArray, float, int]:
+def _discrepancy(task: Task, solve: _Solve, wanted: float) -> tuple[FloatArray, float, int]:
     """Bisect log λ for the largest that leaves ||T p - c|| within what is wanted."""
     scale = float(task.view.diagonal.max(initial=0.0)) or 1.0
-    low, high = -12 * np.log(10.0), 4 * np.log(10.0)
+    low, high = -6 * np.log(10.0), 4 * np.log(10.0)
     guess, total = np.log(1e-2), 0
     best: tuple[FloatArray, float] | None = None
     for _ in range(SEARCHES):
@@ -104,6 +112,7 @@ def _discrepancy(
         by_power = guess + 0.5 * float(np.log(0.95 * wanted / max(residual, 1e-300)))
         guess = by_power if low < by_power < high else (low + high) / 2
     if best is None:
-        p, _, iterations = solve(0.0)
-        return p, 0.0, total + iterations
+        least = scale * float(np.exp(low))
+        p, _, iterations = solve(least)
+        return p, least, total + iterations
     return *best, total
