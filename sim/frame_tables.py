@@ -14,14 +14,15 @@ TOE = 2.0**-OCTAVES
 
 
 def response_tables(model: FrameModel) -> NDArray[np.uint32]:
-    """(3, 1794) of each channel: code and step to the next entry, 16 bits each, in 256ths of a code.
+    """(3, 1794), or (1, 1794) if the channels are alike: code and step to the next entry, 16 bits each, in 256ths of a code.
 
     Entries lie at shares of the span that, with 2⁻¹⁴ added, part each octave into 128: fine where codes are dark,
     and nowhere further than 1/128 of the light apart.
     """
     octave, step = np.divmod(np.arange(OCTAVES * STEPS + 3), STEPS)
     share = TOE * (2.0**octave * (1 + step / STEPS) - 1)
-    return np.stack([_table(model.response[channel], share) for channel in range(CHANNELS)])
+    alike = bool((model.response == model.response[0]).all())
+    return np.stack([_table(model.response[channel], share) for channel in range(1 if alike else CHANNELS)])
 
 
 def _table(response: FloatArray, share: FloatArray) -> NDArray[np.uint32]:

@@ -38,7 +38,7 @@ Runs runs_of(const nb::object &runs) {
 // A sim.frame_model.FrameModel, whose arrays it keeps: nobody may change them meanwhile. One frame at a time.
 class Kernel {
   public:
-    // response: (3, RESPONSE) codes by light; unmixing: the inverse of the model's mixing.
+    // response: (1 or 3, RESPONSE) codes by light; unmixing: the inverse of the model's mixing.
     Kernel(nb::object model, In<std::uint32_t, 2> response, In<double, 2> unmixing)
         : kept_{model, nb::cast(response)} {
         pixels_.inverse = layers_of(model.attr("inverse_direct"));
@@ -60,7 +60,9 @@ class Kernel {
         pixels_.n_lit = static_cast<std::int64_t>(matrix.shape(2));
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
-        frame_.response = reinterpret_cast<const std::int32_t *>(response.data());
+        const auto *tables = reinterpret_cast<const std::int32_t *>(response.data());
+        for (std::size_t c = 0; c < BANDS; ++c)
+            frame_.response[c] = tables + std::min<std::size_t>(c, response.shape(0) - 1) * RESPONSE;
         frame_.dither = array_of<std::uint8_t, 3>(model, "dither").data();
         set_channels(array_of<double, 2>(model, "response"), array_of<double, 2>(model, "mixing"), unmixing);
         frame_.rounds = rounds_for(frame_.mixing);

@@ -37,7 +37,7 @@ struct Frame {
     bool mixed;                    // mixing is not the identity
     int rounds;                    // over the channels, to bound their light together
     float span[BANDS], per_span[BANDS]; // light of the highest code, and 1 over it
-    const std::int32_t *response;  // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
+    const std::int32_t *response[BANDS]; // (RESPONSE) code and step, both in 256ths, by the bits of a share of the span
     const std::uint8_t *dither;    // (3, 64, 64)
     std::uint8_t *out;
 };

@@ -253,7 +253,7 @@ inline void encode(const Frame &frame, const Light &light, std::int64_t row, std
         const Floats share = within_unit(light.band[c] * frame.per_span[c]);
         const Words bits = same_bits<Words>(share + RESPONSE_TOE) - TOE_BITS;
         const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
-        const Words entry = same_bits<Words>(entries(frame.response + c * RESPONSE, index));
+        const Words entry = same_bits<Words>(entries(frame.response[c], index));
         const Words step = ((entry & 0xffff) * (bits & 0xffff)) >> 16;
         const Words rounding = same_bits<Words>(widened(load<Bytes>(dither + c * DITHER * DITHER)));
         codes.channel[c] = same_bits<Ints>(((entry >> 16) + step + rounding) >> 8);
