@@ -28,7 +28,7 @@ from sim.scene import BoolArray, FloatArray, IntArray
 
 CHANNELS = 3
 DITHER_PX = 64
-ROWS_OF_A_SUM = 10
+ROWS_OF_A_SUM = 14
 """A patch's sum takes no fewer rows than this, or all."""
 ONE_LAYER = 2e-3
 """Bands whose geometry differs by less than this share use one layer for it."""

@@ -76,6 +76,15 @@ inline Bytes narrowed(const Ints &numbers) {
 #endif
 }
 
+// Upper 16 bits of the product of a's lower 16 bits and b < 2^16.
+inline Words high_product(const Words &a, const Words &b) {
+#if defined(__AVX512F__)
+    return same_bits<Words>(_mm512_mulhi_epu16(same_bits<__m512i>(a), same_bits<__m512i>(b)));
+#else
+    return ((a & 0xffff) * b) >> 16;
+#endif
+}
+
 // Packed numbers (sim/frame_packed.py) in units of their layer.
 inline Floats unpacked(const std::uint16_t *bits, int n) {
     constexpr std::uint32_t TOE_BITS = 0x3b800000;

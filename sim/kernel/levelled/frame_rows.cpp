@@ -87,7 +87,7 @@ inline void add_by_patch(const Pixels &pixels, const Segment &at, const Row &lig
     });
 }
 
-// Where pixels look within their cells, and what irradiance they see there: bilinear.
+// Where pixels look within their cells, and what irradiance they see there, in the gain's unit: bilinear.
 struct Seen {
     alignas(64) float x[PADDED], y[PADDED];
     alignas(64) Row irradiance;
@@ -103,8 +103,9 @@ struct Seen {
         each_run<4>(pixels, pixels.cells, at, [&](int begin, int end, const std::int32_t *corner) {
             for (int b = 0; b < BANDS; ++b) {
                 const float *h = frame.irradiance + b * pixels.n_viewed;
-                const float h0 = h[corner[0]], hx = h[corner[1]] - h0, hy = h[corner[2]] - h0;
-                const float hxy = h[corner[3]] - h[corner[1]] - hy;
+                const float unit = pixels.gain.unit[b];
+                const float h0 = unit * h[corner[0]], hx = unit * h[corner[1]] - h0, hy = unit * h[corner[2]] - h0;
+                const float hxy = unit * h[corner[3]] - unit * h[corner[1]] - hy;
                 for (int k = begin; k < end; k += BLOCK) {
                     const Floats px = load<Floats>(x + k), py = load<Floats>(y + k);
                     store(irradiance[b] + k, h0 + px * hx + py * (hy + px * hxy));
@@ -126,7 +127,7 @@ inline Asked asked(const Pixels &pixels, const Frame &frame, const Seen &seen, s
         if (pixels.offset.unit[b] != 0)
             light.whole.band[b] -= unpacked(pixels.offset.band[b] + first + k, n) * pixels.offset.unit[b];
         if (b && pixels.gain.band[b] != pixels.gain.band[0]) gain = unpacked(pixels.gain.band[b] + first + k, n);
-        light.direct.band[b] = light.whole.band[b] - gain * pixels.gain.unit[b] * load<Floats>(seen.irradiance[b] + k);
+        light.direct.band[b] = light.whole.band[b] - gain * load<Floats>(seen.irradiance[b] + k);
     }
     return light;
 }
@@ -243,18 +244,19 @@ inline void count_beyond(const Frame &frame, const Light &channels, Ints &count)
     for (int c = 0; c < BANDS; ++c) count -= (channels.band[c] < 0) | (channels.band[c] > frame.span[c]);
 }
 
-// Codes of channels' light, clamped.
+// Codes of channels' light, clamped; counts what is.
 inline void encode(const Frame &frame, const Light &light, std::int64_t row, std::int64_t column, std::int64_t first,
-                   int n) {
+                   int n, Ints &clipped) {
     constexpr std::uint32_t TOE_BITS = 0x38800000;
     Codes codes;
     const std::uint8_t *dither = frame.dither + row % DITHER * DITHER + column % DITHER;
     for (int c = 0; c < BANDS; ++c) {
-        const Floats share = within_unit(light.band[c] * frame.per_span[c]);
+        const Floats asked = light.band[c] * frame.per_span[c], share = within_unit(asked);
+        clipped -= share != asked;
         const Words bits = same_bits<Words>(share + RESPONSE_TOE) - TOE_BITS;
         const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
         const Words entry = same_bits<Words>(entries(frame.response[c], index));
-        const Words step = ((entry & 0xffff) * (bits & 0xffff)) >> 16;
+        const Words step = high_product(entry, bits & 0xffff);
         const Words rounding = same_bits<Words>(widened(load<Bytes>(dither + c * DITHER * DITHER)));
         codes.channel[c] = same_bits<Ints>(((entry >> 16) + step + rounding) >> 8);
     }
@@ -276,7 +278,7 @@ void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &s
 }
 
 void code_row(const Pixels &all, const Frame &whole, bool bounded, std::int64_t row, Sums &sums) {
-    Ints clipped{};
+    Ints clipped{}, nowhere{};
     each_segment(all, row, [&](const Segment &at) {
         // Own copies: the codes' bytes may be anything's, and all would be read again after each of them.
         const Pixels pixels = all;
@@ -292,9 +294,8 @@ void code_row(const Pixels &all, const Frame &whole, bool bounded, std::int64_t 
                 light = chosen(frame, free, weights);
             } else {
                 light = unmixed(frame, light);
-                count_beyond(frame, light, clipped);
             }
-            encode(frame, light, row, at.column + k, at.first + k, n);
+            encode(frame, light, row, at.column + k, at.first + k, n, bounded ? nowhere : clipped);
         });
     });
     for (int lane = 0; lane < BLOCK; ++lane) sums.clipped += clipped[lane];
