@@ -44,7 +44,12 @@ Fit = Annotated[
     bool, Parameter(name="--fit", negative="", help="Scale and crop a target of another size to the projector's.")
 ]
 Strategies = Annotated[
-    str, Parameter(help="Strategies to project, separated by commas: none, direct, paper, exact, bounded.")
+    str,
+    Parameter(
+        name=["--strategies", "--strategy"],
+        help="Strategies to project, separated by commas, or all: none, direct, paper, exact, reverse_radiosity, "
+        "block_fixed_point, tikhonov, series, dual, bounded, perceptual, remap, content_scale, smooth_attenuation.",
+    ),
 ]
 DEFAULT_STRATEGIES = "none,direct,paper,exact,bounded"
 

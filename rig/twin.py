@@ -209,4 +209,5 @@ def _transport(twin: RoomTwin, active: BoolArray, direct: csr_array, view: csr_a
     chosen = np.flatnonzero(active)
     emission = diags_array(twin.scene.reflectance * twin.flux) @ twin.unit_emission[:, chosen]
     radiosity = Radiosity(twin.form_factors, twin.scene.reflectance, solver="repeated")
-    return LightTransport(direct, csr_array(emission), radiosity, view, twin.projector_look.hits.patch[chosen])
+    patch, xy_px = twin.projector_look.hits.patch[chosen], twin.projector.lens.pixel_grid()[chosen]
+    return LightTransport(direct, csr_array(emission), radiosity, view, patch, xy_px)

@@ -34,6 +34,8 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         V: what the camera's pixels see of the patches' interreflection B - E.
     pixel_patch : (n_projector,) int
         Patch that each projector pixel meets, -1 for none.
+    pixel_xy_px : (n_projector, 2), optional
+        Where each projector pixel stands in its picture, for what needs to know its neighbours.
     """
 
     def __init__(
@@ -43,6 +45,7 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         radiosity: Radiosity,
         view: csr_array,
         pixel_patch: NDArray[np.integer],
+        pixel_xy_px: FloatArray | None = None,
     ) -> None:
         direct, emission, view = (csr_array(matrix) for matrix in (direct, emission, view))
         n_camera, n_projector = direct.shape
@@ -56,10 +59,13 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
                 f"light transport: direct {direct.shape}, emission {emission.shape}, view {view.shape}, "
                 f"pixel_patch {np.shape(pixel_patch)} do not fit together for {n_patches} patches"
             )
+        if pixel_xy_px is not None and np.shape(pixel_xy_px) != (n_projector, 2):
+            raise SimulationError(f"light transport: positions {np.shape(pixel_xy_px)} of {n_projector} pixels")
         super().__init__(np.dtype(np.float64), (n_camera, n_projector))
         self.emission, self.radiosity, self.view = emission, radiosity, view
         self.pixel_patch: IntArray = np.asarray(pixel_patch, dtype=np.intp)
         self.direct_matrix = direct
+        self.pixel_xy_px = pixel_xy_px
 
     @property
     def direct(self) -> LinearOperator:

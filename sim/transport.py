@@ -71,7 +71,8 @@ def coaxial_transport(
     pixels = np.flatnonzero(beam.lit)
     view = _csr(np.ones(len(pixels)), pixels, beam.hits.patch[pixels], (lens.n_pixels, scene.n_patches))
     radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
-    return LightTransport(csr_array(diags_array(direct)), emission, radiosity, view, beam.hits.patch)
+    direct_matrix = csr_array(diags_array(direct))
+    return LightTransport(direct_matrix, emission, radiosity, view, beam.hits.patch, lens.pixel_grid())
 
 
 def physical_transport(
@@ -93,7 +94,8 @@ def physical_transport(
     beam = _beam(scene, projector_lens, projector_pose, projector_lens.pixel_grid())
     seen = _beam(scene, camera_lens, camera_pose, camera_lens.pixel_grid())
     direct = _direct(scene, projector_lens, projector_pose, seen)
-    return LightTransport(direct, emission, radiosity, smooth_view(scene, seen.hits, seen.reflectance), beam.hits.patch)
+    view = smooth_view(scene, seen.hits, seen.reflectance)
+    return LightTransport(direct, emission, radiosity, view, beam.hits.patch, projector_lens.pixel_grid())
 
 
 @dataclass(frozen=True, eq=False)

@@ -214,23 +214,34 @@ def _error_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def _strategies_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
-    figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    axes = figure.subplots()
-    names = {"without": None} | {title: name for name, title in STRATEGY_TITLES.items()}
-    colours = ("#b0b0b0", "#dd8452", "#55a868", OURS)
-    places = np.arange(len(configurations))
-    for index, ((title, name), colour) in enumerate(zip(names.items(), colours, strict=True)):
-        errors = [c["strategies"][name] if name else c["error_uncompensated"] for c in configurations]
-        heights = [error["mean"] for error in errors]
-        bars = axes.bar(places + 0.2 * (index - 1.5), heights, 0.19, color=colour, label=title)
-        axes.bar_label(bars, fmt="%.0f", fontsize=8)
-    axes.set_xticks(places, [str(c["title"]) for c in configurations], rotation=20, ha="right")
-    axes.set_title("Error by strategy")
-    axes.set_ylabel("mean |visible - desired| [grey levels]")
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, ncols=4, loc="upper left")
-    axes.margins(y=0.2)
+    """A panel a configuration, a bar a strategy; hatched where ``direct`` is better."""
+    figure = Figure(figsize=(13.0, 8.6), layout="constrained")
+    figure.suptitle("Error by strategy: bar mean, dot root mean square; hatched: worse than direct, clamped")
+    panels = figure.subplots(2, 3, sharey=True)
+    for axes, configuration in zip(panels.flat, configurations, strict=True):
+        _strategies_panel(axes, configuration)
+    for axes in panels[-1]:
+        axes.set_xlabel("|visible - desired| [grey levels]")
+    panels[0, 0].invert_yaxis()
     return figure
+
+
+def _strategies_panel(axes: Axes, configuration: Mapping[str, Any]) -> None:
+    strategies: Mapping[str, Mapping[str, Any]] = configuration["strategies"]
+    places = np.arange(len(strategies))
+    means = [score["mean"] for score in strategies.values()]
+    colours = [OURS if name == "bounded" else "#a9bcd6" for name in strategies]
+    bars = axes.barh(places, means, 0.7, color=colours)
+    axes.plot([score["rms"] for score in strategies.values()], places, "o", color="black", markersize=3)
+    for bar, place, score in zip(bars, places, strategies.values(), strict=True):
+        bar.set_hatch("///" if "worse_than_direct" in score["notes"] else "")
+        axes.annotate(
+            f"{score['mean']:.1f}", (score["rms"], place), (6, 0), textcoords="offset points", va="center", fontsize=8
+        )
+    axes.set_yticks(places, [name.replace("_", " ") for name in strategies])
+    axes.set_title(str(configuration["title"]))
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.margins(x=0.12)
 
 
 def _inner(published: Mapping[str, Any], key: str, part: str) -> float | None:

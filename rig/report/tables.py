@@ -48,8 +48,11 @@ def print_part(verb: str, result: dict[str, Any]) -> None:
 def print_paper(result: dict[str, Any]) -> None:
     """The six configurations, the published figures under each; not narrower than it can be read."""
     from rig.workflows.paper import paper_table
+    from rig.workflows.paper_strategies import strategies_table
 
-    Console(width=max(Console().width, _PAPER_WIDTH)).print(paper_table(result))
+    console = Console(width=max(Console().width, _PAPER_WIDTH))
+    console.print(paper_table(result))
+    console.print(strategies_table(result["configurations"]))
     for name, text in result["conventions"].items():
         print(f"{name}: {text}")
     for text in result["exceptions"]:

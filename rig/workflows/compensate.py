@@ -34,10 +34,11 @@ class View:
 
 
 def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Known strategies, `none` always first, for it is what the others are measured against."""
+    """Known strategies, `none` always first, for it is what the others are measured against; `all` is every one."""
+    names = tuple(STRATEGIES) if "all" in names else names
     unknown = [name for name in names if name not in STRATEGIES]
     if unknown:
-        raise UsageError(f"unknown strategy {', '.join(unknown)}; there are {', '.join(STRATEGIES)}")
+        raise UsageError(f"unknown strategy {', '.join(unknown)}; there are {', '.join(STRATEGIES)}, or all")
     return ("none", *(name for name in dict.fromkeys(names) if name != "none"))
 
 
@@ -53,10 +54,10 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     step.save_image("target", {"grey": target.grey})
     active, transport = model.twin.active, projector_view(model.twin)
     wanted = target.grey.ravel()[active].astype(np.float64) * model.level / 255
-    summary = {}
+    options, summary = _measured_options(model), {}
     for k, name in enumerate(names):
         on_step("compute compensation images", k, len(names))
-        result = compensate(name, transport, wanted)
+        result = compensate(name, transport, wanted, **options.get(name, {}))
         image = np.zeros(active.size)
         image[active] = result.projector_image
         codes = codes_from_linear(response, image.reshape(target.grey.shape), dither_seed=k + 1)
@@ -72,6 +73,12 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     on_step("compute compensation images", len(names), len(names))
     step.save_record("compensation", {"strategies": summary, "active_share": float(active.mean())})
     step.finish()
+
+
+def _measured_options(model: RoomRecord) -> dict[str, dict[str, float]]:
+    """What the session has measured that a strategy wants to know."""
+    noise_rms = float(np.sqrt(model.white_variance[model.lit].mean()))
+    return {"tikhonov": {"noise_rms": noise_rms} if noise_rms > 0 else {}, "perceptual": {"white": model.level}}
 
 
 def predict(model: RoomRecord, response: Response, codes: Codes) -> FloatArray:

@@ -16,13 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
-from skimage.color import deltaE_ciede2000, rgb2lab
-from skimage.metrics import structural_similarity
 
 from rig.errors import UsageError
 from rig.report.paper_figures import PaperImages, write_paper_figures
 from rig.workflows.paper_checks import exceptions, published_effects, sensitivity_remark
 from rig.workflows.paper_photographs import PHOTOGRAPHS, photograph
+from rig.workflows.paper_strategies import WHITE, Scored, certificate, compensated, strategy_scores
 from sim.compensation import compensate
 from sim.criteria import (
     difference,
@@ -41,14 +40,14 @@ from sim.transport import LightTransport, coaxial_transport
 FloatArray = NDArray[np.float64]
 OnStep = Callable[[str, int, int], None]
 
-WHITE = 255.0
 GREY = 70.0
 SHAPE = (360, 480)
 POSITION_M = (1.15, 1.15, 1.25)
 DIRECTION = (1.0, 1.0, -0.25)
 HFOV_DEG = 106.0
 HFOV_QUARTER_DEG = 60.0
-STRATEGIES = ("paper", "exact", "bounded")
+SHOWN = ("paper", "exact", "bounded")
+"""Strategies beside the published figures."""
 OTHER_POSES = (
     ((1.2, 1.2, 1.2), (1.0, 1.0, 0.0), 100.0),
     ((1.0, 1.0, 1.0), (1.0, 1.0, -0.2), 100.0),
@@ -230,7 +229,7 @@ def paper_table(result: Mapping[str, Any]) -> Table:
             f"{100 * configuration['share_white']:.0f} %",
             _range(configuration["required_emission"]),
             _error(configuration["error_uncompensated"]),
-            *(_error(strategies[name]) for name in STRATEGIES),
+            *(_error(strategies[name]) for name in SHOWN),
         )
         table.add_row(*_published_row(configuration["published"]), style="dim", end_section=True)
     return table
@@ -303,7 +302,8 @@ def _run(
     seen = transport.pixel_patch >= 0
     desired = np.where(seen, _desired(configuration.image, SHAPE).ravel(), 0.0)
     uncompensated = np.asarray(transport @ desired)
-    solutions = {name: compensate(name, transport, desired, 0.0, WHITE) for name in STRATEGIES}
+    solutions = compensated(transport, desired)
+    scores = strategy_scores(solutions, desired, seen, SHAPE)
     white = np.full(desired.shape, WHITE)
     indirect = indirect_radiosity(transport, desired)
     unbiased = indirect_radiosity(_transport(configuration, exact_factors, SHAPE), desired)
@@ -323,11 +323,9 @@ def _run(
             "min": float(wanted["required_emission_min"]),
             "max": float(wanted["required_emission_max"]),
         },
-        "error_uncompensated": _scores(uncompensated, desired, seen),
-        "strategies": {
-            name: _scores(solution.predicted, desired, seen) | {"clipped_share": float(solution.clipped[seen].mean())}
-            for name, solution in solutions.items()
-        },
+        "error_uncompensated": Scored(desired, seen, SHAPE).scores(uncompensated),
+        "strategies": scores,
+        "certificate": certificate(scores),
         "published": dict(configuration.published),
     }
     projected = {name: solution.projector_image.reshape(SHAPE) for name, solution in solutions.items()}
@@ -350,19 +348,6 @@ def _coverage(transport: LightTransport) -> float:
     return float(areas[visible_patches(transport)].sum() / areas.sum())
 
 
-def _scores(visible: FloatArray, desired: FloatArray, seen: NDArray[np.bool_]) -> dict[str, float]:
-    """Error figures, and how it looks: structural similarity and CIEDE2000 of the clipped grey images."""
-    shown, wanted = (np.clip(image, 0, WHITE).reshape(SHAPE) / WHITE for image in (visible, desired))
-    similarity = structural_similarity(shown, wanted, data_range=1.0, full=True)[1]  # type: ignore[no-untyped-call]
-    on_surface = seen.reshape(SHAPE)
-    colours = [rgb2lab(np.repeat(image[..., None], 3, axis=2)) for image in (shown, wanted)]
-    distance = deltaE_ciede2000(*colours)  # type: ignore[no-untyped-call]
-    return asdict(difference(visible[seen], desired[seen])) | {
-        "ssim": float(similarity[on_surface].mean()),
-        "delta_e_2000": float(distance[on_surface].mean()),
-    }
-
-
 def _sensitivity(factors: FormFactors) -> list[dict[str, Any]]:
     """Mean errors of reference, indoor and grey from other plausible poses, on smaller images."""
     rows = []
@@ -378,7 +363,7 @@ def _sensitivity(factors: FormFactors) -> list[dict[str, Any]]:
             desired = _desired(base.image, (120, 160)).ravel()
             row["coverage"] = _coverage(transport)
             errors = {"uncompensated": difference(np.asarray(transport @ desired), desired).mean}
-            for name in STRATEGIES:
+            for name in SHOWN:
                 predicted = compensate(name, transport, desired, 0.0, WHITE).predicted
                 errors[name] = difference(predicted, desired).mean
             row[base.name] = errors

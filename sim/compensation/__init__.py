@@ -8,25 +8,52 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from sim.compensation.block_fixed_point import block_fixed_point
 from sim.compensation.bounded import bounded
+from sim.compensation.content_scale import content_scale
 from sim.compensation.direct import direct
+from sim.compensation.dual import dual
 from sim.compensation.exact import exact
 from sim.compensation.none import none
 from sim.compensation.paper import paper
+from sim.compensation.perceptual import perceptual
+from sim.compensation.remap import remap
 from sim.compensation.result import Compensation
+from sim.compensation.reverse_radiosity import reverse_radiosity
+from sim.compensation.series import series
+from sim.compensation.smooth_attenuation import smooth_attenuation
+from sim.compensation.tikhonov import tikhonov
+from sim.compensation.view import Transport
 from sim.errors import SimulationError
-from sim.light_transport import LightTransport
 
-__all__ = ["STRATEGIES", "Compensation", "compensate"]
+__all__ = ["STRATEGIES", "Compensation", "Transport", "compensate"]
 
 STRATEGIES: Mapping[str, Callable[..., Compensation]] = MappingProxyType(
-    {"none": none, "direct": direct, "paper": paper, "exact": exact, "bounded": bounded}
+    {
+        strategy.__name__: strategy
+        for strategy in (
+            none,
+            direct,
+            paper,
+            exact,
+            reverse_radiosity,
+            block_fixed_point,
+            tikhonov,
+            series,
+            dual,
+            bounded,
+            perceptual,
+            remap,
+            content_scale,
+            smooth_attenuation,
+        )
+    }
 )
 
 
 def compensate(
     name: str,
-    transport: LightTransport,
+    transport: Transport,
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,

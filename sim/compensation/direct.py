@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-import time
-
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, checked_target, diagonal_of, divided, finished
-from sim.light_transport import LightTransport
+from sim.compensation.result import Compensation, begun
+from sim.compensation.view import Transport
 
 
-def direct(transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
-    """Project c / D, clamped: ignores interreflection."""
-    started = time.perf_counter()
-    c = checked_target(transport, target, lower, upper)
-    wanted = divided(c, diagonal_of(transport))
-    return finished(transport, c, wanted, lower, upper, time.perf_counter() - started)
+def direct(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
+    """Project K⁻¹ c / D, clamped.
+
+    References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
+    imperfections, PROCAMS 2003; Grossberg, Peri, Nayar and Belhumeur, Making one object look like another, CVPR 2004.
+
+    Limits: ignores interreflection, so in a room it is too bright; the measure that every other strategy is held to.
+    """
+    task = begun(transport, target, lower, upper)
+    return task.finished(task.view.by_direct(task.target))

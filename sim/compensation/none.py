@@ -2,41 +2,39 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, checked_target, finished
-from sim.light_transport import LightTransport
+from sim.compensation.result import Compensation, begun
+from sim.compensation.view import Transport
 from sim.scene import FloatArray
 
 
 def none(
-    transport: LightTransport,
+    transport: Transport,
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
     gain: float | None = None,
 ) -> Compensation:
-    """Project gain x target.
+    """Project gain x target, in colour too: each channel shows its band of the target.
 
     Parameters
     ----------
     gain : float, optional
         Default: the one with the smallest mean absolute error (the figure that strategies are compared by), no larger
-        than keeps the image in range: the median of c / (T c), each pixel weighted by T c. 1.0: the target itself, as
+        than keeps the image in range: the median of c / (T c), each value weighted by T c. 1.0: the target itself, as
         the paper compares.
     """
-    started = time.perf_counter()
-    c = checked_target(transport, target, lower, upper)
+    task = begun(transport, target, lower, upper)
+    c = task.target
     if gain is None:
-        Tc = np.asarray(transport @ c)
-        best = _weighted_median(c[Tc > 0] / Tc[Tc > 0], Tc[Tc > 0])
+        seen = task.view.forward(c)
+        lit = seen > 0
+        best = _weighted_median(c[lit] / seen[lit], seen[lit])
         peak = float(c.max())
         gain = min(best, upper / peak) if peak > 0 else best
-    seconds = time.perf_counter() - started
-    return finished(transport, c, gain * c, lower, upper, seconds, notes={"gain": gain})
+    return task.finished(gain * c, notes={"gain": gain})
 
 
 def _weighted_median(values: FloatArray, weights: FloatArray) -> float:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, checked_target, diagonal_of, divided, finished
+from sim.compensation.result import Compensation, begun
+from sim.compensation.view import Transport, divided
 from sim.light_transport import LightTransport
 from sim.scene import FloatArray
 
@@ -27,17 +26,25 @@ def required_emission(transport: LightTransport, target: FloatArray) -> FloatArr
     return np.asarray(B - transport.radiosity.gather(B))
 
 
-def paper(transport: LightTransport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
-    """L' = E' / D x c / B' (eq. 16), clamped; 0 where B' = 0.
+def paper(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
+    """L' = E' / D x c / B' (eq. 16), clamped; 0 where B' = 0. In colour: each band, then K⁻¹.
 
-    Patches that the camera does not see get B' = 0, so the light they return is never subtracted.
+    Reference: Dehos, Zéghers, Sarry, Rousselle and Renaud, Immersive front-projection analysis using a
+    radiosity-based simulation method, Virtual Reality 18(2), 2014.
+
+    Limits: patches that the camera does not see get B' = 0, so the light they return is never subtracted; the
+    correction of a patch multiplies, so it also changes the contrast within the patch.
     """
-    started = time.perf_counter()
-    c = checked_target(transport, target, lower, upper)
-    diagonal = diagonal_of(transport)
-    B, E = wanted_radiosity(transport, c), required_emission(transport, c)
-    ratio = np.divide(E, B, out=np.zeros_like(E), where=B != 0)
-    patch = transport.pixel_patch
-    wanted = divided(np.where(patch >= 0, ratio[patch], 0.0) * c, diagonal)
-    notes = {"required_emission_min": float(E.min()), "required_emission_max": float(E.max())}
-    return finished(transport, c, wanted, lower, upper, time.perf_counter() - started, notes=notes)
+    task = begun(transport, target, lower, upper)
+    emissions = [required_emission(band, task.target[:, b]) for b, band in enumerate(task.view.bands)]
+    light = [_band(band, task.target[:, b], emissions[b]) for b, band in enumerate(task.view.bands)]
+    wanted = task.view.unmixed(divided(np.stack(light, axis=-1), task.view.diagonal))
+    lowest, highest = (float(pick(emissions)) for pick in (np.min, np.max))
+    return task.finished(wanted, notes={"required_emission_min": lowest, "required_emission_max": highest})
+
+
+def _band(band: LightTransport, target: FloatArray, emission: FloatArray) -> FloatArray:
+    B = wanted_radiosity(band, target)
+    ratio = np.divide(emission, B, out=np.zeros_like(emission), where=B != 0)
+    patch = band.pixel_patch
+    return np.asarray(np.where(patch >= 0, ratio[patch], 0.0) * target)

@@ -1,0 +1,223 @@
+"""Least squares over a box, for light transports: active sets, conjugate gradients, and a certificate.
+
+Minimises ½ (T p - c)ᵀ Ω (T p - c) over lower <= p <= upper, T = D K + V H S K, Ω a metric at each pixel (the identity
+unless the error is weighted). Pixels meet only through the patches, so TᵀΩT is a C x C block at every pixel plus a part
+of patch rank; conjugate gradients, preconditioned by the blocks, see few distinct eigenvalues.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from sim.compensation.view import View, direct_blocks
+from sim.scene import BoolArray, FloatArray
+
+ENOUGH = 0.3
+"""Share of the certified gap that a good step leaves at most."""
+DAMPING_RANGE = (1e-9, 1.0)
+"""Levenberg and Marquardt's damping of a step, as a share of the curvature; starts at 1e-6."""
+FLOOR = 1e-8
+"""An objective below this share of the target's square counts as this share: 1e-4 of its root mean square."""
+FORCING = (1e-1, 1e-3)
+"""Residual that conjugate gradients leave, first and from the second step on."""
+CG_LIMIT = 60
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A projector image in the box, and how far it can be from the best."""
+
+    p: FloatArray
+    residual: FloatArray
+    gradient: FloatArray
+    objective: float
+    gap: float
+    """The objective is convex, so it can fall by no more than sum max(g (p - lower), g (p - upper)), g the gradient."""
+
+
+@dataclass(frozen=True, eq=False)
+class BoxProblem:
+    """The problem; images are (n, C)."""
+
+    view: View
+    target: FloatArray
+    lower: float
+    upper: float
+    metric: FloatArray | None = None
+    """(n, C, C) Ω, symmetric positive semidefinite; None: the identity."""
+
+    def at(self, p: FloatArray) -> State:
+        """Evaluate the objective, its gradient and the gap."""
+        residual = self.view.forward(p) - self.target
+        weighted = self.weighed(residual)
+        gradient = self.view.adjoint(weighted)
+        gap = np.maximum(gradient * (p - self.lower), gradient * (p - self.upper)).sum()
+        return State(p, residual, gradient, float(np.vdot(residual, weighted)) / 2, float(gap))
+
+    def weighed(self, c: FloatArray) -> FloatArray:
+        """Ω c."""
+        return c if self.metric is None else np.einsum("nbc,nc->nb", self.metric, c)
+
+    def hessian(self, p: FloatArray) -> FloatArray:
+        """TᵀΩT p."""
+        return self.view.adjoint(self.weighed(self.view.forward(p)))
+
+    def relative_gap(self, state: State) -> float:
+        """Gap over the objective, or over the least objective that counts."""
+        return max(state.gap, 0.0) / max(state.objective, self._least, np.finfo(float).tiny)
+
+    def short(self, state: State) -> float:
+        """How far, at most, the RMS residual is above the optimum, as a share."""
+        share = state.gap / max(state.objective, self._least, np.finfo(float).tiny)
+        return 1 - float(np.sqrt(max(1 - max(share, 0.0), 0.0)))
+
+    def held(self, state: State) -> BoolArray:
+        """Values that the gradient presses against a bound."""
+        at_lower = (state.p <= self.lower) & (state.gradient >= 0)
+        return np.asarray(at_lower | ((state.p >= self.upper) & (state.gradient <= 0)))
+
+    def kkt_residual(self, state: State) -> float:
+        """Length of the scaled projected gradient, relative to the target's."""
+        step = np.clip(state.p - state.gradient / self.curvature, self.lower, self.upper) - state.p
+        length = float(np.linalg.norm(np.sqrt(self.curvature) * step))
+        return length / max(self._target_length, np.finfo(float).tiny)
+
+    @cached_property
+    def blocks(self) -> FloatArray:
+        """(n, C, C) Kᵀ D Ω D K: direct light's part of TᵀΩT."""
+        return direct_blocks(self.view, self.metric)
+
+    @cached_property
+    def curvature(self) -> FloatArray:
+        """(n, C) about the diagonal of TᵀΩT: direct light, and indirect light by patch."""
+        total = np.einsum("ncc->nc", self.blocks) + self._indirect_curvature
+        return np.asarray(np.maximum(total, max(1e-12 * float(total.max()), np.finfo(float).tiny ** 0.5)))
+
+    @cached_property
+    def _indirect_curvature(self) -> FloatArray:
+        bands = []
+        for b, coupling in enumerate(self.view.couplings):
+            H, V = coupling.interreflection, coupling.view
+            weighted = V if self.metric is None else V.multiply(self.metric[:, b, b][:, None]).tocsr()
+            returned = np.einsum("wl,wl->l", H, (coupling.view_adjoint @ weighted) @ H)
+            bands.append(coupling.emission_adjoint.power(2) @ returned)
+        return np.asarray(np.stack(bands, axis=-1) @ self.view.mixing**2)
+
+    @cached_property
+    def _target_length(self) -> float:
+        return float(np.sqrt(max(float(np.vdot(self.target, self.weighed(self.target))), 0.0)))
+
+    @cached_property
+    def _least(self) -> float:
+        return FLOOR * self._target_length**2 / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """The best image found, and its certificate."""
+
+    p: FloatArray
+    """(n, C)."""
+    held: BoolArray
+    """(n, C) values that the range holds back."""
+    objective: float
+    steps: int
+    notes: dict[str, float | str]
+    """gap, kkt_residual, short_of_optimum, optimal_rms_at_least, products."""
+
+
+def optimum(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> Optimum:
+    """Improve a start (n, C) until the relative gap is within the tolerance, or the steps run out."""
+    state, steps, products = _solved(problem, start, tolerance, limit)
+    notes: dict[str, float | str] = {
+        "gap": problem.relative_gap(state),
+        "kkt_residual": problem.kkt_residual(state),
+        "short_of_optimum": problem.short(state),
+        "optimal_rms_at_least": (2 * max(state.objective - state.gap, 0.0) / state.p.size) ** 0.5,
+        "products": products,
+    }
+    return Optimum(state.p, problem.held(state), state.objective, steps, notes)
+
+
+def _solved(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> tuple[State, int, int]:
+    """Take steps; return the state, the steps, and the products with TᵀΩT inside them.
+
+    A primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002): values that a diagonal
+    step would carry past a bound are put there, the others take the least-squares step. Where that does not descend, a
+    projected Newton or gradient step with Armijo's rule does (Bertsekas, SIAM J. Control Optim. 20, 1982).
+    """
+    state = problem.at(np.clip(start, problem.lower, problem.upper))
+    steps, products, damping = 0, 0, 1e-6
+    while steps < limit and problem.relative_gap(state) > tolerance:
+        better, spent = _improved(problem, state, damping, FORCING[min(steps, 1)])
+        products += spent
+        if better is None and damping >= DAMPING_RANGE[1]:
+            break
+        poor = better is None or better.gap > ENOUGH * state.gap
+        damping = float(np.clip(damping * (30.0 if poor else 0.1), *DAMPING_RANGE))
+        state, steps = better or state, steps + 1
+    return state, steps, products
+
+
+def _improved(problem: BoxProblem, state: State, damping: float, forcing: float) -> tuple[State | None, int]:
+    """Take a step that descends: active set, projected Newton or projected gradient; None if none does."""
+    diagonal_step = state.p - state.gradient / problem.curvature
+    low, high = diagonal_step <= problem.lower, diagonal_step >= problem.upper
+    moved = problem.at(np.where(low, problem.lower, np.where(high, problem.upper, state.p)))
+    step, spent = _newton_step(problem, moved, ~(low | high), damping, forcing)
+    trial = problem.at(np.clip(moved.p + step, problem.lower, problem.upper))
+    if trial.objective < state.objective and trial.gap < ENOUGH * state.gap:
+        return trial, spent
+    step, more = _newton_step(problem, state, ~problem.held(state), damping, forcing)
+    newton = _searched(problem, state, step)
+    descending = [each for each in (trial, newton) if each is not None and each.objective < state.objective]
+    if descending:
+        return min(descending, key=lambda each: each.objective), spent + more
+    return _searched(problem, state, -state.gradient / problem.curvature), spent + more
+
+
+def _newton_step(
+    problem: BoxProblem, state: State, free: BoolArray, damping: float, forcing: float
+) -> tuple[FloatArray, int]:
+    """Minimise over the free values by preconditioned conjugate gradients: (TᵀΩT + damping) step = -gradient there."""
+    damped = damping * problem.curvature
+    inverse = _inverse_blocks(problem, free, damped)
+    residual = np.where(free, -state.gradient, 0.0)
+    x = np.zeros_like(residual)
+    z = np.einsum("nbc,nc->nb", inverse, residual)
+    direction, rho = z, float(np.vdot(residual, z))
+    enough = forcing**2 * rho
+    for count in range(CG_LIMIT):
+        if rho <= enough:
+            return x, count
+        image = np.where(free, problem.hessian(direction) + damped * direction, 0.0)
+        share = rho / max(float(np.vdot(direction, image)), np.finfo(float).tiny)
+        x = x + share * direction
+        residual = residual - share * image
+        z = np.einsum("nbc,nc->nb", inverse, residual)
+        rho, before = float(np.vdot(residual, z)), rho
+        direction = z + rho / before * direction
+    return x, CG_LIMIT
+
+
+def _inverse_blocks(problem: BoxProblem, free: BoolArray, damped: FloatArray) -> FloatArray:
+    """(n, C, C) inverse of direct light's blocks, with indirect light on their diagonals, over the free values."""
+    both = free[:, :, None] & free[:, None, :]
+    diagonal = np.where(free, problem.curvature - np.einsum("ncc->nc", problem.blocks) + damped, 1.0)
+    blocks = np.where(both, problem.blocks, 0.0) + diagonal[:, :, None] * np.eye(free.shape[1])
+    return np.where(both, np.linalg.inv(blocks), 0.0)
+
+
+def _searched(problem: BoxProblem, state: State, step: FloatArray) -> State | None:
+    """Armijo's rule along the projected path; None if nothing descends."""
+    share = 1.0
+    while share > 1e-4:
+        trial = problem.at(np.clip(state.p + share * step, problem.lower, problem.upper))
+        decrease = float(np.vdot(state.gradient, trial.p - state.p))
+        if trial.objective < state.objective and trial.objective <= state.objective + 1e-4 * decrease:
+            return trial
+        share /= 2
+    return None
