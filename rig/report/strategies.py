@@ -13,11 +13,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from rig.atomic import write_bytes
 from rig.report import figures, pictures
 from rig.report.render import rendered
 from rig.report.strategies_figures import errors_figure, loops_figure, speed_figure
 from rig.session import Session, Step
 from rig.terminal import OnStep
+from rig.workflows.compensate import View, judged_view
+from rig.workflows.model import load_model
 
 PAGE = "strategies.html"
 _WIDTH = 150
@@ -30,13 +33,13 @@ TITLES = {
 }
 """Of strategies whose own name is no title; the others are called as they are, without underscores."""
 LEGEND = (
-    "mean, sd and max are of |shown - target| over the judged pixels, rms and bias of shown - target, in grey levels of "
-    "255. ΔE is the mean CIEDE2000 difference of the pictures as light, white at 255. SSIM compares structure, 1 is "
+    "mean, sd and max are of |shown - target| over the judged pixels, rms and bias of shown - target, in grey levels "
+    "of 255. ΔE is the mean CIEDE2000 difference of the pictures as light, white at 255. SSIM compares structure, 1 is "
     "equal. 'mean at best gain' is the mean error after the single gain that suits the picture best: what an eye that "
     "adapts to the brightness is left with.",
     "predicted: by the model, for the codes that were sent. measured: photographed, the camera's noise included. "
-    "clipped: share of the steered projector pixels that the range holds back. gain: what the strategy scales the target "
-    "by. time: to compute the projector image. contrast: mean light where white is wanted over that where black is.",
+    "clipped: share of the steered projector pixels that the range holds back. gain: what the strategy scales the "
+    "target by. time: to compute the projector image. contrast: mean light where white is wanted over that where black is.",
 )
 
 
@@ -81,14 +84,10 @@ def write_strategies_page(session: Session, result: Mapping[str, Any], on_step: 
         _headline(none["measured"]["mean"], "grey levels", "uncompensated, at its best single gain"),
         _headline(result["noise_rms"], "grey levels", "noise of the camera (rms), part of every measured error"),
     ]
-    path = session.write_page(
-        PAGE,
-        rendered(
-            "strategies.html",
-            _frame(f"Strategies: session {session.path.name}", session.profile.description, result)
-            | {"headline": headline, "pictures": shown, "warnings": result["warnings"]},
-        ),
-    )
+    context = _frame(f"Strategies: session {session.path.name}", session.profile.description, result)
+    context |= {"headline": headline, "pictures": shown, "warnings": result["warnings"]}
+    path = session.path / PAGE
+    write_bytes(path, rendered("strategies.html", context).encode())
     on_step("write page of strategies", total, total)
     return path
 
@@ -115,6 +114,7 @@ def _frame(title: str, subtitle: str, result: Mapping[str, Any]) -> dict[str, An
         "title": title,
         "subtitle": subtitle,
         "passed": True,
+        "word": f"{len(result['pictures'][0]['rows'])} strategies",
         "verdict": f"{len(result['pictures'])} pictures; {warned} results are worse than direct light alone",
         "legend": LEGEND,
         "error_scale": figures.error_scale(),
@@ -134,7 +134,13 @@ def _all_rows(result: Mapping[str, Any], picture: Mapping[str, Any]) -> list[dic
     for loop in result.get("loops", ()):
         base = next((row for row in rows if row["strategy"] == loop["strategy"]), None)
         measured = loop["captures"][loop["best"] - 1]
-        taken = {"measured": measured, "predicted": None, "captures": loop["best"], "strategy": "", "clipped_share": None}
+        taken = {
+            "measured": measured,
+            "predicted": None,
+            "captures": loop["best"],
+            "strategy": "",
+            "clipped_share": None,
+        }
         rows.append({**(base or _EMPTY), **taken, "title": f"{title_of(loop['strategy'])}, closed loop"})
     for row in result.get("perfect", ()):
         rows.append({**row, "title": f"{title_of(row['strategy'])}, perfect knowledge"})
@@ -170,7 +176,7 @@ def _cells(row: Mapping[str, Any], measured: bool, contrasts: bool) -> list[str]
     cells += [_number(shown.get("contrast"), ".1f")] if contrasts else []
     clipped = row.get("clipped_share")
     cells += [_number(None if clipped is None else 100 * clipped, ".1f"), _number(row.get("gain"), ".2f")]
-    cells += [_number(row.get("seconds"), ".2f"), _number(row.get("iterations"), "d")]
+    cells += [_number(row.get("seconds"), ".2g"), _number(row.get("iterations"), "d")]
     return cells + ([_number(row.get("captures"), "d")] if measured else [])
 
 
@@ -184,7 +190,8 @@ def _number(value: float | None, form: str) -> str:
 
 
 def _picture_section(session: Session, result: Mapping[str, Any], picture: Mapping[str, Any]) -> dict[str, Any]:
-    step = session.finished(f"strategies-{picture['name']}")
+    step, model = session.finished(f"strategies-{picture['name']}"), load_model(session)
+    view, scale = judged_view(model, step), 255 / model.level
     rows = _all_rows(result, picture)
     head, cells = _table(rows)
     first = picture is result["pictures"][0]
@@ -192,7 +199,7 @@ def _picture_section(session: Session, result: Mapping[str, Any], picture: Mappi
         "title": "The target" if first else picture["name"].replace("-", " ").capitalize(),
         "text": f"{picture['title']}. All pictures as the camera sees them; outside the judged area they are dimmed.",
         "heads": ("target", "projected", "predicted", "measured", "measured - target"),
-        "rows": [_measured_row(session, step, picture["name"], row["strategy"]) for row in picture["rows"]],
+        "rows": [_measured_row(step, picture["name"], row["strategy"], view, scale) for row in picture["rows"]],
         "table": {"head": head, "rows": cells},
         "figures": _figures(result, rows) if first else [],
     }
@@ -212,10 +219,8 @@ def _figures(result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
     return [{"title": title, "text": text, "src": pictures.svg(figure)} for title, text, figure in found]
 
 
-def _measured_row(session: Session, step: Step, picture: str, strategy: str) -> dict[str, Any]:
-    from rig.workflows.closed_loop import plant_target
-
-    target, mask, scale = plant_target(session, step)
+def _measured_row(step: Step, picture: str, strategy: str, view: View, scale: float) -> dict[str, Any]:
+    target, mask = view.target, view.mask
     codes = step.load_image(f"projector-{picture}-{strategy}")["codes"]
     predicted, measured = (
         step.load_image(f"{kind}-{picture}-{strategy}")["light"] * scale for kind in ("predicted", "measured")
@@ -243,7 +248,7 @@ def _paper_section(picture: Mapping[str, Any], shown: Mapping[str, Any]) -> dict
             pictures.picture(pictures.grey(predicted, seen), f"Seen in the room, {row['title']}", 240),
             pictures.picture(pictures.signed_error(predicted - desired, seen), f"Difference, {row['title']}", 240),
         ]
-        grid.append({"name": row["title"], "images": [*images, _BLANK]})
+        grid.append({"name": row["title"], "images": images})
     charts = [
         ("Errors", "Mean error.", errors_figure(rows)),
         ("Speed against error", "Further left is faster, further down is better.", speed_figure(rows)),
@@ -251,11 +256,8 @@ def _paper_section(picture: Mapping[str, Any], shown: Mapping[str, Any]) -> dict
     return {
         "title": picture["title"],
         "text": picture.get("text", ""),
-        "heads": ("target", "projected", "predicted", "predicted - target", ""),
+        "heads": ("target", "projected", "predicted", "predicted - target"),
         "rows": grid,
         "table": {"head": head, "rows": cells},
         "figures": [{"title": t, "text": x, "src": pictures.svg(f)} for t, x, f in charts],
     }
-
-
-_BLANK = {"src": "data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw==", "alt": ""}

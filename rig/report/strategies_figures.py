@@ -103,7 +103,11 @@ def _lifts(places: Sequence[tuple[float, float]], near: float = 0.045, step: flo
     shares = (logs - logs.min(axis=0)) / spans
     lifts = np.zeros(len(places))
     for k in np.argsort(shares[:, 1]):
-        below = [j for j in np.argsort(shares[:, 1]) if shares[j, 1] < shares[k, 1] and abs(shares[j, 0] - shares[k, 0]) < 0.25]
+        below = [
+            j
+            for j in np.argsort(shares[:, 1])
+            if shares[j, 1] < shares[k, 1] and abs(shares[j, 0] - shares[k, 0]) < 0.25
+        ]
         close = [j for j in below if shares[k, 1] + lifts[k] / 330 - shares[j, 1] - lifts[j] / 330 < near]
         lifts[k] = max((lifts[j] + step - 330 * (shares[k, 1] - shares[j, 1]) for j in close), default=0.0)
     return [float(max(lift, 0.0)) for lift in lifts]

@@ -1,8 +1,7 @@
-"""Close the loop over a strategy: show, photograph, correct, until the measured error no longer falls. Step `loop-…`."""
+"""Close the loop over a strategy: show, photograph, correct, until the measured error no longer falls."""
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -20,14 +19,15 @@ from rig.session import Session, Step
 from rig.terminal import OnStep, silent
 from rig.twin import projector_view, sample
 from rig.workflows.capture import Shot, photograph
-from rig.workflows.compensate import View, check_strategies, judged_view
+from rig.workflows.compensate import View, check_strategies, judged_view, measured_options
 from rig.workflows.light import LightImage, Photometry, light_of
 from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry, measuring_shot
-from rig.workflows.picture_errors import picture_errors
+from rig.workflows.picture_errors import contrast, perceived_errors, picture_errors
 from rig.workflows.target import Target
-from sim.compensation import STRATEGIES, Compensation, compensate
-from sim.compensation.result import diagonal_of
+from sim.compensation import Compensation, compensate
+from sim.compensation.spectrum import damping_for
+from sim.compensation.view import diagonal_of, view_of
 from sim.light_transport import LightTransport
 from sim.optics import project
 
@@ -80,20 +80,25 @@ class Plant:
     @cached_property
     def damping(self) -> float:
         """2 / (2 + r), r the spectral radius of the global light over the direct: as fast as is safe."""
-        return 2 / (2 + _spectral_radius(self.transport, self.diagonal))
+        return damping_for(view_of(self.transport), "closed loop", None)[0]
 
     def solved(self, strategy: str, wanted: FloatArray) -> Compensation:
-        """A strategy for a target (n,); one that regularises by noise is told the session's."""
-        by_noise = "noise_rms" in inspect.signature(STRATEGIES[strategy]).parameters
-        options = {"noise_rms": self.prediction_noise} if by_noise else {}
+        """A strategy for a target (n,), told what the session has measured of noise and brightness."""
+        options = measured_options(self.model).get(strategy, {})
         return compensate(strategy, self.transport, wanted, **options)
 
-    @cached_property
-    def prediction_noise(self) -> float:
-        """Noise (rms) of c = T p: as relative as that of the white that the direct light was measured with."""
-        white, variance = self.model.white[self.view.mask], self.model.white_variance[self.view.mask]
-        relative = float(np.sqrt(np.mean(variance / np.maximum(white, 1e-6) ** 2)))
-        return max(relative * float(np.sqrt(np.mean(self.wanted**2))), 1e-9)
+    def judged(self, light: FloatArray) -> dict[str, Any]:
+        """All errors of a camera image (H, W) in camera values; see :mod:`rig.workflows.picture_errors`."""
+        grey, target, mask = light * 255 / self.model.level, self.view.target, self.view.mask
+        errors: dict[str, Any] = picture_errors(grey, target, mask) | perceived_errors(grey, target, mask)
+        return {**errors, "contrast": contrast(grey, target, mask)}
+
+    def judged_light(self, light: LightImage) -> dict[str, Any]:
+        """All errors of a photograph, the camera's noise in it (rms), and that of the mean error; grey levels."""
+        mask, scale = self.view.mask, 255 / self.model.level
+        noise = float(np.sqrt(light.variance[mask].mean(dtype=np.float64))) * scale
+        found = self.judged(light.value.astype(np.float64))
+        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(mask.sum()))}
 
     def codes(self, image: FloatArray, seed: int) -> Codes:
         """(H, W) codes of n projector values; pixels that are not steered stay black."""
@@ -177,7 +182,7 @@ def _closed(
     rig: Rig, session: Session, step: Step, plant: Plant, loop: Loop, shot: Shot, on_step: OnStep
 ) -> dict[str, Any]:
     image = plant.solved(loop.strategy, plant.wanted).projector_image
-    errors: list[dict[str, float]] = []
+    errors: list[dict[str, Any]] = []
     best, stopped = 0, f"all {loop.captures} captures were used"
     for number in range(1, loop.captures + 1):
         on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
@@ -185,7 +190,7 @@ def _closed(
         pattern = Pattern(f"{step.name}-{number}", codes)
         photograph(rig, session, step, [pattern], shot, 1, silent)
         light = light_of(step, pattern.name, shot, plant.photometry)
-        errors.append(_errors(light, plant))
+        errors.append(plant.judged_light(light))
         if not _falls(errors, best):
             stopped = f"capture {number} was no better than capture {best + 1}"
             break
@@ -204,15 +209,7 @@ def _closed(
     }
 
 
-def _errors(light: LightImage, plant: Plant) -> dict[str, float]:
-    """Errors against the target, the camera's noise (rms), and that of the mean error; in grey levels."""
-    scale, mask = 255 / plant.model.level, plant.view.mask
-    noise = float(np.sqrt(light.variance[mask].mean(dtype=np.float64))) * scale
-    found = picture_errors(light.value.astype(np.float64) * scale, plant.view.target, mask)
-    return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(mask.sum()))}
-
-
-def _falls(errors: list[dict[str, float]], best: int) -> bool:
+def _falls(errors: list[dict[str, Any]], best: int) -> bool:
     """Tell if the last capture is better than the best before it, beyond the noise of both; the first always is."""
     last, before = errors[-1], errors[best]
     noise = np.hypot(last["mean_sigma"], before["mean_sigma"])
@@ -280,13 +277,3 @@ def _local_sum(plant: Plant, values: FloatArray) -> FloatArray:
     side = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
     smooth = cv2.boxFilter(whole.reshape(plant.model.twin.projector.lens.shape), -1, side)
     return np.asarray(smooth.ravel()[plant.model.twin.active])
-
-
-def _spectral_radius(transport: LightTransport, diagonal: FloatArray, steps: int = 20) -> float:
-    """Spectral radius of R D⁻¹, R the global light, by power iteration; no entry is negative."""
-    x, radius = np.ones(len(diagonal)), 0.0
-    for _ in range(steps):
-        x = transport.coupling.apply(x / diagonal)
-        radius = float(np.linalg.norm(x))
-        x /= radius if radius > 0 else 1.0
-    return radius

@@ -22,7 +22,6 @@ from rig.workflows.compensate import check_strategies, predict
 from rig.workflows.light import light_of
 from rig.workflows.model import load_model
 from rig.workflows.photometric import measuring_shot
-from rig.workflows.picture_errors import contrast, perceived_errors, picture_errors
 from rig.workflows.strategy_pictures import Picture, pictures_for
 from rig.workflows.whole import Request, opened_session, target_of
 from sim.compensation import STRATEGIES, Compensation, compensate
@@ -132,22 +131,12 @@ def keep_solution(
     step.save_image(f"projector-{picture.name}-{name}", {"codes": codes.astype(np.float32)})
     step.save_image(f"predicted-{picture.name}-{name}", {"light": predicted})
     return {
-        "predicted": judged(predicted, plant),
+        "predicted": plant.judged(predicted),
         "clipped_share": float(solution.clipped.mean()),
         "gain": float(solution.notes.get("gain", 1.0)),
         "seconds": solution.seconds,
         "iterations": solution.iterations,
         "notes": dict(solution.notes),
-    }
-
-
-def judged(light: FloatArray, plant: Plant) -> dict[str, Any]:
-    """All errors of a camera image (H, W) in camera values."""
-    grey, mask = light * 255 / plant.model.level, plant.view.mask
-    return {
-        **picture_errors(grey, plant.view.target, mask),
-        **perceived_errors(grey, plant.view.target, mask),
-        "contrast": contrast(grey, plant.view.target, mask),
     }
 
 
@@ -174,11 +163,8 @@ def photographed_rows(
         on_step(f"judge strategies: {picture.name}", k, len(computed))
         light = light_of(step, patterns[name].name, shot, plant.photometry)
         step.save_image(f"measured-{picture.name}-{name}", {"light": light.value, "variance": light.variance})
-        noise = float(np.sqrt(light.variance[plant.view.mask].mean(dtype=np.float64))) * 255 / plant.model.level
-        measured = {**judged(light.value.astype(np.float64), plant), "noise_rms": noise}
-        rows.append(
-            {"strategy": name, **known, "measured": measured, "captures": 1, "frames": shot.frames_per_pattern}
-        )
+        measured = {"measured": plant.judged_light(light), "captures": 1, "frames": shot.frames_per_pattern}
+        rows.append({"strategy": name, **known, **measured})
     on_step(f"judge strategies: {picture.name}", len(computed), len(computed))
     return rows
 
@@ -256,10 +242,10 @@ def ratios(
 
 
 def warnings_of(compared: Sequence[Mapping[str, Any]]) -> list[str]:
-    """A sentence for each strategy whose measured error is above that of direct light alone, clamped."""
+    """A sentence for each strategy whose error is above that of direct light alone, clamped; measured if it was."""
     found = []
     for picture in compared:
-        means = {row["strategy"]: row["measured"]["mean"] for row in picture["rows"]}
+        means = {row["strategy"]: (row.get("measured") or row["predicted"])["mean"] for row in picture["rows"]}
         limit = means.get("direct")
         found += [
             f"{picture['name']}: '{name}' shows a mean error of {mean:.1f}, 'direct' clamped one of {limit:.1f}"

@@ -82,7 +82,7 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     level = profile.brightness.target_white_share * float(np.median(light["white"][lit]))
     scene = geometry.scene.with_reflectance(fit.reflectance)
     global_gain = _global_gain(_twin(session, scene, camera, projector, fit.flux, gain), light, lit)
-    maps = {"gain": gain, "lit": lit.astype(np.float32), "global_gain": global_gain}
+    maps: dict[str, NDArray[Any]] = {"gain": gain, "lit": lit.astype(np.float32), "global_gain": global_gain}
     step.save_image("direct-gain", maps, folder="maps")
     step.save_record("model", _record(fit, vignetting, level, profile.room.patch_size_m, light, lit))
     step.finish()
