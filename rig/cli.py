@@ -352,7 +352,7 @@ def simulate(
 
 @app.command
 def bench(
-    name: Annotated[str, Parameter(help="form-factors, solve, image or plan.")],
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan or compensate.")],
     *,
     quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
     full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,

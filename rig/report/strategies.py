@@ -39,7 +39,8 @@ LEGEND = (
     "adapts to the brightness is left with.",
     "predicted: by the model, for the codes that were sent. measured: photographed, the camera's noise included. "
     "clipped: share of the steered projector pixels that the range holds back. gain: what the strategy scales the "
-    "target by. time: to compute the projector image. contrast: mean light where white is wanted over that where black is.",
+    "target by. time: to compute the projector image. contrast: mean light where white is wanted over that where black "
+    "is.",
 )
 
 

@@ -162,7 +162,7 @@ def test_peers_that_are_not_installed_are_named(monkeypatch, capsys):
 
 def test_an_unknown_bench_names_those_there_are(capsys):
     assert run_command(["bench", "speed"]) == 2
-    assert "form-factors, solve, image, plan" in capsys.readouterr().err
+    assert "form-factors, solve, image, plan, compensate" in capsys.readouterr().err
 
 
 def test_quick_and_full_exclude_each_other(capsys):

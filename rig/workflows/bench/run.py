@@ -23,7 +23,9 @@ from rig.workflows.error_tree import one_error_tree
 from sim.form_factors.factors import ClosureWarning
 from sim.threads import threads
 
-BENCHES: Mapping[str, str] = {name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan")}
+BENCHES: Mapping[str, str] = {
+    name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan", "compensate")
+}
 """The module beside this one that each bench is in: none is loaded before it is asked for."""
 COLUMNS = ("problem", "method", "n", "tolerance", "seconds", "error", "peak_mb", "error_of")
 
