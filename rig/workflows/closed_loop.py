@@ -143,8 +143,8 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
     -------
     dict
         ``strategy rule damping captures`` (one dict of errors each, as :func:`picture_errors`), ``best`` (its number,
-        from 1), ``stopped`` (why). The step's images: ``best`` (``codes``, ``linear``), ``measured`` (``light``),
-        ``target``.
+        from 1), ``stopped`` (why). The step's images begin with its name: ``…-best`` (``codes``, ``linear``),
+        ``…-measured`` (``light``, ``variance``).
 
     Raises
     ------
@@ -219,8 +219,8 @@ def _falls(errors: list[dict[str, Any]], best: int) -> bool:
 def _keep(step: Step, codes: Codes, image: FloatArray, plant: Plant, light: LightImage) -> None:
     whole = np.zeros(plant.model.twin.active.size)
     whole[plant.model.twin.active] = image
-    step.save_image("best", {"linear": whole.reshape(codes.shape), "codes": codes.astype(np.float32)})
-    step.save_image("measured", {"light": light.value, "variance": light.variance})
+    step.save_image(f"{step.name}-best", {"linear": whole.reshape(codes.shape), "codes": codes.astype(np.float32)})
+    step.save_image(f"{step.name}-measured", {"light": light.value, "variance": light.variance})
 
 
 def _seen(plant: Plant, codes: Codes, light: LightImage) -> Seen:

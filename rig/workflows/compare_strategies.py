@@ -14,6 +14,7 @@ from calibration.patterns import Pattern
 from rig.errors import SessionError
 from rig.pair import Rig
 from rig.session import Session, Step
+from rig.session.ledger import write_json
 from rig.terminal import OnStep
 from rig.workflows import verbs
 from rig.workflows.capture import Shot, photograph
@@ -63,7 +64,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> dict[str, Any]:
     Raises
     ------
     UsageError, ProfileError, DeviceError, SessionError, CalibrationFailed
-        As `rig run`.
+        As `rig run`. The session keeps the answer as strategies.json.
     """
     started_s = time.perf_counter()
     names = check_strategies(wanted.request.strategies or tuple(STRATEGIES))
@@ -79,6 +80,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> dict[str, Any]:
         known = perfect_rows(rig, session, pictures[0], wanted.loops, on_step) if wanted.perfect else []
         result = _result(session, compared, closed, known)
         result["report"] = str(_report(session, result, on_step))
+        write_json(session.path / "strategies.json", result)
     return {**result, "elapsed_s": time.perf_counter() - started_s}
 
 

@@ -38,16 +38,17 @@ def pictures_for(twin: RoomTwin, target: Target) -> list[Picture]:
 
 
 def two_walls(twin: RoomTwin) -> NDArray[np.float32]:
-    """(H, W) white on the face that fills most of the picture, black on the second; the rest goes with its side.
+    """(H, W) white on the wall that fills most of the picture, black on the second; floor and ceiling by their side.
 
-    With one face only, the left half is white.
+    With one wall only, the left half is white.
     """
     height, width = twin.projector.lens.shape
     face = twin.projector_look.hits.face
     column = np.tile(np.arange(width), height)
-    counts = np.bincount(face[face >= 0], minlength=2)
-    first, second = np.argsort(counts)[::-1][:2]
-    if counts[second] == 0:
+    upright = [k for k, each in enumerate(twin.scene.faces) if each.name not in ("floor", "ceiling")]
+    counts = {k: int((face == k).sum()) for k in upright}
+    first, second = sorted(upright, key=lambda k: -counts[k])[:2] if len(upright) > 1 else (0, 0)
+    if not counts.get(second) or first == second:
         return _levels(column < width / 2, (height, width))
     places = column[face == first].mean(), column[face == second].mean()
     nearer = np.abs(column - places[0]) < np.abs(column - places[1])

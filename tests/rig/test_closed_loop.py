@@ -57,7 +57,7 @@ def test_the_best_picture_is_kept_and_the_loop_stops_when_the_error_no_longer_fa
     assert found["best"] == int(np.argmin(errors)) + 1 == len(errors) - 1
     with Session.open(session_folder) as session:
         step = session.finished("loop-bounded-image")
-        codes, last = (step.load_image("best")["codes"], f"loop-bounded-image-{len(errors)}.e0.r0")
+        codes, last = (step.load_image("loop-bounded-image-best")["codes"], f"loop-bounded-image-{len(errors)}.e0.r0")
         assert last in step.frame_names
         assert codes.shape == SHAPE
 
