@@ -25,7 +25,7 @@ from calibration.records import CalibrationError, FloatArray, PinholeModel
 MIN_POINTS = 500
 LEAST_INLIER_SHARE = 0.5
 _GOOD_SHARE = 0.9
-_FEW, _SOME, _MANY = 4000, 8000, 20000
+_FEW, _SOME, _MANY = 4000, 3000, 10000
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 

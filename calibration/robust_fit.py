@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -32,18 +33,29 @@ class Ties:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Solution, and what its covariance is made of."""
+    """Solution, and what its covariance is made of; that is computed when it is asked for."""
 
     z: FloatArray
     residual: FloatArray
     """(N, d) at the solution. [px]"""
-    jacobian: FloatArray
-    """(n, N, d)."""
-    weight: FloatArray
-    """(N,) robust weights, 1 for a perfect point."""
-    hessian: FloatArray
-    """(n, n) of half the cost, ties included."""
     ties: Ties
+    function: Residual
+    least_scale_px: float
+
+    @cached_property
+    def jacobian(self) -> FloatArray:
+        """(n, N, d) at the solution."""
+        return _jacobian(self.function, self.z, self.residual)
+
+    @cached_property
+    def weight(self) -> FloatArray:
+        """(N,) robust weights, 1 for a perfect point."""
+        return _weight(self.residual, _scale(self.residual, self.least_scale_px))
+
+    @cached_property
+    def hessian(self) -> FloatArray:
+        """(n, n) of half the cost, ties included."""
+        return _normal_equations(self.jacobian, self.residual, self.weight, self.ties, self.z)[0]
 
 
 def robust_fit(residual: Residual, start: FloatArray, ties: Ties, *, iterations: int, least_scale_px: float) -> Fit:
@@ -70,9 +82,7 @@ def robust_fit(residual: Residual, start: FloatArray, ties: Ties, *, iterations:
         z, error = z - step, trial
         if gain < 1e-9 * cost:
             break
-    weight = _weight(error, _scale(error, least_scale_px))
-    jacobian = _jacobian(residual, z, error)
-    return Fit(z, error, jacobian, weight, _normal_equations(jacobian, error, weight, ties, z)[0], ties)
+    return Fit(z, error, ties, residual, least_scale_px)
 
 
 def _scale(error: FloatArray, least_px: float) -> float:

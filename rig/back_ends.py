@@ -1,19 +1,22 @@
-"""Which devices stand behind a profile's ``driver``: the one place that knows every back end."""
+"""Which devices stand behind a profile's ``driver``: the one place that knows every back end.
+
+Each is imported when a profile asks for it: a real camera needs neither the simulated room nor what reads recordings.
+"""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from rig.devices.bench import Bench
 from rig.devices.clock import SystemClock, VirtualClock
-from rig.devices.manifest import check_photographs, load_manifest
 from rig.devices.protocols import Camera, Clock, Projector
-from rig.devices.replay import Recording, ReplayCamera, ReplayProjector, photographed_frames, recorded_frames
-from rig.devices.simulated import SimulatedCamera, SimulatedProjector
 from rig.errors import ProfileError
 from rig.profile import Profile, load_profile
+
+if TYPE_CHECKING:
+    from rig.devices.bench import Bench
+    from rig.devices.replay import Recording
 
 
 class Devices(NamedTuple):
@@ -99,6 +102,8 @@ def _with_pjlink(profile: Profile, display: Projector, clock: Clock) -> Projecto
 
 
 def _replayed(profile: Profile, start_s: float) -> Devices:
+    from rig.devices.replay import ReplayCamera, ReplayProjector
+
     clock = VirtualClock(start_s)
     recording = _recording(profile)
     player = ReplayProjector(recording, clock)
@@ -107,12 +112,16 @@ def _replayed(profile: Profile, start_s: float) -> Devices:
 
 def bench_of(profile: Profile) -> Bench:
     """The simulated room of a profile, made anew. Raises ProfileError when it has none."""
+    from rig.devices.bench import Bench
+
     if profile.bench is None:
         raise ProfileError(f"{profile.path}: bench: missing; a simulated room needs a [bench] table")
     return Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
 
 
 def _simulated(profile: Profile, start_s: float) -> Devices:
+    from rig.devices.simulated import SimulatedCamera, SimulatedProjector
+
     clock, bench = VirtualClock(start_s), bench_of(profile)
     projector = SimulatedProjector(bench, clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
     camera = SimulatedCamera(
@@ -127,6 +136,9 @@ def _simulated(profile: Profile, start_s: float) -> Devices:
 
 
 def _recording(profile: Profile) -> Recording:
+    from rig.devices.manifest import check_photographs, load_manifest
+    from rig.devices.replay import Recording, photographed_frames, recorded_frames
+
     camera, source = profile.camera, profile.recording
     recorded: tuple[object, ...]
     if profile.replay is not None and profile.replay.manifest is not None:

@@ -33,8 +33,6 @@ from rig.devices.protocols import Codes
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-_SAMPLES = 2
-"""Sub-samples a pixel along each axis, for the direct light and for the projector's splats."""
 _BAND_ROWS = 16
 
 
@@ -164,13 +162,14 @@ def pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:
 def _splat(room: BenchRoom, projector: BenchOptics, flux: float) -> tuple[csr_array, FloatArray]:
     """(cells, pixels): reflected emission of each cell for each pixel, the pixel's flux shared by sub-samples."""
     height, width = projector.shape
-    grid = pixel_grid(projector.shape, _SAMPLES)
+    samples = room.settings.pixel_samples
+    grid = pixel_grid(projector.shape, samples)
     cells = cells_of(room, trace(room, projector.position_m, directions(projector, grid)))
     pixel_flux = flux / (height * width) * relative_illumination(projector, pixel_grid(projector.shape))
-    y, x = (np.arange(n * _SAMPLES) // _SAMPLES for n in projector.shape)
+    y, x = (np.arange(n * samples) // samples for n in projector.shape)
     pixels = y[:, None] * width + x[None, :]
     hit = cells >= 0
-    share = pixel_flux.ravel()[pixels[hit]] / _SAMPLES**2 / room.cell_area_m2[cells[hit]]
+    share = pixel_flux.ravel()[pixels[hit]] / samples**2 / room.cell_area_m2[cells[hit]]
     data = (share * room.reflectance[cells[hit]]).astype(np.float32)
     matrix = csr_array((data, (cells[hit], pixels[hit])), shape=(len(room.reflectance), height * width))
     return matrix, pixel_flux
@@ -183,7 +182,7 @@ def _direct_path(
 
     In bands of rows, so that what is computed stays in the cache, on two threads.
     """
-    grid = pixel_grid(camera.shape, _SAMPLES)
+    grid = pixel_grid(camera.shape, room.settings.pixel_samples)
     bands = [grid[first : first + _BAND_ROWS] for first in range(0, len(grid), _BAND_ROWS)]
     with ThreadPoolExecutor(2) as executor:
         parts = list(executor.map(lambda band: _direct_band(room, camera, projector, flux, band), bands))

@@ -117,6 +117,8 @@ class BenchSettings(_Table):
     """Half range of the smooth variation on each face."""
     posters: tuple[Poster, ...] = ()
     cell_size_m: Annotated[float, Field(gt=0)] = 0.12
+    pixel_samples: Annotated[int, Field(ge=1, le=4)] = 2
+    """Samples of a pixel along each axis, of camera and projector."""
     ambient: Annotated[float, Field(ge=0)] = 0.0
     """Irradiance of room light on every surface; relative, as the projector's."""
     ambient_flicker_hz: Annotated[float, Field(ge=0)] = 0.0

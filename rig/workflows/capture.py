@@ -32,11 +32,15 @@ def frame_name(pattern: str, exposure: int = 0, repeat: int = 0) -> str:
 def photograph(
     rig: Rig, session: Session, step: Step, patterns: Iterable[Pattern], shot: Shot, n_patterns: int, on_step: OnStep
 ) -> None:
-    """Shoot what the step does not have yet; every frame is on disk before the next is shown."""
+    """Shoot what the step does not have yet; every frame is on disk before the next is shown.
+
+    Every other pattern takes its exposures backwards: a camera needs several frames to take a new one over.
+    """
     total = n_patterns * shot.frames_per_pattern
     done = 0
-    for pattern in patterns:
-        for exposure, exposure_s in enumerate(shot.exposures_s):
+    for nth, pattern in enumerate(patterns):
+        exposures = list(enumerate(shot.exposures_s))
+        for exposure, exposure_s in reversed(exposures) if nth % 2 else exposures:
             for repeat in range(shot.repeats):
                 name = frame_name(pattern.name, exposure, repeat)
                 if not step.has_frame(name):

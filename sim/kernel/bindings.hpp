@@ -10,3 +10,4 @@ void bind_occlusion(nanobind::module_ &m);
 void bind_compressed(nanobind::module_ &m);
 void bind_solve(nanobind::module_ &m);
 void bind_image(nanobind::module_ &m);
+void bind_frame(nanobind::module_ &m);

@@ -36,4 +36,5 @@ NB_MODULE(_kernel, m) {
     bind_compressed(m);
     bind_solve(m);
     bind_image(m);
+    bind_frame(m);
 }

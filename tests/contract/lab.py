@@ -135,7 +135,7 @@ def small_virtual_profile() -> Profile:
         "height_px = 360": "height_px = 120",
         "focal_px = 199.39": "focal_px = 66.46",
         "[241.3, 176.9]": "[80.4, 59.0]",
-        "cell_size_m = 0.3 ": "cell_size_m = 0.6 ",
+        "cell_size_m = 0.4 ": "cell_size_m = 0.6 ",
         "latency_s = 0.3 ": "latency_s = 0.15 ",
         "frame_rate_hz = 8.0": "frame_rate_hz = 20.0",
     }.items():

@@ -26,7 +26,10 @@ from kernel import prepare_kernel
 from machine import Machine, run_in_machine
 
 ROOT = Path(__file__).parents[2]
-PYTEST = "{python} -m pytest -p no:cacheprovider -q --durations=3 --junitxml={results}/results-{number}.xml {tests}"
+PYTEST = "{python} -m pytest -p pytest_timeout -p no:cacheprovider -q --durations=5"
+REPORTED = PYTEST + " --junitxml={results}/results-{number}.xml {tests}"
+FEW_PLUGINS = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1"}
+"""An emulated machine takes seconds to import one that no test of the lab needs."""
 PROGRAMS = {
     "qemu-system-x86_64": "qemu-system-x86",
     "busybox": "busybox-static",
@@ -59,6 +62,7 @@ class Suite:
 
 LAB = "tests/device_lab"
 SUITES = (
+    Suite("session", (f"{LAB}/guest/test_session.py -s",), timeout_s=1800),
     Suite(
         "virtual",
         (
@@ -82,9 +86,9 @@ SUITES = (
         (f"{LAB}/guest/test_vivid.py", "tests/contract/test_camera.py"),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=vivid",
     ),
-    Suite("uvc", (f"{LAB}/guest/test_uvc.py", f"{LAB}/guest/test_uvc_faults.py")),
+    Suite("uvc", (f"{LAB}/guest/test_uvc.py {LAB}/guest/test_uvc_faults.py",)),
     Suite("uvc-rig", (f"{LAB}/guest/test_uvc_rig.py",)),
-    Suite("usb", (f"{LAB}/guest/test_usb.py", f"{LAB}/guest/test_devices_verb.py")),
+    Suite("usb", (f"{LAB}/guest/test_usb.py {LAB}/guest/test_devices_verb.py",)),
     Suite(
         "windows",
         (f"{LAB}/host", "tests/contract/test_projector.py tests/contract/test_pair.py"),
@@ -93,16 +97,14 @@ SUITES = (
     ),
 )
 """The longest first."""
-ON_REQUEST = (Suite("session", (f"{LAB}/guest/test_session.py -s",), timeout_s=3600),)
-"""Too long for every day: run when named."""
 
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--list", action="store_true", help="print the suites' names and stop")
-    parser.add_argument("suites", nargs="*", help="names; default: all but session")
+    parser.add_argument("suites", nargs="*", help="names; default: all")
     given = parser.parse_args()
-    known = {suite.name: suite for suite in (*SUITES, *ON_REQUEST)}
+    known = {suite.name: suite for suite in SUITES}
     if given.list:
         print("\n".join(known))
         return 0
@@ -111,6 +113,7 @@ def main() -> int:
         parser.error(f"no suite {', '.join(sorted(unknown))}; there are {', '.join(known)}")
     _need_programs()
     prepare_kernel()
+    _compile()
     chosen = [known[name] for name in given.suites] or list(SUITES)
     results = Path(tempfile.mkdtemp(prefix="device-lab-"))
     began_s = time.monotonic()
@@ -125,15 +128,26 @@ def _need_programs() -> None:
         raise SystemExit(f"the device lab needs: apt-get install {' '.join(missing)}")
 
 
+def _compile() -> None:
+    """Collect all tests once on this machine, which keeps what it compiles: the guests cannot, and are slow at it."""
+    command = [*PYTEST.format(python=sys.executable).split(), "--collect-only", LAB, "tests/contract"]
+    environment = {**os.environ, **FEW_PLUGINS, "PROCAM_DEVICE_LAB": "1"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        raise SystemExit(f"the device lab's tests cannot be collected:\n{done.stdout}{done.stderr}")
+
+
 def _run(suite: Suite, results: Path) -> int:
     """Run one suite; its output goes to a file, and to the terminal as a whole when it is done."""
     results.mkdir()
     inside = results if suite.machine is None else Path("/lab")
     runs = [
-        PYTEST.format(python=sys.executable, results=inside, number=number, tests=tests)
+        REPORTED.format(python=sys.executable, results=inside, number=number, tests=tests)
         for number, tests in enumerate(suite.tests)
     ]
-    command = f"{suite.before} || exit 1; status=0; " + "; ".join(f"{run} || status=1" for run in runs)
+    command = "".join(f"export {name}={value}; " for name, value in FEW_PLUGINS.items())
+    command += f"{suite.before} || exit 1; status=0; " + "; ".join(f"{run} || status=1" for run in runs)
     command += "; exit $status"
     began_s = time.monotonic()
     with (results / "output.txt").open("w") as output:

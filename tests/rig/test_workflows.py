@@ -108,8 +108,16 @@ def test_every_pattern_is_photographed_at_every_exposure_as_often_as_asked(
     tmp_path: Path, tiny_profile: Profile
 ) -> None:
     names = photograph_levels(tmp_path / "s", tiny_profile, 2)
-    assert names == [frame_name(f"level-{k:03d}", e, r) for k in (0, 10) for e in (0, 1) for r in (0, 1)]
+    assert sorted(names) == [frame_name(f"level-{k:03d}", e, r) for k in (0, 10) for e in (0, 1) for r in (0, 1)]
     assert Shot((0.01, 0.02), repeats=2).frames_per_pattern == 4
+
+
+def test_a_pattern_begins_with_the_exposure_that_the_one_before_ended_with(
+    tmp_path: Path, tiny_profile: Profile
+) -> None:
+    names = photograph_levels(tmp_path / "s", tiny_profile, 3)
+    exposures = [name.split(".")[1] for name in names]
+    assert exposures == ["e0", "e0", "e1", "e1", "e1", "e1", "e0", "e0", "e0", "e0", "e1", "e1"]
 
 
 def test_a_session_that_goes_on_takes_the_same_frames_and_notes_as_one_that_was_not_stopped(

@@ -54,6 +54,8 @@ class _Opened:
     """The frames were seen to follow the exposure."""
     slowest_frames: int = UNMEASURED_FRAMES
     """How many frames a new exposure took to be seen, at most."""
+    proven_exposure_s: float = 0.0
+    """The longest one whose frames were seen to come as far apart as it is long."""
 
     @property
     def steps(self) -> int:
@@ -215,8 +217,9 @@ class V4l2Camera:
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)
-        if opened.exposure_s > opened.period_s:
+        if opened.exposure_s > max(opened.period_s, opened.proven_exposure_s):
             self._check_interval(opened)
+            opened.proven_exposure_s = opened.exposure_s
         opened.is_settled = True
 
     def _settle(self, opened: _Opened, settling: Settling) -> None:

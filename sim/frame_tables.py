@@ -1,0 +1,35 @@
+"""Small tables that the frame kernel reads instead of computing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.frame_model import CHANNELS, FrameModel
+from sim.frame_reference import fractional_code
+from sim.scene import FloatArray
+
+OCTAVES, STEPS = 20, 128
+TOE = 2.0**-OCTAVES
+
+
+def response_tables(model: FrameModel) -> NDArray[np.uint32]:
+    """(3, 2562) of each channel: code and step to the next entry, 16 bits each, in 256ths of a code.
+
+    Entries lie at shares of the span that, with 2⁻²⁰ added, part each octave into 128: fine where codes are dark,
+    and nowhere further than 1/128 of the light apart.
+    """
+    octave, step = np.divmod(np.arange(OCTAVES * STEPS + 3), STEPS)
+    share = TOE * (2.0**octave * (1 + step / STEPS) - 1)
+    return np.stack([_table(model.response[channel], share) for channel in range(CHANNELS)])
+
+
+def _table(response: FloatArray, share: FloatArray) -> NDArray[np.uint32]:
+    light = response[0] + share * (response[-1] - response[0])
+    code = np.rint(256 * fractional_code(response, light)).astype(np.uint32)
+    return np.asarray((code[:-1] << 16) | np.diff(code), dtype=np.uint32)
+
+
+def target_table(model: FrameModel, gain: float) -> NDArray[np.float32]:
+    """(3, 256) camera value that each code of a target asks for."""
+    return np.asarray(gain * model.target_scale[:, None] * model.eotf, dtype=np.float32)

@@ -1,0 +1,62 @@
+// A frame's rows: target codes in, sums over patches or projector codes out. sim/frame_reference.py defines them.
+#pragma once
+#include <cstdint>
+
+#include "level.hpp"
+
+namespace kernel::frame {
+
+constexpr int BANDS = 3, SEGMENT = 512, BLOCK = 16, DITHER = 64;
+
+// Packed numbers of each band (sim/frame_packed.py), and what 1 stands for.
+struct Layers {
+    const std::uint16_t *band[BANDS];
+    float unit[BANDS];
+};
+
+// Runs of pixels of a row (sim/frame_runs.py).
+struct Runs {
+    const std::int32_t *row, *start, *value;
+};
+
+// Arrays of pixels, row by row.
+struct Pixels {
+    std::int64_t height, width, n_lit, n_viewed;
+    Layers inverse, offset, gain, emission;
+    const std::uint8_t *place_x, *place_y;
+    Runs patches, cells;
+};
+
+// What differs from frame to frame, and small tables.
+struct Frame {
+    const std::uint8_t *codes;
+    const float *target;           // (3, 256) camera value of each code
+    const float *irradiance;       // (3, W)
+    const float *adjoint;          // (3, L) lambda; bounded only
+    float mixing[BANDS][BANDS], unmixing[BANDS][BANDS];
+    bool mixed;                    // mixing is not the identity
+    float lower[BANDS], span[BANDS];
+    const std::uint32_t *response; // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
+    const std::uint8_t *dither;    // (3, 64, 64)
+    std::uint8_t *out;
+};
+
+// Share p of the span: bits of p + TOE, 128 steps an octave from TOE on.
+constexpr int RESPONSE = 20 * 128 + 2, RESPONSE_SHIFT = 16;
+constexpr float RESPONSE_TOE = 1.0f / (1 << 20);
+
+// Sums of a chunk of rows.
+struct Sums {
+    double *emitted;        // (3, L) S q
+    double *returned;       // (3, W) V^T D^2 delta; bounded only
+    double squared;         // sum of D^2 epsilon^2; bounded only
+    std::int64_t clipped;   // channels beyond the span
+};
+
+KERNEL_DECLARE(void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums))
+KERNEL_DECLARE(void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums))
+KERNEL_DECLARE(void code_row(const Pixels &pixels, const Frame &frame, bool bounded, std::int64_t row, Sums &sums))
+// out_b = scale_b . matrix_row, three right-hand sides at once where they share the matrix.
+KERNEL_DECLARE(float product_row(const float *matrix, const float *x, std::int64_t n))
+
+}  // namespace kernel::frame
