@@ -13,6 +13,7 @@ from sim.compensation.goal import Goal
 from sim.compensation.inverse import Inverse
 from sim.compensation.remap import remapped
 from sim.compensation.result import Compensation, Task, begun
+from sim.compensation.sampled_start import start_of
 from sim.compensation.smooth_attenuation import attenuated
 from sim.compensation.view import Transport
 from sim.errors import SimulationError
@@ -61,7 +62,8 @@ def bounded(
         raise SimulationError(f"bounded: unknown goal {goal!r}; there are {', '.join(GOALS)}")
     task = begun(transport, target, lower, upper)
     changed = GOALS[goal](task)
-    result = optimum(BoxProblem(task.view, changed.values, lower, upper), changed.wanted, tolerance, limit)
+    problem = BoxProblem(task.view, changed.values, lower, upper)
+    result = optimum(problem, start_of(problem, changed.wanted), tolerance, limit)
     return task.finished(result.p, result.steps, result.notes | changed.notes, result.held)
 
 

@@ -21,9 +21,13 @@ DAMPING_RANGE = (1e-9, 1.0)
 """Levenberg and Marquardt's damping of a step, as a share of the curvature; starts at 1e-6."""
 FLOOR = 1e-8
 """An objective below this share of the target's square counts as this share: 1e-4 of its root mean square."""
-FORCING = (1e-1, 1e-3)
+FORCING = (1e-1, 1e-2)
 """Residual that conjugate gradients leave, first and from the second step on."""
 CG_LIMIT = 60
+SWEEPS = 12
+"""Of coordinate descent within a pixel of several channels, at most."""
+CHUNK = 1 << 13
+"""Pixels at a time: what the sweeps touch stays in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +135,7 @@ class Optimum:
 
 def optimum(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> Optimum:
     """Improve a start (n, C) until the relative gap is within the tolerance, or the steps run out."""
-    state, steps, products = _solved(problem, start, tolerance, limit)
+    state, steps, products = solved(problem, start, tolerance, limit)
     notes: dict[str, float | str] = {
         "gap": problem.relative_gap(state),
         "kkt_residual": problem.kkt_residual(state),
@@ -142,12 +146,12 @@ def optimum(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int
     return Optimum(state.p, problem.held(state), state.objective, steps, notes)
 
 
-def _solved(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> tuple[State, int, int]:
+def solved(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> tuple[State, int, int]:
     """Take steps; return the state, the steps, and the products with TᵀΩT inside them.
 
-    A primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002): values that a diagonal
-    step would carry past a bound are put there, the others take the least-squares step. Where that does not descend, a
-    projected Newton or gradient step with Armijo's rule does (Bertsekas, SIAM J. Control Optim. 20, 1982).
+    A primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002): values that
+    their pixel alone would take to a bound are put there, the others take the least-squares step. Where that does not
+    descend, a projected Newton or gradient step with Armijo's rule does (Bertsekas, SIAM J. Control Optim. 20, 1982).
     """
     state = problem.at(np.clip(start, problem.lower, problem.upper))
     steps, products, damping = 0, 0, 1e-6
@@ -164,8 +168,8 @@ def _solved(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int
 
 def _improved(problem: BoxProblem, state: State, damping: float, forcing: float) -> tuple[State | None, int]:
     """Take a step that descends: active set, projected Newton or projected gradient; None if none does."""
-    diagonal_step = state.p - state.gradient / problem.curvature
-    low, high = diagonal_step <= problem.lower, diagonal_step >= problem.upper
+    local = pixel_optimum(problem, state.p, state.gradient)
+    low, high = local <= problem.lower, local >= problem.upper
     moved = problem.at(np.where(low, problem.lower, np.where(high, problem.upper, state.p)))
     step, spent = _newton_step(problem, moved, ~(low | high), damping, forcing)
     trial = problem.at(np.clip(moved.p + step, problem.lower, problem.upper))
@@ -177,6 +181,45 @@ def _improved(problem: BoxProblem, state: State, damping: float, forcing: float)
     if descending:
         return min(descending, key=lambda each: each.objective), spent + more
     return _searched(problem, state, -state.gradient / problem.curvature), spent + more
+
+
+def pixel_optimum(problem: BoxProblem, p: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Where each pixel would go alone: the best of its C x C block in the box, by coordinate descent.
+
+    Parameters
+    ----------
+    p, gradient : (n, C)
+        An image in the box, and the gradient there.
+    """
+    x = np.empty_like(p)
+    for first in range(0, len(p), CHUNK):
+        part = slice(first, first + CHUNK)
+        x[part] = _descended(
+            problem.blocks[part].transpose(1, 2, 0).copy(),
+            problem.curvature[part].T.copy(),
+            p[part].T.copy(),
+            gradient[part].T.copy(),
+            (problem.lower, problem.upper),
+        ).T
+    return x
+
+
+def _descended(
+    blocks: FloatArray, curvature: FloatArray, x: FloatArray, slope: FloatArray, box: tuple[float, float]
+) -> FloatArray:
+    """Coordinate descent at each pixel; blocks (C, C, n), the others (C, n), x and slope overwritten."""
+    channels, settled = len(x), 1e-3 * (box[1] - box[0])
+    for _ in range(SWEEPS if channels > 1 else 1):
+        largest = 0.0
+        for c in range(channels):
+            change = np.clip(x[c] - slope[c] / curvature[c], *box) - x[c]
+            x[c] += change
+            for b in range(channels):
+                slope[b] += (curvature[c] if b == c else blocks[b, c]) * change
+            largest = max(largest, float(np.abs(change).max(initial=0.0)))
+        if largest <= settled:
+            break
+    return x
 
 
 def _newton_step(
@@ -205,10 +248,15 @@ def _newton_step(
 
 def _inverse_blocks(problem: BoxProblem, free: BoolArray, damped: FloatArray) -> FloatArray:
     """(n, C, C) inverse of direct light's blocks, with indirect light on their diagonals, over the free values."""
-    both = free[:, :, None] & free[:, None, :]
-    diagonal = np.where(free, problem.curvature - np.einsum("ncc->nc", problem.blocks) + damped, 1.0)
-    blocks = np.where(both, problem.blocks, 0.0) + diagonal[:, :, None] * np.eye(free.shape[1])
-    return np.where(both, np.linalg.inv(blocks), 0.0)
+    some = np.flatnonzero(free.any(axis=1))
+    blocks, loose = problem.blocks[some], free[some]
+    both = loose[:, :, None] & loose[:, None, :]
+    extra = (problem.curvature + damped)[some] - np.einsum("ncc->nc", blocks)
+    diagonal = np.where(loose, extra, 1.0)
+    blocks = np.where(both, blocks, 0.0) + diagonal[:, :, None] * np.eye(free.shape[1])
+    inverse = np.zeros_like(problem.blocks)
+    inverse[some] = np.where(both, np.linalg.inv(blocks), 0.0)
+    return inverse
 
 
 def _searched(problem: BoxProblem, state: State, step: FloatArray) -> State | None:

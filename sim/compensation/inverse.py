@@ -40,10 +40,10 @@ class Inverse:
 
     def adjoint(self, p: FloatArray) -> FloatArray:
         """T⁻ᵀ p, (n, C)."""
-        return self._by_band(p @ self.view.unmixing, adjoint=True)
+        return self._by_band((self.view.unmixing.T @ p.T).T, adjoint=True)
 
     def _by_band(self, values: FloatArray, adjoint: bool) -> FloatArray:
-        return np.stack([band.apply(values[:, b], adjoint) for b, band in enumerate(self._bands)], axis=-1)
+        return np.stack([band.apply(values[:, b], adjoint) for b, band in enumerate(self._bands)]).T
 
     @cached_property
     def _bands(self) -> list[_Band]:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from sim.compensation.box_least_squares import BoxProblem, optimum
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, begun
+from sim.compensation.sampled_start import start_of
 from sim.compensation.view import Transport
 from sim.errors import SimulationError
 from sim.scene import FloatArray
@@ -65,7 +66,7 @@ def perceptual(
     # A black target has no white of its own; any will do.
     metric = lab_metric(task.target / (peak or 1.0), np.asarray(xyz_from_bands, dtype=np.float64)) / (peak or 1.0) ** 2
     problem = BoxProblem(task.view, task.target, lower, upper, metric)
-    best = optimum(problem, Inverse(task.view).apply(task.target), tolerance, limit)
+    best = optimum(problem, start_of(problem, Inverse(task.view).apply(task.target)), tolerance, limit)
     notes = best.notes | {"delta_e_rms": (2 * best.objective / len(best.p)) ** 0.5}
     return task.finished(best.p, best.steps, notes, best.held)
 

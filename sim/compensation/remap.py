@@ -27,7 +27,8 @@ def remap(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: fl
     A linear program in two unknowns, solved on the few pixels that limit it. Reference: the alternative that Dehos et
     al., Virtual Reality 18(2), 2014, name in section 5.2; the offset is the same in every band.
 
-    Limits: the picture is whole, but its contrast and brightness are those of its most difficult pixel.
+    Limits: the picture is whole, but its contrast and brightness are those of its most difficult pixel. In a measured
+    room one pixel in a corner that would have to swallow light at any gain leaves a gain of 0.
 
     Returns
     -------
@@ -74,7 +75,7 @@ def _largest_gain(
         found = linprog(cost, A_ub=rows, b_ub=bounds, bounds=[(0, 1), (0, None), (0, None), (0, None)])
         if not found.success:
             break
-        s, o, slack = float(found.x[0]), float(found.x[1] - found.x[2]), float(found.x[3])
+        s, o, slack = abs(float(found.x[0])), float(found.x[1] - found.x[2]), float(found.x[3])
     raise SimulationError(
         f"remap: no gain and offset after {ROUNDS} rounds of the linear program; use content_scale or bounded"
     )

@@ -93,7 +93,7 @@ class Task:
         return {"worse_than_direct": worse} if worse > WORSE else {}
 
     def _shaped(self, values: NDArray[Any]) -> NDArray[Any]:
-        return values[:, 0] if self.grey else values
+        return values[:, 0] if self.grey else np.ascontiguousarray(values)
 
 
 def begun(transport: Transport, target: ArrayLike, lower: float, upper: float) -> Task:
@@ -116,4 +116,6 @@ def begun(transport: Transport, target: ArrayLike, lower: float, upper: float) -
         raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
     if not lower < upper:
         raise SimulationError(f"projector range {lower:g} ... {upper:g} is empty; lower must be below upper")
-    return Task(view_of(transport), values.reshape(pixels, channels), lower, upper, not colour, started_s)
+    return Task(
+        view_of(transport), np.asfortranarray(values.reshape(pixels, channels)), lower, upper, not colour, started_s
+    )

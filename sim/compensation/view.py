@@ -20,18 +20,18 @@ Transport = LightTransport | ColourTransport
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """T p = D K p + V H S K p, band by band; a grey transport has one band and K = 1."""
+    """T p = D K p + V H S K p, band by band; a grey transport has one band and K = 1.
+
+    Images (n, C) are kept band after band in memory, for the sparse products take one band at a time.
+    """
 
     bands: tuple[LightTransport, ...]
     mixing: FloatArray
     """(C, C) K."""
     diagonal: FloatArray
     """(n, C) D."""
-
-    @property
-    def couplings(self) -> tuple[Coupling, ...]:
-        """The interreflection of each band."""
-        return tuple(band.coupling for band in self.bands)
+    couplings: tuple[Coupling, ...]
+    """The interreflection of each band."""
 
     @cached_property
     def unmixing(self) -> FloatArray:
@@ -40,11 +40,11 @@ class View:
 
     def mixed(self, p: FloatArray) -> FloatArray:
         """K p: the light of each band, (n, C), of a projector image."""
-        return np.asarray(p @ self.mixing.T)
+        return np.asarray((self.mixing @ p.T).T)
 
     def unmixed(self, light: FloatArray) -> FloatArray:
         """Inverse of :meth:`mixed`."""
-        return np.asarray(light @ self.unmixing.T)
+        return np.asarray((self.unmixing @ light.T).T)
 
     def indirect(self, light: FloatArray) -> FloatArray:
         """V H S of each band's light: what comes back from the patches, (n, C)."""
@@ -61,7 +61,7 @@ class View:
 
     def adjoint(self, c: FloatArray) -> FloatArray:
         """Tᵀ c, (n, C)."""
-        return np.asarray((self.diagonal * c + self.indirect_adjoint(c)) @ self.mixing)
+        return np.asarray((self.mixing.T @ (self.diagonal * c + self.indirect_adjoint(c)).T).T)
 
     def by_direct(self, c: FloatArray) -> FloatArray:
         """K⁻¹ c / D: the projector image whose direct light is c; no light where no direct light goes."""
@@ -69,7 +69,7 @@ class View:
 
     @staticmethod
     def _by_band(columns: list[FloatArray]) -> FloatArray:
-        return columns[0][:, None] if len(columns) == 1 else np.stack(columns, axis=-1)
+        return np.stack(columns).T
 
 
 def view_of(transport: Transport) -> View:
@@ -83,7 +83,8 @@ def view_of(transport: Transport) -> View:
     colour = isinstance(transport, ColourTransport)
     bands = transport.bands if isinstance(transport, ColourTransport) else (transport,)
     mixing = transport.mixing if colour else np.eye(1)
-    return View(bands, mixing, np.stack([diagonal_of(band) for band in bands], axis=-1))
+    diagonal = np.stack([diagonal_of(band) for band in bands]).T
+    return View(bands, mixing, diagonal, tuple(band.coupling for band in bands))
 
 
 def direct_blocks(view: View, metric: FloatArray | None = None) -> FloatArray:

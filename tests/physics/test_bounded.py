@@ -68,7 +68,7 @@ def test_the_certificate_is_met_and_no_strategy_is_better(seed):
     target = _target(seed)
     ours = compensate("bounded", COLOUR, target)
     assert ours.notes["gap"] <= 1e-6
-    assert ours.notes["kkt_residual"] <= 1e-6
+    assert ours.notes["kkt_residual"] <= 1e-5
     for name in STRATEGIES:
         assert compensate(name, COLOUR, target).residual_rms >= ours.residual_rms * (1 - 1e-6), name
 
@@ -131,6 +131,34 @@ def test_the_inverse_iterates_where_there_are_too_many_patches(monkeypatch):
     assert iterated.apply(x) == pytest.approx(expected[0], abs=1e-7)
     assert iterated.adjoint(x) == pytest.approx(expected[1], abs=1e-7)
     assert iterated.iterations > 1
+
+
+def _fine(reflectance):
+    scene = room((2.0, 2.0, 2.0), 0.5, reflectance)
+    lens = Lens.from_horizontal_field_of_view(160, 120, 90.0)
+    return coaxial_transport(scene, form_factors(scene), lens, POSE, "physical", "area")
+
+
+@pytest.mark.parametrize("name", ["bounded", "perceptual"])
+def test_on_many_pixels_a_sample_starts_near_the_optimum(name):
+    transport = _fine(0.8)
+    target = np.random.default_rng(14).uniform(0.05, 1.5, transport.shape[0]) * np.median(
+        transport @ np.ones(transport.shape[1])
+    )
+    start, best = (compensate(name, transport, target, limit=limit) for limit in (0, 60))
+    assert best.notes["gap"] <= 1e-6 < start.notes["gap"]
+    assert start.notes["optimal_rms_at_least"] <= best.notes["optimal_rms_at_least"] * (1 + 1e-9)
+    error, ideal = (each.notes.get("delta_e_rms", each.residual_rms) for each in (start, best))
+    assert error <= 1.01 * ideal
+
+
+def test_in_colour_a_sample_starts_near_the_optimum():
+    transport = ColourTransport([_fine(reflectance) for reflectance in (0.8, 0.6, 0.3)], MIXING)
+    white = np.median(transport.forward(np.ones((160 * 120, 3))), axis=0)
+    target = np.random.default_rng(15).uniform(0.05, 1.2, (160 * 120, 3)) * white
+    start, best = (compensate("bounded", transport, target, limit=limit) for limit in (0, 60))
+    assert best.notes["gap"] <= 1e-6
+    assert start.residual_rms <= 1.02 * best.residual_rms
 
 
 @pytest.mark.parametrize("goal", ["remap", "content_scale", "smooth_attenuation"])

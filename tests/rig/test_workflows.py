@@ -20,6 +20,7 @@ from rig.workflows.capture import Shot, frame_name, photograph
 from rig.workflows.compensate import check_strategies
 from rig.workflows.target import load_target
 from rig.workflows.whole import _Opening
+from sim.compensation import STRATEGIES
 
 # Targets
 
@@ -81,6 +82,7 @@ def test_light_above_white_is_refused(tmp_path: Path) -> None:
 def test_strategies_come_once_and_after_none() -> None:
     assert check_strategies(("bounded", "paper", "none", "bounded")) == ("none", "bounded", "paper")
     assert check_strategies(()) == ("none",)
+    assert check_strategies(("bounded", "all")) == tuple(STRATEGIES)
     with pytest.raises(UsageError, match="unknown strategy magic, best; there are"):
         check_strategies(("magic", "best"))
 
