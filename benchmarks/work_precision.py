@@ -78,6 +78,7 @@ DRAWINGS: Mapping[str, Drawing] = {
     "plan": Drawing(
         lambda p: p["problem"], lambda p: p["problem"], lambda p: f"{p['tolerance']:g} %, {p['n']}", "error, % of white"
     ),
+    "live": Drawing(lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "rms error, grey levels"),
 }
 
 

@@ -27,15 +27,16 @@ class Devices(NamedTuple):
     clock: Clock
 
 
-def make_devices(profile: Profile, start_s: float = 0.0) -> Devices:
+def make_devices(profile: Profile, start_s: float = 0.0, *, real_time: bool = False) -> Devices:
     """Make the devices that a profile describes, without opening them.
 
-    ``start_s`` is where virtual clocks start. Raises ProfileError when a recording does not fit the profile.
+    ``start_s`` is where virtual clocks start; with ``real_time`` simulated devices go by the machine's.
+    Raises ProfileError when a recording does not fit the profile.
     """
     if profile.camera.driver == "replay":
         return _replayed(profile, start_s)
     if profile.camera.driver == "simulated":
-        return _simulated(profile, start_s)
+        return _simulated(profile, SystemClock() if real_time else VirtualClock(start_s))
     clock = SystemClock()
     return Devices(_real_camera(profile, clock), _real_projector(profile, clock), clock)
 
@@ -119,10 +120,10 @@ def bench_of(profile: Profile) -> Bench:
     return Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
 
 
-def _simulated(profile: Profile, start_s: float) -> Devices:
+def _simulated(profile: Profile, clock: Clock) -> Devices:
     from rig.devices.simulated import SimulatedCamera, SimulatedProjector
 
-    clock, bench = VirtualClock(start_s), bench_of(profile)
+    bench = bench_of(profile)
     projector = SimulatedProjector(bench, clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
     camera = SimulatedCamera(
         bench,

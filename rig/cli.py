@@ -14,6 +14,7 @@ import cyclopts
 from cyclopts import App, Parameter
 
 from rig.cli_devices import Json, devices, print_json, profile_app, virtual
+from rig.cli_live import live
 from rig.errors import RigError, UsageError
 
 
@@ -33,6 +34,7 @@ app = App(
 app.command(profile_app)
 app.command(devices)
 app.command(virtual)
+app.command(live)
 
 ProfileOption = Annotated[
     str | None,
@@ -352,7 +354,7 @@ def simulate(
 
 @app.command
 def bench(
-    name: Annotated[str, Parameter(help="form-factors, solve, image, plan or compensate.")],
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate or live.")],
     *,
     quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
     full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,

@@ -150,3 +150,13 @@ class FrameKernel:
 
     def __init__(self, model: object, response: NDArray[uint32], unmixing: NDArray[float64]) -> None: ...
     def exact(self, codes: NDArray[uint8], out: NDArray[uint8], target: NDArray[float32], threads: int) -> int: ...
+    def bounded(
+        self,
+        codes: NDArray[uint8],
+        out: NDArray[uint8],
+        target: NDArray[float32],
+        steps: int,
+        first_steps: int,
+        fresh: bool,
+        threads: int,
+    ) -> tuple[int, float, int]: ...

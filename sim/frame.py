@@ -21,6 +21,8 @@ from sim.frame_tables import response_tables, target_table
 __all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model", "reference_frame"]
 
 Strategy = Literal["exact", "bounded"]
+STEPS, FIRST_STEPS = 1, 4
+"""Steps towards the bounded optimum: from the last frame's, and from the exact inverse for a first frame or a cut."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,10 @@ class FrameCompensator:
         self.model, self.strategy, self.threads = model, strategy, threads
         self.last = FrameReport(np.nan, 0.0, 0)
         self._channels = max(1, CHANNELS * int(model.active.sum()))
-        self._kernel = _kernel.FrameKernel(model, response_tables(model), np.linalg.inv(model.mixing))
+        self._fresh = True
+        self._kernel = _kernel.FrameKernel(
+            model, response_tables(model), np.linalg.inv(model.mixing).astype(np.float64)
+        )
 
     def frame(
         self, codes: NDArray[np.uint8], out: NDArray[np.uint8] | None = None, gain: float = 1.0
@@ -85,9 +90,20 @@ class FrameCompensator:
         if not (np.isfinite(gain) and gain >= 0):
             raise SimulationError(f"gain {gain:g}; give a finite number of 0 or more")
         result = np.empty_like(codes) if out is None else checked_frame(self.model, out, "out")
-        clipped = self._kernel.exact(codes, result, target_table(self.model, gain), self.threads)
-        self.last = FrameReport(np.nan, clipped / self._channels, 2)
+        target = target_table(self.model, gain)
+        if self.strategy == "exact":
+            clipped = self._kernel.exact(codes, result, target, self.threads)
+            self.last = FrameReport(np.nan, clipped / self._channels, 2)
+        else:
+            self.last = self._bounded(codes, result, target)
         return result
 
     def reset(self) -> None:
         """Forget the frame before: the next one begins anew."""
+        self._fresh = True
+
+    def _bounded(self, codes: NDArray[np.uint8], out: NDArray[np.uint8], target: NDArray[np.float32]) -> FrameReport:
+        fresh, self._fresh = self._fresh, False
+        clipped, squared, passes = self._kernel.bounded(codes, out, target, STEPS, FIRST_STEPS, fresh, self.threads)
+        error = float(np.sqrt(squared / self._channels / np.mean(self.model.target_scale**2)))
+        return FrameReport(error, clipped / self._channels, passes)

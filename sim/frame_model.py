@@ -11,37 +11,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array, diags_array
 
+from sim.colour import ColourTransport
 from sim.compensation.view import diagonal_of
 from sim.errors import SimulationError
+from sim.form_factors import FormFactors
 from sim.frame_packed import Packed, packed
 from sim.frame_runs import Cells, Runs, cells_of, runs_of
 from sim.light_transport import LightTransport
+from sim.radiosity import Radiosity
 from sim.scene import BoolArray, FloatArray, IntArray
 
 CHANNELS = 3
 DITHER_PX = 64
+ROWS_OF_A_SUM = 16
+"""A patch's sum takes no fewer rows than this, or all."""
 ONE_LAYER = 2e-3
 """Bands whose geometry differs by less than this share use one layer for it."""
-
-
-class Colour(Protocol):
-    """A colour transport: one light transport a camera band, and the mixing of projector channels into bands."""
-
-    @property
-    def bands(self) -> Sequence[LightTransport]:
-        """One transport a band, of the same pixels and patches."""
-        ...
-
-    @property
-    def mixing(self) -> FloatArray:
-        """(C, C) K[band, channel]."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +46,10 @@ class FrameModel:
     """black / D."""
     view_gain: Packed
     """Camera value of unit irradiance from all patches at a pixel, over D."""
+    sum_rows: NDArray[np.int32]
+    """(R,) rows that sums over patches are taken from: all, or one of each two to four by a fixed pattern."""
+    row_scale: FloatArray
+    """(L,) emission from all rows over that from these rows, for even light."""
     emission: Packed
     """Emission of a pixel's patch by unit light of the pixel, in the first band: one layer."""
     patch_runs: Runs
@@ -91,7 +85,7 @@ class FrameModel:
 
 
 def frame_model(
-    transport: LightTransport | Colour,
+    transport: LightTransport | ColourTransport,
     shape: tuple[int, int],
     active: ArrayLike | None = None,
     *,
@@ -142,12 +136,15 @@ def frame_model(
     inverse = [_inverse(band, sums, lit, cells.viewed, share[k][lit], gain_share[k]) for k, band in enumerate(light)]
     curvature = np.stack([sums.power(2) @ band.inverse**2 for band in light])
     seen_black = np.stack([sums @ row for row in black_over_direct])
+    rows, scale = _sum_rows(shape, places, index, emission, len(lit))
     image = _Image(places, shape)
     return FrameModel(
         shape,
         image.packed([band.inverse for band in light]),
         image.packed(black_over_direct if black_of.any() else [np.zeros(len(places))]),
         image.packed(gain),
+        rows,
+        scale,
         image.packed([emission]),
         runs_of(index, places, shape),
         cells.cells,
@@ -155,9 +152,9 @@ def frame_model(
         curvature,
         seen_black,
         mixing,
-        np.broadcast_to(np.asarray(target_scale, dtype=np.float64), (CHANNELS,)).copy(),
+        _scale(target_scale),
         _table("eotf", eotf, (256,)),
-        _table("response", response, (CHANNELS, 256)),
+        _response(response),
         _dither(dither_seed),
     )
 
@@ -190,7 +187,7 @@ class _Image:
         return packed(whole.reshape(len(layers), *self.shape))
 
 
-def _bands_of(transport: LightTransport | Colour) -> tuple[Sequence[LightTransport], FloatArray]:
+def _bands_of(transport: LightTransport | ColourTransport) -> tuple[Sequence[LightTransport], FloatArray]:
     if isinstance(transport, LightTransport):
         return (transport,), np.eye(CHANNELS)
     mixing = np.asarray(transport.mixing, dtype=np.float64)
@@ -231,6 +228,13 @@ def _black(black: ArrayLike, n: int) -> FloatArray:
     return whole
 
 
+def _scale(target_scale: ArrayLike) -> FloatArray:
+    scale = np.asarray(target_scale, dtype=np.float64)
+    if scale.shape not in ((), (CHANNELS,)) or not (np.isfinite(scale).all() and scale.min() > 0):
+        raise SimulationError(f"frame model: target scale {scale}; one number above 0, or one a band")
+    return np.broadcast_to(scale, (CHANNELS,)).copy()
+
+
 def _table(name: str, table: ArrayLike | None, shape: tuple[int, ...]) -> FloatArray:
     values = np.arange(256) / 255 if table is None else np.asarray(table, dtype=np.float64)
     if values.shape not in (shape, (256,)):
@@ -240,6 +244,15 @@ def _table(name: str, table: ArrayLike | None, shape: tuple[int, ...]) -> FloatA
     if not (np.isfinite(whole).all() and rising and whole.min() >= 0):
         raise SimulationError(f"frame model: {name} must be finite, rise with the code, and not be below 0")
     return whole
+
+
+def _response(response: ArrayLike | None) -> FloatArray:
+    table = _table("response", response, (CHANNELS, 256))
+    if table[:, 0].any():
+        raise SimulationError(
+            f"frame model: response begins at {table[:, 0].max():g}; it counts from the projector's black: begin at 0"
+        )
+    return table
 
 
 def _dither(seed: int | None) -> NDArray[np.uint8]:
@@ -299,6 +312,23 @@ def _main_patch(band: _Band) -> tuple[IntArray, FloatArray]:
     return patch, _power(band) * per_power[patch]
 
 
+def _sum_rows(
+    shape: tuple[int, int], places: IntArray, index: IntArray, emission: FloatArray, n_lit: int
+) -> tuple[NDArray[np.int32], FloatArray]:
+    """Rows for sums over patches, and what the left-out ones are made up for with.
+
+    One row of each group, by the ones in the group's binary number (as Thue and Morse): no picture's stripes repeat
+    like that.
+    """
+    step = int(np.clip(np.sqrt(len(places) / n_lit) / ROWS_OF_A_SUM, 1, 4))
+    groups = np.arange(shape[0] // step)
+    rows = groups * step + np.bitwise_count(groups) % step
+    taken = np.isin(places // shape[1], rows)
+    whole, part = (np.bincount(index[some], emission[some], n_lit) for some in (slice(None), taken))
+    scale = np.divide(whole, part, out=np.zeros(n_lit), where=part > 0)
+    return rows.astype(np.int32), scale
+
+
 def _one_layer(layers: Sequence[FloatArray]) -> tuple[list[FloatArray], list[float]]:
     """The layers and (1, 1, 1), or the first and each one's ratio to it if that is nearly the same everywhere."""
     first = layers[0]
@@ -326,6 +356,10 @@ def _inverse(
 
 def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray) -> FloatArray:
     """(W, L) (I - G)⁻¹ G from lit to viewed patches."""
-    unit = np.zeros((transport.radiosity.n_patches, len(lit)))
+    radiosity = transport.radiosity
+    if isinstance(radiosity.form_factors, FormFactors):
+        # A factor pays for so many right-hand sides.
+        radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
+    unit = np.zeros((radiosity.n_patches, len(lit)))
     unit[lit, np.arange(len(lit))] = 1.0
-    return np.asarray((transport.radiosity.solve(unit) - unit)[viewed])
+    return np.asarray((radiosity.solve(unit) - unit)[viewed])

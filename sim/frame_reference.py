@@ -52,9 +52,11 @@ def wanted_light(model: FrameModel, codes: NDArray[np.uint8], gain: float = 1.0)
 
 def patch_sums(model: FrameModel, light: FloatArray) -> FloatArray:
     """(3, L) S light for light (3, H, W) of the bands, emission as of the first band."""
-    patch = model.patch_runs.value[model.patch_runs.of_pixels(model.shape), 0].ravel()
-    weight = model.emission.values[0]
-    return np.stack([np.bincount(patch, (weight * band).ravel(), model.n_lit) for band in light])
+    rows = model.sum_rows
+    patch = model.patch_runs.value[model.patch_runs.of_pixels(model.shape)[rows], 0].ravel()
+    weight = model.emission.values[0][rows]
+    sums = [np.bincount(patch, (weight * band[rows]).ravel(), model.n_lit) for band in light]
+    return np.stack(sums) * model.row_scale
 
 
 def seen(model: FrameModel, irradiance: FloatArray) -> FloatArray:

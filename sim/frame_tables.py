@@ -25,8 +25,7 @@ def response_tables(model: FrameModel) -> NDArray[np.uint32]:
 
 
 def _table(response: FloatArray, share: FloatArray) -> NDArray[np.uint32]:
-    light = response[0] + share * (response[-1] - response[0])
-    code = np.rint(256 * fractional_code(response, light)).astype(np.uint32)
+    code = np.rint(256 * fractional_code(response, share * response[-1])).astype(np.uint32)
     return np.asarray((code[:-1] << 16) | np.diff(code), dtype=np.uint32)
 
 

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from rig.devices.bench import Bench, Float32Array, SeenLight
 from rig.devices.bench_settings import BenchCamera, Interval
-from rig.devices.clock import VirtualClock
-from rig.devices.protocols import Codes, RawFrame, Shown
+from rig.devices.protocols import Clock, Codes, RawFrame, Shown
 from rig.devices.simulated_faults import FrameFaults, end_of, first_in, random_at
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 
@@ -40,7 +39,7 @@ class LitPicture:
 class SimulatedProjector:
     """Shows codes on the bench at the next refresh, with latency and jitter until the light comes."""
 
-    def __init__(self, bench: Bench, clock: VirtualClock, *, refresh_rate_hz: float):
+    def __init__(self, bench: Bench, clock: Clock, *, refresh_rate_hz: float):
         self._bench = bench
         self._clock = clock
         self._period_s = 1.0 / refresh_rate_hz
@@ -105,7 +104,7 @@ class SimulatedCamera:
         self,
         bench: Bench,
         projector: SimulatedProjector,
-        clock: VirtualClock,
+        clock: Clock,
         *,
         bit_depth: int,
         frame_rate_hz: float,

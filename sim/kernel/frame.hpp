@@ -30,13 +30,14 @@ struct Pixels {
 // What differs from frame to frame, and small tables.
 struct Frame {
     const std::uint8_t *codes;
-    const float *target;           // (3, 256) camera value of each code
+    const float *target;           // (3, 256) camera value of each code, times the unit of 1 / D
     const float *irradiance;       // (3, W)
-    const float *adjoint;          // (3, L) lambda; bounded only
+    const float *adjoint;          // (3, L) H^T V^T (predicted - wanted), emission as of the first band; bounded only
     float mixing[BANDS][BANDS], unmixing[BANDS][BANDS];
     bool mixed;                    // mixing is not the identity
-    float lower[BANDS], span[BANDS];
-    const std::uint32_t *response; // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
+    int rounds;                    // over the channels, to bound their light together
+    float span[BANDS], per_span[BANDS]; // light of the highest code, and 1 over it
+    const std::int32_t *response;  // (3, RESPONSE) code and step, both in 256ths, by the bits of a share of the span
     const std::uint8_t *dither;    // (3, 64, 64)
     std::uint8_t *out;
 };
@@ -48,15 +49,20 @@ constexpr float RESPONSE_TOE = 1.0f / (1 << 20);
 // Sums of a chunk of rows.
 struct Sums {
     double *emitted;        // (3, L) S q
-    double *returned;       // (3, W) V^T D^2 delta; bounded only
-    double squared;         // sum of D^2 epsilon^2; bounded only
+    double *returned;       // (3, W) V^T D (q - the light that a pixel would choose); bounded only
+    double squared;         // of predicted minus wanted camera values; bounded only
     std::int64_t clipped;   // channels beyond the span
 };
 
+// S D^-1 of the target, black not subtracted.
 KERNEL_DECLARE(void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums))
+// What the bounded optimum's conditions need of the light that the pixels choose (docs/explanation/live-frames.md).
 KERNEL_DECLARE(void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums))
+// The projector's codes.
 KERNEL_DECLARE(void code_row(const Pixels &pixels, const Frame &frame, bool bounded, std::int64_t row, Sums &sums))
-// out_b = scale_b . matrix_row, three right-hand sides at once where they share the matrix.
+// out = matrix^T x for the columns begin ... end; and one row times x.
+KERNEL_DECLARE(void product_columns(const float *matrix, const float *x, std::int64_t rows, std::int64_t columns,
+                                    std::int64_t begin, std::int64_t end, float *out))
 KERNEL_DECLARE(float product_row(const float *matrix, const float *x, std::int64_t n))
 
 }  // namespace kernel::frame

@@ -1,0 +1,50 @@
+"""What a person may change while pictures run: keys, and what they do to the settings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+_GAIN_STEP = 2 ** (1 / 8)
+_GAIN_RANGE = (1 / 16, 4.0)
+KEYS = {
+    "n": "next source",
+    "c": "compensation on or off",
+    "s": "next strategy",
+    "+": "brighter",
+    "-": "darker",
+    "a": "automatic gain on or off",
+    "f": "freeze or go on",
+    "b": "black or picture",
+    "q": "quit",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Controls:
+    """Settings that may change between two frames."""
+
+    strategy: str
+    compensating: bool = True
+    gain: float = 1.0
+    """Times the target's brightness."""
+    auto_gain: bool = False
+    frozen: bool = False
+    black: bool = False
+
+
+def pressed(controls: Controls, key: str, strategies: Sequence[str]) -> Controls:
+    """Settings after a key; keys that are no setting change nothing."""
+    if key == "c":
+        return replace(controls, compensating=not controls.compensating)
+    if key == "s" and controls.strategy in strategies:
+        following = strategies[(strategies.index(controls.strategy) + 1) % len(strategies)]
+        return replace(controls, strategy=following, compensating=True)
+    if key in ("+", "=", "-"):
+        gain = controls.gain / _GAIN_STEP if key == "-" else controls.gain * _GAIN_STEP
+        return replace(controls, gain=min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1]))
+    if key == "a":
+        return replace(controls, auto_gain=not controls.auto_gain)
+    if key == "f":
+        return replace(controls, frozen=not controls.frozen)
+    return replace(controls, black=not controls.black) if key == "b" else controls

@@ -1,0 +1,97 @@
+"""Latency by light: flashes go the way of live pictures, and the rig's camera tells when their light came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from rig.back_ends import make_devices
+from rig.devices.protocols import Clock, Codes, Projector, Shown
+from rig.errors import UsageError
+from rig.live.compensator import Compensator
+from rig.live.controls import Controls
+from rig.live.loop import LiveLoop, Surroundings
+from rig.live.slot import Slot
+from rig.live.source import Pixels
+from rig.pair import Rig
+from rig.profile import Profile
+from rig.workflows.check.exposure import find_subject, patient
+from rig.workflows.check.latency import check_latency
+
+
+class LivePath:
+    """A projector whose pictures go through a live loop; it dates them from when they were handed over.
+
+    Parameters
+    ----------
+    projector
+        That the loop shows on.
+    slot
+        That the loop takes from.
+    loop
+        Stepped here, in the caller's thread.
+    """
+
+    def __init__(self, projector: Projector, slot: Slot, loop: LiveLoop, clock: Clock):
+        self._projector = projector
+        self._slot = slot
+        self._loop = loop
+        self._clock = clock
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width), in pixels."""
+        return self._projector.shape
+
+    def open(self) -> None:
+        """Open the projector."""
+        self._projector.open()
+
+    def close(self) -> None:
+        """Close the projector."""
+        self._projector.close()
+
+    def show(self, codes: Codes, *, name: str) -> Shown:
+        """Hand a picture over as a source does, and let the loop show it. Raises DeviceError."""
+        handed_over_s = self._clock.now_s()
+        there: Pixels = self._slot.writable()
+        np.copyto(there, codes if codes.ndim == 3 else codes[..., None])
+        self._slot.offer(None)
+        shown = self._loop.tally.frames
+        while self._loop.tally.frames == shown and not self._loop.ended:
+            self._loop.step()
+        return Shown(handed_over_s, name)
+
+
+def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
+    """From a picture in memory to its light, over many flashes, in milliseconds; ``rig`` is closed and patient.
+
+    Raises CalibrationFailed when the camera sees nothing, DeviceError.
+    """
+    flashing = Rig(rig.profile, rig.camera, path, rig.clock)
+    with flashing:
+        flashing.set_exposure(rig.profile.camera.exposure_s)
+        found = check_latency(find_subject(flashing)).numbers
+    return {
+        "p50": 1000 * found["median"],
+        "p99": 1000 * float(np.quantile(found["values_s"], 0.99)),
+        "max": 1000 * found["max"],
+        "flashes": len(found["values_s"]),
+        "unseen": 1000 * found["unseen_s"],
+    }
+
+
+def light_latency(profile: Profile, compensators: Mapping[str, Compensator], controls: Controls) -> dict[str, Any]:
+    """Measure on a profile's rig; on a simulated one in virtual time, in which computing takes none.
+
+    Raises UsageError for a recording, CalibrationFailed when the camera sees nothing, DeviceError.
+    """
+    if profile.camera.driver == "replay":
+        raise UsageError(f"{profile.path}: a recording has no latency; give a profile of a real or simulated rig")
+    rig = Rig(patient(profile), *make_devices(profile))
+    rate_hz = profile.projector.refresh_rate_hz
+    slot = Slot(rig.projector.shape, 1 / rate_hz, rig.clock)
+    loop = LiveLoop(Surroundings(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
+    return measure_light_latency(rig, LivePath(rig.projector, slot, loop, rig.clock))

@@ -1,0 +1,215 @@
+"""The loop: the newest picture, compensated, on screen at the next refresh; once a refresh, until somebody ends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rig.devices.protocols import Clock, Projector, check_on_screen
+from rig.errors import DeviceLost
+from rig.live.compensator import Compensator
+from rig.live.controls import Controls, pressed
+from rig.live.pace import DisplayClock, Lead
+from rig.live.slot import Feed, LiveFrame
+from rig.live.smoothing import GainState, is_scene_cut, next_gain, share_at_white, thumbnail
+from rig.live.source import Pixels
+from rig.live.tally import Tally
+from rig.recovery import Recovery
+
+_WATCH_S = 0.5
+"""Between two questions whether the picture is still on screen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownFrame:
+    """A picture that was shown, for who records or watches."""
+
+    number: int
+    codes: Pixels
+    """(H, W, 3) projector codes; good until the next frame."""
+    on_screen_s: float
+    gain: float
+    controls: Controls
+
+
+def no_keys() -> str:
+    """Keys where there is no keyboard."""
+    return ""
+
+
+def nothing_more(frame: ShownFrame) -> None:
+    """For who wants no frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """All that the loop talks to."""
+
+    projector: Projector
+    feed: Feed
+    compensators: Mapping[str, Compensator]
+    """By strategy; empty when pictures can only be shown as they are."""
+    clock: Clock
+    refresh_rate_hz: float
+    replug_timeout_s: float = 20.0
+    keys: Callable[[], str] = no_keys
+    next_source: Callable[[], None] = lambda: None
+    on_shown: Callable[[ShownFrame], None] = nothing_more
+    interrupting: Callable[[], AbstractContextManager[None]] = nullcontext
+    """Around waits for a device."""
+    notes: list[str] = field(default_factory=list)
+
+
+class LiveLoop:
+    """Shows frames of a feed on a projector that is open; call :meth:`step` until :attr:`ended`."""
+
+    def __init__(self, surroundings: Surroundings, controls: Controls):
+        self.controls = controls
+        self.tally = Tally(1 / surroundings.refresh_rate_hz)
+        self.ended = ""
+        """Why: quit, or source; empty while it goes on."""
+        self._around = surroundings
+        period_s = 1 / surroundings.refresh_rate_hz
+        self._display = DisplayClock(period_s)
+        self._lead = Lead(period_s)
+        self._frame: LiveFrame | None = None
+        self._out = np.zeros((*surroundings.projector.shape, 3), np.uint8)
+        self._black = np.zeros_like(self._out)
+        self._gain = GainState(controls.gain)
+        self._scene = np.zeros((0, 0, 3), np.uint8)
+        self._changed = False
+        self._watched_s = surroundings.clock.now_s()
+
+    @property
+    def gain(self) -> float:
+        """Of the last frame."""
+        return self._gain.gain if self.controls.auto_gain else self.controls.gain
+
+    def step(self) -> None:
+        """One refresh: keys, at most one picture, show it. Raises DeviceError when the projector stays away."""
+        self._obey_keys()
+        if self.ended:
+            return
+        target_s = self._display.target_s(self._around.clock.now_s() + self._lead.lead_s)
+        frame = self._take(target_s)
+        if frame is not None:
+            self._frame = frame
+            self._show_frame(frame, target_s)
+        elif self._changed and self._frame is not None:
+            self._show(self._codes_of(self._frame.codes))
+        else:
+            self._display.let_pass(target_s)
+        self._changed = False
+        self._watch()
+
+    def _obey_keys(self) -> None:
+        for key in self._around.keys():
+            if key == "q":
+                self.ended = "quit"
+            elif key == "n":
+                self._around.next_source()
+                self._restart()
+            else:
+                before = self.controls
+                self.controls = pressed(before, key, tuple(self._around.compensators))
+                self._changed = self._changed or self.controls != before
+
+    def _restart(self) -> None:
+        for compensator in self._around.compensators.values():
+            compensator.reset()
+
+    def _take(self, target_s: float) -> LiveFrame | None:
+        feed = self._around.feed
+        latch_s = target_s - self._lead.lead_s
+        if self.controls.frozen:
+            feed.skip(target_s)
+            self._around.clock.wait_until_s(latch_s)
+            return None
+        frame = feed.take(latch_s, target_s)
+        if frame is None and feed.ended:
+            self.ended = "source"
+        return frame
+
+    def _show_frame(self, frame: LiveFrame, target_s: float) -> None:
+        clock = self._around.clock
+        begun_s = clock.now_s()
+        codes = self._codes_of(frame.codes)
+        busy_s = clock.now_s() - begun_s
+        deadline_s = frame.due_s
+        if deadline_s is None:
+            deadline_s = self._display.target_s(frame.ready_s + self._lead.lead_s)
+        on_screen_s = self._show(codes)
+        missed = begun_s <= target_s - self._lead.lead_s and self.tally.is_late(on_screen_s, target_s)
+        self._lead.note(busy_s, is_late=missed)
+        self.tally.note_frame(frame.number, frame.ready_s, busy_s, deadline_s, on_screen_s)
+        self._follow_brightness(frame, codes)
+        self._around.on_shown(ShownFrame(frame.number, codes, on_screen_s, self.gain, self.controls))
+
+    def _codes_of(self, codes: Pixels) -> Pixels:
+        """Projector codes of a target, as the settings want it."""
+        if self.controls.black:
+            return self._black
+        compensator = self._compensator
+        if compensator is None:
+            return codes
+        out = compensator.frame(codes, self._out, self.gain)
+        if compensator.last is not None:
+            self.tally.note_error(compensator.last.error)
+        return out
+
+    @property
+    def _compensator(self) -> Compensator | None:
+        return self._around.compensators.get(self.controls.strategy) if self.controls.compensating else None
+
+    def _follow_brightness(self, frame: LiveFrame, codes: Pixels) -> None:
+        """Automatic gain: learn from this frame what the next one's should be."""
+        if not self.controls.auto_gain:
+            self._gain = GainState(self.controls.gain)
+            return
+        scene = thumbnail(frame.codes)
+        is_cut, self._scene = is_scene_cut(self._scene, scene), scene
+        if self._compensator is not None and not self.controls.black:
+            interval_s = self.tally.last_interval_s
+            self._gain = next_gain(self._gain, share_at_white(codes), self.controls.gain, interval_s, is_cut=is_cut)
+
+    def _show(self, codes: Pixels) -> float:
+        """Show codes, and say when they were on screen; waits for a projector that went away."""
+        around = self._around
+        recovery = Recovery(around.clock, around.replug_timeout_s, self._note)
+        while True:
+            try:
+                shown = around.projector.show(codes, name="live")
+            except DeviceLost as loss:
+                lost = loss
+            else:
+                self._display.note(shown.on_screen_s)
+                return shown.on_screen_s
+            self._wait_for_display(recovery, lost)
+
+    def _wait_for_display(self, recovery: Recovery, loss: DeviceLost) -> None:
+        self.tally.unplugged += 1
+        with self._around.interrupting():
+            recovery.bring_back(self._around.projector, "the projector", loss, lambda: None)
+        self._display.forget()
+        self.tally.forget_interval()
+
+    def _watch(self) -> None:
+        """Ask now and then whether the picture is still on screen: some outputs take pictures without a cable."""
+        if self._frame is None or self.ended:
+            return
+        now_s = self._around.clock.now_s()
+        if now_s - self._watched_s < _WATCH_S:
+            return
+        self._watched_s = now_s
+        try:
+            check_on_screen(self._around.projector)
+        except DeviceLost as loss:
+            recovery = Recovery(self._around.clock, self._around.replug_timeout_s, self._note)
+            self._wait_for_display(recovery, loss)
+            self._show(self._codes_of(self._frame.codes))
+
+    def _note(self, kind: str, detail: str) -> None:
+        self._around.notes.append(f"{kind}: {detail}")

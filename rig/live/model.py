@@ -1,0 +1,126 @@
+"""The frame kernel's model of a room: from a session's records, or guessed from a profile for trying out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from rig.profile import Profile
+from rig.session import Session
+from rig.twin import LEAST_GAIN, RoomTwin, projector_view, sample
+from rig.workflows.light import Photometry
+from rig.workflows.model import load_model
+from rig.workflows.photometric import load_photometry
+from sim.form_factors import form_factors
+from sim.frame import FrameModel, frame_model
+from sim.light_transport import LightTransport
+from sim.optics import Lens, Pose, project, rays_at
+from sim.scene import intersect
+from sim.scenes import room
+from sim.transport import coaxial_transport, smooth_view
+
+FloatArray = NDArray[np.float64]
+
+_BLACK_BLUR_SHARE = 0.003
+"""Spread of the smoothing of the black image, of the picture's width: it is noise otherwise."""
+_DITHER_SEED = 1
+_GUESSED_SIZE_M = (4.8, 4.8, 2.4)
+_GUESSED_PLACE = (0.25, 0.25, 0.5)
+"""Of a projector nobody has measured: shares of the room's edges; it looks along x and y, level."""
+_GUESSED_REFLECTANCE = 0.7
+_GUESSED_GAMMA = 2.2
+
+
+@dataclass(frozen=True, eq=False)
+class LiveModel:
+    """What the kernel needs, and where it comes from, in words."""
+
+    frames: FrameModel
+    origin: str
+    notes: tuple[str, ...]
+
+
+def session_model(session: Session, *, is_linear: bool) -> LiveModel:
+    """Everything that a session has measured, in the projector's view.
+
+    A session's camera is monochrome: each colour gets the same light transport, and colours are taken not to mix.
+    Raises SessionError when the session's model is not finished.
+    """
+    model, photometry = load_model(session), load_photometry(session)
+    twin = model.twin
+    response = photometry.projector
+    frames = frame_model(
+        projector_view(twin),
+        twin.projector.lens.shape,
+        twin.active,
+        target_scale=model.level,
+        black=_black_of(twin, photometry),
+        eotf=target_curve(is_linear=is_linear),
+        response=np.interp(np.arange(256), response.levels, response.linear),
+        dither_seed=_DITHER_SEED,
+    )
+    note = "the session is monochrome: red, green and blue get the same light transport and are taken not to mix"
+    return LiveModel(frames, f"session {session.path}", (note,))
+
+
+def _black_of(twin: RoomTwin, photometry: Photometry) -> FloatArray:
+    """(n active,) what the camera sees at each projector pixel while the projector shows black."""
+    exposure_s = max(photometry.black)
+    black = photometry.black[exposure_s] / np.float32(exposure_s / photometry.reference_exposure_s)
+    smooth = cv2.GaussianBlur(black, (0, 0), max(_BLACK_BLUR_SHARE * black.shape[1], 0.5)).astype(np.float64)
+    where = project(twin.camera.lens, twin.camera.pose, twin.projector_look.points_m)
+    seen = sample(np.maximum(smooth, 0.0) + 1.0, where)[twin.active] - 1.0  # `sample` takes 0 for missing
+    return np.where(np.isfinite(seen), seen, np.nanmedian(seen))
+
+
+def target_curve(*, is_linear: bool) -> FloatArray:
+    """(256,) linear light of a target's codes: as such, or those of sRGB (IEC 61966-2-1), as video and photographs."""
+    codes = np.arange(256) / 255
+    return codes if is_linear else np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+
+
+def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
+    """A room of the profile's size with a projector in a usual place: nothing measured, for trying out."""
+    size_m = profile.room.size_m or _GUESSED_SIZE_M
+    settings = profile.projector
+    lens = Lens.from_horizontal_field_of_view(settings.width_px, settings.height_px, settings.hfov_deg)
+    transport, active = guessed_transport(size_m, profile.room.patch_size_m, lens)
+    white = transport @ np.ones(transport.shape[1])
+    frames = frame_model(
+        transport,
+        lens.shape,
+        active,
+        target_scale=profile.brightness.target_white_share * float(np.median(white)),
+        eotf=target_curve(is_linear=is_linear),
+        response=(np.arange(256) / 255) ** _GUESSED_GAMMA,
+        dither_seed=_DITHER_SEED,
+    )
+    note = (
+        f"no session: a closed room of {size_m[0]:g} x {size_m[1]:g} x {size_m[2]:g} m in "
+        f"{transport.radiosity.n_patches} patches with reflectance {_GUESSED_REFLECTANCE:g}, gamma "
+        f"{_GUESSED_GAMMA:g} and the projector's place are guessed; for a real room give a session"
+    )
+    return LiveModel(frames, f"guess from profile {profile.name}", (note,))
+
+
+def guessed_transport(
+    size_m: tuple[float, float, float], patch_size_m: float, lens: Lens
+) -> tuple[LightTransport, NDArray[np.bool_]]:
+    """Transport of the lit projector pixels, seen from the projector, and (H * W,) which these are."""
+    scene = room(size_m, patch_size_m, _GUESSED_REFLECTANCE)
+    place = np.array(size_m) * _GUESSED_PLACE
+    pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))
+    whole = coaxial_transport(scene, form_factors(scene), lens, pose, "physical", "area")
+    hits = intersect(scene, pose.position_m, rays_at(lens, pose, lens.pixel_grid()))
+    direct = whole.direct_matrix.diagonal()
+    active = direct > LEAST_GAIN * np.median(direct[direct > 0])
+    chosen = np.flatnonzero(active)
+    reflectance = np.where(active, scene.reflectance[hits.patch], 0.0)
+    view = csr_array(smooth_view(scene, hits, reflectance)[chosen])
+    emission = csr_array(whole.emission[:, chosen])
+    matrix = csr_array(whole.direct_matrix[chosen][:, chosen])
+    return LightTransport(matrix, emission, whole.radiosity, view, hits.patch[chosen]), active

@@ -1,0 +1,160 @@
+"""A folder of what was shown, and photographed: pictures that are there completely or not at all, and a journal.
+
+A thread of its own writes; it takes the newest frame when it is free, so recording never holds up what is shown.
+"""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from rig.atomic import write_bytes
+from rig.devices.protocols import Camera, Clock
+from rig.errors import CaptureTimeout, DeviceError, RigError, SessionError, UsageError
+from rig.images import write_exr
+from rig.journal import JOURNAL_NAME, Journal
+from rig.live.loop import ShownFrame
+
+RECORD_RATE_HZ = 5.0
+"""Pictures a second that are kept, at most."""
+_PHOTOGRAPH_RATE_HZ = 1.0
+_PNG_SPEED = 1
+_IDLE_S = 0.5
+_CHANNELS = {1: ("Y",), 3: ("R", "G", "B")}
+
+
+class Recorder:
+    """Writes frames to a new folder; use it in a ``with`` statement.
+
+    Parameters
+    ----------
+    folder
+        New or empty.
+    shape
+        (height, width) of the frames.
+    header
+        What the journal begins with.
+    clock
+        That of the frames' times.
+    camera
+        Open; photographs what is shown, if there is one.
+    """
+
+    def __init__(
+        self, folder: Path, shape: tuple[int, int], header: dict[str, Any], clock: Clock, camera: Camera | None = None
+    ):
+        self.notes: list[str] = []
+        self.frames = 0
+        self.photographs = 0
+        self._folder = new_folder(folder)
+        self._clock = clock
+        self._camera = camera
+        self._journal = Journal(folder / JOURNAL_NAME)
+        self._journal.append({"event": "begin", **header})
+        self._codes = np.zeros((*shape, 3), np.uint8)
+        self._details: dict[str, Any] | None = None
+        self._changed = threading.Condition()
+        self._stopped = False
+        self._last_frame_s = self._last_photograph_s = -1e9
+        self._thread = threading.Thread(target=self._run, name="live record", daemon=True)
+        self._thread.start()
+
+    def offer(self, frame: ShownFrame) -> None:
+        """Keep a frame if it is time for one and the last one has been written; quick."""
+        if self._details is not None or frame.on_screen_s - self._last_frame_s < 1 / RECORD_RATE_HZ:
+            return
+        self._last_frame_s = frame.on_screen_s
+        np.copyto(self._codes, frame.codes)
+        controls = frame.controls
+        details = {
+            "number": frame.number,
+            "on_screen_s": frame.on_screen_s,
+            "gain": frame.gain,
+            "strategy": controls.strategy if controls.compensating else "none",
+            "black": controls.black,
+        }
+        with self._changed:
+            self._details = details
+            self._changed.notify()
+
+    def close(self, result: dict[str, Any]) -> None:
+        """Write what waits, and how it ended."""
+        with self._changed:
+            if self._stopped:
+                return
+            self._stopped = True
+            self._changed.notify()
+        self._thread.join()
+        try:
+            self._journal.append({"event": "end", **result})
+        except SessionError as error:
+            self.notes.append(str(error))
+        self._journal.close()
+
+    def _run(self) -> None:
+        try:
+            while self._wait():
+                self._write_frame()
+                self._photograph()
+        except RigError as error:  # a full disk ends the recording, not the show
+            self.notes.append(f"recording stopped: {error}")
+
+    def _wait(self) -> bool:
+        """Until there is a frame, or time for a photograph; False at the end."""
+        with self._changed:
+            if self._details is None and not self._stopped:
+                self._changed.wait(_IDLE_S)
+            return self._details is not None or not self._stopped
+
+    def _write_frame(self) -> None:
+        if self._details is None:
+            return
+        name = f"shown-{self.frames:06d}.png"
+        write_bytes(self._folder / name, png_of(self._codes))
+        self._journal.append({"event": "shown", "file": name, **self._details})
+        self.frames += 1
+        self._details = None
+
+    def _photograph(self) -> None:
+        """Once a second; the journal's times tell which pictures were on screen meanwhile."""
+        now_s = self._clock.now_s()
+        if self._camera is None or now_s - self._last_photograph_s < 1 / _PHOTOGRAPH_RATE_HZ or self._stopped:
+            return
+        self._last_photograph_s = now_s
+        try:
+            frame = self._camera.capture(after_s=now_s, timeout_s=1 / _PHOTOGRAPH_RATE_HZ)
+        except CaptureTimeout:
+            return
+        except DeviceError as error:
+            self.notes.append(f"no more photographs: {error}")
+            self._camera = None
+            return
+        name = f"photograph-{self.photographs:06d}.exr"
+        names = _CHANNELS[frame.pixels.shape[2]]
+        write_exr(self._folder / name, {channel: frame.pixels[..., k] for k, channel in enumerate(names)})
+        times = {"started_s": frame.started_s, "exposure_s": frame.exposure_s}
+        self._journal.append({"event": "photograph", "file": name, **times})
+        self.photographs += 1
+
+
+def png_of(codes: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
+    """(H, W, 3) codes, red first, as the bytes of a PNG."""
+    done, data = cv2.imencode(".png", cv2.cvtColor(codes, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, _PNG_SPEED])
+    if not done:
+        raise SessionError("the picture could not be encoded as PNG")
+    return data.tobytes()
+
+
+def new_folder(folder: Path) -> Path:
+    """Make a folder for a recording. Raises UsageError when it has files, SessionError when it cannot be made."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            raise UsageError(f"{folder}: has files already; give a new folder for the recording")
+    except OSError as error:
+        raise SessionError(f"{folder}: cannot be made: {error.strerror}; give another folder") from error
+    return folder
