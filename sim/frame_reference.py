@@ -46,6 +46,7 @@ def wanted_light(model: FrameModel, codes: NDArray[np.uint8], gain: float = 1.0)
     irradiance = np.stack(
         [matrix @ row for matrix, row in zip(_three(model.inverse.astype(np.float64)), sums, strict=True)]
     )
+    irradiance = np.maximum(irradiance, 0.0)
     q = inverse * target - layers(model.offset) - layers(model.view_gain) * seen(model, irradiance)
     return np.asarray(np.einsum("cb,bhw->chw", np.linalg.inv(model.mixing), q))
 

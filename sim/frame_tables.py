@@ -9,14 +9,14 @@ from sim.frame_model import CHANNELS, FrameModel
 from sim.frame_reference import fractional_code
 from sim.scene import FloatArray
 
-OCTAVES, STEPS = 20, 128
+OCTAVES, STEPS = 14, 128
 TOE = 2.0**-OCTAVES
 
 
 def response_tables(model: FrameModel) -> NDArray[np.uint32]:
-    """(3, 2562) of each channel: code and step to the next entry, 16 bits each, in 256ths of a code.
+    """(3, 1794) of each channel: code and step to the next entry, 16 bits each, in 256ths of a code.
 
-    Entries lie at shares of the span that, with 2⁻²⁰ added, part each octave into 128: fine where codes are dark,
+    Entries lie at shares of the span that, with 2⁻¹⁴ added, part each octave into 128: fine where codes are dark,
     and nowhere further than 1/128 of the light apart.
     """
     octave, step = np.divmod(np.arange(OCTAVES * STEPS + 3), STEPS)

@@ -248,13 +248,15 @@ class Kernel {
         return matrix_ + (matrices_ == 1 ? 0 : band) * pixels_.n_viewed * pixels_.n_lit;
     }
 
-    // Irradiance of the viewed patches by what the lit ones emit.
+    // Irradiance of the viewed patches by what the lit ones emit. Where the inverse asks for light below 0, there is
+    // none: it would be made up for elsewhere, and black would not be black.
     void irradiate() {
 #pragma omp for schedule(static)
         for (std::int64_t j = 0; j < pixels_.n_viewed; ++j)
             for (std::int64_t b = 0; b < BANDS; ++b)
-                irradiance_[b * pixels_.n_viewed + j] = KERNEL_CALL(product_row(
-                    matrix_of(b) + j * pixels_.n_lit, emitted_.data() + b * pixels_.n_lit, pixels_.n_lit));
+                irradiance_[b * pixels_.n_viewed + j] = std::max(
+                    0.0f, KERNEL_CALL(product_row(matrix_of(b) + j * pixels_.n_lit,
+                                                  emitted_.data() + b * pixels_.n_lit, pixels_.n_lit)));
     }
 
     std::vector<nb::object> kept_;

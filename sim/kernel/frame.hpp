@@ -43,8 +43,8 @@ struct Frame {
 };
 
 // Share p of the span: bits of p + TOE, 128 steps an octave from TOE on.
-constexpr int RESPONSE = 20 * 128 + 2, RESPONSE_SHIFT = 16;
-constexpr float RESPONSE_TOE = 1.0f / (1 << 20);
+constexpr int RESPONSE = 14 * 128 + 2, RESPONSE_SHIFT = 16;
+constexpr float RESPONSE_TOE = 1.0f / (1 << 14);
 
 // Sums of a chunk of rows.
 struct Sums {

@@ -199,7 +199,8 @@ def test_bounded_holds_mixing_channels_within_their_range_together():
 @pytest.mark.parametrize("strategy", ["exact", "bounded"])
 def test_a_black_target_is_black(strategy):
     colour = in_colour()
-    model = frame_model(colour, (29, 45), target_scale=level(colour), black=1e-3, response=GAMMA, dither_seed=4)
+    black = 0.05 * level(colour) * np.random.default_rng(0).uniform(0, 1, (29 * 45, 1)) ** 4
+    model = frame_model(colour, (29, 45), target_scale=level(colour), black=black, response=GAMMA, dither_seed=4)
     compensator = FrameCompensator(model, strategy)
     for _ in range(3):
         assert not compensator.frame(np.zeros((29, 45, 3), dtype=np.uint8)).any()

@@ -4,6 +4,9 @@
 #include <cstring>
 
 #if defined(__AVX512F__) || defined(__AVX2__)
+// GCC 12 takes its own headers' undefined lanes for a mistake.
+#pragma GCC diagnostic ignored "-Wuninitialized"
+#pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #include <immintrin.h>
 #endif
 

@@ -246,7 +246,7 @@ inline void count_beyond(const Frame &frame, const Light &channels, Ints &count)
 // Codes of channels' light, clamped.
 inline void encode(const Frame &frame, const Light &light, std::int64_t row, std::int64_t column, std::int64_t first,
                    int n) {
-    constexpr std::uint32_t TOE_BITS = 0x35800000;
+    constexpr std::uint32_t TOE_BITS = 0x38800000;
     Codes codes;
     const std::uint8_t *dither = frame.dither + row % DITHER * DITHER + column % DITHER;
     for (int c = 0; c < BANDS; ++c) {
@@ -275,9 +275,12 @@ void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &s
     });
 }
 
-void code_row(const Pixels &pixels, const Frame &frame, bool bounded, std::int64_t row, Sums &sums) {
+void code_row(const Pixels &all, const Frame &whole, bool bounded, std::int64_t row, Sums &sums) {
     Ints clipped{};
-    each_segment(pixels, row, [&](const Segment &at) {
+    each_segment(all, row, [&](const Segment &at) {
+        // Own copies: the codes' bytes may be anything's, and all would be read again after each of them.
+        const Pixels pixels = all;
+        const Frame frame = whole;
         const Seen seen(pixels, frame, at);
         const Pull pull(pixels, frame, at, bounded);
         each_block(at.n, [&](int k, int n) {
