@@ -193,6 +193,61 @@ def compare(
     return _verb("compare", as_json, session, profile, target, fit, strategies)
 
 
+@app.command(name="compare-strategies")
+def compare_strategies(
+    session: Annotated[Path | None, Parameter(help="Folder of the session; made if it does not exist.")] = None,
+    *,
+    on_paper: Annotated[
+        bool, Parameter(name="--paper", negative="", help="The paper's six configurations instead; no device.")
+    ] = False,
+    profile: ProfileOption = None,
+    target: Target = None,
+    fit: Fit = False,
+    strategies: Strategies = "all",
+    loop: Annotated[str, Parameter(help="Strategies whose loop is closed, separated by commas; or none.")] = "bounded",
+    captures: Annotated[int, Parameter(help="Most captures of a closed loop, the uncorrected one included.")] = 4,
+    rule: Annotated[
+        Literal["image", "model"],
+        Parameter(help="What a closed loop corrects: each pixel towards the target, or the model under the strategy."),
+    ] = "image",
+    perfect: Annotated[
+        bool, Parameter(negative="", help="Simulated rigs: also what perfect knowledge of the bench would give.")
+    ] = False,
+    only_target: Annotated[
+        bool, Parameter(negative="", help="Leave the two-wall picture, the dark and the bright photograph out.")
+    ] = False,
+    report: Annotated[Path | None, Parameter(help="HTML file to write, with --paper.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Project and photograph every strategy, close the loop, and judge them side by side.
+
+    Does first what the session lacks up to its model; after an interruption run the same command again.
+
+    Example: rig compare-strategies runs/first --captures 8
+
+    Example: rig compare-strategies --paper --report strategies.html
+    """
+    from rig.report.strategies import print_strategies
+    from rig.terminal import TerminalProgress
+    from rig.workflows.compare_on_paper import compare_on_paper
+    from rig.workflows.compare_strategies import Comparison
+    from rig.workflows.compare_strategies import compare_strategies as compared
+    from rig.workflows.whole import Request
+
+    if (session is None) != on_paper:
+        raise UsageError("name a session or give --paper, one of the two")
+    with TerminalProgress() as progress:
+        if session is None:
+            result = compare_on_paper(_names(strategies), report, progress)
+        else:
+            request = Request(session, profile, target, _names(strategies), fit)
+            loops = () if loop == "none" else _names(loop)
+            wanted = Comparison(request, loops, captures, rule, perfect, not only_target)
+            result = compared(wanted, progress)
+    print_json(result) if as_json else print_strategies(result)
+    return 0
+
+
 @app.command
 def report(session: SessionFolder, *, as_json: Json = False) -> int:
     """Write report.html of a session that has been compared.
@@ -299,7 +354,7 @@ def simulate(
 
 @app.command
 def bench(
-    name: Annotated[str, Parameter(help="form-factors, solve, image, plan or live.")],
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate or live.")],
     *,
     quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
     full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,

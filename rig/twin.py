@@ -121,18 +121,24 @@ class RoomTwin:
     """(H, W) camera value of direct light by white, measured; 0 where not lit or not valid."""
     projector_xy_px: FloatArray
     """(H, W, 2) measured correspondence; NaN where there is none."""
+    global_gain: FloatArray | float = 1.0
+    """(H, W) measured over modelled global light of white: what the patches are too coarse for; 1 where not lit."""
 
     @cached_property
     def seen_reflectance(self) -> FloatArray:
-        """(H·W,) reflectance times camera vignetting at each camera pixel, from the direct light; NaN where unlit."""
+        """(H·W,) what a camera pixel sees of the light that arrives: reflectance, vignetting, `global_gain`.
+
+        From the direct light; NaN where unlit.
+        """
         e = white_irradiance(self.scene, self.projector, self.camera_look.points_m, self.camera_look.hits.patch)
         gain = self.direct_gain.ravel()
         usable = (gain > 0) & (e > 0)
-        return np.where(usable, gain / np.where(usable, self.flux * e, 1.0), np.nan)
+        seen = np.where(usable, gain / np.where(usable, self.flux * e, 1.0), np.nan)
+        return np.asarray(seen * np.ravel(np.broadcast_to(self.global_gain, self.direct_gain.shape)))
 
     @cached_property
     def projector_pixel_gains(self) -> tuple[FloatArray, FloatArray]:
-        """(n projector pixels,) direct gain and reflectance × vignetting as the camera measures them; NaN unseen."""
+        """(n projector pixels,) direct gain and `seen_reflectance` as the camera measures them; NaN unseen."""
         where = project(self.camera.lens, self.camera.pose, self.projector_look.points_m)
         gain = sample(self.direct_gain, where)
         seen = sample(self.seen_reflectance.reshape(self.camera.lens.shape), where)

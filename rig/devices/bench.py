@@ -58,9 +58,9 @@ class Bench:
         self.room: BenchRoom = make_room(settings)
         self.camera: BenchOptics = make_optics(settings.camera, camera_shape)
         self.projector: BenchOptics = make_optics(settings.projector, projector_shape)
-        self._emission, self._pixel_flux = _splat(self.room, self.projector, settings.projector.flux)
+        self.emission, self._pixel_flux = _splat(self.room, self.projector, settings.projector.flux)
         self._map, self._direct_gain = _direct_path(self.room, self.camera, self.projector, settings.projector.flux)
-        surface = trace(self.room, self.camera.position_m, directions(self.camera, _pixel_grid(camera_shape)))
+        surface = trace(self.room, self.camera.position_m, directions(self.camera, pixel_grid(camera_shape)))
         self._view = interpolation(self.room, surface)
         self._reflectance = _point_reflectance(self.room, surface).astype(np.float32)
         self._ambient = self._ambient_radiosity()
@@ -71,7 +71,7 @@ class Bench:
 
     def light_of(self, linear: Float32Array) -> Light:
         """Radiosity for a picture in linear light, (H, W), 1 = white."""
-        emission = self._emission @ linear.ravel()
+        emission = self.emission @ linear.ravel()
         irradiance = (self._view @ self.room.indirect_irradiance(emission).astype(np.float32)).astype(np.float32)
         global_ = self._reflectance * irradiance.reshape(self.camera.shape)
         return Light(self._direct(linear), global_, self._ambient)
@@ -90,7 +90,7 @@ class Bench:
     @property
     def vignetting(self) -> Float32Array:
         """(H, W) relative illumination of the camera's pixels."""
-        return relative_illumination(self.camera, _pixel_grid(self.camera.shape)).astype(np.float32)
+        return relative_illumination(self.camera, pixel_grid(self.camera.shape)).astype(np.float32)
 
     @property
     def ambient(self) -> Float32Array:
@@ -153,7 +153,7 @@ def projector_response(projector: BenchProjector) -> Float32Array:
     return np.asarray(black + (1 - black) * curve, dtype=np.float32)
 
 
-def _pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:
+def pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:
     """(H·samples, W·samples, 2) pixel coordinates (x, y) of sub-sample centres."""
     y, x = ((np.arange(n * samples) + 0.5) / samples - 0.5 for n in shape)
     return np.stack(np.meshgrid(x, y), axis=-1)
@@ -163,9 +163,9 @@ def _splat(room: BenchRoom, projector: BenchOptics, flux: float) -> tuple[csr_ar
     """(cells, pixels): reflected emission of each cell for each pixel, the pixel's flux shared by sub-samples."""
     height, width = projector.shape
     samples = room.settings.pixel_samples
-    grid = _pixel_grid(projector.shape, samples)
+    grid = pixel_grid(projector.shape, samples)
     cells = cells_of(room, trace(room, projector.position_m, directions(projector, grid)))
-    pixel_flux = flux / (height * width) * relative_illumination(projector, _pixel_grid(projector.shape))
+    pixel_flux = flux / (height * width) * relative_illumination(projector, pixel_grid(projector.shape))
     y, x = (np.arange(n * samples) // samples for n in projector.shape)
     pixels = y[:, None] * width + x[None, :]
     hit = cells >= 0
@@ -182,7 +182,7 @@ def _direct_path(
 
     In bands of rows, so that what is computed stays in the cache, on two threads.
     """
-    grid = _pixel_grid(camera.shape, room.settings.pixel_samples)
+    grid = pixel_grid(camera.shape, room.settings.pixel_samples)
     bands = [grid[first : first + _BAND_ROWS] for first in range(0, len(grid), _BAND_ROWS)]
     with ThreadPoolExecutor(2) as executor:
         parts = list(executor.map(lambda band: _direct_band(room, camera, projector, flux, band), bands))

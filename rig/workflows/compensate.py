@@ -54,7 +54,7 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     step.save_image("target", {"grey": target.grey})
     active, transport = model.twin.active, projector_view(model.twin)
     wanted = target.grey.ravel()[active].astype(np.float64) * model.level / 255
-    options, summary = _measured_options(model), {}
+    options, summary = measured_options(model), {}
     for k, name in enumerate(names):
         on_step("compute compensation images", k, len(names))
         result = compensate(name, transport, wanted, **options.get(name, {}))
@@ -75,7 +75,7 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     step.finish()
 
 
-def _measured_options(model: RoomRecord) -> dict[str, dict[str, float]]:
+def measured_options(model: RoomRecord) -> dict[str, dict[str, float]]:
     """What the session has measured that a strategy wants to know."""
     noise_rms = float(np.sqrt(model.white_variance[model.lit].mean()))
     return {"tikhonov": {"noise_rms": noise_rms} if noise_rms > 0 else {}, "perceptual": {"white": model.level}}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -61,6 +61,7 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": _SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
+        "global_gain": "of white",
     }
     step = session.step("model", settings=settings, needs=("geometry", "separation", "correspondence"))
     if step.done:
@@ -79,7 +80,10 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     fit = _fit_reflectance(geometry, camera, projector, gain, light, lit)
     on_step("build model", 3, 4)
     level = profile.brightness.target_white_share * float(np.median(light["white"][lit]))
-    step.save_image("direct-gain", {"gain": gain, "lit": lit.astype(np.float32)}, folder="maps")
+    scene = geometry.scene.with_reflectance(fit.reflectance)
+    global_gain = _global_gain(_twin(session, scene, camera, projector, fit.flux, gain), light, lit)
+    maps: dict[str, NDArray[Any]] = {"gain": gain, "lit": lit.astype(np.float32), "global_gain": global_gain}
+    step.save_image("direct-gain", maps, folder="maps")
     step.save_record("model", _record(fit, vignetting, level, profile.room.patch_size_m, light, lit))
     step.finish()
     on_step("build model", 4, 4)
@@ -106,15 +110,28 @@ def _direct_gain(light: dict[str, NDArray[np.float32]], lit: BoolArray, camera_l
     vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
     """
     share = np.where(lit, light["direct"] / np.maximum(light["white"], 1e-9), 0.0).astype(np.float64)
+    return _smoothed_along_faces(share, lit, camera_look) * light["white"]
+
+
+def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_look: Look) -> FloatArray:
+    """(H, W) means around each lit pixel over the lit pixels of its face; 0 where not lit."""
     face = camera_look.hits.face.reshape(lit.shape)
     sigma = _SMOOTHING_SHARE * lit.shape[1]
     smooth = np.zeros(lit.shape)
     for k in np.unique(face[lit]):
         on = (lit & (face == k)).astype(np.float64)
         weight = cv2.GaussianBlur(on, (0, 0), sigma)
-        total = cv2.GaussianBlur(share * on, (0, 0), sigma)
+        total = cv2.GaussianBlur(np.where(lit, values, 0.0) * on, (0, 0), sigma)
         smooth = np.where(on > 0, total / np.maximum(weight, 1e-9), smooth)
-    return np.where(lit, smooth * light["white"], 0.0)
+    return smooth
+
+
+def _global_gain(twin: RoomTwin, light: dict[str, NDArray[np.float32]], lit: BoolArray) -> FloatArray:
+    """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
+    modelled = simulated_white(twin)["global"]
+    known = lit & (modelled > 0)
+    ratio = np.where(known, (light["white"] - twin.direct_gain) / np.where(known, modelled, 1.0), 1.0)
+    return np.where(lit, _smoothed_along_faces(ratio, lit, twin.camera_look), 1.0)
 
 
 def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
@@ -195,8 +212,8 @@ def _record(
 
 
 def simulated_white(twin: RoomTwin) -> dict[str, FloatArray]:
-    """(H, W) direct and global light of white as the model predicts them."""
-    transport = camera_view(twin, np.ones(twin.projector.lens.n_pixels, dtype=bool))
+    """(H, W) direct and global light of white as the patches alone predict them, without `global_gain`."""
+    transport = camera_view(replace(twin, global_gain=1.0), np.ones(twin.projector.lens.n_pixels, dtype=bool))
     white = np.ones(twin.projector.lens.n_pixels)
     shape = twin.camera.lens.shape
     return {"direct": (transport.direct @ white).reshape(shape), "global": (transport.global_ @ white).reshape(shape)}
@@ -236,6 +253,7 @@ def _read_model(session: Session, outputs_sha256: str) -> RoomRecord:
         tuple(room["size_m"]), tuple(room["faces"]), record["patch_size_m"], np.array(record["reflectance"])
     )
     twin = _twin(session, scene, camera, projector, record["flux"], maps["gain"].astype(np.float64))
+    twin = replace(twin, global_gain=maps["global_gain"].astype(np.float64))
     return RoomRecord(
         twin,
         record["level"],

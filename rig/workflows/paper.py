@@ -152,7 +152,7 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
             raise UsageError(f"{figures_dir}: no folder for figures ({error.strerror}); give another") from error
     total = len(CONFIGURATIONS) + 2 + (figures_dir is not None)
     on_step("form factors", 0, total)
-    factors = {ceiling: _paper_factors(ceiling) for ceiling in (True, False)}
+    factors = {ceiling: paper_factors(ceiling) for ceiling in (True, False)}
     exact = {ceiling: form_factors(paper_room(ceiling), "closed_form") for ceiling in (True, False)}
     results, images = [], []
     for index, configuration in enumerate(CONFIGURATIONS, 1):
@@ -186,7 +186,8 @@ def run_paper(figures_dir: Path | None, on_step: OnStep) -> dict[str, Any]:
     return summary
 
 
-def _paper_factors(ceiling: bool) -> FormFactors:
+def paper_factors(ceiling: bool) -> FormFactors:
+    """Form factors of the room by the paper's quadrature."""
     with warnings.catch_warnings():
         # That its row sums exceed 1 is a result of this replication, and reported as one.
         warnings.simplefilter("ignore", ClosureWarning)
@@ -278,17 +279,19 @@ def _stated_pose() -> dict[str, Any]:
     }
 
 
-def _desired(image: str, shape: tuple[int, int]) -> FloatArray:
+def desired_picture(image: str, shape: tuple[int, int]) -> FloatArray:
+    """(H, W) grey levels of a configuration's picture."""
     return np.full(shape, GREY) if image == "grey" else photograph(image, shape)
 
 
-def _transport(
+def paper_transport(
     configuration: Configuration,
     factors: FormFactors,
     shape: tuple[int, int],
     position_m: tuple[float, float, float] = POSITION_M,
     direction: tuple[float, float, float] = DIRECTION,
 ) -> LightTransport:
+    """T of a configuration with the paper's rules, light in grey levels of 255."""
     scene = paper_room(configuration.ceiling, configuration.reflectance)
     lens = Lens.from_horizontal_field_of_view(shape[1], shape[0], configuration.hfov_deg)
     pose = Pose.look_at(position_m, np.add(position_m, direction))
@@ -298,15 +301,15 @@ def _transport(
 def _run(
     configuration: Configuration, factors: FormFactors, exact_factors: FormFactors
 ) -> tuple[dict[str, Any], PaperImages]:
-    transport = _transport(configuration, factors, SHAPE)
+    transport = paper_transport(configuration, factors, SHAPE)
     seen = transport.pixel_patch >= 0
-    desired = np.where(seen, _desired(configuration.image, SHAPE).ravel(), 0.0)
+    desired = np.where(seen, desired_picture(configuration.image, SHAPE).ravel(), 0.0)
     uncompensated = np.asarray(transport @ desired)
     solutions = compensated(transport, desired)
     scores = strategy_scores(solutions, desired, seen, SHAPE)
     white = np.full(desired.shape, WHITE)
     indirect = indirect_radiosity(transport, desired)
-    unbiased = indirect_radiosity(_transport(configuration, exact_factors, SHAPE), desired)
+    unbiased = indirect_radiosity(paper_transport(configuration, exact_factors, SHAPE), desired)
     wanted = solutions["paper"].notes
     result = {
         "name": configuration.name,
@@ -359,8 +362,8 @@ def _sensitivity(factors: FormFactors) -> list[dict[str, Any]]:
         }
         for base in CONFIGURATIONS[:3]:
             configuration = Configuration(base.name, base.title, base.image, {}, hfov_deg)
-            transport = _transport(configuration, factors, (120, 160), position_m, direction)
-            desired = _desired(base.image, (120, 160)).ravel()
+            transport = paper_transport(configuration, factors, (120, 160), position_m, direction)
+            desired = desired_picture(base.image, (120, 160)).ravel()
             row["coverage"] = _coverage(transport)
             errors = {"uncompensated": difference(np.asarray(transport @ desired), desired).mean}
             for name in SHOWN:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
-from skimage.color import deltaE_ciede2000, rgb2lab
 from skimage.metrics import structural_similarity
 
+from rig.workflows.picture_errors import grey_difference
 from sim.compensation import STRATEGIES, Compensation, compensate
 from sim.criteria import difference
 from sim.light_transport import LightTransport
@@ -53,13 +53,12 @@ class Scored:
     def __init__(self, desired: FloatArray, seen: BoolArray, shape: tuple[int, int]) -> None:
         self.desired, self.seen, self.shape = desired, seen, shape
         self._wanted = self._relative(desired)
-        self._colours = _lab(self._wanted)
 
     def scores(self, visible: FloatArray) -> dict[str, float]:
         """Error figures, and how it looks: structural similarity and CIEDE2000 of the clipped grey images."""
         shown = self._relative(visible)
         similarity = structural_similarity(shown, self._wanted, data_range=1.0, full=True)[1]  # type: ignore[no-untyped-call]
-        distance = deltaE_ciede2000(_lab(shown), self._colours)  # type: ignore[no-untyped-call]
+        distance = grey_difference(WHITE * shown, WHITE * self._wanted)
         on_surface = self.seen.reshape(self.shape)
         return asdict(difference(visible[self.seen], self.desired[self.seen])) | {
             "ssim": float(similarity[on_surface].mean()),
@@ -68,10 +67,6 @@ class Scored:
 
     def _relative(self, image: FloatArray) -> FloatArray:
         return np.clip(image, 0, WHITE).reshape(self.shape) / WHITE
-
-
-def _lab(image: FloatArray) -> FloatArray:
-    return np.asarray(rgb2lab(np.repeat(image[..., None], 3, axis=2)))
 
 
 def certificate(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:

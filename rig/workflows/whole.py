@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -115,19 +115,11 @@ def run_part(request: Request, upto: str, on_step: OnStep) -> dict[str, Any]:
 
 
 def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict[str, Any]:
-    named = _profile_of(request)
     check_strategies(request.strategies)
     stages = STAGES[: STAGES.index(upto) + 1]
     needs_target = "compensate" in stages
-    target = load_target(request.target, named.projector.shape, request.fit) if needs_target else None
-    with ExitStack() as stack, one_error_tree():
-        opening = _Opening(named, stack)
-        if not (request.folder / "session.json").exists():
-            opening.rig()  # devices that do not open leave no session behind
-        session = stack.enter_context(Session.open(request.folder, named if request.profile else None))
-        opening.profile = named if request.profile else session.profile
-        opening.resume_at_s = session.last_clock_s
-        rig = cast("Rig", opening)
+    target = target_of(request) if needs_target else None
+    with opened_session(request) as (rig, session):
         for stage in stages:
             _STAGE_RUNS[stage](rig, session, target, request, on_step)
         metrics = collect_metrics(session, rig, upto)
@@ -138,6 +130,28 @@ def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict
         report = write_report(session, metrics, on_step)
         session.write_metrics({**metrics, "report": report.name})
     return {**metrics, "report": str(report), "elapsed_s": time.perf_counter() - started_s}
+
+
+def target_of(request: Request) -> Target:
+    """The picture that was asked for. Raises UsageError, ProfileError, SessionError."""
+    return load_target(request.target, _profile_of(request).projector.shape, request.fit)
+
+
+@contextmanager
+def opened_session(request: Request) -> Iterator[tuple[Rig, Session]]:
+    """The session, made if it is new, and its rig, whose devices open when they are first needed.
+
+    Raises what opening either raises; errors inside the block come out as those of :mod:`rig.errors`.
+    """
+    named = _profile_of(request)
+    with ExitStack() as stack, one_error_tree():
+        opening = _Opening(named, stack)
+        if not (request.folder / "session.json").exists():
+            opening.rig()  # devices that do not open leave no session behind
+        session = stack.enter_context(Session.open(request.folder, named if request.profile else None))
+        opening.profile = named if request.profile else session.profile
+        opening.resume_at_s = session.last_clock_s
+        yield cast("Rig", opening), session
 
 
 class _Opening:

@@ -87,6 +87,7 @@ SUITES = (
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=vivid",
     ),
     Suite("uvc", (f"{LAB}/guest/test_uvc.py {LAB}/guest/test_uvc_faults.py",)),
+    Suite("live", (f"{LAB}/guest/test_live.py",)),
     Suite("uvc-rig", (f"{LAB}/guest/test_uvc_rig.py",)),
     Suite("usb", (f"{LAB}/guest/test_usb.py {LAB}/guest/test_devices_verb.py",)),
     Suite(

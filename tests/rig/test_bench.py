@@ -62,13 +62,13 @@ def test_even_emission_in_a_closed_grey_room_gives_the_furnace_value(room: Bench
 
 def test_all_of_the_projectors_light_lands_in_a_closed_room(bench: Bench) -> None:
     white = np.ones(np.prod(bench.projector.shape), dtype=np.float32)
-    landed = (bench._emission @ white / bench.room.reflectance * bench.room.cell_area_m2).sum()
+    landed = (bench.emission @ white / bench.room.reflectance * bench.room.cell_area_m2).sum()
     assert landed == pytest.approx(bench._pixel_flux.sum(), rel=1e-4)
 
 
 def test_direct_light_at_pixels_agrees_with_the_light_that_lands_on_cells(bench: Bench) -> None:
     light = bench.light_of(np.ones(bench.projector.shape, dtype=np.float32))
-    emission = bench._emission @ np.ones(np.prod(bench.projector.shape), dtype=np.float32)
+    emission = bench.emission @ np.ones(np.prod(bench.projector.shape), dtype=np.float32)
     seen = (bench._view @ emission).reshape(bench.camera.shape)
     well_lit = light.direct > 0.5 * np.median(light.direct[light.direct > 0])
     assert np.median(light.direct[well_lit] / seen[well_lit]) == pytest.approx(1.0, abs=0.02)

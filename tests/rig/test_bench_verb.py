@@ -132,7 +132,7 @@ def test_only_accuracy_decides_the_exit_status(monkeypatch, capsys, kind, status
     assert ("MISSED" in line) == bool(status)
 
 
-@pytest.mark.parametrize("name", ["form-factors", "solve", "image", "plan", "live"])
+@pytest.mark.parametrize("name", ["form-factors", "solve", "image", "plan", "compensate", "live"])
 def test_each_quick_bench_gives_the_promised_json_and_meets_its_accuracy(name, capsys, tmp_path: Path):
     if name == "image" and data_file("path_tracer_blocks.npz") is None:
         pytest.skip("no path tracer's block means")
@@ -162,7 +162,7 @@ def test_peers_that_are_not_installed_are_named(monkeypatch, capsys):
 
 def test_an_unknown_bench_names_those_there_are(capsys):
     assert run_command(["bench", "speed"]) == 2
-    assert "form-factors, solve, image, plan" in capsys.readouterr().err
+    assert "form-factors, solve, image, plan, compensate" in capsys.readouterr().err
 
 
 def test_quick_and_full_exclude_each_other(capsys):

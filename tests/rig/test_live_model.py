@@ -29,10 +29,11 @@ def test_the_black_that_the_camera_sees_is_taken_off_every_wish(finished: Finish
         model = session_model(session, is_linear=True)
     black = np.zeros((*model.frames.shape, 3), np.uint8)
     faint = np.full_like(black, 1)
-    compensator = FrameCompensator(model.frames, "exact")
+    exact, bounded = (FrameCompensator(model.frames, strategy) for strategy in ("exact", "bounded"))
     assert (model.frames.black_emission > 0).any()
-    assert compensator.frame(black).max() == 0
-    assert np.median(compensator.frame(faint)) <= 1
+    assert bounded.frame(black).max() == 0
+    assert (exact.frame(black) > 0).mean() < 0.01, "here and there it counts on light that others cannot take away"
+    assert np.median(exact.frame(faint)) <= 1
 
 
 def test_codes_of_films_are_those_of_srgb() -> None:

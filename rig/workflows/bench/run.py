@@ -24,7 +24,7 @@ from sim.form_factors.factors import ClosureWarning
 from sim.threads import threads
 
 BENCHES: Mapping[str, str] = {
-    name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan", "live")
+    name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan", "compensate", "live")
 }
 """The module beside this one that each bench is in: none is loaded before it is asked for."""
 COLUMNS = ("problem", "method", "n", "tolerance", "seconds", "error", "peak_mb", "error_of")

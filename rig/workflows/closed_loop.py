@@ -1,0 +1,279 @@
+"""Close the loop over a strategy: show, photograph, correct, until the measured error no longer falls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.patterns import Pattern
+from calibration.photometry import codes_from_linear, linear_from_codes
+from rig.errors import UsageError
+from rig.pair import Rig
+from rig.session import Session, Step
+from rig.terminal import OnStep, silent
+from rig.twin import projector_view, sample
+from rig.workflows.capture import Shot, photograph
+from rig.workflows.compensate import View, check_strategies, judged_view, measured_options
+from rig.workflows.light import LightImage, Photometry, light_of
+from rig.workflows.model import RoomRecord, load_model
+from rig.workflows.photometric import load_photometry, measuring_shot
+from rig.workflows.picture_errors import contrast, perceived_errors, picture_errors
+from rig.workflows.target import Target
+from sim.compensation import Compensation, compensate
+from sim.compensation.spectrum import damping_for
+from sim.compensation.view import diagonal_of, view_of
+from sim.light_transport import LightTransport
+from sim.optics import project
+
+FloatArray = NDArray[np.float64]
+Codes = NDArray[np.uint8]
+
+MOST_CAPTURES = 64
+NEIGHBOURHOOD_PX = 9
+"""Side of the square over which a residual is held against its noise."""
+SIGMAS = 2.0
+"""The error has fallen when it is lower by so many standard deviations of its noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """What is to be closed, and how."""
+
+    strategy: str
+    captures: int = 4
+    """Most pictures that are photographed, the uncorrected one included."""
+    rule: str = "image"
+    """A key of ``RULES``."""
+
+    def checked(self) -> Loop:
+        """Itself. Raises UsageError for a strategy or rule that is not known, or an impossible number."""
+        check_strategies((self.strategy,))
+        if self.rule not in RULES:
+            raise UsageError(f"unknown rule {self.rule!r} of the closed loop; there are {', '.join(RULES)}")
+        if not 1 <= self.captures <= MOST_CAPTURES:
+            raise UsageError(f"{self.captures} captures; a closed loop takes 1 ... {MOST_CAPTURES}")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """The room as the model knows it, in the projector's view: n steered pixels, light in camera values."""
+
+    model: RoomRecord
+    photometry: Photometry
+    transport: LightTransport
+    view: View
+    wanted: FloatArray
+    """(n,) the target."""
+
+    @cached_property
+    def diagonal(self) -> FloatArray:
+        """(n,) direct light of white."""
+        return diagonal_of(self.transport)
+
+    @cached_property
+    def damping(self) -> float:
+        """2 / (2 + r), r the spectral radius of the global light over the direct: as fast as is safe."""
+        return damping_for(view_of(self.transport), "closed loop", None)[0]
+
+    def solved(self, strategy: str, wanted: FloatArray) -> Compensation:
+        """A strategy for a target (n,), told what the session has measured of noise and brightness."""
+        options = measured_options(self.model).get(strategy, {})
+        return compensate(strategy, self.transport, wanted, **options)
+
+    def judged(self, light: FloatArray) -> dict[str, Any]:
+        """All errors of a camera image (H, W) in camera values; see :mod:`rig.workflows.picture_errors`."""
+        grey, target, mask = light * 255 / self.model.level, self.view.target, self.view.mask
+        errors: dict[str, Any] = picture_errors(grey, target, mask) | perceived_errors(grey, target, mask)
+        return {**errors, "contrast": contrast(grey, target, mask)}
+
+    def judged_light(self, light: LightImage) -> dict[str, Any]:
+        """All errors of a photograph, the camera's noise in it (rms), and that of the mean error; grey levels."""
+        mask, scale = self.view.mask, 255 / self.model.level
+        noise = float(np.sqrt(light.variance[mask].mean(dtype=np.float64))) * scale
+        found = self.judged(light.value.astype(np.float64))
+        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(mask.sum()))}
+
+    def codes(self, image: FloatArray, seed: int) -> Codes:
+        """(H, W) codes of n projector values; pixels that are not steered stay black."""
+        whole = np.zeros(self.model.twin.active.size)
+        whole[self.model.twin.active] = image
+        shape = self.model.twin.projector.lens.shape
+        return codes_from_linear(self.photometry.projector, whole.reshape(shape), dither_seed=seed)
+
+    def linear(self, codes: Codes) -> FloatArray:
+        """(n,) light of codes."""
+        return linear_from_codes(self.photometry.projector, codes).ravel()[self.model.twin.active].astype(np.float64)
+
+    def seen(self, image: FloatArray) -> FloatArray:
+        """(n,) a camera image (H, W) at the steered pixels; NaN where it is not judged."""
+        # Light may be 0 or, by noise, below: shift so that `sample` does not take it for missing.
+        shifted = sample(np.where(self.view.mask, image + 1.0, 0.0), self._camera_xy_px) - 1.0
+        return np.asarray(shifted[self.model.twin.active])
+
+    @cached_property
+    def _camera_xy_px(self) -> FloatArray:
+        twin = self.model.twin
+        return project(twin.camera.lens, twin.camera.pose, twin.projector_look.points_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One capture, at the steered pixels, (n,) each."""
+
+    projected: FloatArray
+    light: FloatArray
+    """NaN where it is not judged."""
+    variance: FloatArray
+
+
+def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: OnStep) -> dict[str, Any]:
+    """Photograph a strategy's picture, correct it by what was measured, and again; the best picture is kept.
+
+    Needs `model`. Stops when the measured mean error does not fall by more than its noise. A run that was interrupted
+    goes on with the first missing frame.
+
+    Returns
+    -------
+    dict
+        ``strategy rule damping captures`` (one dict of errors each, as :func:`picture_errors`), ``best`` (its number,
+        from 1), ``stopped`` (why). The step's images begin with its name: ``…-best`` (``codes``, ``linear``),
+        ``…-measured`` (``light``, ``variance``).
+
+    Raises
+    ------
+    UsageError
+        For an unknown strategy or rule, or an impossible number of captures.
+    """
+    loop.checked()
+    shot = measuring_shot(rig, session)
+    settings = {
+        "strategy": loop.strategy,
+        "rule": loop.rule,
+        "captures": loop.captures,
+        "target_sha256": target.sha256,
+        "exposures_s": shot.exposures_s,
+        "repeats": shot.repeats,
+    }
+    step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
+    if not step.done:
+        step.save_image("target", {"grey": target.grey})
+        record = _closed(rig, session, step, plant_of(session, step, target), loop, shot, on_step)
+        step.save_record(step.name, record)
+        step.finish()
+    found: dict[str, Any] = step.load_record(step.name)
+    return found
+
+
+def plant_of(session: Session, step: Step, target: Target) -> Plant:
+    """The session's room with a target, which the step has as its image ``target``."""
+    model = load_model(session)
+    wanted = target.grey.ravel()[model.twin.active].astype(np.float64) * model.level / 255
+    return Plant(model, load_photometry(session), projector_view(model.twin), judged_view(model, step), wanted)
+
+
+def _closed(
+    rig: Rig, session: Session, step: Step, plant: Plant, loop: Loop, shot: Shot, on_step: OnStep
+) -> dict[str, Any]:
+    image = plant.solved(loop.strategy, plant.wanted).projector_image
+    errors: list[dict[str, Any]] = []
+    best, stopped = 0, f"all {loop.captures} captures were used"
+    for number in range(1, loop.captures + 1):
+        on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
+        codes = plant.codes(image, seed=number)
+        pattern = Pattern(f"{step.name}-{number}", codes)
+        photograph(rig, session, step, [pattern], shot, 1, silent)
+        light = light_of(step, pattern.name, shot, plant.photometry)
+        errors.append(plant.judged_light(light))
+        if not _falls(errors, best):
+            stopped = f"capture {number} was no better than capture {best + 1}"
+            break
+        best = number - 1
+        _keep(step, codes, image, plant, light)
+        image = corrected(plant, loop, image, _seen(plant, codes, light))
+    on_step(f"closed loop: {loop.strategy}", loop.captures, loop.captures)
+    damping = plant.damping if loop.rule == "image" else 1.0
+    return {
+        "strategy": loop.strategy,
+        "rule": loop.rule,
+        "damping": damping,
+        "captures": errors,
+        "best": best + 1,
+        "stopped": stopped,
+    }
+
+
+def _falls(errors: list[dict[str, Any]], best: int) -> bool:
+    """Tell if the last capture is better than the best before it, beyond the noise of both; the first always is."""
+    last, before = errors[-1], errors[best]
+    noise = np.hypot(last["mean_sigma"], before["mean_sigma"])
+    return len(errors) == 1 or last["mean"] < before["mean"] - SIGMAS * noise
+
+
+def _keep(step: Step, codes: Codes, image: FloatArray, plant: Plant, light: LightImage) -> None:
+    whole = np.zeros(plant.model.twin.active.size)
+    whole[plant.model.twin.active] = image
+    step.save_image(f"{step.name}-best", {"linear": whole.reshape(codes.shape), "codes": codes.astype(np.float32)})
+    step.save_image(f"{step.name}-measured", {"light": light.value, "variance": light.variance})
+
+
+def _seen(plant: Plant, codes: Codes, light: LightImage) -> Seen:
+    usable = np.where(light.saturated, np.nan, light.value.astype(np.float64))
+    return Seen(plant.linear(codes), plant.seen(usable), plant.seen(light.variance.astype(np.float64)))
+
+
+def corrected(plant: Plant, loop: Loop, image: FloatArray, seen: Seen) -> FloatArray:
+    """(n,) the next projector image."""
+    return RULES[loop.rule](plant, loop.strategy, image, seen)
+
+
+def _by_image(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
+    """Move each pixel towards its own target: p <- clamp(p + w D⁻¹ (c - measured)).
+
+    References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
+    imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
+    """
+    residual = np.where(np.isfinite(seen.light), plant.wanted - seen.light, 0.0)
+    return np.asarray(np.clip(image + plant.damping * residual / plant.diagonal, 0.0, 1.0))
+
+
+def _by_model(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
+    """Ask the strategy again for the target less the model's error: c - (measured - T p).
+
+    What the range clips is predicted as clipped, so it is no error of the model and does not wind up.
+    """
+    expected = np.asarray(plant.transport @ seen.projected)
+    error = trusted(plant, seen.light - expected, seen.variance)
+    return plant.solved(strategy, plant.wanted - error).projector_image
+
+
+RULES: Mapping[str, Callable[[Plant, str, FloatArray, Seen], FloatArray]] = {"image": _by_image, "model": _by_model}
+"""``image``: to the target, pixel by pixel. ``model``: the strategy again, by a model that is put right."""
+
+
+def trusted(plant: Plant, residual: FloatArray, variance: FloatArray) -> FloatArray:
+    """(n,) the part of a residual that its noise does not explain, 0 where nothing was measured.
+
+    Wiener's factor 1 - σ² / <r²>, at least 0, with the mean over the neighbourhood and σ² the measured variance
+    (J.-S. Lee, IEEE Trans. PAMI 2, 1980): where a residual is all noise it is left alone.
+    """
+    known = np.isfinite(residual) & np.isfinite(variance)
+    energy = _local_sum(plant, np.where(known, residual, 0.0) ** 2)
+    noise = _local_sum(plant, np.where(known, variance, 0.0))
+    share = np.clip(1 - noise / np.maximum(energy, 1e-30), 0.0, 1.0)
+    return np.where(known, share * residual, 0.0)
+
+
+def _local_sum(plant: Plant, values: FloatArray) -> FloatArray:
+    """(n,) sums over each pixel's neighbourhood, up to a common factor."""
+    whole = np.zeros(plant.model.twin.active.size)
+    whole[plant.model.twin.active] = values
+    side = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
+    smooth = cv2.boxFilter(whole.reshape(plant.model.twin.projector.lens.shape), -1, side)
+    return np.asarray(smooth.ravel()[plant.model.twin.active])
