@@ -14,7 +14,7 @@ TOE = 2.0**-OCTAVES
 
 
 def response_tables(model: FrameModel) -> NDArray[np.uint32]:
-    """(3, 1794), or (1, 1794) if the channels are alike: code and step to the next entry, 16 bits each, in 256ths of a code.
+    """(3, 1794), or (1, 1794) for channels alike: code and step to the next entry, 16 bits each, in 256ths of a code.
 
     Entries lie at shares of the span that, with 2⁻¹⁴ added, part each octave into 128: fine where codes are dark,
     and nowhere further than 1/128 of the light apart.
