@@ -14,7 +14,7 @@ from typing import Any
 
 Work = Callable[[], Any]
 _MB = 1e6
-_SETTLE_S = 0.04
+_SETTLE_S = 0.12
 """Each turn begins with calls that do not count until so much time has passed. [s]"""
 
 
