@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from calibration.epipolar import COLUMN_SHARES, DataSheets, check_not_flat, check_parallax, fit_epipolar, triangulated
 from calibration.pinhole import project, world_rays
 from calibration.plane_bundle import Bundle, adjust, rays_of, transfer_of
-from calibration.planes import Axes, orthogonal_axes, segment_planes
+from calibration.planes import Axes, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.records import CalibrationError, FloatArray, PinholeModel
 
 MIN_POINTS = 500
@@ -153,7 +153,7 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: DataSheets, right_angle
         bundle = _adjusted_twice(candidate, planes, x1[:_SOME], x2[:_SOME], sheets, right_angles)
         if bundle is None:
             continue
-        share = bundle.share_on_axes if right_angles else bundle.share
+        share = _merit(bundle, right_angles)
         if share > best_share:
             best, best_share = bundle, share
         if best_share > _GOOD_SHARE:
@@ -183,8 +183,9 @@ def _adjusted_twice(
     """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
     first = adjust(x1, x2, pair, planes, _free(planes), sheets, (4.0, 1.5), 6)
     if right_angles and first is not None:
-        axes = orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG)
-        first = adjust(x1, x2, first.devices, first.planes, axes, sheets, (1.5,), 12)
+        guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
+        fits = [adjust(x1, x2, first.devices, first.planes, axes, sheets, (1.5,), 12) for axes in guesses]
+        first = max((fit for fit in fits if fit is not None), key=lambda fit: fit.share_on_axes, default=None)
     if first is None:
         return None
     planes = _planes_of(first.devices, x1, x2)
@@ -192,7 +193,12 @@ def _adjusted_twice(
         return first
     axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else _free(planes)
     second = adjust(x1, x2, first.devices, planes, axes, sheets, (1.5, 1.0), 8)
-    return first if second is None or second.share < 0.98 * first.share else second
+    return first if second is None or _merit(second, right_angles) < 0.98 * _merit(first, right_angles) else second
+
+
+def _merit(bundle: Bundle, right_angles: bool) -> float:
+    """Share of the points that it explains, on walls at right angles where these are promised."""
+    return bundle.share_on_axes if right_angles else bundle.share
 
 
 def _free(planes: FloatArray) -> Axes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,9 @@ _TRIALS = 400
 _NEIGHBOURHOOD_PX = 150.0
 _LEAST_SHARE = 0.02
 _MOST_PLANES = 8
+_MOST_GUESSED = 2
+_NEVER_DEG = 70.0
+"""A plane whose normal is so far from an axis is not perpendicular to it, however wrong the lenses are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +118,23 @@ def assign_planes(
     if len(planes) > 1:
         good &= np.partition(errors, 1, axis=0)[1] > margin_px
     return np.where(good, errors.argmin(axis=0), -1).astype(np.int64)
+
+
+def axis_hypotheses(planes: FloatArray, axes: Axes) -> list[Axes]:
+    """The axes as they are, and with up to two planes that fit none given to each axis they may belong to.
+
+    Before the lenses are known, walls of a small or narrow view may stand tens of degrees off.
+    """
+    normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
+    angle_deg = np.degrees(np.arccos(np.minimum(np.abs(normals @ axes.directions.T), 1.0)))
+    unknown = np.flatnonzero(axes.of_plane < 0)[:_MOST_GUESSED]
+    options = [(-1, *np.flatnonzero(angle_deg[plane] < _NEVER_DEG)) for plane in unknown]
+    found = []
+    for choice in product(*options):
+        of_plane = axes.of_plane.copy()
+        of_plane[unknown] = choice
+        found.append(Axes(axes.directions, of_plane))
+    return found
 
 
 def orthogonal_axes(planes: FloatArray, limit_deg: float = 25.0) -> Axes:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibration.geometry import PairCalibration
-from calibration.planes import assign_planes, orthogonal_axes, segment_planes
+from calibration.planes import assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.records import CalibrationError, PinholeModel
 from calibration.room import room_from_pair
 
@@ -152,3 +152,20 @@ def test_a_sloping_ceiling_is_on_no_axis():
     slope = np.array([0, np.sin(np.radians(40)), np.cos(np.radians(40))])
     axes = orthogonal_axes(np.vstack([np.eye(3), slope]))
     assert axes.of_plane[3] == -1
+
+
+def test_a_wall_that_stands_far_off_every_axis_is_tried_on_each_that_it_may_belong_to() -> None:
+    slanted = np.array([[np.cos(np.radians(50)), np.sin(np.radians(50)), 0.0]])
+    planes = np.vstack([np.eye(3)[[0, 2]], slanted])
+    axes = orthogonal_axes(planes)
+    assert axes.of_plane[2] == -1
+    tried = [hypothesis.of_plane for hypothesis in axis_hypotheses(planes, axes)]
+    np.testing.assert_array_equal(tried[0], axes.of_plane, err_msg="as it is, first")
+    assert all((of_plane[:2] == axes.of_plane[:2]).all() for of_plane in tried)
+    perpendicular = int(np.argmax(np.abs(axes.directions @ [0.0, 0.0, 1.0])))
+    assert {int(of_plane[2]) for of_plane in tried} == {-1, 0, 1, 2} - {perpendicular}
+
+
+def test_walls_that_all_fit_leave_nothing_to_try() -> None:
+    planes = np.eye(3)
+    assert len(axis_hypotheses(planes, orthogonal_axes(planes))) == 1
