@@ -136,7 +136,7 @@ def small_virtual_profile() -> Profile:
         "focal_px = 199.39": "focal_px = 66.46",
         "[241.3, 176.9]": "[80.4, 59.0]",
         "cell_size_m = 0.4 ": "cell_size_m = 0.6 ",
-        "latency_s = 0.3 ": "latency_s = 0.15 ",
+        "latency_s = 0.3 ": "latency_s = 0.1 ",
         "frame_rate_hz = 8.0": "frame_rate_hz = 20.0",
     }.items():
         assert known in text

@@ -1,4 +1,4 @@
-"""All suites of the device lab, each in its own fresh machine, two machines at a time: `make test-devices`.
+"""All suites of the device lab, each in its own fresh machine, some at a time: `make test-devices`.
 
     python tests/device_lab/run.py                # all
     python tests/device_lab/run.py kms vivid      # some
@@ -45,6 +45,8 @@ PROGRAMS = {
 }
 """What the lab calls, and Debian's package of it."""
 DEFAULT = Machine()
+ONE_MORE = 1
+"""Machine than processors: each waits now and then, and none minds, for its time is its own."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ def main() -> int:
     chosen = [known[name] for name in given.suites] or list(SUITES)
     results = Path(tempfile.mkdtemp(prefix="device-lab-"))
     began_s = time.monotonic()
-    with ThreadPoolExecutor(os.cpu_count() or 1) as executor:
+    with ThreadPoolExecutor((os.cpu_count() or 1) + ONE_MORE) as executor:
         codes = list(executor.map(lambda suite: _run(suite, results / suite.name), chosen))
     return _summary(chosen, codes, results, time.monotonic() - began_s)
 
