@@ -76,6 +76,7 @@ def run_in_machine(
     lab: Path | None = None,
     cwd: Path | None = None,
     output: int | None = None,
+    niceness: int = 0,
 ) -> int:
     """Boot, run a shell command, power off; `output` is a file descriptor for what it prints.
 
@@ -90,7 +91,7 @@ def run_in_machine(
     for _ in range(2):
         for name in ("began", "status"):
             (lab / name).unlink(missing_ok=True)
-        argv = machine.command(kernel, lab)
+        argv = ["nice", "-n", str(niceness), *machine.command(kernel, lab)]
         try:
             subprocess.run(argv, stdin=subprocess.DEVNULL, stdout=output, timeout=timeout_s, check=False)
         except subprocess.TimeoutExpired:

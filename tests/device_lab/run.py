@@ -47,6 +47,8 @@ PROGRAMS = {
 DEFAULT = Machine()
 ONE_MORE = 1
 """Machine than processors: each waits now and then, and none minds, for its time is its own."""
+GIVES_WAY = 10
+"""Niceness of all machines but the one that takes longest."""
 
 
 @dataclass(frozen=True)
@@ -163,7 +165,13 @@ def _run(suite: Suite, results: Path) -> int:
 def _run_command(suite: Suite, command: str, results: Path, output: int) -> int:
     if suite.machine is not None:
         return run_in_machine(
-            command, machine=suite.machine, timeout_s=suite.timeout_s, lab=results, cwd=ROOT, output=output
+            command,
+            machine=suite.machine,
+            timeout_s=suite.timeout_s,
+            lab=results,
+            cwd=ROOT,
+            output=output,
+            niceness=0 if suite is SUITES[0] else GIVES_WAY,
         )
     environment = {**os.environ, "PROCAM_DEVICE_LAB": "1"}
     try:
