@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.metrics import structural_similarity
 
+from sim.compensation.none import weighted_median
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -84,10 +86,7 @@ def best_gain(shown: FloatArray, wanted: FloatArray) -> float:
     lit = shown > 0
     if not lit.any():
         return 1.0
-    ratio, weight = wanted[lit] / shown[lit], shown[lit]
-    order = np.argsort(ratio)
-    below = np.cumsum(weight[order])
-    return float(ratio[order][np.searchsorted(below, below[-1] / 2)])
+    return weighted_median(wanted[lit] / shown[lit], shown[lit])
 
 
 def contrast(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> float | None:

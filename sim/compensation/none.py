@@ -31,13 +31,13 @@ def none(
     if gain is None:
         seen = task.view.forward(c)
         lit = seen > 0
-        best = _weighted_median(c[lit] / seen[lit], seen[lit])
+        best = weighted_median(c[lit] / seen[lit], seen[lit])
         peak = float(c.max())
         gain = min(best, upper / peak) if peak > 0 else best
     return task.finished(gain * c, notes={"gain": gain})
 
 
-def _weighted_median(values: FloatArray, weights: FloatArray) -> float:
+def weighted_median(values: FloatArray, weights: FloatArray) -> float:
     """Where half of the weight lies below; 0 for no values."""
     if not values.size:
         return 0.0
