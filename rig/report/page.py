@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.errors import SessionError
 from rig.report import figures, pictures
-from rig.report.render import rendered
+from rig.report.render import headline_of, rendered
 from rig.report.timing import seconds_by_step
 from rig.session import Session
 from rig.terminal import OnStep
@@ -68,16 +68,16 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         "passed": metrics["within_limits"],
         "verdict": f"{sum(r['passed'] for r in metrics['limits'])} of {len(metrics['limits'])} checks passed",
         "headline": [
-            _headline(
+            headline_of(
                 measured["compensated"]["mean"],
                 "grey levels of 255",
                 f"measured mean error of '{best}', "
                 f"{gain:.2f} × the uncompensated {measured['uncompensated']['mean']:.1f}",
             ),
-            _headline(
+            headline_of(
                 comparison["rmse"], "grey levels", "measured against simulated (rms), on frames not used for fitting"
             ),
-            _headline(geometry["rms_px"], "px", "reprojection error (rms) of camera and projector together"),
+            headline_of(geometry["rms_px"], "px", "reprojection error (rms) of camera and projector together"),
         ],
         "brightness": f"{profile.brightness.target_white_share:g} × the median of projector white",
         "strategy_note": "none = the target at its best single gain. Clipped: share of driven projector pixels that "
@@ -104,10 +104,6 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         f"{session.finished('compensate').settings['target_sha256'][:16]}….",
         "footer": f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig.",
     }
-
-
-def _headline(value: float, unit: str, text: str) -> dict[str, str]:
-    return {"value": f"{value:.2f}", "unit": unit, "text": text}
 
 
 def _truth_table(truth: Mapping[str, float] | None) -> dict[str, Any] | None:

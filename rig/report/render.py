@@ -15,5 +15,10 @@ def rendered(template: str, context: Mapping[str, Any]) -> str:
     return environment.get_template(template).render(context)
 
 
+def headline_of(value: float, unit: str, text: str) -> dict[str, str]:
+    """A number at the top of a page, and what it is."""
+    return {"value": f"{value:.2f}", "unit": unit, "text": text}
+
+
 def _text_of(name: str) -> str:
     return files("rig.report").joinpath(name).read_text(encoding="utf-8")

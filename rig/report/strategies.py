@@ -15,7 +15,7 @@ from rich.table import Table
 
 from rig.atomic import write_bytes
 from rig.report import figures, pictures
-from rig.report.render import rendered
+from rig.report.render import headline_of, rendered
 from rig.report.strategies_figures import errors_figure, loops_figure, speed_figure
 from rig.session import Session, Step
 from rig.terminal import OnStep
@@ -81,9 +81,11 @@ def write_strategies_page(session: Session, result: Mapping[str, Any], on_step: 
     best = min(_all_rows(result, result["pictures"][0]), key=lambda row: float(row["measured"]["mean"]))
     none = next(row for row in result["pictures"][0]["rows"] if row["strategy"] == "none")
     headline = [
-        _headline(best["measured"]["mean"], "grey levels of 255", f"measured mean error of {best['title']}, the least"),
-        _headline(none["measured"]["mean"], "grey levels", "uncompensated, at its best single gain"),
-        _headline(result["noise_rms"], "grey levels", "noise of the camera (rms), part of every measured error"),
+        headline_of(
+            best["measured"]["mean"], "grey levels of 255", f"measured mean error of {best['title']}, the least"
+        ),
+        headline_of(none["measured"]["mean"], "grey levels", "uncompensated, at its best single gain"),
+        headline_of(result["noise_rms"], "grey levels", "noise of the camera (rms), part of every measured error"),
     ]
     context = _frame(f"Strategies: session {session.path.name}", session.profile.description, result)
     context |= {"headline": headline, "pictures": shown, "warnings": result["warnings"]}
@@ -121,10 +123,6 @@ def _frame(title: str, subtitle: str, result: Mapping[str, Any]) -> dict[str, An
         "error_scale": figures.error_scale(),
         "footer": f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig.",
     }
-
-
-def _headline(value: float, unit: str, text: str) -> dict[str, str]:
-    return {"value": f"{value:.2f}", "unit": unit, "text": text}
 
 
 def _all_rows(result: Mapping[str, Any], picture: Mapping[str, Any]) -> list[dict[str, Any]]:
