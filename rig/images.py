@@ -176,3 +176,8 @@ def _upright(pixels: NDArray[np.generic], orientation: int) -> NDArray[np.generi
     if orientation in (2, 3, 6, 7):
         pixels = pixels[:, ::-1]
     return pixels
+
+
+def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear light of sRGB codes, both 0 … 1 (IEC 61966-2-1)."""
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

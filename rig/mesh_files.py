@@ -11,6 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.images import linear_of_srgb
 from sim.errors import SimulationError
 from sim.geometry_check import problems, refuse
 from sim.mesh import Mesh
@@ -158,9 +159,7 @@ def _material_luminance(material: Any) -> float:
 def _linear(colours: NDArray[np.uint8], already: bool) -> FloatArray:
     """(N, 3) linear light of (N, 4) 8-bit colours, by the curve of sRGB unless they are linear already."""
     share = np.asarray(colours, dtype=np.float64)[:, :3] / 255
-    if already:
-        return share
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    return share if already else linear_of_srgb(share)
 
 
 def _reflectances(path: Path, luminance: FloatArray, reflectance: float | None, colours: bool) -> FloatArray:

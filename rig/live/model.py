@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from rig.images import linear_of_srgb
 from rig.profile import Profile
 from rig.session import Session
 from rig.twin import LEAST_GAIN, RoomTwin, projector_view, sample
@@ -78,9 +79,9 @@ def _black_of(twin: RoomTwin, photometry: Photometry) -> FloatArray:
 
 
 def target_curve(*, is_linear: bool) -> FloatArray:
-    """(256,) linear light of a target's codes: as such, or those of sRGB (IEC 61966-2-1), as video and photographs."""
+    """(256,) linear light of a target's codes: as such, or those of sRGB, as video and photographs."""
     codes = np.arange(256) / 255
-    return codes if is_linear else np.where(codes <= 0.04045, codes / 12.92, ((codes + 0.055) / 1.055) ** 2.4)
+    return codes if is_linear else linear_of_srgb(codes)
 
 
 def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
