@@ -1,4 +1,8 @@
-"""The loop: the newest picture, compensated, on screen at the next refresh; once a refresh, until somebody ends it."""
+"""The loop: the newest picture, compensated, on screen at the next refresh; once a refresh, until somebody ends it.
+
+Pictures of a film are known ahead: the next one is computed while the last one is still on its way to the screen.
+Pictures that come by themselves are taken as late as possible, and computed and shown one after the other.
+"""
 
 from __future__ import annotations
 
@@ -12,6 +16,7 @@ from rig.devices.protocols import Clock, Projector, check_on_screen
 from rig.errors import DeviceLost
 from rig.live.compensator import Compensator
 from rig.live.controls import Controls, pressed
+from rig.live.output import DirectOutput, Output
 from rig.live.pace import DisplayClock, Lead
 from rig.live.slot import Feed, LiveFrame
 from rig.live.smoothing import GainState, is_scene_cut, next_gain, share_at_white, thumbnail
@@ -21,6 +26,8 @@ from rig.recovery import Recovery
 
 _WATCH_S = 0.5
 """Between two questions whether the picture is still on screen."""
+_AHEAD = 1.35
+"""Refreshes before its own that a film's picture is begun at the earliest: what it may be held up, and its latency."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +51,20 @@ def nothing_more(frame: ShownFrame) -> None:
     """For who wants no frames."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pending:
+    """A picture that is on its way to the screen."""
+
+    codes: Pixels
+    frame: LiveFrame | None
+    """None if it was shown before, with other settings."""
+    target_s: float = 0.0
+    deadline_s: float = 0.0
+    busy_s: float = 0.0
+    in_time: bool = True
+    """Begun when there was time enough."""
+
+
 @dataclass(frozen=True, slots=True)
 class Surroundings:
     """All that the loop talks to."""
@@ -61,10 +82,12 @@ class Surroundings:
     interrupting: Callable[[], AbstractContextManager[None]] = nullcontext
     """Around waits for a device."""
     notes: list[str] = field(default_factory=list)
+    output: Output | None = None
+    """Shows for the loop; by default in the loop's own thread."""
 
 
 class LiveLoop:
-    """Shows frames of a feed on a projector that is open; call :meth:`step` until :attr:`ended`."""
+    """Shows frames of a feed on a projector that is open; call :meth:`step` until :attr:`ended`, then `complete`."""
 
     def __init__(self, surroundings: Surroundings, controls: Controls):
         self.controls = controls
@@ -72,12 +95,13 @@ class LiveLoop:
         self.ended = ""
         """Why: quit, or source; empty while it goes on."""
         self._around = surroundings
-        period_s = 1 / surroundings.refresh_rate_hz
-        self._display = DisplayClock(period_s)
-        self._lead = Lead(period_s)
+        self._period_s = 1 / surroundings.refresh_rate_hz
+        self._display = DisplayClock(self._period_s)
+        self._lead = Lead(self._period_s)
         self._frame: LiveFrame | None = None
-        self._out = np.zeros((*surroundings.projector.shape, 3), np.uint8)
-        self._black = np.zeros_like(self._out)
+        self._output = surroundings.output or DirectOutput(surroundings.projector)
+        self._pending: _Pending | None = None
+        self._out, self._spare, self._black = (np.zeros((*surroundings.projector.shape, 3), np.uint8) for _ in range(3))
         self._gain = GainState(controls.gain)
         self._scene = np.zeros((0, 0, 3), np.uint8)
         self._changed = False
@@ -99,11 +123,31 @@ class LiveLoop:
             self._frame = frame
             self._show_frame(frame, target_s)
         elif self._changed and self._frame is not None:
-            self._show(self._codes_of(self._frame.codes))
+            self._start(_Pending(self._codes_of(self._frame.codes), None), target_s)
+            self.complete()
         else:
+            self.complete()
             self._display.let_pass(target_s)
         self._changed = False
         self._watch()
+
+    def complete(self) -> None:
+        """Wait until the last picture is on screen. Raises DeviceError when the projector stays away."""
+        pending, self._pending = self._pending, None
+        if pending is None:
+            return
+        on_screen_s = self._finish(pending.codes)
+        frame = pending.frame
+        if frame is not None:
+            missed = pending.in_time and self.tally.is_late(on_screen_s, pending.target_s)
+            self._lead.note(pending.busy_s, is_late=missed)
+            self.tally.note_frame(frame.number, frame.ready_s, pending.busy_s, pending.deadline_s, on_screen_s)
+            self._around.on_shown(ShownFrame(frame.number, pending.codes, on_screen_s, self.gain, self.controls))
+
+    @property
+    def _ahead(self) -> bool:
+        """Whether the next picture is computed while the last one is on its way."""
+        return self._around.feed.is_timed and self._output.is_concurrent
 
     def _obey_keys(self) -> None:
         for key in self._around.keys():
@@ -122,12 +166,14 @@ class LiveLoop:
             compensator.reset()
 
     def _take(self, target_s: float) -> LiveFrame | None:
-        feed = self._around.feed
+        feed, clock = self._around.feed, self._around.clock
         latch_s = target_s - self._lead.lead_s
         if self.controls.frozen:
             feed.skip(target_s)
-            self._around.clock.wait_until_s(latch_s)
+            clock.wait_until_s(latch_s)
             return None
+        if self._pending is not None:
+            clock.wait_until_s(target_s - _AHEAD * self._period_s)
         frame = feed.take(latch_s, target_s)
         if frame is None and feed.ended:
             self.ended = "source"
@@ -141,20 +187,21 @@ class LiveLoop:
         deadline_s = frame.due_s
         if deadline_s is None:
             deadline_s = self._display.target_s(frame.ready_s + self._lead.lead_s)
-        on_screen_s = self._show(codes)
-        missed = begun_s <= target_s - self._lead.lead_s and self.tally.is_late(on_screen_s, target_s)
-        self._lead.note(busy_s, is_late=missed)
-        self.tally.note_frame(frame.number, frame.ready_s, busy_s, deadline_s, on_screen_s)
         self._follow_brightness(frame, codes)
-        self._around.on_shown(ShownFrame(frame.number, codes, on_screen_s, self.gain, self.controls))
+        in_time = begun_s <= target_s - self._lead.lead_s
+        self._start(_Pending(codes, frame, target_s, deadline_s, busy_s, in_time), target_s)
+        if not self._ahead:
+            self.complete()
 
     def _codes_of(self, codes: Pixels) -> Pixels:
-        """Projector codes of a target, as the settings want it."""
+        """Projector codes of a target, as the settings want it, in memory that stays until the one after the next."""
         if self.controls.black:
             return self._black
+        self._out, self._spare = self._spare, self._out
         compensator = self._compensator
         if compensator is None:
-            return codes
+            np.copyto(self._out, codes)
+            return self._out
         out = compensator.frame(codes, self._out, self.gain)
         if compensator.last is not None:
             self.tally.note_error(compensator.last.error)
@@ -175,19 +222,28 @@ class LiveLoop:
             interval_s = self.tally.last_interval_s
             self._gain = next_gain(self._gain, share_at_white(codes), self.controls.gain, interval_s, is_cut=is_cut)
 
-    def _show(self, codes: Pixels) -> float:
-        """Show codes, and say when they were on screen; waits for a projector that went away."""
+    def _start(self, pending: _Pending, target_s: float) -> None:
+        """Let the output show a picture, once it has shown the last one."""
+        self.complete()
+        now_s = self._around.clock.now_s()
+        self._output.start(pending.codes, check=self._is_watch_due(now_s))
+        self._pending = pending
+        self._display.expect(max(target_s, self._display.target_s(now_s)))
+
+    def _finish(self, codes: Pixels) -> float:
+        """When the codes that were started are on screen; waits for a projector that went away."""
         around = self._around
         recovery = Recovery(around.clock, around.replug_timeout_s, self._note)
         while True:
             try:
-                shown = around.projector.show(codes, name="live")
+                shown = self._output.finish()
             except DeviceLost as loss:
                 lost = loss
             else:
                 self._display.note(shown.on_screen_s)
                 return shown.on_screen_s
             self._wait_for_display(recovery, lost)
+            self._output.start(codes, check=False)
 
     def _wait_for_display(self, recovery: Recovery, loss: DeviceLost) -> None:
         self.tally.unplugged += 1
@@ -196,20 +252,25 @@ class LiveLoop:
         self._display.forget()
         self.tally.forget_interval()
 
-    def _watch(self) -> None:
-        """Ask now and then whether the picture is still on screen: some outputs take pictures without a cable."""
-        if self._frame is None or self.ended:
-            return
-        now_s = self._around.clock.now_s()
-        if now_s - self._watched_s < _WATCH_S:
-            return
+    def _is_watch_due(self, now_s: float) -> bool:
+        """Whether it is time to ask if the picture is still on screen: some outputs take pictures without a cable."""
+        if self._frame is None or now_s - self._watched_s < _WATCH_S:
+            return False
         self._watched_s = now_s
+        return True
+
+    def _watch(self) -> None:
+        """Ask now and then, where nothing new is shown."""
+        if self.ended or self._pending is not None or not self._is_watch_due(self._around.clock.now_s()):
+            return
         try:
             check_on_screen(self._around.projector)
         except DeviceLost as loss:
             recovery = Recovery(self._around.clock, self._around.replug_timeout_s, self._note)
             self._wait_for_display(recovery, loss)
-            self._show(self._codes_of(self._frame.codes))
+            if self._frame is not None:
+                self._start(_Pending(self._codes_of(self._frame.codes), None), self._around.clock.now_s())
+                self.complete()
 
     def _note(self, kind: str, detail: str) -> None:
         self._around.notes.append(f"{kind}: {detail}")

@@ -40,6 +40,10 @@ class DisplayClock:
         """No picture came for a refresh."""
         self._least = self._count(target_s) + 1
 
+    def expect(self, target_s: float) -> None:
+        """A picture is on its way to a refresh."""
+        self.note(target_s)
+
     def note(self, on_screen_s: float) -> None:
         """Learn when a picture was on screen."""
         self._last_s, self._least = on_screen_s, 1

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 from rig.devices.protocols import Clock
 from rig.errors import RigError
+from rig.live.priority import ordinary
 from rig.live.slot import Slot
 from rig.live.source import Fitter, Source, SourceEnded
 
@@ -91,6 +92,7 @@ class Reader:
             self._thread.join(20 * _READ_S)
 
     def _run(self) -> None:
+        ordinary()
         try:
             while self._left and not self._stop.is_set():
                 source = self._left.pop(0)

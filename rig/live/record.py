@@ -18,6 +18,7 @@ from rig.errors import CaptureTimeout, DeviceError, RigError, SessionError, Usag
 from rig.images import write_exr
 from rig.journal import JOURNAL_NAME, Journal
 from rig.live.loop import ShownFrame
+from rig.live.priority import ordinary
 
 RECORD_RATE_HZ = 5.0
 """Pictures a second that are kept, at most."""
@@ -96,6 +97,7 @@ class Recorder:
         self._journal.close()
 
     def _run(self) -> None:
+        ordinary()
         try:
             while self._wait():
                 self._write_frame()

@@ -24,6 +24,8 @@ from rig.live.keys import Keyboard
 from rig.live.latency import light_latency
 from rig.live.loop import LiveLoop, ShownFrame, Surroundings
 from rig.live.model import LiveModel, guessed_model, session_model
+from rig.live.output import ThreadedOutput
+from rig.live.priority import urgent
 from rig.live.reader import Reader
 from rig.live.record import Recorder
 from rig.live.signals import EndSignals, Interrupted
@@ -110,16 +112,24 @@ def run_live(request: Request, on_step: OnStep, on_status: OnStatus) -> dict[str
     check_request(request)
     with one_error_tree():
         profile, model = _profile_and_model(request, on_step)
-        compensators = compensators_of(model, request.threads)
-        _warm_up(compensators, profile.projector.shape)
-        controls = _controls(request, compensators)
-        light_latency_ms = _light_latency_ms(request, profile, compensators, controls, on_step)
-        with ExitStack() as stack:
-            signals = stack.enter_context(EndSignals())
-            show = _prepare(request, profile, compensators, controls, signals, stack)
-            show.on_status = on_status
-            _run(show)
-        return {**_result(request, show, model), "light_latency_ms": light_latency_ms}
+        with urgent() as is_urgent:
+            return {**_shown(request, profile, model, on_step, on_status), "real_time": is_urgent}
+
+
+def _shown(
+    request: Request, profile: Profile, model: LiveModel | None, on_step: OnStep, on_status: OnStatus
+) -> dict[str, Any]:
+    """The show."""
+    compensators = compensators_of(model, request.threads)
+    _warm_up(compensators, profile.projector.shape)
+    controls = _controls(request, compensators)
+    light_latency_ms = _light_latency_ms(request, profile, compensators, controls, on_step)
+    with ExitStack() as stack:
+        signals = stack.enter_context(EndSignals())
+        show = _prepare(request, profile, compensators, controls, signals, stack)
+        show.on_status = on_status
+        _run(show)
+    return {**_result(request, show, model), "light_latency_ms": light_latency_ms}
 
 
 def check_request(request: Request) -> None:
@@ -238,6 +248,8 @@ def _prepare(
     recorder = _recorder(request, profile, clock, camera)
     keyboard = stack.enter_context(Keyboard())
     stack.callback(reader.close)
+    output = ThreadedOutput(devices.projector)
+    stack.callback(output.close)
     surroundings = Surroundings(
         devices.projector,
         slot,
@@ -250,6 +262,7 @@ def _prepare(
         _watcher(recorder),
         signals.interrupting,
         notes,
+        output,
     )
     loop = LiveLoop(surroundings, controls)
     return _Show(loop, slot, reader, recorder, signals, clock, request.seconds, notes)
@@ -287,6 +300,7 @@ def _run(show: _Show) -> None:
     try:
         with _undisturbed():
             _steps(show)
+        show.loop.complete()
     except Interrupted:
         show.ended_by = "signal"
     finally:

@@ -46,6 +46,11 @@ class Feed(Protocol):
         """Nothing waits, and nothing will come."""
         ...
 
+    @property
+    def is_timed(self) -> bool:
+        """Its pictures come with the times when they are due, and so are known ahead."""
+        ...
+
     def take(self, latch_s: float, target_s: float) -> LiveFrame | None:
         """Give the newest picture that is due when the display refreshes at ``target_s``; waits until ``latch_s``."""
         ...
@@ -92,6 +97,7 @@ class Slot:
         self._taken, self._filling = 0, 1
         self._origin_s: float | None = None
         self._count = 0
+        self._is_timed = False
         self._finished = False
         self._closed = False
 
@@ -100,6 +106,12 @@ class Slot:
         """Nothing waits, and nothing will come."""
         with self._changed:
             return self._finished and self._waiting is None
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether the last picture had a media time."""
+        with self._changed:
+            return self._is_timed
 
     def writable(self) -> Pixels:
         """(H, W, 3) memory to fill next; the reader's alone until it is offered."""
@@ -112,6 +124,7 @@ class Slot:
         """Hand over what :meth:`writable` gave. With a media time, waits until the one before was taken or is over."""
         with self._changed:
             self._count += 1
+            self._is_timed = media_s is not None
             entry = _Waiting(self._count, self._filling, self._clock.now_s(), media_s)
             if media_s is not None and self._waiting is not None:
                 self._following = entry

@@ -51,6 +51,7 @@ class ScriptedFeed:
         times = list(arrivals_s)
         self.left = list(zip(times, numbers or range(1, len(times) + 1), strict=True))
         self.dropped = 0
+        self.is_timed = False
 
     @property
     def ended(self) -> bool:
