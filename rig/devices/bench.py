@@ -22,12 +22,13 @@ from rig.devices.bench_room import (
     BenchRoom,
     SurfacePoints,
     cells_of,
+    in_light,
     interpolation,
     make_room,
     reflectance_at,
     trace,
 )
-from rig.devices.bench_settings import BenchProjector, BenchSettings
+from rig.devices.bench_settings import BANDS, BenchProjector, BenchSettings
 from rig.devices.protocols import Codes
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +52,24 @@ class Light:
 
 
 class Bench:
-    """Scene, optics and response of a simulated rig. Light depends on the shown picture only, not on time."""
+    """Scene, optics and response of a simulated rig. Light depends on the shown picture only, not on time.
 
-    def __init__(self, settings: BenchSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int]):
+    Parameters
+    ----------
+    camera_shape, projector_shape : (H, W)
+    room : BenchRoom, optional
+        In one band of a colour camera (:func:`make_benches`); default: as a grey camera sees it.
+    """
+
+    def __init__(
+        self,
+        settings: BenchSettings,
+        camera_shape: tuple[int, int],
+        projector_shape: tuple[int, int],
+        room: BenchRoom | None = None,
+    ):
         self.settings = settings
-        self.room: BenchRoom = make_room(settings)
+        self.room: BenchRoom = make_room(settings) if room is None else room
         self.camera: BenchOptics = make_optics(settings.camera, camera_shape)
         self.projector: BenchOptics = make_optics(settings.projector, projector_shape)
         self.emission, self._pixel_flux = _splat(self.room, self.projector, settings.projector.flux)
@@ -77,15 +91,26 @@ class Bench:
         return Light(self._direct(linear), global_, self._ambient)
 
     def projector_linear(self, codes: Codes) -> Float32Array:
-        """(H, W) linear light that the projector makes of codes; 1 = white, black above 0."""
+        """(H, W) linear light in this band that the projector makes of codes; black above 0.
+
+        White is the sum of `channel_weights`: 1 unless the profile's mixing says otherwise.
+        """
         response = projector_response(self.settings.projector)
+        weights = self.channel_weights
         if codes.ndim == 2:
-            return np.asarray(response[codes], dtype=np.float32)
+            return np.asarray(response[codes] * np.float32(weights.sum()), dtype=np.float32)
         coloured = cv2.LUT(codes, response)
-        mean = cv2.transform(coloured, np.full((1, 3), 1 / 3))
+        mixed = cv2.transform(coloured, weights[None, :])
         if not (boost := self.settings.projector.white_boost):
-            return np.asarray(mean, dtype=np.float32)
-        return np.asarray((mean + boost * coloured.min(axis=2)) / (1 + boost), dtype=np.float32)
+            return np.asarray(mixed, dtype=np.float32)
+        white = boost * weights.sum() * coloured.min(axis=2)
+        return np.asarray((mixed + white) / (1 + boost), dtype=np.float32)
+
+    @property
+    def channel_weights(self) -> FloatArray:
+        """(3,) light of the projector's channels in this band: a row of the mixing, for a grey camera their mean."""
+        mixing = np.array(self.settings.projector.mixing)
+        return np.asarray(mixing.mean(axis=0) if self.room.band is None else mixing[self.room.band])
 
     @property
     def vignetting(self) -> Float32Array:
@@ -117,6 +142,17 @@ class Bench:
         indirect = self.room.indirect_irradiance(self.room.reflectance * even)
         seen = (self._view @ (indirect + even).astype(np.float32)).reshape(self.camera.shape)
         return np.asarray(self._reflectance * seen, dtype=np.float32)
+
+
+def make_benches(
+    settings: BenchSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int], channels: int
+) -> tuple[Bench, ...]:
+    """The bench in each band of a camera of 1 or 3 channels."""
+    if channels == 1:
+        return (Bench(settings, camera_shape, projector_shape),)
+    first = make_room(settings, 0)
+    rooms = [first, *(in_light(first, band) for band in range(1, BANDS))]
+    return tuple(Bench(settings, camera_shape, projector_shape, room) for room in rooms)
 
 
 class SeenLight:
