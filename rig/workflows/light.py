@@ -102,7 +102,7 @@ def light_of(step: Step, pattern: str, shot: Shot, photometry: Photometry) -> Li
     safe = np.where(good, weight_sum, 1)
     balance = photometry.balance.astype(np.float32)
     value, variance = np.where(good, total / safe, shortest), np.where(good, 1 / safe, shortest_variance)
-    return LightImage(value * balance, variance * balance**2, ~good)
+    return LightImage(value * balance, np.asarray(variance * balance**2, np.float32), ~good)
 
 
 def _mean_of_repeats(

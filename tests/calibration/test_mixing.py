@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from calibration.mixing import fit_mixing
 from calibration.records import CalibrationError
-from tests.calibration.conftest import FloatArray
 
+FloatArray = NDArray[np.float64]
 MIXING = np.array([[0.91, 0.07, 0.02], [0.06, 0.86, 0.08], [0.02, 0.07, 0.91]])
 SHAPE = (60, 80)
 EVERYWHERE = np.ones(SHAPE, bool)
