@@ -13,7 +13,9 @@ SHAPE = (60, 80)
 EVERYWHERE = np.ones(SHAPE, bool)
 
 
-def photographs(mixing: FloatArray, white_boost: float = 0.0, noise: float = 0.0) -> tuple[FloatArray, list[FloatArray]]:
+def photographs(
+    mixing: FloatArray, white_boost: float = 0.0, noise: float = 0.0
+) -> tuple[FloatArray, list[FloatArray]]:
     """White and the pure channels on a surface whose brightness varies a hundredfold, from band to band otherwise."""
     rng = np.random.default_rng(3)
     lit_by_white = 10 ** rng.uniform(-2, 0, (*SHAPE, 3))
@@ -48,13 +50,17 @@ def test_a_mixing_that_differs_from_place_to_place_is_told() -> None:
 
 
 def test_a_white_segment_is_refused_with_its_brightness() -> None:
-    with pytest.raises(CalibrationError, match=r"white is 1.300, 1.300, 1.300 times red \+ green \+ blue.*picture mode"):
+    with pytest.raises(
+        CalibrationError, match=r"white is 1.300, 1.300, 1.300 times red \+ green \+ blue.*picture mode"
+    ):
         fit_mixing(*photographs(MIXING, white_boost=0.3), EVERYWHERE)
 
 
 def test_channels_that_look_alike_are_refused() -> None:
     alike = np.array([[0.31, 0.38, 0.31], [0.30, 0.39, 0.31], [0.31, 0.37, 0.32]])
-    with pytest.raises(CalibrationError, match=r"condition .*, the limit is 30: two channels of the projector look alike"):
+    with pytest.raises(
+        CalibrationError, match=r"condition .*, the limit is 30: two channels of the projector look alike"
+    ):
         fit_mixing(*photographs(alike), EVERYWHERE)
 
 
