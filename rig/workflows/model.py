@@ -227,17 +227,17 @@ def _record(
     medians = [float(np.median(light["white"][lit])) for light in bands]
     return {
         "patch_size_m": profile.room.patch_size_m,
-        **merged([_band_record(fit, light, lit) for fit, light in zip(fits, bands, strict=True)]),
+        **merged([_fit_record(fit) for fit in fits]),
         "vignetting_camera": vignetting.camera,
         "vignetting_projector": vignetting.projector,
         "vignetting_rms": vignetting.rms,
         "level": profile.brightness.target_white_share * float(np.mean(medians)),
+        **merged([_light_record(light, lit) for light in bands]),
         "lit_share_of_image": float(lit.mean()),
     }
 
 
-def _band_record(fit: ReflectanceFit, light: Light, lit: BoolArray) -> dict[str, Any]:
-    white = np.maximum(light["white"][lit], 1e-9)
+def _fit_record(fit: ReflectanceFit) -> dict[str, Any]:
     return {
         "reflectance": fit.reflectance,
         "source": fit.source,
@@ -246,6 +246,12 @@ def _band_record(fit: ReflectanceFit, light: Light, lit: BoolArray) -> dict[str,
         "unseen_reflectance": fit.unseen_reflectance,
         "unseen_sigma": fit.unseen_sigma,
         "global_rms": fit.global_rms,
+    }
+
+
+def _light_record(light: Light, lit: BoolArray) -> dict[str, Any]:
+    white = np.maximum(light["white"][lit], 1e-9)
+    return {
         "white_median": float(np.median(light["white"][lit])),
         "global_share_mean": float((light["global"][lit] / white).mean()),
     }
