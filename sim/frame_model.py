@@ -20,7 +20,7 @@ from sim.colour import ColourTransport
 from sim.compensation.view import diagonal_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
-from sim.frame_packed import Packed, packed
+from sim.frame_packed import Packed, PackedRows, packed, packed_rows
 from sim.frame_runs import Cells, Runs, cells_of, runs_of
 from sim.light_transport import LightTransport
 from sim.radiosity import Radiosity
@@ -56,7 +56,7 @@ class FrameModel:
     """Pixels of a row that light the same patch."""
     cells: Cells
     """Pixels of a row that see the same four patches, and where between them."""
-    inverse: NDArray[np.float32]
+    inverse: PackedRows
     """(layers, W, L) from S D⁻¹ (t - black), emission as of the first band, to irradiance of the viewed patches."""
     curvature: FloatArray
     """(layers, L) S D⁻² Sᵀ, emission as of the first band."""
@@ -76,7 +76,7 @@ class FrameModel:
     @property
     def n_lit(self) -> int:
         """Patches that the projector lights, L."""
-        return int(self.inverse.shape[2])
+        return int(self.inverse.entries.shape[2])
 
     @property
     def active(self) -> BoolArray:
@@ -148,7 +148,7 @@ def frame_model(
         image.packed([emission]),
         runs_of(index, places, shape),
         cells.cells,
-        np.stack(inverse).astype(np.float32),
+        packed_rows(np.stack(inverse)),
         curvature,
         seen_black,
         mixing,

@@ -46,3 +46,29 @@ def packed(values: FloatArray) -> Packed:
         single = (layer / (per or 1.0) + TOE).astype(np.float32).view(np.uint32)
         out[:] = np.minimum((single - np.uint32(_FIRST) + np.uint32(1 << (SHIFT - 1))) >> SHIFT, _LARGEST)
     return Packed(bits, unit)
+
+
+_LARGEST_ENTRY = 32767
+
+
+@dataclass(frozen=True, eq=False)
+class PackedRows:
+    """A stack of dense matrices in 16 bits: each row in units of its own."""
+
+    entries: NDArray[np.int16]
+    """(layers, W, L)."""
+    unit: NDArray[np.float32]
+    """(layers, W) value of 1 in each row."""
+
+    @property
+    def values(self) -> FloatArray:
+        """(layers, W, L) the numbers again."""
+        return np.asarray(self.entries * self.unit[..., None].astype(np.float64))
+
+
+def packed_rows(matrices: FloatArray) -> PackedRows:
+    """Round matrices (layers, W, L) to at most a 65,534th of the largest magnitude of the row."""
+    unit = (np.abs(matrices).max(axis=2, initial=0.0) / _LARGEST_ENTRY).astype(np.float32)
+    per = np.where(unit > 0, unit, 1).astype(np.float64)
+    entries = np.clip(np.rint(matrices / per[..., None]), -_LARGEST_ENTRY, _LARGEST_ENTRY)
+    return PackedRows(entries.astype(np.int16), unit)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,8 +41,10 @@ class Runs:
 class Cells:
     """Between which patches' centres each pixel looks."""
 
+    corners: NDArray[np.int32]
+    """(C, 4) viewed patches at the corners (x, y) = (0, 0), (1, 0), (0, 1), (1, 1) of each cell."""
     runs: Runs
-    """Values: viewed patches at the corners (x, y) = (0, 0), (1, 0), (0, 1), (1, 1) of the cell."""
+    """Values: cells."""
     place: NDArray[np.uint8]
     """(2, H, W) x and y within the cell, in 255ths."""
 
@@ -102,7 +104,9 @@ def cells_of(view: csr_array, reflectance: FloatArray, places: IntArray, shape: 
     of_pixel = np.zeros((2, shape[0] * shape[1]), dtype=np.uint8)
     of_pixel[:, places] = place.T
     runs = runs_of(index.reshape(n, 4), places, shape)
-    return CellView(Cells(runs, of_pixel.reshape(2, *shape)), viewed, misfit)
+    cells, number = np.unique(runs.value, axis=0, return_inverse=True)
+    runs = replace(runs, value=number.reshape(-1, 1).astype(np.int32))
+    return CellView(Cells(cells, runs, of_pixel.reshape(2, *shape)), viewed, misfit)
 
 
 def _take_apart(

@@ -48,16 +48,21 @@ class Kernel {
         pixels_.patches = runs_of(model.attr("patch_runs"));
         const nb::object cells = model.attr("cells");
         pixels_.cells = runs_of(cells.attr("runs"));
+        const auto corners = array_of<std::int32_t, 2>(cells, "corners");
+        pixels_.corners = corners.data();
+        n_cells_ = static_cast<std::int64_t>(corners.shape(0));
         const auto place = array_of<std::uint8_t, 3>(cells, "place");
         pixels_.height = static_cast<std::int64_t>(place.shape(1));
         pixels_.width = static_cast<std::int64_t>(place.shape(2));
         pixels_.place_x = place.data();
         pixels_.place_y = place.data() + pixels_.height * pixels_.width;
-        const auto matrix = array_of<float, 3>(model, "inverse");
-        matrix_ = matrix.data();
-        matrices_ = static_cast<std::int64_t>(matrix.shape(0));
-        pixels_.n_viewed = static_cast<std::int64_t>(matrix.shape(1));
-        pixels_.n_lit = static_cast<std::int64_t>(matrix.shape(2));
+        const nb::object inverse = model.attr("inverse");
+        const auto entries = array_of<std::int16_t, 3>(inverse, "entries");
+        matrix_ = {entries.data(), array_of<float, 2>(inverse, "unit").data(),
+                   static_cast<std::int64_t>(entries.shape(1)), static_cast<std::int64_t>(entries.shape(2))};
+        matrices_ = static_cast<std::int64_t>(entries.shape(0));
+        pixels_.n_viewed = matrix_.rows;
+        pixels_.n_lit = matrix_.columns;
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
         const auto *tables = reinterpret_cast<const std::int32_t *>(response.data());
@@ -65,7 +70,7 @@ class Kernel {
             frame_.response[c] = tables + std::min<std::size_t>(c, response.shape(0) - 1) * RESPONSE;
         frame_.dither = array_of<std::uint8_t, 3>(model, "dither").data();
         set_channels(array_of<double, 2>(model, "response"), array_of<double, 2>(model, "mixing"), unmixing);
-        frame_.rounds = rounds_for(frame_.mixing);
+        frame_.rounds = rounds_for(array_of<double, 2>(model, "mixing"));
         rows_ = array_of<std::int32_t, 1>(model, "sum_rows").data();
         n_rows_ = static_cast<std::int64_t>(array_of<std::int32_t, 1>(model, "sum_rows").shape(0));
         row_scale_ = array_of<double, 1>(model, "row_scale").data();
@@ -74,8 +79,9 @@ class Kernel {
             const double *from = curvature.data() + (curvature.shape(0) == 1 ? 0 : b) * pixels_.n_lit;
             curvature_.insert(curvature_.end(), from, from + pixels_.n_lit);
         }
-        for (auto *of_lit : {&emitted_, &adjoint_}) of_lit->resize(BANDS * pixels_.n_lit);
+        for (auto *of_lit : {&emitted_, &adjoint_, &pull_}) of_lit->resize(BANDS * pixels_.n_lit);
         for (auto *of_viewed : {&irradiance_, &returned_}) of_viewed->resize(BANDS * pixels_.n_viewed);
+        cells_.resize(n_cells_ * BANDS * 4);
         partial_.resize(CHUNKS * BANDS * (pixels_.n_lit + pixels_.n_viewed));
     }
 
@@ -99,10 +105,10 @@ class Kernel {
         {
             const nb::gil_scoped_release unlocked;
             begin_frame(codes, out, target);
-            fresh |= is_another();
+            fresh |= is_another(target);
             if (fresh) {
                 steps = first_steps;
-                std::fill(adjoint_.begin(), adjoint_.end(), 0.0f);
+                std::fill(pull_.begin(), pull_.end(), 0.0f);
                 forget_sums();
             }
 #pragma omp parallel num_threads(threads)
@@ -114,35 +120,44 @@ class Kernel {
         }
         double squared = 0;
         for (const Sums &sums : sums_) squared += left_out() * sums.squared;
-        return nb::make_tuple(clipped(), squared, steps + 1 + fresh);
+        return nb::make_tuple(clipped(), squared * weight_unit_, steps + 1 + fresh);
     }
 
   private:
+    // Units of light: what black and patches add a pixel then needs no factor.
     void set_channels(const In<double, 2> &response, const In<double, 2> &mixing, const In<double, 2> &unmixing) {
+        double weight[BANDS], most = 0;
         for (int b = 0; b < BANDS; ++b) {
-            frame_.span[b] = static_cast<float>(response.data()[256 * b + 255]);
-            frame_.per_span[b] = static_cast<float>(1 / response.data()[256 * b + 255]);
-            for (int c = 0; c < BANDS; ++c) {
-                frame_.mixing[b][c] = static_cast<float>(mixing.data()[BANDS * b + c]);
-                frame_.unmixing[b][c] = static_cast<float>(unmixing.data()[BANDS * b + c]);
-                frame_.mixed |= mixing.data()[BANDS * b + c] != (b == c);
-            }
+            const double span = response.data()[256 * b + 255];
+            light_unit_[b] = pixels_.offset.unit[b] > 0 ? pixels_.offset.unit[b] : span;
+            per_inverse_[b] = pixels_.inverse.unit[b] > 0 ? 1.0 / pixels_.inverse.unit[b] : 0;
+            weight[b] = light_unit_[b] * light_unit_[b] * per_inverse_[b] * per_inverse_[b];
         }
+        for (int b = 0; b < BANDS; ++b)
+            for (int c = 0; c < BANDS; ++c) {
+                const double span = response.data()[256 * c + 255], by_share = mixing.data()[BANDS * b + c] * span;
+                frame_.light[b][c] = static_cast<float>(by_share / light_unit_[b]);
+                frame_.channels[c][b] = static_cast<float>(unmixing.data()[BANDS * c + b] * light_unit_[b] / span);
+                frame_.mixed |= mixing.data()[BANDS * b + c] != (b == c);
+                most = std::max(most, weight[b] * frame_.light[b][c] * frame_.light[b][c]);
+            }
+        weight_unit_ = most > 0 ? most : 1;
+        for (int b = 0; b < BANDS; ++b) frame_.weight[b] = static_cast<float>(weight[b] / weight_unit_);
     }
 
     // One if two channels have less than a fifth in common.
-    static int rounds_for(const float (&mixing)[BANDS][BANDS]) {
-        float most = 0;
+    static int rounds_for(const In<double, 2> &mixing) {
+        double most = 0;
         for (int c = 0; c < BANDS; ++c)
             for (int d = 0; d < BANDS; ++d) {
-                float own = 0, common = 0;
+                double own = 0, common = 0;
                 for (int b = 0; b < BANDS; ++b) {
-                    own += mixing[b][c] * mixing[b][c];
-                    common += mixing[b][c] * mixing[b][d];
+                    own += mixing.data()[BANDS * b + c] * mixing.data()[BANDS * b + c];
+                    common += mixing.data()[BANDS * b + c] * mixing.data()[BANDS * b + d];
                 }
                 if (c != d) most = std::max(most, std::abs(common) / own);
             }
-        return most < 0.2f ? 1 : 4;
+        return most < 0.2 ? 1 : 4;
     }
 
     void begin_frame(const In<std::uint8_t, 3> &codes, const Out<std::uint8_t, 3> &out, const In<float, 2> &target) {
@@ -150,27 +165,32 @@ class Kernel {
         frame_.out = out.data();
         for (int b = 0; b < BANDS; ++b)
             for (int code = 0; code < 256; ++code)
-                target_[256 * b + code] = target.data()[256 * b + code] * pixels_.inverse.unit[b];
+                target_[256 * b + code] =
+                    static_cast<float>(target.data()[256 * b + code] * (pixels_.inverse.unit[b] / light_unit_[b]));
         frame_.target = target_;
-        frame_.irradiance = irradiance_.data();
-        frame_.adjoint = adjoint_.data();
+        frame_.cells = cells_.data();
+        frame_.pull = pull_.data();
         sums_.assign(CHUNKS, Sums{});
     }
 
-    // Whether the target differs from the last one by more than a quarter, in a thin sample.
-    bool is_another() {
-        constexpr std::int64_t EACH = 16;
+    // Whether the target differs from the last one by more than a quarter, in means over tiles of a thin sample: what
+    // moves within a tile leaves the patches' light as it was.
+    bool is_another(const In<float, 2> &target) {
+        const std::int64_t tile = std::max<std::int64_t>(1, pixels_.width / 16), each = (tile + 7) / 8;
+        const std::int64_t across = (pixels_.width + tile - 1) / tile, down = (pixels_.height + tile - 1) / tile;
+        std::vector<float> now(across * down * BANDS);
+        for (std::int64_t row = each / 2; row < pixels_.height; row += each)
+            for (std::int64_t column = each / 2; column < pixels_.width; column += each)
+                for (std::int64_t b = 0; b < BANDS; ++b)
+                    now[BANDS * (row / tile * across + column / tile) + b] +=
+                        target.data()[256 * b + frame_.codes[BANDS * (row * pixels_.width + column) + b]];
+        sample_.resize(now.size());
         double change = 0, light = 0;
-        std::size_t k = 0;
-        for (std::int64_t row = EACH / 2; row < pixels_.height; row += EACH)
-            for (std::int64_t column = EACH / 2; column < pixels_.width; column += EACH)
-                for (std::int64_t b = 0; b < BANDS; ++b, ++k) {
-                    const float now = target_[256 * b + frame_.codes[BANDS * (row * pixels_.width + column) + b]];
-                    if (k == sample_.size()) sample_.push_back(now);
-                    change += std::abs(now - sample_[k]);
-                    light += (now + sample_[k]) / 2;
-                    sample_[k] = now;
-                }
+        for (std::size_t k = 0; k < now.size(); ++k) {
+            change += std::abs(now[k] - sample_[k]);
+            light += (now[k] + sample_[k]) / 2;
+        }
+        sample_ = now;
         return change > 0.25 * light;
     }
 
@@ -203,18 +223,25 @@ class Kernel {
         each_chunk(n_rows_, [&](std::int64_t k, Sums &sums) { KERNEL_CALL(step_row(pixels_, frame_, rows_[k], sums)); });
         const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
 #pragma omp for schedule(static)
-        for (std::int64_t j = 0; j < viewed; ++j)
-            returned_[j] = static_cast<float>(left_out() * added(partial_.data() + CHUNKS * lit, viewed, j));
+        for (std::int64_t j = 0; j < viewed; ++j) {
+            const std::int64_t b = j / pixels_.n_viewed;
+            const double unit = left_out() * weight_unit_ * pixels_.gain.unit[b] / light_unit_[b];
+            returned_[j] = static_cast<float>(unit * added(partial_.data() + CHUNKS * lit, viewed, j));
+        }
         constexpr std::int64_t PARTS = 8;
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t part = 0; part < BANDS * PARTS; ++part) {
             const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit;
-            KERNEL_CALL(product_columns(matrix_of(b), returned_.data() + b * pixels_.n_viewed, pixels_.n_viewed, n,
-                                        n * k / PARTS, n * (k + 1) / PARTS, adjoint_.data() + b * n));
+            KERNEL_CALL(product_columns(matrix_of(b), returned_.data() + b * pixels_.n_viewed, n * k / PARTS,
+                                        n * (k + 1) / PARTS, adjoint_.data() + b * n));
         }
 #pragma omp for schedule(static)
-        for (std::int64_t i = 0; i < lit; ++i)
+        for (std::int64_t i = 0; i < lit; ++i) {
+            const std::int64_t b = i / pixels_.n_lit;
+            const double inverse = pixels_.inverse.unit[b];
             emitted_[i] = static_cast<float>(emission(i) - curvature_[i] * adjoint_[i]);
+            pull_[i] = static_cast<float>(adjoint_[i] * inverse * inverse * pixels_.emission.unit[0] / light_unit_[b]);
+        }
         irradiate();
     }
 
@@ -240,37 +267,56 @@ class Kernel {
     }
 
     double emission(std::int64_t i) const {
-        return row_scale_[i % pixels_.n_lit] * added(partial_.data(), BANDS * pixels_.n_lit, i);
+        return row_scale_[i % pixels_.n_lit] * pixels_.emission.unit[0] * light_unit_[i / pixels_.n_lit] *
+               added(partial_.data(), BANDS * pixels_.n_lit, i);
     }
 
     // How many rows each one of those that are summed stands for.
     double left_out() const { return static_cast<double>(pixels_.height) / static_cast<double>(n_rows_); }
 
-    const float *matrix_of(std::int64_t band) const {
-        return matrix_ + (matrices_ == 1 ? 0 : band) * pixels_.n_viewed * pixels_.n_lit;
+    Matrix matrix_of(std::int64_t band) const {
+        const std::int64_t layer = matrices_ == 1 ? 0 : band;
+        Matrix matrix = matrix_;
+        matrix.entries += layer * matrix.rows * matrix.columns;
+        matrix.unit += layer * matrix.rows;
+        return matrix;
     }
 
-    // Irradiance of the viewed patches by what the lit ones emit. Where the inverse asks for light below 0, there is
-    // none: it would be made up for elsewhere, and black would not be black.
+    // Irradiance of the viewed patches by what the lit ones emit, and between the corners of the cells. Where the
+    // inverse asks for light below 0, there is none: it would be made up for elsewhere, and black would not be black.
     void irradiate() {
+        const std::int64_t n = pixels_.n_viewed;
 #pragma omp for schedule(static)
-        for (std::int64_t j = 0; j < pixels_.n_viewed; ++j)
-            for (std::int64_t b = 0; b < BANDS; ++b)
-                irradiance_[b * pixels_.n_viewed + j] = std::max(
-                    0.0f, KERNEL_CALL(product_row(matrix_of(b) + j * pixels_.n_lit,
-                                                  emitted_.data() + b * pixels_.n_lit, pixels_.n_lit)));
+        for (std::int64_t j = 0; j < n; ++j)
+            for (std::int64_t b = 0; b < BANDS; ++b) {
+                const float seen = KERNEL_CALL(product_row(matrix_of(b), j, emitted_.data() + b * pixels_.n_lit));
+                irradiance_[b * n + j] =
+                    static_cast<float>(std::max(0.0f, seen) * (pixels_.gain.unit[b] / light_unit_[b]));
+            }
+#pragma omp for schedule(static)
+        for (std::int64_t cell = 0; cell < n_cells_; ++cell)
+            for (std::int64_t b = 0; b < BANDS; ++b) {
+                const std::int32_t *corner = pixels_.corners + 4 * cell;
+                const float *h = irradiance_.data() + b * n;
+                float *to = cells_.data() + 4 * (BANDS * cell + b);
+                to[0] = h[corner[0]];
+                to[1] = (h[corner[1]] - h[corner[0]]) / 255;
+                to[2] = (h[corner[2]] - h[corner[0]]) / 255;
+                to[3] = ((h[corner[3]] - h[corner[1]]) - (h[corner[2]] - h[corner[0]])) / (255 * 255);
+            }
     }
 
     std::vector<nb::object> kept_;
     Pixels pixels_{};
     Frame frame_{};
-    const float *matrix_;
-    std::int64_t matrices_, n_rows_;
+    Matrix matrix_;
+    std::int64_t matrices_, n_rows_, n_cells_;
     const std::int32_t *rows_;
     const double *row_scale_;
     std::vector<double> black_, curvature_, partial_;
-    std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_;
+    std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_, pull_, cells_;
     float target_[BANDS * 256];
+    double light_unit_[BANDS], per_inverse_[BANDS], weight_unit_;
     std::vector<Sums> sums_;
 };
 

@@ -6,7 +6,7 @@
 
 namespace kernel::frame {
 
-constexpr int BANDS = 3, SEGMENT = 512, BLOCK = 16, DITHER = 64;
+constexpr int BANDS = 3, SEGMENT = 256, BLOCK = 16, DITHER = 64;
 
 // Packed numbers of each band (sim/frame_packed.py), and what 1 stands for.
 struct Layers {
@@ -23,20 +23,24 @@ struct Runs {
 struct Pixels {
     std::int64_t height, width, n_lit, n_viewed;
     Layers inverse, offset, gain, emission;
-    const std::uint8_t *place_x, *place_y;
+    const std::uint8_t *place_x, *place_y; // in the cell, in 255ths
     Runs patches, cells;
+    const std::int32_t *corners;           // (cells, 4) viewed patches
 };
 
-// What differs from frame to frame, and small tables.
+// What differs from frame to frame, and small tables. Light of a band is in a unit of its own, in which what is added
+// up a pixel needs no factors; that of a channel is a share of its span, the light of the highest code. Units of the
+// packed layers are in these numbers, not in what a pixel reads.
 struct Frame {
     const std::uint8_t *codes;
-    const float *target;           // (3, 256) camera value of each code, times the unit of 1 / D
-    const float *irradiance;       // (3, W)
-    const float *adjoint;          // (3, L) H^T V^T (predicted - wanted), emission as of the first band; bounded only
-    float mixing[BANDS][BANDS], unmixing[BANDS][BANDS];
-    bool mixed;                    // mixing is not the identity
+    const float *target;           // (3, 256) camera value of each code, over D of 1
+    const float *cells;            // (cells, 3, 4) irradiance at the first corner, and by how much it rises along x, y, both
+    const float *pull;             // (3, L) H^T V^T (predicted - wanted), emission as of the first band; bounded only
+    float channels[BANDS][BANDS];  // [channel][band] K^-1
+    float light[BANDS][BANDS];     // [band][channel] K
+    float weight[BANDS];           // squared camera value of light where D is 1
+    bool mixed;                    // K is not the identity
     int rounds;                    // over the channels, to bound their light together
-    float span[BANDS], per_span[BANDS]; // light of the highest code, and 1 over it
     const std::int32_t *response[BANDS]; // (RESPONSE) code and step, both in 256ths, by the bits of a share of the span
     const std::uint8_t *dither;    // (3, 64, 64)
     std::uint8_t *out;
@@ -60,9 +64,16 @@ KERNEL_DECLARE(void sum_row(const Pixels &pixels, const Frame &frame, std::int64
 KERNEL_DECLARE(void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums))
 // The projector's codes.
 KERNEL_DECLARE(void code_row(const Pixels &pixels, const Frame &frame, bool bounded, std::int64_t row, Sums &sums))
+// Rows of 16-bit numbers, each in units of its own (sim/frame_packed.py).
+struct Matrix {
+    const std::int16_t *entries;
+    const float *unit;
+    std::int64_t rows, columns;
+};
+
 // out = matrix^T x for the columns begin ... end; and one row times x.
-KERNEL_DECLARE(void product_columns(const float *matrix, const float *x, std::int64_t rows, std::int64_t columns,
-                                    std::int64_t begin, std::int64_t end, float *out))
-KERNEL_DECLARE(float product_row(const float *matrix, const float *x, std::int64_t n))
+KERNEL_DECLARE(void product_columns(const Matrix &matrix, const float *x, std::int64_t begin, std::int64_t end,
+                                    float *out))
+KERNEL_DECLARE(float product_row(const Matrix &matrix, std::int64_t row, const float *x))
 
 }  // namespace kernel::frame

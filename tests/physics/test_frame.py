@@ -12,7 +12,7 @@ from sim.compensation import compensate
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.frame import FrameCompensator, frame_model, reference_frame
-from sim.frame_packed import TOE, packed
+from sim.frame_packed import TOE, packed, packed_rows
 from sim.frame_reference import fractional_code
 from sim.light_transport import LightTransport
 from sim.optics import Lens, Pose, rays_at
@@ -298,6 +298,27 @@ def test_a_response_with_a_flat_start_has_an_inverse():
     model = frame_model(grey, (29, 45), target_scale=level(grey), response=flat)
     codes = picture((29, 45))
     assert difference(FrameCompensator(model).frame(codes), reference_frame(model, codes)).max() <= 1
+
+
+def test_each_row_of_a_packed_matrix_keeps_four_digits_of_its_largest():
+    matrices = np.random.default_rng(2).normal(size=(3, 40, 70)) * np.logspace(-9, 3, 40)[:, None]
+    matrices[1, 7] = 0
+    again = packed_rows(matrices).values
+    largest = np.abs(matrices).max(axis=2, keepdims=True)
+    assert (np.abs(again - matrices) <= 1.6e-5 * largest).all()
+    assert not again[1, 7].any()
+
+
+def test_a_picture_that_moves_fast_is_no_cut():
+    colour = in_colour(160, 90)
+    model = frame_model(colour, (90, 160), target_scale=level(colour))
+    wide = picture((90, 400))
+    compensator = FrameCompensator(model, "bounded")
+    passes = []
+    for first in (0, 8, 16, 24):
+        compensator.frame(np.ascontiguousarray(wide[:, first : first + 160]))
+        passes.append(compensator.last.passes)
+    assert passes == [6, 2, 2, 2]
 
 
 def test_packed_numbers_keep_four_digits_and_zero():

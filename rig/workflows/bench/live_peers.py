@@ -37,7 +37,8 @@ class _Prepared:
         self.eotf: Float32 = np.asarray((model.target_scale[:, None] * model.eotf).T[:, None, :], dtype=np.float32)
         self.sums = csr_array((emission.astype(np.float32), (patch, np.arange(n))), shape=(model.n_lit, n))
         self.black: Float32 = model.black_emission.astype(np.float32)
-        self.matrices = np.broadcast_to(model.inverse, (3, *model.inverse.shape[1:]))
+        matrices = model.inverse.values.astype(np.float32)
+        self.matrices = np.broadcast_to(matrices, (3, *matrices.shape[1:]))
         self.unmixing: Float32 = np.linalg.inv(model.mixing).astype(np.float32)
         share = (np.arange(ROOT_STEPS + 1) / ROOT_STEPS) ** 2
         light = share[:, None] * model.response[:, -1]
@@ -58,11 +59,11 @@ class NumpyFrame(_Prepared):
     def __init__(self, model: FrameModel) -> None:
         super().__init__(model)
         cells = model.cells
-        corners = cells.runs.value[cells.runs.of_pixels(model.shape).ravel()]
+        corners = cells.corners[cells.runs.value[cells.runs.of_pixels(model.shape).ravel(), 0]]
         x, y = (cells.place.reshape(2, -1) / np.float32(255)).astype(np.float32)
         weights = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], axis=1)
         indptr = np.arange(0, 4 * len(x) + 1, 4)
-        self.view = csr_array((weights.ravel(), corners.ravel(), indptr), shape=(len(x), model.inverse.shape[1]))
+        self.view = csr_array((weights.ravel(), corners.ravel(), indptr), shape=(len(x), self.matrices.shape[1]))
         self.table: Float32 = np.ascontiguousarray(self.eotf[:, 0, :])
 
     def __call__(self, codes: Codes) -> Codes:

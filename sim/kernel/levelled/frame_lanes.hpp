@@ -119,6 +119,33 @@ struct Codes {
     Ints channel[BANDS];
 };
 
+#if defined(__AVX512F__) && defined(__AVX512BW__)
+// Within four pixels of twelve bytes, which a quarter of a vector holds.
+inline __m512i by_quarter(std::int32_t a, std::int32_t b, std::int32_t c, std::int32_t d) {
+    return _mm512_broadcast_i32x4(_mm_setr_epi32(a, b, c, d));
+}
+
+inline Codes split(const std::uint8_t *codes, int n) {
+    const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
+    const __m512i quarters = _mm512_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5, 6, 7, 8, 8, 9, 10, 11, 11);
+    const __m512i bytes = _mm512_permutexvar_epi32(quarters, _mm512_maskz_loadu_epi8(some, codes));
+    constexpr std::int32_t NONE = static_cast<std::int32_t>(0x80808000);
+    Codes channels;
+    for (int c = 0; c < BANDS; ++c)
+        channels.channel[c] =
+            same_bits<Ints>(_mm512_shuffle_epi8(bytes, by_quarter(NONE + c, NONE + 3 + c, NONE + 6 + c, NONE + 9 + c)));
+    return channels;
+}
+
+inline void join(const Codes &from, int n, std::uint8_t *codes) {
+    const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
+    const __m512i pixels = same_bits<__m512i>(from.channel[0] | from.channel[1] << 8 | from.channel[2] << 16);
+    const __m512i quarters = _mm512_shuffle_epi8(
+        pixels, by_quarter(0x04020100, 0x09080605, 0x0e0d0c0a, static_cast<std::int32_t>(0x80808080)));
+    const __m512i together = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
+    _mm512_mask_storeu_epi8(codes, some, _mm512_permutexvar_epi32(together, quarters));
+}
+#else
 inline Codes split(const std::uint8_t *codes, int n) {
     std::uint8_t some[3 * BLOCK] = {};
     if (n < BLOCK) {
@@ -148,6 +175,25 @@ inline void join(const Codes &from, int n, std::uint8_t *codes) {
     store(whole + 32, __builtin_shufflevector(c, u, 26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31));
     std::memcpy(codes, whole, 3 * n);
 }
+#endif
+
+// a b + c, rounded once, on every instruction set alike.
+inline Floats fused(const Floats &a, const Floats &b, const Floats &c) {
+#if defined(__AVX512F__)
+    return same_bits<Floats>(_mm512_fmadd_ps(same_bits<__m512>(a), same_bits<__m512>(b), same_bits<__m512>(c)));
+#elif defined(__FMA__)
+    __m256 x[2], y[2], z[2];
+    std::memcpy(x, &a, sizeof x), std::memcpy(y, &b, sizeof y), std::memcpy(z, &c, sizeof z);
+    for (int half = 0; half < 2; ++half) z[half] = _mm256_fmadd_ps(x[half], y[half], z[half]);
+    return same_bits<Floats>(z);
+#else
+    Floats sum;
+    for (int k = 0; k < BLOCK; ++k) sum[k] = __builtin_fmaf(a[k], b[k], c[k]);
+    return sum;
+#endif
+}
+
+inline Floats same(float x) { return Floats{} + x; }
 
 inline Floats within_unit(const Floats &x) {
 #if defined(__AVX512F__)
@@ -159,11 +205,28 @@ inline Floats within_unit(const Floats &x) {
 #endif
 }
 
+typedef float Eight __attribute__((vector_size(32)));
+typedef float Four __attribute__((vector_size(16)));
+
+inline Eight halves_sum(const Floats &lanes) {
+    return __builtin_shufflevector(lanes, lanes, 0, 1, 2, 3, 4, 5, 6, 7) +
+           __builtin_shufflevector(lanes, lanes, 8, 9, 10, 11, 12, 13, 14, 15);
+}
+
+// Sums of four vectors' lanes.
+inline Four lanes_sums(const Floats &a, const Floats &b, const Floats &c, const Floats &d) {
+    const auto pairs = [](const Eight &x, const Eight &y) {
+        return __builtin_shufflevector(x, y, 0, 8, 1, 9, 4, 12, 5, 13) +
+               __builtin_shufflevector(x, y, 2, 10, 3, 11, 6, 14, 7, 15);
+    };
+    const Eight ab = pairs(halves_sum(a), halves_sum(b)), cd = pairs(halves_sum(c), halves_sum(d));
+    const Eight all = __builtin_shufflevector(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13) +
+                      __builtin_shufflevector(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15);
+    return __builtin_shufflevector(all, all, 0, 1, 2, 3) + __builtin_shufflevector(all, all, 4, 5, 6, 7);
+}
+
 inline float lanes_sum(const Floats &lanes) {
-    typedef float Eight __attribute__((vector_size(32)));
-    typedef float Four __attribute__((vector_size(16)));
-    const Eight eight = __builtin_shufflevector(lanes, lanes, 0, 1, 2, 3, 4, 5, 6, 7) +
-                        __builtin_shufflevector(lanes, lanes, 8, 9, 10, 11, 12, 13, 14, 15);
+    const Eight eight = halves_sum(lanes);
     const Four four = __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
     const Four two = four + __builtin_shufflevector(four, four, 2, 3, 0, 1);
     return two[0] + two[1];

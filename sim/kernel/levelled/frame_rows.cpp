@@ -1,8 +1,8 @@
-// Rows of a frame, sixteen pixels at a time, in segments that fit the first cache. Sums run in fixed lanes: every
-// instruction set gives the same bits. Loops over runs go by whole blocks; what a block writes beyond its run, the
-// next run writes again.
+// Rows of a frame, sixteen pixels at a time, in segments whose intermediate rows fit the first cache. A segment goes
+// through several short loops, not one long one: what a processor can look ahead then holds several blocks, not the
+// latency of one. Sums run in fixed lanes: every instruction set gives the same bits. Loops over runs go by whole
+// blocks; what a block writes beyond its run, the next run writes again.
 #include <algorithm>
-#include <limits>
 
 #include "frame.hpp"
 #include "frame_lanes.hpp"
@@ -46,14 +46,14 @@ inline std::int32_t run_at(const Runs &runs, const Segment &at) {
 }
 
 // Calls work(begin, end, value) for each run of a segment, columns counted from the segment's.
-template <int K, class Work>
+template <class Work>
 inline void each_run(const Pixels &pixels, const Runs &runs, const Segment &at, const Work &work) {
     const std::int32_t last = runs.row[at.row + 1];
     int begin = 0;
     for (std::int32_t run = run_at(runs, at); begin < at.n; ++run) {
         const std::int64_t next = run + 1 < last ? runs.start[run + 1] : pixels.width;
         const int end = static_cast<int>(std::min<std::int64_t>(next - at.column, at.n));
-        work(begin, end, runs.value + K * static_cast<std::int64_t>(run));
+        work(begin, end, runs.value[run]);
         begin = end;
     }
 }
@@ -62,6 +62,43 @@ struct Light {
     Floats band[BANDS];
 };
 
+// Goes along a row's runs by whole blocks.
+class Cursor {
+  public:
+    Cursor(const Runs &runs, std::int64_t row, std::int64_t width)
+        : runs_(runs), run_(runs.row[row]), last_(runs.row[row + 1]), width_(width) { find_end(); }
+
+    // What value(of run) gives in the lanes of each run, for the block that begins at a column; columns rise.
+    template <class Value>
+    Light block(std::int64_t column, const Value &value) {
+        while (end_ <= column) next();
+        Light light = value(runs_.value[run_]);
+        while (end_ < column + BLOCK && end_ < width_) {
+            const Ints first = Ints{} + static_cast<std::int32_t>(end_ - column);
+            next();
+            const Light other = value(runs_.value[run_]);
+            for (int b = 0; b < BANDS; ++b) light.band[b] = lane_numbers() < first ? light.band[b] : other.band[b];
+        }
+        return light;
+    }
+
+  private:
+    void next() { ++run_, find_end(); }
+    void find_end() { end_ = run_ + 1 < last_ ? runs_.start[run_ + 1] : width_; }
+
+    const Runs runs_;
+    std::int32_t run_, last_;
+    std::int64_t width_, end_;
+};
+
+inline Light load_light(const Row &row, int k) {
+    return {{load<Floats>(row[0] + k), load<Floats>(row[1] + k), load<Floats>(row[2] + k)}};
+}
+
+inline void store_light(Row &row, int k, const Light &light) {
+    for (int b = 0; b < BANDS; ++b) store(row[b] + k, light.band[b]);
+}
+
 // Target over D in each band.
 inline Light divided_target(const Pixels &pixels, const Frame &frame, std::int64_t first, int n) {
     const Codes codes = split(frame.codes + 3 * first, n);
@@ -69,6 +106,16 @@ inline Light divided_target(const Pixels &pixels, const Frame &frame, std::int64
     for (int b = 0; b < BANDS; ++b)
         light.band[b] = entries(frame.target + 256 * b, codes.channel[b]) * unpacked(pixels.inverse.band[b] + first, n);
     return light;
+}
+
+// The same, black taken off: the light of the bands that pixels ask for in all.
+inline void ask(const Pixels &pixels, const Frame &frame, const Segment &at, Row &whole) {
+    each_block(at.n, [&](int k, int n) {
+        Light light = divided_target(pixels, frame, at.first + k, n);
+        for (int b = 0; b < BANDS; ++b)
+            if (pixels.offset.unit[b] != 0) light.band[b] -= unpacked(pixels.offset.band[b] + at.first + k, n);
+        store_light(whole, k, light);
+    });
 }
 
 inline float run_sum(const float *values, int begin, int end) {
@@ -82,155 +129,164 @@ inline float run_sum(const float *values, int begin, int end) {
 
 // emitted += light, by patch.
 inline void add_by_patch(const Pixels &pixels, const Segment &at, const Row &light, double *emitted) {
-    each_run<1>(pixels, pixels.patches, at, [&](int begin, int end, const std::int32_t *patch) {
-        for (int b = 0; b < BANDS; ++b) emitted[b * pixels.n_lit + *patch] += run_sum(light[b], begin, end);
+    each_run(pixels, pixels.patches, at, [&](int begin, int end, std::int32_t patch) {
+        for (int b = 0; b < BANDS; ++b) emitted[b * pixels.n_lit + patch] += run_sum(light[b], begin, end);
     });
 }
 
-// Where pixels look within their cells, and what irradiance they see there, in the gain's unit: bilinear.
-struct Seen {
-    alignas(64) float x[PADDED], y[PADDED];
-    alignas(64) Row irradiance;
+// Where pixels look within their cells, in 255ths.
+struct Place {
+    Floats x, y;
 
-    Seen(const Pixels &pixels, const Frame &frame, const Segment &at) {
+    Place(const Pixels &pixels, const Segment &at, int k)
+        : x(read(pixels.place_x, at, k)), y(read(pixels.place_y, at, k)) {}
+
+    static Floats read(const std::uint8_t *places, const Segment &at, int k) {
+        const Bytes bytes = load<Bytes>(places + at.first + k, std::min(at.n - k, BLOCK));
+        return __builtin_convertvector(widened(bytes), Floats);
+    }
+};
+
+// What irradiance pixels see: bilinear in their cells.
+inline Light seen(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, int k) {
+    const Place place(pixels, at, k);
+    return cells.block(at.column + k, [&](std::int32_t cell) {
+        Light light;
+        for (int b = 0; b < BANDS; ++b) {
+            const float *c = frame.cells + 4 * (BANDS * static_cast<std::int64_t>(cell) + b);
+            const Floats along_y = fused(place.x, same(c[3]), same(c[2]));
+            light.band[b] = fused(place.y, along_y, fused(place.x, same(c[1]), same(c[0])));
+        }
+        return light;
+    });
+}
+
+// Camera value of unit irradiance over D, in each band.
+inline Light gains(const Pixels &pixels, std::int64_t first, int n) {
+    Light gain;
+    for (int b = 0; b < BANDS; ++b)
+        gain.band[b] = b && pixels.gain.band[b] == pixels.gain.band[0] ? gain.band[0]
+                                                                        : unpacked(pixels.gain.band[b] + first, n);
+    return gain;
+}
+
+// What is left to ask for once the light of all patches has come.
+inline Light direct(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, const Row &whole, int k,
+                    int n) {
+    const Light gain = gains(pixels, at.first + k, n), irradiance = seen(pixels, frame, at, cells, k);
+    Light light = load_light(whole, k);
+    for (int b = 0; b < BANDS; ++b) light.band[b] = fused(-gain.band[b], irradiance.band[b], light.band[b]);
+    return light;
+}
+
+inline Light product(const float (&matrix)[BANDS][BANDS], bool full, const Light &light) {
+    Light to;
+    for (int i = 0; i < BANDS; ++i) {
+        to.band[i] = matrix[i][i] * light.band[i];
+        for (int j = 0; j < BANDS; ++j)
+            if (full && i != j) to.band[i] = fused(same(matrix[i][j]), light.band[j], to.band[i]);
+    }
+    return to;
+}
+
+// Shares of the channels' spans that give light of the bands.
+inline Light shares_of(const Frame &frame, const Light &light) { return product(frame.channels, frame.mixed, light); }
+
+inline Light light_of(const Frame &frame, const Light &shares) { return product(frame.light, frame.mixed, shares); }
+
+inline Light within_span(const Light &shares) {
+    return {{within_unit(shares.band[0]), within_unit(shares.band[1]), within_unit(shares.band[2])}};
+}
+
+// 1 over each, with one division.
+inline Light reciprocals(const Floats (&x)[BANDS]) {
+    const Floats first = x[0] * x[1], all = 1 / (first * x[2]);
+    return {{all * x[1] * x[2], all * x[0] * x[2], all * first}};
+}
+
+// Squared camera values of a pixel's light, of squared 1 / D.
+inline Light camera_weights(const Frame &frame, const Light &squared_inverse) {
+    // Products of six stay within single precision.
+    constexpr float LEAST = 1.0f / (1 << 18);
+    Floats safe[BANDS];
+    for (int b = 0; b < BANDS; ++b)
+        safe[b] = squared_inverse.band[b] < LEAST * LEAST ? Floats{} + 1 : squared_inverse.band[b];
+    Light weights = reciprocals(safe);
+    for (int b = 0; b < BANDS; ++b)
+        weights.band[b] = squared_inverse.band[b] > 0 ? weights.band[b] * frame.weight[b] : Floats{};
+    return weights;
+}
+
+// What pixels ask for, what they would choose if nothing held them back, and what it counts for.
+struct Free {
+    alignas(64) Row wanted, light, weight;
+
+    Free(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, Cursor &patches,
+         const Row &whole) {
         each_block(at.n, [&](int k, int n) {
-            for (auto [from, to] : {std::pair{pixels.place_x, x}, std::pair{pixels.place_y, y}}) {
-                const Bytes bytes = load<Bytes>(from + at.first + k, n);
-                store(to + k, __builtin_convertvector(widened(bytes), Floats) * (1.0f / 255));
-            }
-        });
-        store(x + at.n, Floats{}), store(y + at.n, Floats{});
-        each_run<4>(pixels, pixels.cells, at, [&](int begin, int end, const std::int32_t *corner) {
+            const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
+            const Light pull = patches.block(at.column + k, [&](std::int32_t patch) {
+                const float *p = frame.pull + patch;
+                return Light{{same(p[0]), same(p[pixels.n_lit]), same(p[2 * pixels.n_lit])}};
+            });
+            const Light asked = direct(pixels, frame, at, cells, whole, k, n);
+            Light free, squared_inverse;
             for (int b = 0; b < BANDS; ++b) {
-                const float *h = frame.irradiance + b * pixels.n_viewed;
-                const float unit = pixels.gain.unit[b];
-                const float h0 = unit * h[corner[0]], hx = unit * h[corner[1]] - h0, hy = unit * h[corner[2]] - h0;
-                const float hxy = unit * h[corner[3]] - unit * h[corner[1]] - hy;
-                for (int k = begin; k < end; k += BLOCK) {
-                    const Floats px = load<Floats>(x + k), py = load<Floats>(y + k);
-                    store(irradiance[b] + k, h0 + px * hx + py * (hy + px * hxy));
-                }
+                const Floats inverse = unpacked(pixels.inverse.band[b] + at.first + k, n);
+                squared_inverse.band[b] = inverse * inverse;
+                free.band[b] = fused(-(emission * squared_inverse.band[b]), pull.band[b], asked.band[b]);
             }
+            store_light(wanted, k, asked);
+            store_light(light, k, free);
+            store_light(weight, k, camera_weights(frame, squared_inverse));
         });
     }
 };
 
-// Light of the bands that a pixel asks for: whole, and what is left once that of all patches has come.
-struct Asked {
-    Light whole, direct;
-};
-
-inline Asked asked(const Pixels &pixels, const Frame &frame, const Seen &seen, std::int64_t first, int k, int n) {
-    Asked light{divided_target(pixels, frame, first + k, n), {}};
-    Floats gain = unpacked(pixels.gain.band[0] + first + k, n);
-    for (int b = 0; b < BANDS; ++b) {
-        if (pixels.offset.unit[b] != 0)
-            light.whole.band[b] -= unpacked(pixels.offset.band[b] + first + k, n) * pixels.offset.unit[b];
-        if (b && pixels.gain.band[b] != pixels.gain.band[0]) gain = unpacked(pixels.gain.band[b] + first + k, n);
-        light.direct.band[b] = light.whole.band[b] - gain * load<Floats>(seen.irradiance[b] + k);
-    }
-    return light;
-}
-
-// Light of the channels that gives light of the bands.
-inline Light unmixed(const Frame &frame, const Light &light) {
-    if (!frame.mixed) return light;
-    Light channels;
+// Shares of the channels' spans whose mixture comes nearest to that of the shares asked for, in camera values, by
+// coordinates: each round leaves about the square of the share that two channels have in common.
+inline Light nearest(const Frame &frame, const Light &asked, const Light &weight) {
+    constexpr float LEAST = 1e-12f;
+    Light shares = within_span(asked);
+    if (!frame.mixed) return shares;
+    Floats common[BANDS][BANDS], own[BANDS];
     for (int c = 0; c < BANDS; ++c)
-        channels.band[c] = frame.unmixing[c][0] * light.band[0] + frame.unmixing[c][1] * light.band[1] +
-                           frame.unmixing[c][2] * light.band[2];
-    return channels;
-}
-
-inline Light mixed(const Frame &frame, const Light &channels) {
-    if (!frame.mixed) return channels;
-    Light light;
-    for (int b = 0; b < BANDS; ++b)
-        light.band[b] = frame.mixing[b][0] * channels.band[0] + frame.mixing[b][1] * channels.band[1] +
-                        frame.mixing[b][2] * channels.band[2];
-    return light;
-}
-
-// What a pixel's light counts for: emission of its patch, 1 / D and D.
-struct Weights {
-    Floats emission, inverse[BANDS], direct[BANDS];
-
-    Weights(const Pixels &pixels, std::int64_t first, int n)
-        : emission(unpacked(pixels.emission.band[0] + first, n) * pixels.emission.unit[0]) {
-        for (int b = 0; b < BANDS; ++b) {
-            inverse[b] = unpacked(pixels.inverse.band[b] + first, n) * pixels.inverse.unit[b];
-            direct[b] = inverse[b] > 0 ? 1 / inverse[b] : Floats{};
+        for (int d = 0; d <= c; ++d) {
+            Floats sum = same(c == d ? LEAST : 0);
+            for (int b = 0; b < BANDS; ++b)
+                sum = fused(weight.band[b], same(frame.light[b][c] * frame.light[b][d]), sum);
+            (c == d ? own[c] : common[c][d]) = sum;
         }
-    }
-};
-
-// By how much the errors elsewhere pull at the light of each patch's pixels.
-struct Pull {
-    alignas(64) Row adjoint;
-
-    Pull(const Pixels &pixels, const Frame &frame, const Segment &at, bool bounded) {
-        if (!bounded) return;
-        each_run<1>(pixels, pixels.patches, at, [&](int begin, int end, const std::int32_t *patch) {
-            for (int b = 0; b < BANDS; ++b) {
-                const Floats same = Floats{} + frame.adjoint[b * pixels.n_lit + *patch];
-                for (int k = begin; k < end; k += BLOCK) store(adjoint[b] + k, same);
-            }
-        });
-    }
-};
-
-inline Light pulled(const Light &direct, const Weights &weights, const Pull &pull, int k) {
-    Light light;
-    for (int b = 0; b < BANDS; ++b)
-        light.band[b] = direct.band[b] - weights.emission * weights.inverse[b] * weights.inverse[b] *
-                                             load<Floats>(pull.adjoint[b] + k);
-    return light;
-}
-
-// The channels' light within the span whose mixture comes nearest in camera values, by coordinates: each round leaves
-// about the square of the share that two channels have in common.
-inline Light chosen(const Frame &frame, const Light &free, const Weights &weights) {
-    const Light asked = unmixed(frame, free);
-    Light channels;
-    for (int c = 0; c < BANDS; ++c)
-        channels.band[c] = within_unit(asked.band[c] * frame.per_span[c]) * frame.span[c];
-    if (!frame.mixed) return channels;
-    const Light now = mixed(frame, channels);
-    Floats error[BANDS], share[BANDS][BANDS], per_curvature[BANDS];
-    for (int b = 0; b < BANDS; ++b) error[b] = now.band[b] - free.band[b];
-    for (int c = 0; c < BANDS; ++c) {
-        Floats curvature = Floats{} + std::numeric_limits<float>::min();
-        for (int b = 0; b < BANDS; ++b) {
-            share[c][b] = weights.direct[b] * weights.direct[b] * frame.mixing[b][c];
-            curvature += share[c][b] * frame.mixing[b][c];
-        }
-        per_curvature[c] = 1 / curvature;
-    }
+    const Light per_own = reciprocals(own);
     for (int round = 0; round < frame.rounds; ++round)
         for (int c = 0; c < BANDS; ++c) {
-            const Floats slope = share[c][0] * error[0] + share[c][1] * error[1] + share[c][2] * error[2];
-            const Floats best = (channels.band[c] - slope * per_curvature[c]) * frame.per_span[c];
-            const Floats next = within_unit(best) * frame.span[c], change = next - channels.band[c];
-            for (int b = 0; b < BANDS; ++b) error[b] += frame.mixing[b][c] * change;
-            channels.band[c] = next;
+            Floats others{};
+            for (int d = 0; d < BANDS; ++d)
+                if (d != c) others = fused(common[std::max(c, d)][std::min(c, d)], asked.band[d] - shares.band[d], others);
+            shares.band[c] = within_unit(fused(others, per_own.band[c], asked.band[c]));
         }
-    return channels;
+    return shares;
 }
 
 // returned += light as seen by each cell's corners.
-inline void add_by_cell(const Pixels &pixels, const Segment &at, const Seen &seen, const Row &light, double *returned) {
-    each_run<4>(pixels, pixels.cells, at, [&](int begin, int end, const std::int32_t *corner) {
-        for (int b = 0; b < BANDS; ++b) {
-            Floats sum{}, along_x{}, along_y{}, along_both{};
-            for (int k = begin; k < end; k += BLOCK) {
+inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &light, double *returned) {
+    each_run(pixels, pixels.cells, at, [&](int begin, int end, std::int32_t cell) {
+        const std::int32_t *corner = pixels.corners + 4 * static_cast<std::int64_t>(cell);
+        Floats sum[BANDS]{}, along_x[BANDS]{}, along_y[BANDS]{}, along_both[BANDS]{};
+        for (int k = begin; k < end; k += BLOCK) {
+            const Place place(pixels, at, k);
+            for (int b = 0; b < BANDS; ++b) {
                 const Floats value = k + lane_numbers() < end ? load<Floats>(light[b] + k) : Floats{};
-                const Floats x = load<Floats>(seen.x + k), y = load<Floats>(seen.y + k);
-                sum += value;
-                along_x += value * x;
-                along_y += value * y;
-                along_both += value * x * y;
+                const Floats by_x = value * place.x;
+                sum[b] += value;
+                along_x[b] += by_x;
+                along_y[b] = fused(value, place.y, along_y[b]);
+                along_both[b] = fused(by_x, place.y, along_both[b]);
             }
-            const float all = lanes_sum(sum), x = lanes_sum(along_x), y = lanes_sum(along_y), xy = lanes_sum(along_both);
+        }
+        for (int b = 0; b < BANDS; ++b) {
+            const Four sums = lanes_sums(sum[b], along_x[b], along_y[b], along_both[b]);
+            const float all = sums[0], x = sums[1] / 255, y = sums[2] / 255, xy = sums[3] / (255 * 255);
             double *to = returned + b * pixels.n_viewed;
             to[corner[0]] += all - x - y + xy;
             to[corner[1]] += x - xy;
@@ -240,27 +296,48 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Seen &see
     });
 }
 
-inline void count_beyond(const Frame &frame, const Light &channels, Ints &count) {
-    for (int c = 0; c < BANDS; ++c) count -= (channels.band[c] < 0) | (channels.band[c] > frame.span[c]);
+inline Ints beyond(const Light &asked, const Light &within) {
+    return -((asked.band[0] != within.band[0]) + (asked.band[1] != within.band[1]) + (asked.band[2] != within.band[2]));
 }
 
-// Codes of channels' light, clamped; counts what is.
-inline void encode(const Frame &frame, const Light &light, std::int64_t row, std::int64_t column, std::int64_t first,
-                   int n, Ints &clipped) {
+// Codes of shares of the channels' spans.
+inline void encode(const Frame &frame, const Light &shares, const Segment &at, int k, int n) {
     constexpr std::uint32_t TOE_BITS = 0x38800000;
     Codes codes;
-    const std::uint8_t *dither = frame.dither + row % DITHER * DITHER + column % DITHER;
+    const std::uint8_t *dither = frame.dither + at.row % DITHER * DITHER + (at.column + k) % DITHER;
     for (int c = 0; c < BANDS; ++c) {
-        const Floats asked = light.band[c] * frame.per_span[c], share = within_unit(asked);
-        clipped -= share != asked;
-        const Words bits = same_bits<Words>(share + RESPONSE_TOE) - TOE_BITS;
+        const Words bits = same_bits<Words>(shares.band[c] + RESPONSE_TOE) - TOE_BITS;
         const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
         const Words entry = same_bits<Words>(entries(frame.response[c], index));
         const Words step = high_product(entry, bits & 0xffff);
         const Words rounding = same_bits<Words>(widened(load<Bytes>(dither + c * DITHER * DITHER)));
         codes.channel[c] = same_bits<Ints>(((entry >> 16) + step + rounding) >> 8);
     }
-    join(codes, n, frame.out + 3 * first);
+    join(codes, n, frame.out + 3 * (at.first + k));
+}
+
+// Shares of the channels' spans that give what is asked for, within the spans.
+inline Ints share_exactly(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, const Row &whole,
+                          Row &shares) {
+    Ints clipped{};
+    each_block(at.n, [&](int k, int n) {
+        const Light asked = shares_of(frame, direct(pixels, frame, at, cells, whole, k, n));
+        const Light within = within_span(asked);
+        clipped += beyond(asked, within);
+        store_light(shares, k, within);
+    });
+    return clipped;
+}
+
+// Shares of the channels' spans that the bounded optimum's conditions choose.
+inline Ints share_nearest(const Frame &frame, const Segment &at, const Free &free, Row &shares) {
+    Ints clipped{};
+    each_block(at.n, [&](int k, int) {
+        const Light asked = shares_of(frame, load_light(free.light, k));
+        clipped += beyond(asked, within_span(asked));
+        store_light(shares, k, nearest(frame, asked, load_light(free.weight, k)));
+    });
+    return clipped;
 }
 
 }  // namespace
@@ -270,84 +347,85 @@ void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &s
         alignas(64) Row light;
         each_block(at.n, [&](int k, int n) {
             const Light target = divided_target(pixels, frame, at.first + k, n);
-            const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n) * pixels.emission.unit[0];
+            const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
             for (int b = 0; b < BANDS; ++b) store(light[b] + k, target.band[b] * emission);
         });
         add_by_patch(pixels, at, light, sums.emitted);
     });
 }
 
-void code_row(const Pixels &all, const Frame &whole, bool bounded, std::int64_t row, Sums &sums) {
-    Ints clipped{}, nowhere{};
+void code_row(const Pixels &all, const Frame &whole_frame, bool bounded, std::int64_t row, Sums &sums) {
+    Ints clipped{};
+    Cursor cells(all.cells, row, all.width), patches(all.patches, row, all.width);
     each_segment(all, row, [&](const Segment &at) {
         // Own copies: the codes' bytes may be anything's, and all would be read again after each of them.
         const Pixels pixels = all;
-        const Frame frame = whole;
-        const Seen seen(pixels, frame, at);
-        const Pull pull(pixels, frame, at, bounded);
-        each_block(at.n, [&](int k, int n) {
-            Light light = asked(pixels, frame, seen, at.first, k, n).direct;
-            if (bounded) {
-                const Weights weights(pixels, at.first + k, n);
-                const Light free = pulled(light, weights, pull, k);
-                count_beyond(frame, unmixed(frame, free), clipped);
-                light = chosen(frame, free, weights);
-            } else {
-                light = unmixed(frame, light);
-            }
-            encode(frame, light, row, at.column + k, at.first + k, n, bounded ? nowhere : clipped);
-        });
+        const Frame frame = whole_frame;
+        alignas(64) Row whole, shares;
+        ask(pixels, frame, at, whole);
+        if (bounded)
+            clipped += share_nearest(frame, at, Free(pixels, frame, at, cells, patches, whole), shares);
+        else
+            clipped += share_exactly(pixels, frame, at, cells, whole, shares);
+        each_block(at.n, [&](int k, int n) { encode(frame, load_light(shares, k), at, k, n); });
     });
     for (int lane = 0; lane < BLOCK; ++lane) sums.clipped += clipped[lane];
 }
 
 void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums) {
+    Cursor cells(pixels.cells, row, pixels.width), patches(pixels.patches, row, pixels.width);
     each_segment(pixels, row, [&](const Segment &at) {
-        const Seen seen(pixels, frame, at);
-        const Pull pull(pixels, frame, at, true);
-        alignas(64) Row emitted, returned;
+        alignas(64) Row whole, emitted, returned;
         Floats squared{};
+        ask(pixels, frame, at, whole);
+        const Free free(pixels, frame, at, cells, patches, whole);
         each_block(at.n, [&](int k, int n) {
-            const Asked light = asked(pixels, frame, seen, at.first, k, n);
-            const Weights weights(pixels, at.first + k, n);
-            const Light free = pulled(light.direct, weights, pull, k);
-            const Light q = mixed(frame, chosen(frame, free, weights));
+            const Light light = load_light(free.light, k), weight = load_light(free.weight, k);
+            const Light q = light_of(frame, nearest(frame, shares_of(frame, light), weight));
+            const Light gain = gains(pixels, at.first + k, n);
+            const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
             for (int b = 0; b < BANDS; ++b) {
-                const Floats delta = q.band[b] - free.band[b], direct = weights.direct[b];
-                const Floats gain = unpacked(pixels.gain.band[b] + at.first + k, n) * pixels.gain.unit[b];
-                const Floats error = (q.band[b] - light.direct.band[b]) * direct;
-                store(emitted[b] + k, weights.emission * (light.whole.band[b] + delta));
-                store(returned[b] + k, gain * direct * direct * delta);
-                squared += error * error;
+                const Floats delta = q.band[b] - light.band[b];
+                const Floats error = q.band[b] - load<Floats>(free.wanted[b] + k);
+                store(emitted[b] + k, emission * (load<Floats>(whole[b] + k) + delta));
+                store(returned[b] + k, gain.band[b] * weight.band[b] * delta);
+                squared = fused(error * error, weight.band[b], squared);
             }
         });
         add_by_patch(pixels, at, emitted, sums.emitted);
-        add_by_cell(pixels, at, seen, returned, sums.returned);
+        add_by_cell(pixels, at, returned, sums.returned);
         sums.squared += lanes_sum(squared);
     });
 }
 
-void product_columns(const float *matrix, const float *x, std::int64_t rows, std::int64_t columns, std::int64_t begin,
-                     std::int64_t end, float *out) {
+inline Floats widened(const std::int16_t *entries) {
+    typedef std::int16_t Shorts __attribute__((vector_size(2 * BLOCK)));
+    return __builtin_convertvector(__builtin_convertvector(load<Shorts>(entries), Ints), Floats);
+}
+
+void product_columns(const Matrix &matrix, const float *x, std::int64_t begin, std::int64_t end, float *out) {
     for (std::int64_t column = begin; column < end; ++column) out[column] = 0;
-    for (std::int64_t row = 0; row < rows; ++row) {
-        const float *values = matrix + row * columns, factor = x[row];
-        for (std::int64_t column = begin; column < end; ++column) out[column] += values[column] * factor;
+    for (std::int64_t row = 0; row < matrix.rows; ++row) {
+        const std::int16_t *entries = matrix.entries + row * matrix.columns;
+        const float factor = x[row] * matrix.unit[row];
+        for (std::int64_t column = begin; column < end; ++column)
+            out[column] += static_cast<float>(entries[column]) * factor;
     }
 }
 
-float product_row(const float *matrix, const float *x, std::int64_t n) {
+float product_row(const Matrix &matrix, std::int64_t row, const float *x) {
+    const std::int16_t *entries = matrix.entries + row * matrix.columns;
     Floats a{}, b{}, c{}, d{};
     float rest = 0;
     std::int64_t k = 0;
-    for (; k + 4 * BLOCK <= n; k += 4 * BLOCK) {
-        a += load<Floats>(matrix + k) * load<Floats>(x + k);
-        b += load<Floats>(matrix + k + BLOCK) * load<Floats>(x + k + BLOCK);
-        c += load<Floats>(matrix + k + 2 * BLOCK) * load<Floats>(x + k + 2 * BLOCK);
-        d += load<Floats>(matrix + k + 3 * BLOCK) * load<Floats>(x + k + 3 * BLOCK);
+    for (; k + 4 * BLOCK <= matrix.columns; k += 4 * BLOCK) {
+        a = fused(widened(entries + k), load<Floats>(x + k), a);
+        b = fused(widened(entries + k + BLOCK), load<Floats>(x + k + BLOCK), b);
+        c = fused(widened(entries + k + 2 * BLOCK), load<Floats>(x + k + 2 * BLOCK), c);
+        d = fused(widened(entries + k + 3 * BLOCK), load<Floats>(x + k + 3 * BLOCK), d);
     }
-    for (; k < n; ++k) rest += matrix[k] * x[k];
-    return lanes_sum((a + b) + (c + d)) + rest;
+    for (; k < matrix.columns; ++k) rest += static_cast<float>(entries[k]) * x[k];
+    return (lanes_sum((a + b) + (c + d)) + rest) * matrix.unit[row];
 }
 
 }  // namespace kernel::frame::KERNEL_LEVEL
