@@ -53,7 +53,7 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     Raises SessionError when the session's model is not finished.
     """
     model, photometry = load_model(session), load_photometry(session)
-    transport, black = model.room.projector_transport, _black_of(model, photometry)
+    transport, black = model.room.projector_transport, black_at_pixels(model, photometry)
     tables = np.stack([np.interp(np.arange(256), each.levels, each.linear) for each in photometry.projector])
     grey = model.channels == 1
     frames = frame_model(
@@ -70,7 +70,7 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     return LiveModel(frames, f"session {session.path}", (note,) if grey else ())
 
 
-def _black_of(model: RoomRecord, photometry: Photometry) -> FloatArray:
+def black_at_pixels(model: RoomRecord, photometry: Photometry) -> FloatArray:
     """(n active, B) what the camera sees at each projector pixel while the projector shows black."""
     twin, exposure_s = model.twin, max(photometry.black)
     ratio = np.float32(exposure_s / photometry.reference_exposure_s)

@@ -15,13 +15,15 @@ from rig.back_ends import bench_of, benches_of
 from rig.bands import image_of
 from rig.errors import CalibrationFailed, ProfileError
 from rig.images import write_png
-from rig.live.model import session_model
+from rig.live.model import black_at_pixels, session_model
 from rig.pair import open_rig
 from rig.profile import load_profile
 from rig.session import Session
 from rig.terminal import silent
 from rig.workflows import verbs
-from rig.workflows.compensate import wanted_light
+from rig.workflows.closed_loop import Loop, Seen, corrected, plant_of
+from rig.workflows.compensate import wanted_light, whole_picture
+from rig.workflows.light import channel_codes, channel_light
 from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry
 from rig.workflows.target import Target, load_target
@@ -166,6 +168,40 @@ def test_live_pictures_use_what_the_session_knows_of_colour(coloured: Coloured) 
     difference = np.abs(codes.astype(float) - wanted)[live.frames.active]
     assert (np.median(difference, axis=0) <= 2).all()
     assert difference.mean() < 5
+
+
+def test_a_live_picture_comes_as_near_to_its_target_as_the_sessions_own(coloured: Coloured) -> None:
+    """In the bench's own light, black included: live pictures leave room for it."""
+    model = coloured.model()
+    with open_rig(load_profile(coloured.profile)) as rig:
+        truth = true_transport(true_benches(rig), model)
+    with Session.open(coloured.folder) as session:
+        live, photometry = session_model(session, is_linear=True), load_photometry(session)
+    target = Target("whole levels", np.rint(load_target(None, model.twin.projector.lens.shape, channels=3).levels))
+    wanted = wanted_light(model, target)
+    live_codes = FrameCompensator(live.frames, "bounded").frame(target.levels.astype(np.uint8))
+    own = compensate("bounded", model.room.projector_transport, wanted).projector_image
+    own_codes = channel_codes(photometry.projector, whole_picture(model, own), seed=1)
+    black = black_at_pixels(model, photometry)
+    errors = []
+    for codes, unavoidable in ((live_codes, black), (own_codes, 0.0)):
+        light = channel_light(photometry.projector, codes).reshape(-1, 3)[model.room.active].astype(np.float64)
+        errors.append(float(np.abs(truth.forward(light) + unavoidable - wanted).mean()))
+    assert errors[0] < 1.1 * errors[1]
+
+
+def test_a_band_that_is_too_dark_gets_its_light_from_all_channels(coloured: Coloured) -> None:
+    """The correction undoes the mixing: direct light changes in that band alone."""
+    with Session.open(coloured.folder) as session:
+        plant = plant_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
+    image = np.full_like(plant.wanted, 0.5)
+    error = np.array([0.0, 0.02, 0.0]) * plant.operator.diagonal
+    seen = Seen(image, plant.wanted - error, np.full_like(image, 1e-12))
+    change = corrected(plant, Loop("bounded", 2, "image"), image, seen) - image
+    assert (np.abs(change).mean(axis=0) > 1e-4).all()
+    assert change @ plant.transport.mixing.T == pytest.approx(
+        np.broadcast_to([0.0, 0.02 * plant.damping, 0.0], change.shape), abs=1e-9
+    )
 
 
 # How it goes
