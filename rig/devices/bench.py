@@ -95,11 +95,10 @@ class Bench:
 
         White is the sum of `channel_weights`: 1 unless the profile's mixing says otherwise.
         """
-        response = projector_response(self.settings.projector)
-        weights = self.channel_weights
+        responses, weights = projector_responses(self.settings.projector), self.channel_weights
         if codes.ndim == 2:
-            return np.asarray(response[codes] * np.float32(weights.sum()), dtype=np.float32)
-        coloured = cv2.LUT(codes, response)
+            return np.asarray(grey_table(responses, weights)[codes], dtype=np.float32)
+        coloured = cv2.LUT(codes, responses.T[None] if len(responses) > 1 else responses[0])
         mixed = cv2.transform(coloured, weights[None, :])
         if not (boost := self.settings.projector.white_boost):
             return np.asarray(mixed, dtype=np.float32)
@@ -181,12 +180,19 @@ class SeenLight:
         return np.asarray(blurred * self._vignetting, dtype=np.float32)
 
 
-def projector_response(projector: BenchProjector) -> Float32Array:
-    """(256,) linear light of each code: power law mixed with a smooth step, above the black level."""
-    x = np.arange(256) / 255
-    curve = (1 - projector.s_shape) * x**projector.gamma + projector.s_shape * x * x * (3 - 2 * x)
+def projector_responses(projector: BenchProjector) -> Float32Array:
+    """(1 or 3, 256) linear light of each code: power law mixed with a smooth step, above the black level."""
+    x, gamma = np.arange(256) / 255, np.array(projector.gamma)[:, None]
+    curve = (1 - projector.s_shape) * x**gamma + projector.s_shape * x * x * (3 - 2 * x)
     black = 1 / projector.contrast
     return np.asarray(black + (1 - black) * curve, dtype=np.float32)
+
+
+def grey_table(responses: Float32Array, weights: FloatArray) -> Float32Array:
+    """(256,) light of grey codes in a band that gets these weights (3,) of the channels."""
+    if len(responses) == 1:
+        return np.asarray(responses[0] * np.float32(weights.sum()), dtype=np.float32)
+    return np.asarray(weights @ responses, dtype=np.float32)
 
 
 def pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:

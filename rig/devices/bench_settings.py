@@ -33,6 +33,7 @@ def _one_or_three(values: tuple[float, ...]) -> tuple[float, ...]:
 
 Colour = Annotated[tuple[Reflectance, ...], BeforeValidator(_listed), AfterValidator(_one_or_three)]
 """Reflectance: one number, or one each for red, green and blue."""
+Gamma = Annotated[tuple[Annotated[float, Field(gt=0)], ...], BeforeValidator(_listed), AfterValidator(_one_or_three)]
 MixingRow = tuple[NotNegative, NotNegative, NotNegative]
 
 
@@ -112,7 +113,8 @@ class BenchProjector(BenchLens):
     """Power of all pixels together at white; relative."""
     contrast: Annotated[float, Field(gt=1)] = 1500.0
     """White over black, the whole picture black."""
-    gamma: Annotated[float, Field(gt=0)] = 2.2
+    gamma: Gamma = (2.2,)
+    """Of all channels, or of red, green and blue."""
     s_shape: Share = 0.0
     """Share of a smooth step in the response, the rest a power law."""
     latency_s: Annotated[float, Field(ge=0)] = 0.0

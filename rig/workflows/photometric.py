@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.mixing import Mixing, fit_mixing
 from calibration.patterns import Pattern, flat, level_patterns
-from calibration.photometry import fit_camera_response, fit_noise_model, fit_projector_response
+from calibration.photometry import fit_camera_response, fit_channel_responses, fit_noise_model
 from calibration.records import Response
 from rig.bands import PRIMARIES, by_band, image_of, layers, of_bands
 from rig.errors import CalibrationFailed
@@ -190,14 +190,9 @@ def _balance(white: LightImage, lit: BoolArray) -> FloatArray:
 
 
 def _responses(sums: dict[int, FloatArray], mixing: Mixing) -> tuple[Response, ...]:
-    """Each channel's response from the light of grey levels, their colours taken apart.
-
-    Global light scales with the code's light as direct light does, so every lit pixel is a witness.
-    """
+    """Global light scales with the code's light as direct light does, so every lit pixel is a witness."""
     codes = np.array(sorted(sums))
-    bands = np.array([sums[code] / sums[255] for code in codes])
-    channels = bands @ np.linalg.inv(mixing.matrix).T
-    return tuple(fit_projector_response(codes, channels[:, q]) for q in range(channels.shape[1]))
+    return fit_channel_responses(codes, np.array([sums[code] / sums[255] for code in codes]), mixing.matrix)
 
 
 def _sums(image: LightImage, lit: BoolArray) -> FloatArray:
