@@ -35,8 +35,9 @@ from rig.workflows.picture_errors import contrast, perceived_errors, picture_err
 from rig.workflows.target import Target
 from sim.colour import ColourTransport
 from sim.compensation import Compensation, compensate
-from sim.compensation import view as operator
 from sim.compensation.spectrum import damping_for
+from sim.compensation.view import View as Operator
+from sim.compensation.view import view_of
 from sim.optics import project
 
 FloatArray = NDArray[np.float64]
@@ -81,9 +82,9 @@ class Plant:
     """(n, B) the target."""
 
     @cached_property
-    def operator(self) -> operator.View:
+    def operator(self) -> Operator:
         """T taken apart."""
-        return operator.view_of(self.transport)
+        return view_of(self.transport)
 
     @cached_property
     def damping(self) -> float:
@@ -106,7 +107,8 @@ class Plant:
         mask, scale = self.view.mask, 255 / self.model.level
         noise = float(np.sqrt(light.variance[mask].mean(dtype=np.float64))) * scale
         found = self.judged(light.value.astype(np.float64))
-        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(mask.sum()))}
+        n_values = mask.sum() * self.model.channels
+        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(n_values))}
 
     def codes(self, image: FloatArray, seed: int) -> Codes:
         """Codes of n projector values a channel, (n, B); pixels that are not steered stay black."""
