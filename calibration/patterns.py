@@ -21,7 +21,7 @@ class Pattern:
 
     name: str
     codes: Codes
-    """(H, W)."""
+    """(H, W), or (H, W, 3) in colour."""
 
 
 def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:

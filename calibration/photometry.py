@@ -154,6 +154,27 @@ def fit_projector_response(codes: ArrayLike, linear: ArrayLike) -> Response:
     return Response(dense, np.clip(np.maximum.accumulate(curve), 0, 1), rms)
 
 
+def fit_channel_responses(codes: ArrayLike, bands: FloatArray, mixing: FloatArray) -> tuple[Response, ...]:
+    """Responses of a projector's channels from flat grey pictures, which show all channels at once.
+
+    Parameters
+    ----------
+    codes : (K,)
+        As for :func:`fit_projector_response`.
+    bands : (K, B)
+        Light above black in each band of the camera, relative to the largest code's.
+    mixing : (B, B)
+        Share of white in each band (row) that each channel (column) makes.
+
+    Raises
+    ------
+    CalibrationError
+        If a channel's light does not rise with the code.
+    """
+    channels = bands @ np.linalg.inv(mixing).T
+    return tuple(fit_projector_response(codes, channels[:, q]) for q in range(channels.shape[1]))
+
+
 def linear_from_codes(response: Response, codes: NDArray[np.uint8]) -> Float32Array:
     """Linear light, 0 … 1, of projector codes."""
     table = np.interp(np.arange(256), response.levels, response.linear).astype(np.float32)

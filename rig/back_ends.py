@@ -112,21 +112,30 @@ def _replayed(profile: Profile, start_s: float) -> Devices:
 
 
 def bench_of(profile: Profile) -> Bench:
-    """The simulated room of a profile, made anew. Raises ProfileError when it has none."""
-    from rig.devices.bench import Bench
+    """The simulated room of a profile, made anew, as a grey camera sees it. Raises ProfileError when it has none."""
+    return _benches(profile, 1)[0]
+
+
+def benches_of(profile: Profile) -> tuple[Bench, ...]:
+    """The same in each band of the profile's camera."""
+    return _benches(profile, profile.camera.channels)
+
+
+def _benches(profile: Profile, channels: int) -> tuple[Bench, ...]:
+    from rig.devices.bench import make_benches
 
     if profile.bench is None:
         raise ProfileError(f"{profile.path}: bench: missing; a simulated room needs a [bench] table")
-    return Bench(profile.bench, profile.camera.shape[:2], profile.projector.shape)
+    return make_benches(profile.bench, profile.camera.shape[:2], profile.projector.shape, channels)
 
 
 def _simulated(profile: Profile, clock: Clock) -> Devices:
     from rig.devices.simulated import SimulatedCamera, SimulatedProjector
 
-    bench = bench_of(profile)
-    projector = SimulatedProjector(bench, clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
+    bands = benches_of(profile)
+    projector = SimulatedProjector(bands[0], clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
     camera = SimulatedCamera(
-        bench,
+        bands,
         projector,
         clock,
         bit_depth=profile.camera.bit_depth,

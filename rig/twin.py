@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from calibration.records import PinholeModel
+from sim.colour import ColourTransport
 from sim.form_factors import FormFactors
 from sim.light_transport import LightTransport
 from sim.optics import Lens, Pose, project, rays_at
@@ -151,11 +152,6 @@ class RoomTwin:
         known = np.isfinite(gain) & np.isfinite(seen)
         return np.asarray(known & (np.where(known, gain, 0) > LEAST_GAIN * np.median(gain[known])))
 
-    @cached_property
-    def camera_transport(self) -> LightTransport:
-        """T from the active projector pixels to the camera's pixels."""
-        return camera_view(self, self.active)
-
 
 def camera_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
     """T from the active projector pixels to all camera pixels (flat).
@@ -177,12 +173,41 @@ def camera_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
     return _transport(twin, active, csr_array(direct[:, np.flatnonzero(active)]), smooth_view(twin.scene, hits, seen))
 
 
-def projector_view(twin: RoomTwin) -> LightTransport:
+def projector_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
     """T from the active projector pixels to what the camera sees at each of them: square, direct part diagonal."""
     gain, seen = twin.projector_pixel_gains
-    view = smooth_view(twin.scene, twin.projector_look.hits, np.where(twin.active, seen, 0.0))
-    chosen = np.flatnonzero(twin.active)
-    return _transport(twin, twin.active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
+    view = smooth_view(twin.scene, twin.projector_look.hits, np.where(active, seen, 0.0))
+    chosen = np.flatnonzero(active)
+    return _transport(twin, active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
+
+
+@dataclass(frozen=True, eq=False)
+class ColouredRoom:
+    """The room in each band of the camera: one geometry, and reflectance, flux and gains a band."""
+
+    bands: tuple[RoomTwin, ...]
+    mixing: FloatArray
+    """(B, B) K[b, q]: share of white in band b that channel q of the projector makes."""
+
+    @cached_property
+    def active(self) -> BoolArray:
+        """(n projector pixels,) pixels that the camera sees well enough to steer, in every band."""
+        return np.asarray(np.all([twin.active for twin in self.bands], axis=0))
+
+    @cached_property
+    def camera_transport(self) -> ColourTransport:
+        """T from the active projector pixels to the camera's pixels."""
+        return ColourTransport([camera_view(twin, self.active) for twin in self.bands], self.mixing)
+
+    @cached_property
+    def projector_transport(self) -> ColourTransport:
+        """T from the active projector pixels to what the camera sees at each of them."""
+        return ColourTransport([projector_view(twin, self.active) for twin in self.bands], self.mixing)
+
+
+def sample_bands(image: FloatArray, xy_px: FloatArray) -> FloatArray:
+    """(N, B) samples of an image (H, W, B), as :func:`sample` takes them."""
+    return np.stack([sample(image[..., b], xy_px) for b in range(image.shape[-1])], axis=-1)
 
 
 def sample(image: FloatArray, xy_px: FloatArray) -> FloatArray:

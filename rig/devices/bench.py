@@ -22,12 +22,13 @@ from rig.devices.bench_room import (
     BenchRoom,
     SurfacePoints,
     cells_of,
+    in_light,
     interpolation,
     make_room,
     reflectance_at,
     trace,
 )
-from rig.devices.bench_settings import BenchProjector, BenchSettings
+from rig.devices.bench_settings import BANDS, BenchProjector, BenchSettings
 from rig.devices.protocols import Codes
 
 FloatArray = NDArray[np.float64]
@@ -51,11 +52,24 @@ class Light:
 
 
 class Bench:
-    """Scene, optics and response of a simulated rig. Light depends on the shown picture only, not on time."""
+    """Scene, optics and response of a simulated rig. Light depends on the shown picture only, not on time.
 
-    def __init__(self, settings: BenchSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int]):
+    Parameters
+    ----------
+    camera_shape, projector_shape : (H, W)
+    room : BenchRoom, optional
+        In one band of a colour camera (:func:`make_benches`); default: as a grey camera sees it.
+    """
+
+    def __init__(
+        self,
+        settings: BenchSettings,
+        camera_shape: tuple[int, int],
+        projector_shape: tuple[int, int],
+        room: BenchRoom | None = None,
+    ):
         self.settings = settings
-        self.room: BenchRoom = make_room(settings)
+        self.room: BenchRoom = make_room(settings) if room is None else room
         self.camera: BenchOptics = make_optics(settings.camera, camera_shape)
         self.projector: BenchOptics = make_optics(settings.projector, projector_shape)
         self.emission, self._pixel_flux = _splat(self.room, self.projector, settings.projector.flux)
@@ -77,15 +91,25 @@ class Bench:
         return Light(self._direct(linear), global_, self._ambient)
 
     def projector_linear(self, codes: Codes) -> Float32Array:
-        """(H, W) linear light that the projector makes of codes; 1 = white, black above 0."""
-        response = projector_response(self.settings.projector)
+        """(H, W) linear light in this band that the projector makes of codes; black above 0.
+
+        White is the sum of `channel_weights`: 1 unless the profile's mixing says otherwise.
+        """
+        responses, weights = projector_responses(self.settings.projector), self.channel_weights
         if codes.ndim == 2:
-            return np.asarray(response[codes], dtype=np.float32)
-        coloured = cv2.LUT(codes, response)
-        mean = cv2.transform(coloured, np.full((1, 3), 1 / 3))
+            return np.asarray(grey_table(responses, weights)[codes], dtype=np.float32)
+        coloured = cv2.LUT(codes, responses.T[None] if len(responses) > 1 else responses[0])
+        mixed = cv2.transform(coloured, weights[None, :])
         if not (boost := self.settings.projector.white_boost):
-            return np.asarray(mean, dtype=np.float32)
-        return np.asarray((mean + boost * coloured.min(axis=2)) / (1 + boost), dtype=np.float32)
+            return np.asarray(mixed, dtype=np.float32)
+        white = boost * weights.sum() * coloured.min(axis=2)
+        return np.asarray((mixed + white) / (1 + boost), dtype=np.float32)
+
+    @property
+    def channel_weights(self) -> FloatArray:
+        """(3,) light of the projector's channels in this band: a row of the mixing, for a grey camera their mean."""
+        mixing = np.array(self.settings.projector.mixing)
+        return np.asarray(mixing.mean(axis=0) if self.room.band is None else mixing[self.room.band])
 
     @property
     def vignetting(self) -> Float32Array:
@@ -119,6 +143,17 @@ class Bench:
         return np.asarray(self._reflectance * seen, dtype=np.float32)
 
 
+def make_benches(
+    settings: BenchSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int], channels: int
+) -> tuple[Bench, ...]:
+    """The bench in each band of a camera of 1 or 3 channels."""
+    if channels == 1:
+        return (Bench(settings, camera_shape, projector_shape),)
+    first = make_room(settings, 0)
+    rooms = [first, *(in_light(first, band) for band in range(1, BANDS))]
+    return tuple(Bench(settings, camera_shape, projector_shape, room) for room in rooms)
+
+
 class SeenLight:
     """What reaches the camera's sensor through its lens; that of the last few pictures is kept."""
 
@@ -145,12 +180,19 @@ class SeenLight:
         return np.asarray(blurred * self._vignetting, dtype=np.float32)
 
 
-def projector_response(projector: BenchProjector) -> Float32Array:
-    """(256,) linear light of each code: power law mixed with a smooth step, above the black level."""
-    x = np.arange(256) / 255
-    curve = (1 - projector.s_shape) * x**projector.gamma + projector.s_shape * x * x * (3 - 2 * x)
+def projector_responses(projector: BenchProjector) -> Float32Array:
+    """(1 or 3, 256) linear light of each code: power law mixed with a smooth step, above the black level."""
+    x, gamma = np.arange(256) / 255, np.array(projector.gamma)[:, None]
+    curve = (1 - projector.s_shape) * x**gamma + projector.s_shape * x * x * (3 - 2 * x)
     black = 1 / projector.contrast
     return np.asarray(black + (1 - black) * curve, dtype=np.float32)
+
+
+def grey_table(responses: Float32Array, weights: FloatArray) -> Float32Array:
+    """(256,) light of grey codes in a band that gets these weights (3,) of the channels."""
+    if len(responses) == 1:
+        return np.asarray(responses[0] * np.float32(weights.sum()), dtype=np.float32)
+    return np.asarray(weights @ responses, dtype=np.float32)
 
 
 def pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:

@@ -6,7 +6,7 @@ centres (point to rectangle, exact), not averaged over patches, on a finer grid,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from rig.devices.bench_settings import BenchSettings
+from rig.devices.bench_settings import BenchSettings, in_band
 from rig.errors import DeviceError
 
 FloatArray = NDArray[np.float64]
@@ -73,6 +73,8 @@ class BenchRoom:
     """(N,) of each cell."""
     form_factors: Float32Array
     """(N, N) share of what leaves a small element at centre i that arrives at cell j."""
+    band: int | None = None
+    """Of the light: 0 red, 1 green, 2 blue; None: all, as a grey camera sees it."""
 
     @property
     def cell_area_m2(self) -> FloatArray:
@@ -94,8 +96,8 @@ class BenchRoom:
         return np.asarray(self.form_factors @ radiosity.astype(np.float32), dtype=np.float64)
 
 
-def make_room(settings: BenchSettings) -> BenchRoom:
-    """Cut the faces into cells and compute what they exchange."""
+def make_room(settings: BenchSettings, band: int | None = None) -> BenchRoom:
+    """Cut the faces into cells and compute what they exchange, for one band of light or for a grey camera's."""
     walls: list[Wall] = []
     first = 0
     for name in settings.reflectance:
@@ -105,9 +107,14 @@ def make_room(settings: BenchSettings) -> BenchRoom:
     for receiver, emitter in product(walls, walls):
         if receiver is not emitter:
             _fill_block(factors, receiver, emitter)
-    room = BenchRoom(settings, tuple(walls), np.zeros(0, np.float32), factors)
-    reflectance = np.concatenate([_cell_reflectance(room, k) for k in range(len(walls))])
-    return BenchRoom(settings, tuple(walls), reflectance.astype(np.float32), factors)
+    return in_light(BenchRoom(settings, tuple(walls), np.zeros(0, np.float32), factors), band)
+
+
+def in_light(room: BenchRoom, band: int | None) -> BenchRoom:
+    """The same walls in another band of light."""
+    room = replace(room, band=band)
+    reflectance = np.concatenate([_cell_reflectance(room, k) for k in range(len(room.walls))])
+    return replace(room, reflectance=reflectance.astype(np.float32))
 
 
 def _make_wall(name: str, settings: BenchSettings, first_cell: int) -> Wall:
@@ -178,12 +185,12 @@ def reflectance_at(room: BenchRoom, wall_index: int, points_m: FloatArray) -> Fl
     wave = 0.6 * np.sin(2 * np.pi * (1.3 * s + 0.4 * t) + phase) + 0.4 * np.sin(
         2 * np.pi * (2.1 * t - 0.7 * s) + 2.0 * phase
     )
-    value = settings.reflectance[wall.name] + settings.texture * wave  # type: ignore[index]
+    value = in_band(settings.reflectance[wall.name], room.band) + settings.texture * wave  # type: ignore[index]
     for poster in settings.posters:
         if poster.face == wall.name:
             inside = (s >= poster.lower[0]) & (s <= poster.upper[0])
             inside &= (t >= poster.lower[1]) & (t <= poster.upper[1])
-            value = np.where(inside, poster.reflectance, value)
+            value = np.where(inside, in_band(poster.reflectance, room.band), value)
     return np.asarray(np.clip(value, 0.0, 0.99))
 
 

@@ -5,9 +5,9 @@ Nothing outside the simulated pair and the scoring of its results may read these
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 Vector3 = tuple[float, float, float]
 FaceName = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
@@ -15,6 +15,33 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Reflectance = Annotated[float, Field(ge=0.0, lt=1.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 FrameCount = Annotated[int, Field(ge=0)]
+BANDS = 3
+"""Of a colour camera: red, green, blue."""
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(value)
+    return (value,) if isinstance(value, int | float) else value
+
+
+def _one_or_three(values: tuple[float, ...]) -> tuple[float, ...]:
+    if len(values) not in (1, BANDS):
+        raise ValueError(f"has {len(values)} numbers; give one, or {BANDS} for red, green and blue")
+    return values
+
+
+Colour = Annotated[tuple[Reflectance, ...], BeforeValidator(_listed), AfterValidator(_one_or_three)]
+"""Reflectance: one number, or one each for red, green and blue."""
+Gamma = Annotated[tuple[Annotated[float, Field(gt=0)], ...], BeforeValidator(_listed), AfterValidator(_one_or_three)]
+MixingRow = tuple[NotNegative, NotNegative, NotNegative]
+
+
+def in_band(values: tuple[float, ...], band: int | None) -> float:
+    """What a band (0 red, 1 green, 2 blue) sees of one number or three; None: a grey camera, their mean."""
+    if len(values) == 1:
+        return values[0]
+    return sum(values) / len(values) if band is None else values[band]
 
 
 def _forward(interval: tuple[float, float]) -> tuple[float, float]:
@@ -86,7 +113,8 @@ class BenchProjector(BenchLens):
     """Power of all pixels together at white; relative."""
     contrast: Annotated[float, Field(gt=1)] = 1500.0
     """White over black, the whole picture black."""
-    gamma: Annotated[float, Field(gt=0)] = 2.2
+    gamma: Gamma = (2.2,)
+    """Of all channels, or of red, green and blue."""
     s_shape: Share = 0.0
     """Share of a smooth step in the response, the rest a power law."""
     latency_s: Annotated[float, Field(ge=0)] = 0.0
@@ -94,6 +122,8 @@ class BenchProjector(BenchLens):
     jitter_s: Annotated[float, Field(ge=0)] = 0.0
     white_boost: Annotated[float, Field(ge=0)] = 0.0
     """A white segment's part: white is brighter by this share than red, green and blue together."""
+    mixing: tuple[MixingRow, MixingRow, MixingRow] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """Light that each band (row) of a colour camera gets from red, green and blue; a grey one sees the rows' mean."""
     unplugged_s: tuple[Interval, ...] = ()
 
 
@@ -103,7 +133,7 @@ class Poster(_Table):
     face: FaceName
     lower: tuple[Share, Share]
     upper: tuple[Share, Share]
-    reflectance: Reflectance
+    reflectance: Colour
 
 
 class BenchSettings(_Table):
@@ -111,7 +141,7 @@ class BenchSettings(_Table):
 
     seed: int = 1
     size_m: Vector3
-    reflectance: dict[FaceName, Reflectance]
+    reflectance: dict[FaceName, Colour]
     """Mean reflectance of each face; a face that is not named is open."""
     texture: Share = 0.0
     """Half range of the smooth variation on each face."""

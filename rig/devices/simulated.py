@@ -102,7 +102,7 @@ class SimulatedCamera:
 
     def __init__(
         self,
-        bench: Bench,
+        bands: tuple[Bench, ...],
         projector: SimulatedProjector,
         clock: Clock,
         *,
@@ -110,7 +110,8 @@ class SimulatedCamera:
         frame_rate_hz: float,
         exposure_range_s: tuple[float, float],
     ):
-        self.bench = bench
+        self.bands = bands
+        self.bench = bands[0]
         self._projector = projector
         self._clock = clock
         self._bit_depth = bit_depth
@@ -120,13 +121,13 @@ class SimulatedCamera:
         self._earlier_exposure_s, self._set_s = self._exposure_s, -math.inf
         self._opened_s: float | None = None
         self._sequence = 0
-        self._faults = FrameFaults(bench.settings.camera, bench.settings.seed, self._period_s)
-        self._seen = SeenLight(bench, _KEPT_LIGHT)
+        self._faults = FrameFaults(self.bench.settings.camera, self.bench.settings.seed, self._period_s)
+        self._seen = [SeenLight(bench, _KEPT_LIGHT) for bench in bands]
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, 1), in pixels."""
-        return (*self.bench.camera.shape, 1)
+        """(height, width, channels), in pixels; three channels are red, green and blue at every pixel."""
+        return (*self.bench.camera.shape, len(self.bands))
 
     @property
     def full_scale_dn(self) -> int:
@@ -194,7 +195,7 @@ class SimulatedCamera:
     def _frame(self, slot: int, exposure_s: float) -> RawFrame:
         fate, lost = self._faults.fate(slot), self._faults.lost_before(slot)
         self._sequence = 1 if fate.restarts_count else self._sequence + 1 + lost
-        pixels = self._expose(fate.content_slot * self._period_s, exposure_s)[..., None]
+        pixels = self._expose(fate.content_slot * self._period_s, exposure_s)
         if fate.is_short:
             pixels = pixels[: len(pixels) // _SHORT_SHARE]
         started_s = fate.stamp_slot * self._period_s + fate.stamp_error_s
@@ -205,14 +206,16 @@ class SimulatedCamera:
         settings = self.bench.settings.camera
         height = self.bench.camera.shape[0]
         starts_s = start_s + settings.readout_s * np.arange(height)[:, None] / height
-        light = np.zeros(self.bench.camera.shape, dtype=np.float32)
+        light = np.zeros(self.shape, dtype=np.float32)
         for picture in self._projector.lit_pictures():
             share = _lit_share(picture, starts_s, starts_s + exposure_s)
             if share.any():
-                light += share.astype(np.float32) * self._seen.of(picture.codes)
+                for band, seen in enumerate(self._seen):
+                    light[..., band] += share.astype(np.float32) * seen.of(picture.codes)
         if self.bench.settings.ambient_flicker:
             swell = self.bench.ambient_swell(starts_s, exposure_s)
-            light += swell.astype(np.float32) * self._seen.through_lens(self.bench.ambient)
+            for band, (bench, seen) in enumerate(zip(self.bands, self._seen, strict=True)):
+                light[..., band] += swell.astype(np.float32) * seen.through_lens(bench.ambient)
         random = random_at(self.bench.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
         return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise)

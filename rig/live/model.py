@@ -12,9 +12,9 @@ from scipy.sparse import csr_array
 from rig.images import linear_of_srgb
 from rig.profile import Profile
 from rig.session import Session
-from rig.twin import LEAST_GAIN, RoomTwin, projector_view, sample
+from rig.twin import LEAST_GAIN, sample_bands
 from rig.workflows.light import Photometry
-from rig.workflows.model import load_model
+from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry
 from sim.form_factors import form_factors
 from sim.frame import FrameModel, frame_model
@@ -48,34 +48,39 @@ class LiveModel:
 def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     """Everything that a session has measured, in the projector's view.
 
-    A session's camera is monochrome: each colour gets the same light transport, and colours are taken not to mix.
+    A session of a colour camera has a light transport, a response and a black for each colour, and their mixing. With
+    a grey camera each colour gets the same light transport, and colours are taken not to mix.
     Raises SessionError when the session's model is not finished.
     """
     model, photometry = load_model(session), load_photometry(session)
-    twin = model.twin
-    response = photometry.projector
+    transport, black = model.room.projector_transport, black_at_pixels(model, photometry)
+    tables = np.stack([np.interp(np.arange(256), each.levels, each.linear) for each in photometry.projector])
+    grey = model.channels == 1
     frames = frame_model(
-        projector_view(twin),
-        twin.projector.lens.shape,
-        twin.active,
+        transport.bands[0] if grey else transport,
+        model.twin.projector.lens.shape,
+        model.room.active,
         target_scale=model.level,
-        black=_black_of(twin, photometry),
+        black=black,
         eotf=target_curve(is_linear=is_linear),
-        response=np.interp(np.arange(256), response.levels, response.linear),
+        response=tables[0] if grey else tables,
         dither_seed=_DITHER_SEED,
     )
     note = "the session is monochrome: red, green and blue get the same light transport and are taken not to mix"
-    return LiveModel(frames, f"session {session.path}", (note,))
+    return LiveModel(frames, f"session {session.path}", (note,) if grey else ())
 
 
-def _black_of(twin: RoomTwin, photometry: Photometry) -> FloatArray:
-    """(n active,) what the camera sees at each projector pixel while the projector shows black."""
-    exposure_s = max(photometry.black)
-    black = photometry.black[exposure_s] / np.float32(exposure_s / photometry.reference_exposure_s)
-    smooth = cv2.GaussianBlur(black, (0, 0), max(_BLACK_BLUR_SHARE * black.shape[1], 0.5)).astype(np.float64)
+def black_at_pixels(model: RoomRecord, photometry: Photometry) -> FloatArray:
+    """(n active, B) what the camera sees at each projector pixel while the projector shows black."""
+    twin, exposure_s = model.twin, max(photometry.black)
+    ratio = np.float32(exposure_s / photometry.reference_exposure_s)
+    black = photometry.black[exposure_s] / ratio * photometry.balance.astype(np.float32)
+    sigma = max(_BLACK_BLUR_SHARE * black.shape[1], 0.5)
+    smooth = cv2.GaussianBlur(black, (0, 0), sigma).reshape(black.shape).astype(np.float64)
     where = project(twin.camera.lens, twin.camera.pose, twin.projector_look.points_m)
-    seen = sample(np.maximum(smooth, 0.0) + 1.0, where)[twin.active] - 1.0  # `sample` takes 0 for missing
-    return np.where(np.isfinite(seen), seen, np.nanmedian(seen))
+    # `sample` takes 0 for missing
+    seen = sample_bands(np.maximum(smooth, 0.0) + 1.0, where)[model.room.active] - 1.0
+    return np.where(np.isfinite(seen), seen, np.nanmedian(seen, axis=0))
 
 
 def target_curve(*, is_linear: bool) -> FloatArray:

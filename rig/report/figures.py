@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from calibration.records import Response
+from rig.bands import PRIMARIES
 from rig.report.pictures import ERROR_RANGE, png_figure, svg
 from rig.twin import Optic, RoomTwin
 from sim.optics import rays_at
@@ -32,20 +33,22 @@ def error_scale() -> str:
     return svg(figure)
 
 
-def response_figure(camera: Response, projector: Response) -> str:
-    """Both response curves."""
+def response_figure(camera: Response, projector: Sequence[Response]) -> str:
+    """Both devices' response curves, the projector's by channel."""
     figure = Figure(figsize=(10, 3.4))
-    for k, (title, response, unit, colour) in enumerate(
+    for k, (title, responses, unit, colours) in enumerate(
         (
-            ("camera", camera, "digital numbers above black", _CAMERA),
-            ("projector", projector, "code", _PROJECTOR),
+            ("camera", (camera,), "digital numbers above black", (_CAMERA,)),
+            ("projector", projector, "code", PRIMARIES[len(projector)] or (_PROJECTOR,)),
         )
     ):
         axes = figure.add_subplot(1, 2, k + 1)
-        axes.plot(response.levels, response.linear, color=colour, lw=2)
-        ends = [response.levels[0], response.levels[-1]]
-        axes.plot(ends, [response.linear[0], response.linear[-1]], color=_SOFT, lw=0.8, ls=":")
-        axes.set_title(f"{title}: rms of the fit {100 * response.rms:.2f} % of full scale", fontsize=10, loc="left")
+        for response, colour in zip(responses, colours, strict=True):
+            axes.plot(response.levels, response.linear, color=colour, lw=2)
+        ends = [responses[0].levels[0], responses[0].levels[-1]]
+        axes.plot(ends, [responses[0].linear[0], responses[0].linear[-1]], color=_SOFT, lw=0.8, ls=":")
+        rms = max(response.rms for response in responses)
+        axes.set_title(f"{title}: rms of the fit {100 * rms:.2f} % of full scale", fontsize=10, loc="left")
         style(axes, unit, "linear light")
     figure.subplots_adjust(wspace=0.25)
     return svg(figure)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.bands import PRIMARIES, codes_of, image_of
 from rig.errors import SessionError
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
@@ -88,7 +89,7 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         "None of these frames was used to fit the model.",
         "geometry_text": f"Baseline {1000 * geometry['baseline_m']:.0f} mm. Room {room_size} m; "
         f"seen: {', '.join(geometry['faces_seen'])}. {len(model.twin.scene.reflectance)} patches, mean reflectance "
-        f"{metrics['model']['reflectance_mean']:.3f}. {geometry['room_notes']}",
+        f"{_numbers(metrics['model']['reflectance_mean'])}. {geometry['room_notes']}{_colour_words(metrics['model'])}",
         "limits": [
             {"what": r["what"], "value": f"{r['value']:.4g}", "limit": f"{r['limit']:g}", "passed": r["passed"]}
             for r in metrics["limits"]
@@ -104,6 +105,23 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         f"{session.finished('compensate').settings['target_sha256'][:16]}….",
         "footer": f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig.",
     }
+
+
+def _numbers(value: float | list[float]) -> str:
+    """One number, or one for each band."""
+    return f"{value:.3f}" if isinstance(value, float) else ", ".join(f"{each:.3f}" for each in value)
+
+
+def _colour_words(model: Mapping[str, Any]) -> str:
+    """How the projector's colours mix; empty for a grey rig."""
+    if "mixing" not in model:
+        return ""
+    rows = "; ".join(f"{band} {_numbers(row)}" for band, row in zip(PRIMARIES[3], model["mixing"], strict=True))
+    return (
+        f" Numbers by band are red, green, blue. Share of white in each band that the projector's red, green and blue "
+        f"make: {rows}; over the picture they vary by at most {model['mixing_variation']:.4f}. White is "
+        f"{_numbers(model['white_over_channels'])} times their sum."
+    )
 
 
 def _truth_table(truth: Mapping[str, float] | None) -> dict[str, Any] | None:
@@ -126,22 +144,20 @@ def _strategies(session: Session, metrics: Mapping[str, Any], model: RoomRecord)
     """Rows of pictures and the table of errors."""
     compensated, compared = session.finished("compensate"), session.finished("compare")
     judged = compared.load_image("judged")
-    mask = judged["mask"] > 0
+    mask, target = judged["mask"] > 0, image_of(judged, "target")
     scale = 255 / model.level
     rows = []
     names = [name for name in _SHOWN_FIRST if name in strategies_of(session)]
     for name in names:
-        codes = compensated.load_image(f"projector-{name}")["codes"]
-        predicted = compensated.load_image(f"predicted-{name}")["light"] * scale
-        measured = compared.load_image(f"measured-{name}")["light"] * scale
+        codes = codes_of(compensated.load_image(f"projector-{name}"))
+        predicted = image_of(compensated.load_image(f"predicted-{name}"), "light") * scale
+        measured = image_of(compared.load_image(f"measured-{name}"), "light") * scale
         images = [
-            pictures.picture(pictures.grey(judged["target"], mask), "Target as the camera should see it"),
-            pictures.picture(codes.astype(np.uint8), f"Codes sent to the projector, {name}"),
-            pictures.picture(pictures.grey(predicted, mask), f"Predicted camera image, {name}"),
-            pictures.picture(pictures.grey(measured, mask), f"Measured camera image, {name}"),
-            pictures.picture(
-                pictures.signed_error(measured - judged["target"], mask), f"Measured minus target, {name}"
-            ),
+            pictures.picture(pictures.photograph(target, mask), "Target as the camera should see it"),
+            pictures.picture(codes, f"Codes sent to the projector, {name}"),
+            pictures.picture(pictures.photograph(predicted, mask), f"Predicted camera image, {name}"),
+            pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {name}"),
+            pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {name}"),
         ]
         rows.append({"name": _TITLES[name], "images": images})
     return {"strategies": rows, "strategy_table": _strategy_table(metrics["strategies"], names)}
@@ -160,8 +176,12 @@ def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, A
 
 
 def _separation(session: Session, model: RoomRecord) -> dict[str, Any]:
-    measured = session.finished("separation").load_image("separation")
-    simulated = session.finished("compare").load_image("simulated-white")
+    image, simulation = (
+        session.finished(step).load_image(name)
+        for step, name in (("separation", "separation"), ("compare", "simulated-white"))
+    )
+    measured = {name: image_of(image, name) for name in ("direct", "global", "white")}
+    simulated = {name: image_of(simulation, name) for name in ("direct", "global")}
     lit = model.lit
     share = float(np.median(measured["global"][lit] / np.maximum(measured["white"][lit], 1e-9)))
     scale = 255 / float(np.quantile(measured["white"][lit], 0.98))
@@ -175,7 +195,7 @@ def _separation(session: Session, model: RoomRecord) -> dict[str, Any]:
         "separation_text": "Light for projector white: reflected once (direct) and more than once (global), measured "
         f"with shifted checkers and simulated by the room model. Median share of global light: {100 * share:.0f} %. "
         "All four at the same exposure.",
-        "separation_images": [pictures.picture(pictures.grey(image * scale), alt) for alt, image in shown],
+        "separation_images": [pictures.picture(pictures.photograph(image * scale), alt) for alt, image in shown],
     }
 
 

@@ -16,6 +16,8 @@ matplotlib.use("Agg")
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
+from rig.bands import one_or_all
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Picture = dict[str, str]
@@ -37,17 +39,19 @@ def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 420) -> Picture:
     return {"src": "data:image/png;base64," + base64.b64encode(data.tobytes()).decode(), "alt": alt}
 
 
-def grey(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[np.uint8]:
-    """Grey levels of 255, shown with a display's gamma of 2.2; outside the mask dimmed to a third."""
-    shown = 255 * (np.clip(np.nan_to_num(levels), 0, 255) / 255) ** (1 / 2.2)
+def photograph(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[np.uint8]:
+    """Grey levels of 255, (H, W) or (H, W, B), with a display's gamma of 2.2; outside the mask dimmed to a third."""
+    bands = np.atleast_3d(levels)
+    shown = 255 * (np.clip(np.nan_to_num(bands), 0, 255) / 255) ** (1 / 2.2)
     if mask is not None:
-        shown = np.where(mask, shown, shown / 3)
-    return np.asarray(shown, dtype=np.float64).astype(np.uint8)
+        shown = np.where(mask[..., None], shown, shown / 3)
+    return one_or_all(np.asarray(shown, dtype=np.float64).astype(np.uint8))
 
 
 def signed_error(error: NDArray[Any], mask: BoolArray) -> NDArray[np.uint8]:
-    """Blue too dark, red too bright; grey outside the mask."""
-    share = np.clip(np.nan_to_num(error) / ERROR_RANGE, -1, 1) / 2 + 0.5
+    """Blue too dark, red too bright; grey outside the mask; of an error in bands (H, W, B) their mean."""
+    grey = np.atleast_3d(np.nan_to_num(error)).mean(axis=-1)
+    share = np.clip(grey / ERROR_RANGE, -1, 1) / 2 + 0.5
     colours = np.asarray(255 * colormaps["RdBu_r"](share)[..., :3], dtype=np.float64).astype(np.uint8)
     colours[~mask] = (96, 96, 100)
     return colours

@@ -7,13 +7,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from rig.atomic import write_bytes
+from rig.bands import codes_of, image_of
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
 from rig.report.strategies_figures import errors_figure, loops_figure, speed_figure
@@ -220,15 +220,15 @@ def _figures(result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
 
 def _measured_row(step: Step, picture: str, strategy: str, view: View, scale: float) -> dict[str, Any]:
     target, mask = view.target, view.mask
-    codes = step.load_image(f"projector-{picture}-{strategy}")["codes"]
+    codes = codes_of(step.load_image(f"projector-{picture}-{strategy}"))
     predicted, measured = (
-        step.load_image(f"{kind}-{picture}-{strategy}")["light"] * scale for kind in ("predicted", "measured")
+        image_of(step.load_image(f"{kind}-{picture}-{strategy}"), "light") * scale for kind in ("predicted", "measured")
     )
     images = [
-        pictures.picture(pictures.grey(target, mask), "Target as the camera should see it", 320),
-        pictures.picture(codes.astype(np.uint8), f"Codes sent to the projector, {strategy}", 320),
-        pictures.picture(pictures.grey(predicted, mask), f"Predicted camera image, {strategy}", 320),
-        pictures.picture(pictures.grey(measured, mask), f"Measured camera image, {strategy}", 320),
+        pictures.picture(pictures.photograph(target, mask), "Target as the camera should see it", 320),
+        pictures.picture(codes, f"Codes sent to the projector, {strategy}", 320),
+        pictures.picture(pictures.photograph(predicted, mask), f"Predicted camera image, {strategy}", 320),
+        pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {strategy}", 320),
         pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {strategy}", 320),
     ]
     return {"name": title_of(strategy), "images": images}
@@ -242,9 +242,9 @@ def _paper_section(picture: Mapping[str, Any], shown: Mapping[str, Any]) -> dict
     for row in rows:
         projected, predicted = shown["projected"][row["strategy"]], shown["predicted"][row["strategy"]]
         images = [
-            pictures.picture(pictures.grey(desired, seen), "Target", 240),
-            pictures.picture(pictures.grey(projected), f"Projector image, {row['title']}", 240),
-            pictures.picture(pictures.grey(predicted, seen), f"Seen in the room, {row['title']}", 240),
+            pictures.picture(pictures.photograph(desired, seen), "Target", 240),
+            pictures.picture(pictures.photograph(projected), f"Projector image, {row['title']}", 240),
+            pictures.picture(pictures.photograph(predicted, seen), f"Seen in the room, {row['title']}", 240),
             pictures.picture(pictures.signed_error(predicted - desired, seen), f"Difference, {row['title']}", 240),
         ]
         grid.append({"name": row["title"], "images": images})

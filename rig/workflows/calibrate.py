@@ -85,33 +85,36 @@ def decode_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
 
 def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
     photometry = load_photometry(session)
-
-    def load(name: str) -> np.ndarray:
-        return gray.load_frame(frame_name(name)).pixels[..., 0]
-
     frames = {
-        name.rsplit(".e", 1)[0]: gray.load_frame(name).pixels[..., 0]
+        name.rsplit(".e", 1)[0]: _grey(gray.load_frame(name).pixels, photometry)
         for name in gray.frame_names
         if name.startswith(CODE)
     }
-    white, black = load("white"), load("black")
+    white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
     limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, photometry)
     return decode_gray(
         frames,
         projector_shape,
-        white=white,
-        black=black,
+        white=_grey(white, photometry),
+        black=_grey(black, photometry),
         contrast_limit=limit,
         bit_limit=limit,
-        saturation=photometry.saturation_dn,
+        saturation=photometry.saturation_dn * white.shape[2],
         code=CODE,
     )
 
 
+def _grey(pixels: np.ndarray, photometry: Photometry) -> np.ndarray:
+    """(H, W) sum of the bands (H, W, B): the code is in each."""
+    most = np.min_scalar_type(photometry.full_scale_dn * pixels.shape[2])
+    return np.asarray(pixels.sum(axis=2, dtype=np.promote_types(np.uint16, most)))
+
+
 def _noise_dn(white: np.ndarray, black: np.ndarray, photometry: Photometry) -> np.ndarray:
-    """(H, W) standard deviation of a half-lit frame."""
+    """(H, W) standard deviation of the bands' sum of a half-lit frame."""
     level = np.maximum((white.astype(np.float32) + black) / 2 - photometry.offset_dn, 0)
-    return np.asarray(np.sqrt(level / photometry.gain_e_per_dn + photometry.read_noise_dn**2 + 1 / 12))
+    variance = level / photometry.gain_e_per_dn + photometry.read_noise_dn**2 + 1 / 12
+    return np.asarray(np.sqrt(variance.sum(axis=2)))
 
 
 def load_correspondence(session: Session) -> Correspondence:

@@ -12,23 +12,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.patterns import Pattern
-from calibration.photometry import codes_from_linear, linear_from_codes
+from rig.bands import layers
 from rig.errors import UsageError
 from rig.pair import Rig
 from rig.session import Session, Step
 from rig.terminal import OnStep, silent
-from rig.twin import projector_view, sample
+from rig.twin import sample_bands
 from rig.workflows.capture import Shot, photograph
-from rig.workflows.compensate import View, check_strategies, judged_view, measured_options
-from rig.workflows.light import LightImage, Photometry, light_of
+from rig.workflows.compensate import (
+    View,
+    check_strategies,
+    judged_view,
+    measured_options,
+    projector_layers,
+    wanted_light,
+    whole_picture,
+)
+from rig.workflows.light import LightImage, Photometry, channel_codes, channel_light, light_of
 from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry, measuring_shot
 from rig.workflows.picture_errors import contrast, perceived_errors, picture_errors
 from rig.workflows.target import Target
+from sim.colour import ColourTransport
 from sim.compensation import Compensation, compensate
 from sim.compensation.spectrum import damping_for
-from sim.compensation.view import diagonal_of, view_of
-from sim.light_transport import LightTransport
+from sim.compensation.view import View as Operator
+from sim.compensation.view import view_of
 from sim.optics import project
 
 FloatArray = NDArray[np.float64]
@@ -67,28 +76,28 @@ class Plant:
 
     model: RoomRecord
     photometry: Photometry
-    transport: LightTransport
+    transport: ColourTransport
     view: View
     wanted: FloatArray
-    """(n,) the target."""
+    """(n, B) the target."""
 
     @cached_property
-    def diagonal(self) -> FloatArray:
-        """(n,) direct light of white."""
-        return diagonal_of(self.transport)
+    def operator(self) -> Operator:
+        """T taken apart."""
+        return view_of(self.transport)
 
     @cached_property
     def damping(self) -> float:
         """2 / (2 + r), r the spectral radius of the global light over the direct: as fast as is safe."""
-        return damping_for(view_of(self.transport), "closed loop", None)[0]
+        return damping_for(self.operator, "closed loop", None)[0]
 
     def solved(self, strategy: str, wanted: FloatArray) -> Compensation:
-        """A strategy for a target (n,), told what the session has measured of noise and brightness."""
+        """A strategy for a target (n, B), told what the session has measured of noise and brightness."""
         options = measured_options(self.model).get(strategy, {})
         return compensate(strategy, self.transport, wanted, **options)
 
     def judged(self, light: FloatArray) -> dict[str, Any]:
-        """All errors of a camera image (H, W) in camera values; see :mod:`rig.workflows.picture_errors`."""
+        """All errors of a camera image (H, W, B) in camera values; see :mod:`rig.workflows.picture_errors`."""
         grey, target, mask = light * 255 / self.model.level, self.view.target, self.view.mask
         errors: dict[str, Any] = picture_errors(grey, target, mask) | perceived_errors(grey, target, mask)
         return {**errors, "contrast": contrast(grey, target, mask)}
@@ -98,24 +107,23 @@ class Plant:
         mask, scale = self.view.mask, 255 / self.model.level
         noise = float(np.sqrt(light.variance[mask].mean(dtype=np.float64))) * scale
         found = self.judged(light.value.astype(np.float64))
-        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(mask.sum()))}
+        n_values = mask.sum() * self.model.channels
+        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(n_values))}
 
     def codes(self, image: FloatArray, seed: int) -> Codes:
-        """(H, W) codes of n projector values; pixels that are not steered stay black."""
-        whole = np.zeros(self.model.twin.active.size)
-        whole[self.model.twin.active] = image
-        shape = self.model.twin.projector.lens.shape
-        return codes_from_linear(self.photometry.projector, whole.reshape(shape), dither_seed=seed)
+        """Codes of n projector values a channel, (n, B); pixels that are not steered stay black."""
+        return channel_codes(self.photometry.projector, whole_picture(self.model, image), seed)
 
     def linear(self, codes: Codes) -> FloatArray:
-        """(n,) light of codes."""
-        return linear_from_codes(self.photometry.projector, codes).ravel()[self.model.twin.active].astype(np.float64)
+        """(n, B) light of codes."""
+        light = channel_light(self.photometry.projector, codes).reshape(-1, self.model.channels)
+        return light[self.model.room.active].astype(np.float64)
 
     def seen(self, image: FloatArray) -> FloatArray:
-        """(n,) a camera image (H, W) at the steered pixels; NaN where it is not judged."""
+        """(n, B) a camera image (H, W, B) at the steered pixels; NaN where it is not judged."""
         # Light may be 0 or, by noise, below: shift so that `sample` does not take it for missing.
-        shifted = sample(np.where(self.view.mask, image + 1.0, 0.0), self._camera_xy_px) - 1.0
-        return np.asarray(shifted[self.model.twin.active])
+        shifted = sample_bands(np.where(self.view.mask[..., None], image + 1.0, 0.0), self._camera_xy_px) - 1.0
+        return np.asarray(shifted[self.model.room.active])
 
     @cached_property
     def _camera_xy_px(self) -> FloatArray:
@@ -125,7 +133,7 @@ class Plant:
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """One capture, at the steered pixels, (n,) each."""
+    """One capture, at the steered pixels, (n, B) each."""
 
     projected: FloatArray
     light: FloatArray
@@ -163,7 +171,7 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
     }
     step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
     if not step.done:
-        step.save_image("target", {"grey": target.grey})
+        step.save_image("target", layers("grey", target.levels))
         record = _closed(rig, session, step, plant_of(session, step, target), loop, shot, on_step)
         step.save_record(step.name, record)
         step.finish()
@@ -174,8 +182,13 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
 def plant_of(session: Session, step: Step, target: Target) -> Plant:
     """The session's room with a target, which the step has as its image ``target``."""
     model = load_model(session)
-    wanted = target.grey.ravel()[model.twin.active].astype(np.float64) * model.level / 255
-    return Plant(model, load_photometry(session), projector_view(model.twin), judged_view(model, step), wanted)
+    return Plant(
+        model,
+        load_photometry(session),
+        model.room.projector_transport,
+        judged_view(model, step),
+        wanted_light(model, target),
+    )
 
 
 def _closed(
@@ -217,10 +230,8 @@ def _falls(errors: list[dict[str, Any]], best: int) -> bool:
 
 
 def _keep(step: Step, codes: Codes, image: FloatArray, plant: Plant, light: LightImage) -> None:
-    whole = np.zeros(plant.model.twin.active.size)
-    whole[plant.model.twin.active] = image
-    step.save_image(f"{step.name}-best", {"linear": whole.reshape(codes.shape), "codes": codes.astype(np.float32)})
-    step.save_image(f"{step.name}-measured", {"light": light.value, "variance": light.variance})
+    step.save_image(f"{step.name}-best", projector_layers(whole_picture(plant.model, image), codes))
+    step.save_image(f"{step.name}-measured", layers("light", light.value) | layers("variance", light.variance))
 
 
 def _seen(plant: Plant, codes: Codes, light: LightImage) -> Seen:
@@ -229,18 +240,18 @@ def _seen(plant: Plant, codes: Codes, light: LightImage) -> Seen:
 
 
 def corrected(plant: Plant, loop: Loop, image: FloatArray, seen: Seen) -> FloatArray:
-    """(n,) the next projector image."""
+    """(n, B) the next projector image."""
     return RULES[loop.rule](plant, loop.strategy, image, seen)
 
 
 def _by_image(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
-    """Move each pixel towards its own target: p <- clamp(p + w D⁻¹ (c - measured)).
+    """Move each pixel towards its own target: p <- clamp(p + w K⁻¹ D⁻¹ (c - measured)).
 
     References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
     imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
     """
     residual = np.where(np.isfinite(seen.light), plant.wanted - seen.light, 0.0)
-    return np.asarray(np.clip(image + plant.damping * residual / plant.diagonal, 0.0, 1.0))
+    return np.asarray(np.clip(image + plant.operator.by_direct(plant.damping * residual), 0.0, 1.0))
 
 
 def _by_model(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
@@ -248,7 +259,7 @@ def _by_model(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> Flo
 
     What the range clips is predicted as clipped, so it is no error of the model and does not wind up.
     """
-    expected = np.asarray(plant.transport @ seen.projected)
+    expected = plant.transport.forward(seen.projected)
     error = trusted(plant, seen.light - expected, seen.variance)
     return plant.solved(strategy, plant.wanted - error).projector_image
 
@@ -258,7 +269,7 @@ RULES: Mapping[str, Callable[[Plant, str, FloatArray, Seen], FloatArray]] = {"im
 
 
 def trusted(plant: Plant, residual: FloatArray, variance: FloatArray) -> FloatArray:
-    """(n,) the part of a residual that its noise does not explain, 0 where nothing was measured.
+    """(n, B) the part of a residual that its noise does not explain, 0 where nothing was measured.
 
     Wiener's factor 1 - σ² / <r²>, at least 0, with the mean over the neighbourhood and σ² the measured variance
     (J.-S. Lee, IEEE Trans. PAMI 2, 1980): where a residual is all noise it is left alone.
@@ -271,9 +282,7 @@ def trusted(plant: Plant, residual: FloatArray, variance: FloatArray) -> FloatAr
 
 
 def _local_sum(plant: Plant, values: FloatArray) -> FloatArray:
-    """(n,) sums over each pixel's neighbourhood, up to a common factor."""
-    whole = np.zeros(plant.model.twin.active.size)
-    whole[plant.model.twin.active] = values
-    side = (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX)
-    smooth = cv2.boxFilter(whole.reshape(plant.model.twin.projector.lens.shape), -1, side)
-    return np.asarray(smooth.ravel()[plant.model.twin.active])
+    """(n, B) sums over each pixel's neighbourhood, up to a common factor."""
+    whole = whole_picture(plant.model, values)
+    smooth = cv2.boxFilter(whole, -1, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX))
+    return np.asarray(smooth.reshape(-1, plant.model.channels)[plant.model.room.active])

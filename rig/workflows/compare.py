@@ -7,9 +7,9 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from skimage.metrics import structural_similarity
 
 from calibration.patterns import Pattern
+from rig.bands import codes_of, image_of, layers
 from rig.pair import Rig
 from rig.session import Session, Step
 from rig.terminal import OnStep
@@ -18,6 +18,7 @@ from rig.workflows.compensate import View, judged_view, predict
 from rig.workflows.light import LightImage, light_of
 from rig.workflows.model import RoomRecord, load_model, simulated_white
 from rig.workflows.photometric import load_photometry, measuring_shot
+from rig.workflows.picture_errors import picture_errors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -46,7 +47,7 @@ def project_and_photograph(rig: Rig, session: Session, on_step: OnStep) -> None:
     if step.done:
         return
     patterns = [
-        Pattern(f"shown-{name}", compensated.load_image(f"projector-{name}")["codes"].astype(np.uint8))
+        Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}")))
         for name in strategies_of(session)
     ]
     patterns += held_out_patterns(rig.projector.shape)
@@ -78,7 +79,7 @@ def compare_all(session: Session, on_step: OnStep) -> None:
     for k, name in enumerate(names):
         on_step("compare measured and simulated", k, total)
         measured = light_of(projected, f"shown-{name}", shot, photometry)
-        predicted = compensated.load_image(f"predicted-{name}")["light"].astype(np.float64)
+        predicted = image_of(compensated.load_image(f"predicted-{name}"), "light").astype(np.float64)
         strategies[name] = {
             "measured": _against_target(measured.value.astype(np.float64), view, model.level),
             "predicted": _against_target(predicted, view, model.level),
@@ -90,31 +91,19 @@ def compare_all(session: Session, on_step: OnStep) -> None:
         predicted = predict(model, photometry.projector, pattern.codes)
         frames[pattern.name] = _compare_frame(step, pattern.name, measured, predicted, view.mask, model, residuals)
     on_step("compare measured and simulated", total, total)
-    step.save_image("simulated-white", simulated_white(model.twin))
+    white = simulated_white(model.room)
+    step.save_image("simulated-white", layers("direct", white["direct"]) | layers("global", white["global"]))
     difference, sigma = (np.concatenate(part) for part in zip(*residuals, strict=True))
     overall = _residual_figures(difference, sigma)
-    step.save_image(
-        "judged", {"mask": view.mask.astype(np.float32), "target": np.nan_to_num(view.target)}, folder="maps"
-    )
+    judged = {"mask": view.mask.astype(np.float32), **layers("target", np.nan_to_num(view.target))}
+    step.save_image("judged", judged, folder="maps")
     step.save_record("comparison", {"overall": overall, "frames": frames, "strategies": strategies})
     step.finish()
 
 
 def _against_target(light: FloatArray, view: View, level: float) -> dict[str, float]:
     """Errors in grey levels on the session's brightness scale."""
-    grey = light * 255 / level
-    signed = (grey - view.target)[view.mask]
-    absolute = np.abs(signed)
-    shown, wanted = (np.where(view.mask, image, 0.0) for image in (grey, view.target))
-    _, similarity = structural_similarity(shown, wanted, data_range=255.0, full=True)  # type: ignore[no-untyped-call]
-    return {
-        "mean": float(absolute.mean()),
-        "sd": float(absolute.std()),
-        "max": float(absolute.max()),
-        "rms": float(np.sqrt((signed**2).mean())),
-        "bias": float(signed.mean()),
-        "ssim": float(similarity[view.mask].mean()),
-    }
+    return picture_errors(light * 255 / level, view.target, view.mask)
 
 
 def _compare_frame(
@@ -126,12 +115,12 @@ def _compare_frame(
     model: RoomRecord,
     residuals: list[tuple[FloatArray, FloatArray]],
 ) -> dict[str, float]:
-    """Measured minus predicted on one frame, in grey levels; keeps the images and the residuals."""
-    step.save_image(f"measured-{name}", {"light": measured.value, "variance": measured.variance})
+    """Measured minus predicted on one frame, over all bands, in grey levels; keeps the images and the residuals."""
+    step.save_image(f"measured-{name}", layers("light", measured.value) | layers("variance", measured.variance))
     if name.startswith("held-out"):
-        step.save_image(f"predicted-{name}", {"light": predicted})
+        step.save_image(f"predicted-{name}", layers("light", predicted))
     scale = 255 / model.level
-    usable = mask & ~measured.saturated
+    usable = mask & ~measured.spoilt
     difference = ((measured.value - predicted) * scale)[usable]
     # The model's direct light was measured too: its noise is part of what is to be expected.
     relative = model.white_variance[usable] / np.maximum(model.white[usable], 1e-6) ** 2

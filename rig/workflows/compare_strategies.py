@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.patterns import Pattern
+from rig.bands import codes_of, layers
 from rig.errors import SessionError
 from rig.pair import Rig
 from rig.session import Session, Step
@@ -74,7 +75,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> dict[str, Any]:
         verbs.calibrate(rig, session, on_step)
         verbs.separate(rig, session, on_step)
         verbs.model(rig, session, on_step)
-        pictures = pictures_for(load_model(session).twin, target)[: None if wanted.test_pictures else 1]
+        pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
         compared = [_compare_picture(rig, session, picture, names, on_step) for picture in pictures]
         closed = [close_loop(rig, session, target, loop, on_step) for loop in loops]
         known = perfect_rows(rig, session, pictures[0], wanted.loops, on_step) if wanted.perfect else []
@@ -120,7 +121,7 @@ def picture_step(session: Session, name: str, picture: Picture, names: Sequence[
     }
     step = session.step(name, settings=settings, needs=("response", "model"))
     if not step.done:
-        step.save_image("target", {"grey": picture.target.grey})
+        step.save_image("target", layers("grey", picture.target.levels))
     return step
 
 
@@ -130,8 +131,9 @@ def keep_solution(
     """Save the codes of a strategy and what the model predicts of them; what is known of it before it is shown."""
     codes = plant.codes(solution.projector_image, seed)
     predicted = predict(plant.model, plant.photometry.projector, codes)
-    step.save_image(f"projector-{picture.name}-{name}", {"codes": codes.astype(np.float32)})
-    step.save_image(f"predicted-{picture.name}-{name}", {"light": predicted})
+    shown = codes.reshape(*codes.shape[:2], plant.model.channels).astype(np.float32)
+    step.save_image(f"projector-{picture.name}-{name}", layers("codes", shown))
+    step.save_image(f"predicted-{picture.name}-{name}", layers("light", predicted))
     return {
         "predicted": plant.judged(predicted),
         "clipped_share": float(solution.clipped.mean()),
@@ -154,9 +156,7 @@ def photographed_rows(
 ) -> list[dict[str, Any]]:
     """Show and photograph what was computed, and judge it."""
     patterns = {
-        name: Pattern(
-            f"{step.name}-{name}", step.load_image(f"projector-{picture.name}-{name}")["codes"].astype(np.uint8)
-        )
+        name: Pattern(f"{step.name}-{name}", codes_of(step.load_image(f"projector-{picture.name}-{name}")))
         for name in computed
     }
     photograph(rig, session, step, patterns.values(), shot, len(patterns), on_step)
@@ -164,7 +164,8 @@ def photographed_rows(
     for k, (name, known) in enumerate(computed.items()):
         on_step(f"judge strategies: {picture.name}", k, len(computed))
         light = light_of(step, patterns[name].name, shot, plant.photometry)
-        step.save_image(f"measured-{picture.name}-{name}", {"light": light.value, "variance": light.variance})
+        kept = layers("light", light.value) | layers("variance", light.variance)
+        step.save_image(f"measured-{picture.name}-{name}", kept)
         measured = {"measured": plant.judged_light(light), "captures": 1, "frames": shot.frames_per_pattern}
         rows.append({"strategy": name, **known, **measured})
     on_step(f"judge strategies: {picture.name}", len(computed), len(computed))
@@ -179,7 +180,7 @@ def perfect_rows(
     Raises SessionError on a rig whose truth nobody knows.
     """
     from rig.workflows.true_transport import true_transport
-    from rig.workflows.truth import true_bench
+    from rig.workflows.truth import true_benches
 
     if rig.profile.bench is None:
         raise SessionError(f"{session.path}: only a simulated rig knows its truth; leave --perfect out")
@@ -188,7 +189,7 @@ def perfect_rows(
     if not step.done:
         plant = plant_of(session, step, picture.target)
         on_step("perfect knowledge", 0, len(names) + 1)
-        transport = true_transport(true_bench(rig), plant.model)
+        transport = true_transport(true_benches(rig), plant.model)
         computed = {}
         for k, name in enumerate(names):
             on_step("perfect knowledge", k + 1, len(names) + 1)

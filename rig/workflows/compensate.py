@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.photometry import codes_from_linear, linear_from_codes
 from calibration.records import Response
+from rig.bands import image_of, layers
 from rig.errors import UsageError
 from rig.session import Session, Step
 from rig.terminal import OnStep
-from rig.twin import projector_view, sample
+from rig.twin import sample, sample_bands
+from rig.workflows.light import channel_codes, channel_light
 from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry
 from rig.workflows.target import Target
@@ -30,7 +33,7 @@ class View:
     mask: BoolArray
     """(H, W) camera pixels over which errors are taken: lit, valid, and not at the picture's edge."""
     target: FloatArray
-    """(H, W) grey levels wanted at each camera pixel; NaN outside the mask."""
+    """(H, W, B) grey levels wanted at each camera pixel; NaN outside the mask."""
 
 
 def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -50,20 +53,18 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     if step.done:
         return
     model = load_model(session)
-    response = load_photometry(session).projector
-    step.save_image("target", {"grey": target.grey})
-    active, transport = model.twin.active, projector_view(model.twin)
-    wanted = target.grey.ravel()[active].astype(np.float64) * model.level / 255
+    responses = load_photometry(session).projector
+    step.save_image("target", layers("grey", target.levels))
+    active, transport = model.room.active, model.room.projector_transport
+    wanted = wanted_light(model, target)
     options, summary = measured_options(model), {}
     for k, name in enumerate(names):
         on_step("compute compensation images", k, len(names))
         result = compensate(name, transport, wanted, **options.get(name, {}))
-        image = np.zeros(active.size)
-        image[active] = result.projector_image
-        codes = codes_from_linear(response, image.reshape(target.grey.shape), dither_seed=k + 1)
-        linear = image.reshape(target.grey.shape)
-        step.save_image(f"projector-{name}", {"linear": linear, "codes": codes.astype(np.float32)})
-        step.save_image(f"predicted-{name}", {"light": predict(model, response, codes)})
+        linear = whole_picture(model, result.projector_image)
+        codes = channel_codes(responses, linear, seed=k + 1)
+        step.save_image(f"projector-{name}", projector_layers(linear, codes))
+        step.save_image(f"predicted-{name}", layers("light", predict(model, responses, codes)))
         summary[name] = {
             "clipped_share": float(result.clipped.mean()),
             "iterations": result.iterations,
@@ -81,20 +82,38 @@ def measured_options(model: RoomRecord) -> dict[str, dict[str, float]]:
     return {"tikhonov": {"noise_rms": noise_rms} if noise_rms > 0 else {}, "perceptual": {"white": model.level}}
 
 
-def predict(model: RoomRecord, response: Response, codes: Codes) -> FloatArray:
-    """(H, W) camera light above black that the model expects of any codes; unseen projector pixels count as dark."""
-    linear = linear_from_codes(response, codes).ravel()[model.twin.active]
-    return np.asarray(model.twin.camera_transport @ linear.astype(np.float64)).reshape(model.twin.camera.lens.shape)
+def wanted_light(model: RoomRecord, target: Target) -> FloatArray:
+    """(n, B) light that a target asks for at the steered pixels, in camera values."""
+    levels = target.levels.reshape(-1, model.channels)[model.room.active]
+    return np.asarray(levels.astype(np.float64) * model.level / 255)
+
+
+def whole_picture(model: RoomRecord, image: FloatArray) -> FloatArray:
+    """(H, W, C) picture of n projector values; pixels that are not steered stay black."""
+    whole = np.zeros((model.room.active.size, model.channels))
+    whole[model.room.active] = image
+    return whole.reshape(*model.twin.projector.lens.shape, model.channels)
+
+
+def projector_layers(linear: FloatArray, codes: Codes) -> dict[str, NDArray[Any]]:
+    """Channels of an image file for a picture and its codes."""
+    return layers("linear", linear) | layers("codes", codes.reshape(linear.shape).astype(np.float32))
+
+
+def predict(model: RoomRecord, responses: Sequence[Response], codes: Codes) -> FloatArray:
+    """(H, W, B) camera light above black that the model expects of any codes; unseen projector pixels are dark."""
+    light = channel_light(responses, codes).reshape(-1, model.channels)[model.room.active]
+    seen = model.room.camera_transport.forward(light.astype(np.float64))
+    return np.asarray(seen.reshape(*model.twin.camera.lens.shape, model.channels))
 
 
 def judged_view(model: RoomRecord, step: Step) -> View:
     """Where errors are taken, and the target there."""
-    grey = step.load_image("target")["grey"].astype(np.float64)
-    active = model.twin.active
+    grey = image_of(step.load_image("target"), "grey").astype(np.float64)
     xy = model.twin.projector_xy_px.reshape(-1, 2)
     shape = model.twin.camera.lens.shape
-    surrounded = np.isfinite(sample(np.where(active.reshape(grey.shape), 1.0, 0.0), xy)).reshape(shape)
-    mask = surrounded & model.lit
+    active = np.where(model.room.active.reshape(grey.shape[:2]), 1.0, 0.0)
+    mask = np.isfinite(sample(active, xy)).reshape(shape) & model.lit
     # Grey level 0 is a wish like any other: shift so that `sample` does not take it for missing.
-    wanted = sample(grey + 1.0, xy).reshape(shape) - 1.0
-    return View(mask, np.where(mask, wanted, np.nan))
+    wanted = sample_bands(grey + 1.0, xy).reshape(*shape, model.channels) - 1.0
+    return View(mask, np.where(mask[..., None], wanted, np.nan))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.bands import by_band, image_of, of_bands
 from rig.pair import Rig
 from rig.profile import Limits
 from rig.session import Session
@@ -56,26 +57,29 @@ def _geometry(session: Session) -> dict[str, Any]:
 
 def _valid_share(session: Session) -> float:
     """Valid pixels among those that the projector lights, by their measured direct light."""
-    direct = session.finished("separation").load_image("separation")["direct"]
+    direct = image_of(session.finished("separation").load_image("separation"), "direct").mean(axis=-1)
     valid = load_correspondence(session).valid
     lit = direct > 0.05 * np.median(direct[valid])
     return float((valid & lit).sum() / max(int(lit.sum()), 1))
 
 
 def _separation(session: Session) -> dict[str, float]:
-    light = session.finished("separation").load_image("separation")
-    valid = load_correspondence(session).valid & (light["white"] > 0)
-    share = light["global"][valid] / light["white"][valid]
+    image = session.finished("separation").load_image("separation")
+    white, global_ = image_of(image, "white"), image_of(image, "global")
+    valid = load_correspondence(session).valid & (white > 0).all(axis=-1)
+    share = global_[valid] / white[valid]
     return {"global_share_mean": float(share.mean()), "global_share_median": float(np.median(share))}
 
 
 def _model(session: Session) -> dict[str, Any]:
     record = session.finished("model").load_record("model")
-    reflectance, source = np.array(record["reflectance"]), np.array(record["source"])
-    areas = load_model(session).twin.scene.areas
+    model = load_model(session)
+    reflectance = of_bands(record["reflectance"], model.channels)
+    source = np.array(of_bands(record["source"], model.channels)[0])
+    areas = model.twin.scene.areas
     return {
-        "patches": len(reflectance),
-        "reflectance_mean": float(np.average(reflectance, weights=areas)),
+        "patches": len(source),
+        "reflectance_mean": by_band([float(np.average(band, weights=areas)) for band in reflectance]),
         "patches_lit_and_seen": int((source == 0).sum()),
         "patches_seen_in_global_light": int((source == 1).sum()),
         "patches_unseen": int((source == 2).sum()),
@@ -86,7 +90,15 @@ def _model(session: Session) -> dict[str, Any]:
         "vignetting_camera": record["vignetting_camera"],
         "vignetting_projector": record["vignetting_projector"],
         "level": record["level"],
+        **_colour(session),
     }
+
+
+def _colour(session: Session) -> dict[str, Any]:
+    """How the projector's channels mix; nothing of a grey rig."""
+    record = session.finished("response").load_record("photometry")
+    names = ("mixing", "mixing_variation", "white_over_channels", "balance")
+    return {name: record[name] for name in names if name in record}
 
 
 def _compensation(session: Session) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -12,20 +13,37 @@ from numpy.typing import NDArray
 
 from calibration.records import CalibrationError
 from calibration.reflectance import ReflectanceFit, Vignetting, estimate_reflectance, fit_vignetting
+from rig.bands import image_of, layers, merged, of_bands
 from rig.profile import Profile
 from rig.session import Session
 from rig.terminal import OnStep
-from rig.twin import Look, Optic, RoomTwin, box_scene, camera_view, look, optic, unit_emission, white_irradiance
+from rig.twin import (
+    ColouredRoom,
+    Look,
+    Optic,
+    RoomTwin,
+    box_scene,
+    camera_view,
+    look,
+    optic,
+    unit_emission,
+    white_irradiance,
+)
 from rig.workflows.calibrate import load_correspondence, pinhole_of
+from rig.workflows.photometric import load_photometry
 from sim.form_factors import form_factors
 from sim.optics import project
 from sim.scene import Scene
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+Light = dict[str, NDArray[np.float32]]
+"""One band's light of white in parts, (H, W) by name."""
 
 _LEAST_DIRECT = 0.05
-"""A pixel is lit when its direct light is above this share of the median of the lit."""
+"""A pixel is lit when its direct light is above this share of the median of the lit ..."""
+_LEAST_IN_A_BAND = 0.005
+"""... and in each band above this share."""
 _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
 _SMOOTHING_SHARE = 0.003
@@ -36,14 +54,24 @@ _SMOOTHING_SHARE = 0.003
 class RoomRecord:
     """The finished model, loaded."""
 
-    twin: RoomTwin
+    room: ColouredRoom
     level: float
-    """Camera value of a target's 255."""
+    """Camera value of a target's 255, in each band."""
     lit: BoolArray
     """(H, W) lit and valid camera pixels."""
     white: FloatArray
-    """(H, W) light of projector white."""
+    """(H, W, B) light of projector white."""
     white_variance: FloatArray
+
+    @property
+    def twin(self) -> RoomTwin:
+        """The first band's: lenses, poses, patches and looks are those of all."""
+        return self.room.bands[0]
+
+    @property
+    def channels(self) -> int:
+        """B, bands of the camera and channels of the projector."""
+        return len(self.room.bands)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,25 +96,33 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
         return
     on_step("build model", 0, 4)
     geometry = _geometry(session, profile.room.patch_size_m)
-    light = session.finished("separation").load_image("separation")
-    valid = load_correspondence(session).valid & (light["valid"] > 0)
-    lit = _lit(light["direct"], valid)
-    gain = _direct_gain(light, lit, geometry.camera_look)
+    bands, valid = _light(session)
+    lit = _lit(bands, valid)
+    gains = [_direct_gain(light, lit, geometry.camera_look) for light in bands]
     on_step("build model", 1, 4)
-    vignetting = _fit_lenses(geometry, gain, lit)
+    vignetting = _fit_lenses(geometry, np.mean(gains, axis=0), lit)
     camera = Optic(geometry.camera.lens, geometry.camera.pose, vignetting.camera)
     projector = Optic(geometry.projector.lens, geometry.projector.pose, vignetting.projector)
     on_step("build model", 2, 4)
-    fit = _fit_reflectance(geometry, camera, projector, gain, light, lit)
+    fits = [_fit_reflectance(geometry, camera, projector, g, b, lit) for g, b in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
-    level = profile.brightness.target_white_share * float(np.median(light["white"][lit]))
-    scene = geometry.scene.with_reflectance(fit.reflectance)
-    global_gain = _global_gain(_twin(session, scene, camera, projector, fit.flux, gain), light, lit)
-    maps: dict[str, NDArray[Any]] = {"gain": gain, "lit": lit.astype(np.float32), "global_gain": global_gain}
-    step.save_image("direct-gain", maps, folder="maps")
-    step.save_record("model", _record(fit, vignetting, level, profile.room.patch_size_m, light, lit))
+    surfaces = [(fit.reflectance, fit.flux) for fit in fits]
+    twins = _twins(session, geometry.scene, camera, projector, surfaces, gains)
+    global_gain = np.stack([_global_gain(t, b, lit) for t, b in zip(twins, bands, strict=True)], axis=-1)
+    maps: dict[str, NDArray[Any]] = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", global_gain)
+    step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
+    step.save_record("model", _record(profile, fits, vignetting, bands, lit))
     step.finish()
     on_step("build model", 4, 4)
+
+
+def _light(session: Session) -> tuple[list[Light], BoolArray]:
+    """Direct light, global light and white of each band, (H, W) by name, and where they are valid."""
+    image = session.finished("separation").load_image("separation")
+    stacks = {name: image_of(image, name) for name in ("direct", "global", "white", "white_variance")}
+    n_bands = stacks["white"].shape[-1]
+    bands = [{name: np.ascontiguousarray(stack[..., b]) for name, stack in stacks.items()} for b in range(n_bands)]
+    return bands, load_correspondence(session).valid & (image["valid"] > 0)
 
 
 def _geometry(session: Session, patch_size_m: float) -> _Geometry:
@@ -97,13 +133,15 @@ def _geometry(session: Session, patch_size_m: float) -> _Geometry:
     return _Geometry(scene, camera, projector, look(scene, camera))
 
 
-def _lit(direct: NDArray[np.float32], valid: BoolArray) -> BoolArray:
+def _lit(bands: list[Light], valid: BoolArray) -> BoolArray:
+    direct = np.mean([light["direct"] for light in bands], axis=0)
     if not (direct[valid] > 0).any():
         raise CalibrationError("no valid pixel has direct light; look at the correspondence map and at the checkers")
-    return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])))
+    enough = [light["direct"] > _LEAST_IN_A_BAND * np.median(light["direct"][valid]) for light in bands]
+    return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
 
 
-def _direct_gain(light: dict[str, NDArray[np.float32]], lit: BoolArray, camera_look: Look) -> FloatArray:
+def _direct_gain(light: Light, lit: BoolArray, camera_look: Look) -> FloatArray:
     """(H, W) direct light of white, 0 where not lit.
 
     The checkers tell the share of direct light with noise; that share is smooth along a wall (reflectance and
@@ -126,9 +164,9 @@ def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_look: Look)
     return smooth
 
 
-def _global_gain(twin: RoomTwin, light: dict[str, NDArray[np.float32]], lit: BoolArray) -> FloatArray:
+def _global_gain(twin: RoomTwin, light: Light, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
-    modelled = simulated_white(twin)["global"]
+    modelled = _simulated_white(twin)["global"]
     known = lit & (modelled > 0)
     ratio = np.where(known, (light["white"] - twin.direct_gain) / np.where(known, modelled, 1.0), 1.0)
     return np.where(lit, _smoothed_along_faces(ratio, lit, twin.camera_look), 1.0)
@@ -155,7 +193,7 @@ def _fit_reflectance(
     camera: Optic,
     projector: Optic,
     gain: FloatArray,
-    light: dict[str, NDArray[np.float32]],
+    light: Light,
     lit: BoolArray,
 ) -> ReflectanceFit:
     """Patch means of what the camera saw, its vignetting taken out, to the inverse radiosity problem."""
@@ -184,16 +222,23 @@ def _patch_mean(scene: Scene, patch: NDArray[np.intp], values: FloatArray, chose
 
 
 def _record(
-    fit: ReflectanceFit,
-    vignetting: Vignetting,
-    level: float,
-    patch_size_m: float,
-    light: dict[str, NDArray[np.float32]],
-    lit: BoolArray,
+    profile: Profile, fits: list[ReflectanceFit], vignetting: Vignetting, bands: list[Light], lit: BoolArray
 ) -> dict[str, Any]:
-    white = np.maximum(light["white"][lit], 1e-9)
+    medians = [float(np.median(light["white"][lit])) for light in bands]
     return {
-        "patch_size_m": patch_size_m,
+        "patch_size_m": profile.room.patch_size_m,
+        **merged([_fit_record(fit) for fit in fits]),
+        "vignetting_camera": vignetting.camera,
+        "vignetting_projector": vignetting.projector,
+        "vignetting_rms": vignetting.rms,
+        "level": profile.brightness.target_white_share * float(np.mean(medians)),
+        **merged([_light_record(light, lit) for light in bands]),
+        "lit_share_of_image": float(lit.mean()),
+    }
+
+
+def _fit_record(fit: ReflectanceFit) -> dict[str, Any]:
+    return {
         "reflectance": fit.reflectance,
         "source": fit.source,
         "flux": fit.flux,
@@ -201,28 +246,42 @@ def _record(
         "unseen_reflectance": fit.unseen_reflectance,
         "unseen_sigma": fit.unseen_sigma,
         "global_rms": fit.global_rms,
-        "vignetting_camera": vignetting.camera,
-        "vignetting_projector": vignetting.projector,
-        "vignetting_rms": vignetting.rms,
-        "level": level,
-        "white_median": float(np.median(light["white"][lit])),
-        "global_share_mean": float((light["global"][lit] / white).mean()),
-        "lit_share_of_image": float(lit.mean()),
     }
 
 
-def simulated_white(twin: RoomTwin) -> dict[str, FloatArray]:
-    """(H, W) direct and global light of white as the patches alone predict them, without `global_gain`."""
+def _light_record(light: Light, lit: BoolArray) -> dict[str, Any]:
+    white = np.maximum(light["white"][lit], 1e-9)
+    return {
+        "white_median": float(np.median(light["white"][lit])),
+        "global_share_mean": float((light["global"][lit] / white).mean()),
+    }
+
+
+def simulated_white(room: ColouredRoom) -> dict[str, FloatArray]:
+    """(H, W, B) direct and global light of white as the patches alone predict them, without `global_gain`."""
+    parts = [_simulated_white(twin) for twin in room.bands]
+    return {name: np.stack([part[name] for part in parts], axis=-1) for name in ("direct", "global")}
+
+
+def _simulated_white(twin: RoomTwin) -> dict[str, FloatArray]:
     transport = camera_view(replace(twin, global_gain=1.0), np.ones(twin.projector.lens.n_pixels, dtype=bool))
     white = np.ones(twin.projector.lens.n_pixels)
     shape = twin.camera.lens.shape
     return {"direct": (transport.direct @ white).reshape(shape), "global": (transport.global_ @ white).reshape(shape)}
 
 
-def _twin(session: Session, scene: Scene, camera: Optic, projector: Optic, flux: float, gain: FloatArray) -> RoomTwin:
-    xy = load_correspondence(session).projector_xy_px.astype(np.float64)
-    return RoomTwin(
-        scene,
+def _twins(
+    session: Session,
+    scene: Scene,
+    camera: Optic,
+    projector: Optic,
+    surfaces: Sequence[tuple[FloatArray, float]],
+    gains: Sequence[FloatArray],
+) -> list[RoomTwin]:
+    """The room in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
+    reflectance, flux = surfaces[0]
+    first = RoomTwin(
+        scene.with_reflectance(reflectance),
         form_factors(scene),
         camera,
         projector,
@@ -230,9 +289,14 @@ def _twin(session: Session, scene: Scene, camera: Optic, projector: Optic, flux:
         unit_emission(scene, projector),
         look(scene, camera),
         look(scene, projector),
-        gain,
-        xy,
+        gains[0],
+        load_correspondence(session).projector_xy_px.astype(np.float64),
     )
+    others = [
+        replace(first, scene=scene.with_reflectance(reflectance), flux=flux, direct_gain=gain)
+        for (reflectance, flux), gain in zip(surfaces[1:], gains[1:], strict=True)
+    ]
+    return [first, *others]
 
 
 def load_model(session: Session) -> RoomRecord:
@@ -245,19 +309,28 @@ def _read_model(session: Session, outputs_sha256: str) -> RoomRecord:
     step = session.finished("model")
     record, maps = step.load_record("model"), step.load_image("direct-gain")
     light = session.finished("separation").load_image("separation")
+    gains, global_gains = (_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))
+    twins = _read_twins(session, record, gains)
+    bands = tuple(replace(twin, global_gain=gain) for twin, gain in zip(twins, global_gains, strict=True))
+    return RoomRecord(
+        ColouredRoom(bands, load_photometry(session).mixing),
+        record["level"],
+        maps["lit"] > 0,
+        image_of(light, "white").astype(np.float64),
+        image_of(light, "white_variance").astype(np.float64),
+    )
+
+
+def _by_band(image: NDArray[np.float32]) -> list[FloatArray]:
+    return [image[..., b].astype(np.float64, order="C") for b in range(image.shape[-1])]
+
+
+def _read_twins(session: Session, record: dict[str, Any], gains: list[FloatArray]) -> list[RoomTwin]:
     geometry = session.finished("geometry").load_record("geometry")
     camera = optic(pinhole_of(geometry["camera"]), tuple(record["vignetting_camera"]))
     projector = optic(pinhole_of(geometry["projector"]), tuple(record["vignetting_projector"]))
     room = geometry["room"]
-    scene = box_scene(
-        tuple(room["size_m"]), tuple(room["faces"]), record["patch_size_m"], np.array(record["reflectance"])
-    )
-    twin = _twin(session, scene, camera, projector, record["flux"], maps["gain"].astype(np.float64))
-    twin = replace(twin, global_gain=maps["global_gain"].astype(np.float64))
-    return RoomRecord(
-        twin,
-        record["level"],
-        maps["lit"] > 0,
-        light["white"].astype(np.float64),
-        light["white_variance"].astype(np.float64),
-    )
+    scene = box_scene(tuple(room["size_m"]), tuple(room["faces"]), record["patch_size_m"], 0.5)
+    reflectance, flux = (of_bands(record[key], len(gains)) for key in ("reflectance", "flux"))
+    surfaces = [(np.array(values), kappa) for values, kappa in zip(reflectance, flux, strict=True)]
+    return _twins(session, scene, camera, projector, surfaces, gains)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calibration.patterns import checker_patterns, flat
-from calibration.separation import MARGIN_PX, separate, separate_by_pattern
+from calibration.patterns import Pattern, checker_patterns, flat
+from calibration.records import Correspondence
+from calibration.separation import MARGIN_PX, Separation, separate, separate_by_pattern
+from rig.bands import layers
 from rig.pair import Rig
 from rig.session import Session, Step
 from rig.terminal import OnStep
@@ -35,34 +37,51 @@ def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
     photometry = load_photometry(session)
     white = light_of(step, "white", white_shot, photometry)
     frames = list(_stack(step, [pattern.name for pattern in checkers], shot, photometry, on_step))
-    correspondence = load_correspondence(session)
-    bright = separate(frames, white=white.value)
-    known = separate_by_pattern(
-        frames,
-        [pattern.codes for pattern in checkers],
-        correspondence,
-        white=white.value,
-        margin_px=min(MARGIN_PX, (patterns.checker_size_px - 1) // 3),
-    )
+    bright, known = _separated(frames, checkers, white.value, load_correspondence(session), patterns.checker_size_px)
+    valid = known.valid.all(axis=-1)
     step.save_image(
         "separation",
         {
-            "direct": np.where(known.valid, known.direct, bright.direct),
-            "global": np.where(known.valid, known.global_, bright.global_),
-            "white": white.value,
-            "white_variance": white.variance,
-            "valid": (known.valid & ~white.saturated).astype(np.float32),
+            **layers("direct", np.where(known.valid, known.direct, bright.direct)),
+            **layers("global", np.where(known.valid, known.global_, bright.global_)),
+            **layers("white", white.value),
+            **layers("white_variance", white.variance),
+            "valid": (valid & ~white.spoilt).astype(np.float32),
         },
         folder="maps",
     )
-    lit = known.valid & (known.direct > 0.2 * np.median(known.direct[known.valid]))
-    step.save_record(
-        "separation",
-        {
-            "extremes_over_known_pattern": float(np.median(bright.direct[lit] / known.direct[lit])),
-        },
-    )
+    extremes, direct = (found.direct.mean(axis=-1) for found in (bright, known))
+    lit = valid & (direct > 0.2 * np.median(direct[valid]))
+    step.save_record("separation", {"extremes_over_known_pattern": float(np.median(extremes[lit] / direct[lit]))})
     step.finish()
+
+
+def _separated(
+    frames: list[Float32Array],
+    checkers: list[Pattern],
+    white: Float32Array,
+    correspondence: Correspondence,
+    checker_size_px: int,
+) -> tuple[Separation, Separation]:
+    """By the brightest and darkest frames, and by the known pattern; (H, W, B) each."""
+    margin_px = min(MARGIN_PX, (checker_size_px - 1) // 3)
+    codes = [pattern.codes for pattern in checkers]
+    found = []
+    for b in range(white.shape[-1]):
+        band = [np.ascontiguousarray(frame[..., b]) for frame in frames]
+        white_b = np.ascontiguousarray(white[..., b])
+        known = separate_by_pattern(band, codes, correspondence, white=white_b, margin_px=margin_px)
+        found.append((separate(band, white=white_b), known))
+    bright, known = (_joined(parts) for parts in zip(*found, strict=True))
+    return bright, known
+
+
+def _joined(bands: Sequence[Separation]) -> Separation:
+    return Separation(
+        np.stack([band.direct for band in bands], axis=-1),
+        np.stack([band.global_ for band in bands], axis=-1),
+        np.stack([band.valid for band in bands], axis=-1),
+    )
 
 
 def _stack(step: Step, names: list[str], shot: Shot, photometry: Photometry, on_step: OnStep) -> Iterator[Float32Array]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.twin import RoomTwin
+from rig.workflows.model import RoomRecord
 from rig.workflows.paper_photographs import photograph, rescaled
 from rig.workflows.target import Target
 
@@ -26,14 +27,14 @@ class Picture:
     target: Target
 
 
-def pictures_for(twin: RoomTwin, target: Target) -> list[Picture]:
-    """The user's picture first."""
-    shape = twin.projector.lens.shape
+def pictures_for(model: RoomRecord, target: Target) -> list[Picture]:
+    """The user's picture first; the others are grey."""
+    shape = model.twin.projector.lens.shape
     return [
         Picture("target", target),
-        Picture("two-walls", Target("one wall white, the other black", two_walls(twin))),
-        Picture("dark", _photograph(*DARK, shape)),
-        Picture("bright", _photograph(*BRIGHT, shape)),
+        Picture("two-walls", _grey("one wall white, the other black", two_walls(model.twin), model.channels)),
+        Picture("dark", _photograph(*DARK, shape, model.channels)),
+        Picture("bright", _photograph(*BRIGHT, shape, model.channels)),
     ]
 
 
@@ -59,6 +60,10 @@ def _levels(white: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.floa
     return np.where(white, 255.0, 0.0).reshape(shape).astype(np.float32)
 
 
-def _photograph(name: str, mean: float, sd: float, shape: tuple[int, int]) -> Target:
+def _photograph(name: str, mean: float, sd: float, shape: tuple[int, int], channels: int) -> Target:
     grey = rescaled(photograph(name, shape), mean, sd).astype(np.float32)
-    return Target(f"photograph '{name}', mean {mean:g}, sd {sd:g}", grey)
+    return _grey(f"photograph '{name}', mean {mean:g}, sd {sd:g}", grey, channels)
+
+
+def _grey(title: str, levels: NDArray[np.float32], channels: int) -> Target:
+    return Target(title, np.repeat(levels[..., None], channels, axis=2))

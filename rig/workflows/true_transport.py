@@ -5,6 +5,7 @@ Only scores may use it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -16,6 +17,7 @@ from rig.devices.bench import Bench, SeenLight, pixel_grid
 from rig.devices.bench_optics import directions, flux_density, pixels_of, relative_illumination
 from rig.devices.bench_room import BenchRoom, interpolation, reflectance_at, trace
 from rig.workflows.model import RoomRecord
+from sim.colour import ColourTransport
 from sim.light_transport import LightTransport
 
 FloatArray = NDArray[np.float64]
@@ -56,14 +58,28 @@ class CellRadiosity:
         return np.asarray(solved, dtype=np.float64)
 
 
-def true_transport(bench: Bench, model: RoomRecord) -> LightTransport:
+def true_transport(benches: Sequence[Bench], model: RoomRecord) -> ColourTransport:
     """T of the bench from the model's steered pixels to what the camera sees there, in the session's unit.
 
     Lens blur is left out, as in the model's own view: T's direct part is diagonal.
     """
+    bands = [_true_band(bench, model, b) for b, bench in enumerate(benches)]
+    return ColourTransport(bands, true_mixing(benches))
+
+
+def true_mixing(benches: Sequence[Bench]) -> FloatArray:
+    """(B, B) share of white in each band that each channel of the projector makes."""
+    if len(benches) == 1:
+        return np.eye(1)
+    weights = np.stack([bench.channel_weights for bench in benches])
+    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+
+
+def _true_band(bench: Bench, model: RoomRecord, band: int) -> LightTransport:
     direct, reflected, view = _surface(bench)
-    chosen = np.flatnonzero(model.twin.active)
-    scale = _unit(bench, model) * (1 - 1 / bench.settings.projector.contrast)
+    chosen = np.flatnonzero(model.room.active)
+    white = bench.channel_weights.sum()
+    scale = _unit(bench, model, band) * white * (1 - 1 / bench.settings.projector.contrast)
     radiosity = CellRadiosity(bench.room)
     cells = diags_array(1 / radiosity.reflectance)  # B - E = ρ H, and the view is of the irradiance H
     seen = csr_array(diags_array(reflected) @ view @ cells)[chosen]
@@ -98,8 +114,8 @@ def _pixel_means(fine: FloatArray) -> FloatArray:
     return np.asarray(means.ravel())
 
 
-def _unit(bench: Bench, model: RoomRecord) -> float:
-    """Session's light over the bench's, by white: the unit of light is relative."""
+def _unit(bench: Bench, model: RoomRecord, band: int) -> float:
+    """Session's light over the bench's in a band, by white: the unit of light is relative."""
     eye = SeenLight(bench, 2)
     white, black = (eye.of(np.full(bench.projector.shape, code, np.uint8)) for code in (255, 0))
-    return float(model.white[model.lit].mean() / (white - black)[model.lit].mean())
+    return float(model.white[..., band][model.lit].mean() / (white - black)[model.lit].mean())

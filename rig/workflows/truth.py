@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.back_ends import bench_of
+from rig.back_ends import benches_of
+from rig.bands import image_of, of_bands
 from rig.devices.bench import Bench
 from rig.devices.bench_room import reflectance_at
 from rig.devices.simulated import SimulatedCamera
@@ -14,6 +18,7 @@ from rig.pair import Rig
 from rig.session import Session
 from rig.twin import Optic
 from rig.workflows.model import RoomRecord, load_model
+from rig.workflows.true_transport import true_mixing
 
 FloatArray = NDArray[np.float64]
 
@@ -24,32 +29,40 @@ def score(rig: Rig, session: Session) -> dict[str, float] | None:
         return None
     step = session.step("truth", needs=("geometry", "separation", "model"))
     if not step.done:
-        step.save_record("truth", _scores(true_bench(rig), session))
+        step.save_record("truth", _scores(true_benches(rig), session))
         step.finish()
     scores: dict[str, float] = step.load_record("truth")
     return scores
 
 
-def true_bench(rig: Rig) -> Bench:
-    """The bench that a rig photographs. The virtual rig's stands behind real drivers: made again, it is the same.
+def true_benches(rig: Rig) -> tuple[Bench, ...]:
+    """The bench that a rig photographs, in each band of its camera.
 
+    The virtual rig's stands behind real drivers: made again, it is the same.
     Raises ProfileError when the profile has none.
     """
     if rig.profile.camera.driver == "simulated" and isinstance(rig.camera, SimulatedCamera):
-        return rig.camera.bench
-    return bench_of(rig.profile)
+        return rig.camera.bands
+    return benches_of(rig.profile)
 
 
-def _scores(bench: Bench, session: Session) -> dict[str, float]:
-    model = load_model(session)
+def _scores(benches: tuple[Bench, ...], session: Session) -> dict[str, float]:
+    model, bench = load_model(session), benches[0]
     scores = _pose_errors(bench, model.twin.camera, model.twin.projector)
     scores["surface_median_mm"] = _surface_error_mm(bench, model)
-    scores |= _reflectance_errors(bench, model, np.array(_record(session)["source"]))
-    scores |= _separation_biases(bench, session, model)
-    return scores
+    scores |= _reflectance_errors(benches, model, of_bands(_record(session)["source"], model.channels))
+    scores |= _separation_biases(benches, session, model)
+    return scores | _mixing_error(benches, model)
 
 
-def _record(session: Session) -> dict[str, list[int]]:
+def _mixing_error(benches: tuple[Bench, ...], model: RoomRecord) -> dict[str, float]:
+    """Largest difference of a share of the mixing; nothing on a grey rig, which has none."""
+    if model.channels == 1:
+        return {}
+    return {"mixing_max_error": float(np.abs(model.room.mixing - true_mixing(benches)).max())}
+
+
+def _record(session: Session) -> dict[str, Any]:
     return session.finished("model").load_record("model")
 
 
@@ -84,15 +97,19 @@ def _surface_error_mm(bench: Bench, model: RoomRecord) -> float:
     return 1000 * float(np.median(distances.min(axis=0)))
 
 
-def _reflectance_errors(bench: Bench, model: RoomRecord, source: FloatArray) -> dict[str, float]:
-    """Area-weighted rms over all patches, and over those that were both lit and seen."""
+def _reflectance_errors(
+    benches: tuple[Bench, ...], model: RoomRecord, sources: Sequence[Sequence[int]]
+) -> dict[str, float]:
+    """Area-weighted rms over all patches and bands, and over those that were both lit and seen."""
     scene = model.twin.scene
-    true = _true_reflectance(bench, model)
-    error, known = scene.reflectance - true, np.isfinite(true)
-    measured = known & (source == 0)
+    found = np.stack([twin.scene.reflectance for twin in model.room.bands])
+    error = found - np.stack([_true_reflectance(bench, model) for bench in benches])
+    areas = np.broadcast_to(scene.areas, error.shape)
+    known = np.isfinite(error)
+    measured = known & (np.array(sources) == 0)
 
     def rms(chosen: NDArray[np.bool_]) -> float:
-        return float(np.sqrt(np.average(error[chosen] ** 2, weights=scene.areas[chosen])))
+        return float(np.sqrt(np.average(error[chosen] ** 2, weights=areas[chosen])))
 
     return {"reflectance_rmse": rms(known), "reflectance_rmse_lit_and_seen": rms(measured)}
 
@@ -116,12 +133,19 @@ def _true_reflectance(bench: Bench, model: RoomRecord, samples: int = 5) -> Floa
     return values
 
 
-def _separation_biases(bench: Bench, session: Session, model: RoomRecord) -> dict[str, float]:
-    """Bias of measured direct and global light over the lit pixels, in percent of the truth there.
+def _separation_biases(benches: tuple[Bench, ...], session: Session, model: RoomRecord) -> dict[str, float]:
+    """Bias of measured direct and global light over the lit pixels, in percent of the truth there; mean of the bands.
 
     The unit of light is relative, so the measured white is put on the true one first.
     """
-    measured = session.finished("separation").load_image("separation")
+    image = session.finished("separation").load_image("separation")
+    measured = {name: image_of(image, name) for name in ("direct", "global", "white")}
+    parts = [{name: part[..., b] for name, part in measured.items()} for b in range(len(benches))]
+    biases = [_band_biases(bench, part, model) for bench, part in zip(benches, parts, strict=True)]
+    return {key: float(np.mean([bias[key] for bias in biases])) for key in biases[0]}
+
+
+def _band_biases(bench: Bench, measured: Mapping[str, NDArray[np.float32]], model: RoomRecord) -> dict[str, float]:
     white, black = (bench.light(np.full(bench.projector.shape, code, np.uint8)) for code in (255, 0))
     lit = model.lit
     direct = ((white.direct - black.direct) * bench.vignetting)[lit]

@@ -69,7 +69,8 @@ def compensate(
     from rig.workflows.compensate import check_strategies, compute_compensation
     from rig.workflows.target import load_target
 
-    picture = load_target(None if target is None else Path(target), rig.projector.shape, fit)
+    channels = rig.profile.camera.channels
+    picture = load_target(None if target is None else Path(target), rig.projector.shape, fit, channels)
     compute_compensation(session, picture, check_strategies(tuple(strategies)), on_step)
 
 

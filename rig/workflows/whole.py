@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
+from rig.bands import PRIMARIES
 from rig.errors import SessionError
 from rig.journal import JOURNAL_NAME, Event, read_events
 from rig.pair import Rig, open_rig
@@ -57,7 +58,7 @@ def plan_session(request: Request) -> dict[str, Any]:
     Raises what a run would raise before its first frame: ProfileError, UsageError, SessionError.
     """
     profile = _profile_of(request)
-    target = load_target(request.target, profile.projector.shape, request.fit)
+    target = load_target(request.target, profile.projector.shape, request.fit, profile.camera.channels)
     strategies = check_strategies(request.strategies)
     exists = (request.folder / "session.json").exists()
     done = _finished(request.folder, profile, target, strategies) if exists else set()
@@ -91,9 +92,10 @@ def _finished(folder: Path, profile: Profile, target: Target, strategies: tuple[
 def _frame_counts(profile: Profile, n_strategies: int) -> dict[str, int]:
     patterns, exposures = profile.patterns, len(profile.patterns.exposures)
     bits = sum((n - 1).bit_length() for n in profile.projector.shape)
+    primaries = len(PRIMARIES[profile.camera.channels])
     return {
         "exposure": 3,
-        "response": 4 * exposures + 24 + patterns.response_levels * exposures,
+        "response": 4 * exposures + 24 + (patterns.response_levels + primaries) * exposures,
         "gray": 2 + 2 * bits,
         "separation": (4 + patterns.checker_shifts) * exposures,
         "project": (n_strategies + 2) * exposures * patterns.frames_averaged,
@@ -134,7 +136,8 @@ def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict
 
 def target_of(request: Request) -> Target:
     """The picture that was asked for. Raises UsageError, ProfileError, SessionError."""
-    return load_target(request.target, _profile_of(request).projector.shape, request.fit)
+    profile = _profile_of(request)
+    return load_target(request.target, profile.projector.shape, request.fit, profile.camera.channels)
 
 
 @contextmanager

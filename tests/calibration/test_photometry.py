@@ -8,6 +8,7 @@ import pytest
 from calibration.photometry import (
     codes_from_linear,
     fit_camera_response,
+    fit_channel_responses,
     fit_noise_model,
     fit_projector_response,
     linear_from_codes,
@@ -107,6 +108,16 @@ def projector(codes: np.ndarray) -> np.ndarray:
     x = codes / 255.0
     bent = x + 0.25 * 0.3 * x * (1 - x) * (2 * x - 1)
     return bent**2.2
+
+
+def test_three_channels_have_their_own_curves_out_of_grey_pictures() -> None:
+    codes = np.unique(np.rint(np.linspace(0, 255, 17)).astype(int))
+    light = np.stack([(codes / 255) ** gamma for gamma in (1.9, 2.2, 2.6)], axis=1)
+    mixing = np.array([[0.8, 0.15, 0.05], [0.1, 0.8, 0.1], [0.05, 0.2, 0.75]])
+    responses = fit_channel_responses(codes, light @ mixing.T, mixing)
+    for response, gamma in zip(responses, (1.9, 2.2, 2.6), strict=True):
+        every = np.arange(256, dtype=np.uint8)
+        assert linear_from_codes(response, every) == pytest.approx((every / 255) ** gamma, abs=2e-3)
 
 
 @pytest.mark.parametrize("count", [17, 33])

@@ -63,7 +63,9 @@ def make_rig(profile: Profile, camera: dict[str, Any], projector: dict[str, Any]
     latency_s = LATENCY_S + JITTER_S + pipeline_s + camera.get("time_stamp_jitter_s", 0.0)
     clock, bench = VirtualClock(), cast("Bench", CodeBench(settings))
     shown = SimulatedProjector(bench, clock, refresh_rate_hz=60.0)
-    seen = SimulatedCamera(bench, shown, clock, bit_depth=12, frame_rate_hz=FRAME_RATE_HZ, exposure_range_s=(1e-3, 1.0))
+    seen = SimulatedCamera(
+        (bench,), shown, clock, bit_depth=12, frame_rate_hz=FRAME_RATE_HZ, exposure_range_s=(1e-3, 1.0)
+    )
     settled = profile.projector.model_copy(update={"latency_s": latency_s})
     return Rig(profile.model_copy(update={"projector": settled}), seen, shown, clock)
 

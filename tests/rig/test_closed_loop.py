@@ -124,22 +124,22 @@ def plant(session_folder: Path) -> Plant:
 
 
 def test_where_nothing_was_measured_the_picture_stays(plant: Plant) -> None:
-    image = np.full(len(plant.wanted), 0.4)
-    unknown = np.full(len(plant.wanted), np.nan)
+    image = np.full_like(plant.wanted, 0.4)
+    unknown = np.full_like(plant.wanted, np.nan)
     after = corrected(plant, Loop("bounded", 2, "image"), image, Seen(image, unknown, unknown))
     assert np.array_equal(after, image)
 
 
 def test_a_model_that_predicts_what_is_seen_changes_nothing(plant: Plant) -> None:
     image = plant.solved("bounded", plant.wanted).projector_image
-    light = np.asarray(plant.transport @ image)
+    light = plant.transport.forward(image)
     seen = Seen(image, light, np.full_like(light, 1e-12))
     assert corrected(plant, Loop("bounded", 2, "model"), image, seen) == pytest.approx(image, abs=1e-6)
 
 
 def test_a_pixel_that_is_too_dark_gets_more_light_and_no_more_than_there_is(plant: Plant) -> None:
-    image = np.full(len(plant.wanted), 0.99)
-    seen = Seen(image, plant.wanted - 0.02 * plant.diagonal, np.full_like(image, 1e-12))
+    image = np.full_like(plant.wanted, 0.99)
+    seen = Seen(image, plant.wanted - 0.02 * plant.operator.diagonal, np.full_like(image, 1e-12))
     after = corrected(plant, Loop("none", 2, "image"), image, seen)
     assert after == pytest.approx(np.full_like(image, min(0.99 + 0.02 * plant.damping, 1.0)))
     assert 0.5 < plant.damping < 1.0
@@ -147,8 +147,8 @@ def test_a_pixel_that_is_too_dark_gets_more_light_and_no_more_than_there_is(plan
 
 def test_a_residual_that_is_all_noise_is_not_believed_and_one_far_above_it_is(plant: Plant) -> None:
     rng = np.random.default_rng(4)
-    noise = rng.normal(0, 0.01, len(plant.wanted))
-    variance = np.full(len(noise), 0.01**2)
+    noise = rng.normal(0, 0.01, plant.wanted.shape)
+    variance = np.full_like(noise, 0.01**2)
     believed = trusted(plant, noise, variance)
     assert np.sqrt(np.mean(believed**2)) < 0.35 * np.sqrt(np.mean(noise**2))
     assert trusted(plant, noise + 0.2, variance) == pytest.approx(noise + 0.2, rel=0.02, abs=0.005)

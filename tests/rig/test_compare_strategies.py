@@ -122,7 +122,7 @@ def test_the_true_transport_predicts_what_the_bench_shows(finished: Any, tiny_pr
     with Session.open(finished.folder) as session:
         model = load_model(session)
     bench = bench_of(tiny_profile)
-    transport = true_transport(bench, model)
+    transport = true_transport((bench,), model).bands[0]
     white = np.asarray(transport @ np.ones(transport.shape[1]))
     modelled = model.white[model.lit].mean()
     assert white.mean() == pytest.approx(modelled, rel=0.1)

@@ -2,9 +2,16 @@
 
 import numpy as np
 import pytest
-from skimage.color import deltaE_ciede2000
+from skimage.color import deltaE_ciede2000, rgb2lab
 
-from rig.workflows.picture_errors import best_gain, contrast, grey_difference, perceived_errors, picture_errors
+from rig.workflows.picture_errors import (
+    best_gain,
+    colour_difference,
+    contrast,
+    grey_difference,
+    perceived_errors,
+    picture_errors,
+)
 
 SHAPE = (20, 30)
 EVERYWHERE = np.ones(SHAPE, dtype=bool)
@@ -68,3 +75,39 @@ def test_contrast_is_light_over_dark_and_none_without_both():
     assert contrast(shown, wanted, EVERYWHERE) == pytest.approx(8)
     assert contrast(shown, ramp(), EVERYWHERE) is None
     assert contrast(np.where(wanted > 0, 200.0, 0.0), wanted, EVERYWHERE) is None
+
+
+def coloured(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(0, 300, (20, 30, 3))
+
+
+def test_the_difference_of_colours_is_that_of_their_srgb_codes() -> None:
+    """Light above white included; scikit-image takes codes, so the light is coded first."""
+    first, second = (coloured(seed).reshape(-1, 3) for seed in (1, 2))
+
+    def lab(light: np.ndarray) -> np.ndarray:
+        share = light / 255
+        codes = np.where(share <= 0.0031308, 12.92 * share, 1.055 * share ** (1 / 2.4) - 0.055)
+        return rgb2lab(codes)
+
+    assert colour_difference(first, second) == pytest.approx(deltaE_ciede2000(lab(first), lab(second)), abs=0.03)
+
+
+def test_neutral_colours_differ_as_greys_do() -> None:
+    first, second = (coloured(seed)[..., :1].reshape(-1, 1) for seed in (3, 4))
+    in_colour = colour_difference(first.repeat(3, axis=1), second.repeat(3, axis=1))
+    assert in_colour == pytest.approx(grey_difference(first[:, 0], second[:, 0]), abs=1e-6)
+
+
+def test_errors_of_three_bands_are_means_over_all() -> None:
+    wanted = np.random.default_rng(5).uniform(50, 200, (20, 30, 3))
+    shown = wanted + np.array([3.0, 0.0, -6.0])
+    mask = np.zeros((20, 30), bool)
+    mask[5:15, 5:25] = True
+    shown[~mask] = np.nan
+    errors = picture_errors(shown, wanted, mask) | perceived_errors(shown, wanted, mask)
+    assert errors["mean"] == pytest.approx(3)
+    assert errors["bias"] == pytest.approx(-1)
+    assert errors["max"] == pytest.approx(6)
+    assert 0.9 < errors["ssim"] < 1
+    assert errors["delta_e_2000"] > 0.5
