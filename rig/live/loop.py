@@ -228,7 +228,7 @@ class LiveLoop:
         now_s = self._around.clock.now_s()
         self._output.start(pending.codes, check=self._is_watch_due(now_s))
         self._pending = pending
-        self._display.expect(max(target_s, self._display.target_s(now_s)))
+        self._display.expect(target_s, now_s)
 
     def _finish(self, codes: Pixels) -> float:
         """When the codes that were started are on screen; waits for a projector that went away."""

@@ -40,9 +40,13 @@ class DisplayClock:
         """No picture came for a refresh."""
         self._least = self._count(target_s) + 1
 
-    def expect(self, target_s: float) -> None:
-        """A picture is on its way to a refresh."""
-        self.note(target_s)
+    def expect(self, target_s: float, now_s: float) -> None:
+        """A picture is on its way to a refresh; or to the first that is still to be had, if that one is taken."""
+        if self._last_s is None:
+            self.note(target_s)
+            return
+        aimed_s = self._last_s + round((target_s - self._last_s) / self.period_s) * self.period_s
+        self.note(max(aimed_s, self.target_s(now_s)))
 
     def note(self, on_screen_s: float) -> None:
         """Learn when a picture was on screen."""

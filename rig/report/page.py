@@ -21,13 +21,7 @@ from rig.workflows.model import RoomRecord, load_model
 from rig.workflows.photometric import load_photometry
 
 _SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
-_TITLES = {
-    "none": "none",
-    "direct": "direct only",
-    "paper": "paper",
-    "exact": "exact inverse",
-    "bounded": "bounded",
-}
+_TITLES = {"direct": "direct only", "exact": "exact inverse"}
 _MAX_EVENTS = 40
 
 
@@ -147,7 +141,9 @@ def _strategies(session: Session, metrics: Mapping[str, Any], model: RoomRecord)
     mask, target = judged["mask"] > 0, image_of(judged, "target")
     scale = 255 / model.level
     rows = []
-    names = [name for name in _SHOWN_FIRST if name in strategies_of(session)]
+    computed = strategies_of(session)
+    names = [name for name in _SHOWN_FIRST if name in computed]
+    names += [name for name in computed if name not in _SHOWN_FIRST]
     for name in names:
         codes = codes_of(compensated.load_image(f"projector-{name}"))
         predicted = image_of(compensated.load_image(f"predicted-{name}"), "light") * scale
@@ -159,7 +155,7 @@ def _strategies(session: Session, metrics: Mapping[str, Any], model: RoomRecord)
             pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {name}"),
             pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {name}"),
         ]
-        rows.append({"name": _TITLES[name], "images": images})
+        rows.append({"name": _TITLES.get(name, name), "images": images})
     return {"strategies": rows, "strategy_table": _strategy_table(metrics["strategies"], names)}
 
 
@@ -171,7 +167,7 @@ def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, A
         m, p = entries[name]["measured"], entries[name]["predicted"]
         figures_ = [f"{m['mean']:.1f}", f"{m['sd']:.1f}", f"{m['max']:.0f}", f"{m['rms']:.1f}", f"{m['ssim']:.3f}"]
         figures_ += [f"{p['mean']:.1f}", f"{p['rms']:.1f}", f"{100 * entries[name]['clipped_share']:.1f}"]
-        rows.append([_TITLES[name], *figures_, str(entries[name]["iterations"])])
+        rows.append([_TITLES.get(name, name), *figures_, str(entries[name]["iterations"])])
     return {"head": head, "rows": rows}
 
 
