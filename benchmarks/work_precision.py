@@ -78,6 +78,9 @@ DRAWINGS: Mapping[str, Drawing] = {
     "plan": Drawing(
         lambda p: p["problem"], lambda p: p["problem"], lambda p: f"{p['tolerance']:g} %, {p['n']}", "error, % of white"
     ),
+    "compensate": Drawing(
+        lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "mean error, grey levels"
+    ),
     "live": Drawing(lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "rms error, grey levels"),
 }
 
