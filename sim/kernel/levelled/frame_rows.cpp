@@ -110,10 +110,14 @@ inline Light divided_target(const Pixels &pixels, const Frame &frame, std::int64
 
 // The same, black taken off: the light of the bands that pixels ask for in all.
 inline void ask(const Pixels &pixels, const Frame &frame, const Segment &at, Row &whole) {
+    const float *unit = pixels.offset.unit;
+    if (unit[0] == 0 && unit[1] == 0 && unit[2] == 0) {
+        each_block(at.n, [&](int k, int n) { store_light(whole, k, divided_target(pixels, frame, at.first + k, n)); });
+        return;
+    }
     each_block(at.n, [&](int k, int n) {
         Light light = divided_target(pixels, frame, at.first + k, n);
-        for (int b = 0; b < BANDS; ++b)
-            if (pixels.offset.unit[b] != 0) light.band[b] -= unpacked(pixels.offset.band[b] + at.first + k, n);
+        for (int b = 0; b < BANDS; ++b) light.band[b] -= unpacked(pixels.offset.band[b] + at.first + k, n);
         store_light(whole, k, light);
     });
 }
@@ -138,18 +142,18 @@ inline void add_by_patch(const Pixels &pixels, const Segment &at, const Row &lig
 struct Place {
     Floats x, y;
 
-    Place(const Pixels &pixels, const Segment &at, int k)
-        : x(read(pixels.place_x, at, k)), y(read(pixels.place_y, at, k)) {}
+    Place(const Pixels &pixels, std::int64_t first, int n)
+        : x(read(pixels.place_x + first, n)), y(read(pixels.place_y + first, n)) {}
 
-    static Floats read(const std::uint8_t *places, const Segment &at, int k) {
-        const Bytes bytes = load<Bytes>(places + at.first + k, std::min(at.n - k, BLOCK));
+    static Floats read(const std::uint8_t *places, int n) {
+        const Bytes bytes = load<Bytes>(places, n);
         return __builtin_convertvector(widened(bytes), Floats);
     }
 };
 
 // What irradiance pixels see: bilinear in their cells.
-inline Light seen(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, int k) {
-    const Place place(pixels, at, k);
+inline Light seen(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, int k, int n) {
+    const Place place(pixels, at.first + k, n);
     return cells.block(at.column + k, [&](std::int32_t cell) {
         Light light;
         for (int b = 0; b < BANDS; ++b) {
@@ -173,7 +177,7 @@ inline Light gains(const Pixels &pixels, std::int64_t first, int n) {
 // What is left to ask for once the light of all patches has come.
 inline Light direct(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, const Row &whole, int k,
                     int n) {
-    const Light gain = gains(pixels, at.first + k, n), irradiance = seen(pixels, frame, at, cells, k);
+    const Light gain = gains(pixels, at.first + k, n), irradiance = seen(pixels, frame, at, cells, k, n);
     Light light = load_light(whole, k);
     for (int b = 0; b < BANDS; ++b) light.band[b] = fused(-gain.band[b], irradiance.band[b], light.band[b]);
     return light;
@@ -274,7 +278,7 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &ligh
         const std::int32_t *corner = pixels.corners + 4 * static_cast<std::int64_t>(cell);
         Floats sum[BANDS]{}, along_x[BANDS]{}, along_y[BANDS]{}, along_both[BANDS]{};
         for (int k = begin; k < end; k += BLOCK) {
-            const Place place(pixels, at, k);
+            const Place place(pixels, at.first + k, std::min(at.n - k, BLOCK));
             for (int b = 0; b < BANDS; ++b) {
                 const Floats value = k + lane_numbers() < end ? load<Floats>(light[b] + k) : Floats{};
                 const Floats by_x = value * place.x;
@@ -304,7 +308,7 @@ inline Ints beyond(const Light &asked, const Light &within) {
 inline void encode(const Frame &frame, const Light &shares, const Segment &at, int k, int n) {
     constexpr std::uint32_t TOE_BITS = 0x38800000;
     Codes codes;
-    const std::uint8_t *dither = frame.dither + at.row % DITHER * DITHER + (at.column + k) % DITHER;
+    const std::uint8_t *dither = frame.dither + (at.row & (DITHER - 1)) * DITHER + ((at.column + k) & (DITHER - 1));
     for (int c = 0; c < BANDS; ++c) {
         const Words bits = same_bits<Words>(shares.band[c] + RESPONSE_TOE) - TOE_BITS;
         const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
@@ -357,8 +361,9 @@ void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &s
 void code_row(const Pixels &all, const Frame &whole_frame, bool bounded, std::int64_t row, Sums &sums) {
     Ints clipped{};
     Cursor cells(all.cells, row, all.width), patches(all.patches, row, all.width);
-    each_segment(all, row, [&](const Segment &at) {
+    each_segment(all, row, [&](const Segment &given) {
         // Own copies: the codes' bytes may be anything's, and all would be read again after each of them.
+        const Segment at = given;
         const Pixels pixels = all;
         const Frame frame = whole_frame;
         alignas(64) Row whole, shares;
