@@ -39,6 +39,8 @@ STYLE = {
     "axes.titlelocation": "left",
 }
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#444444", "#7a5195", "#8c564b", "#999933")
+NARROW = 3.0
+"""Errors within this factor are drawn on a linear axis."""
 FLOOR = 1e-17
 """Errors below are drawn here: a logarithm has no 0."""
 
@@ -54,6 +56,8 @@ class Drawing:
     label: Callable[[Record], str]
     """What is written at a point."""
     error: str
+    size: tuple[float, float] = (3.6, 2.9)
+    """Of a panel, inches."""
 
 
 def _room_or_problem(point: Record) -> str | None:
@@ -79,7 +83,11 @@ DRAWINGS: Mapping[str, Drawing] = {
         lambda p: p["problem"], lambda p: p["problem"], lambda p: f"{p['tolerance']:g} %, {p['n']}", "error, % of white"
     ),
     "compensate": Drawing(
-        lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "mean error, grey levels"
+        lambda p: p["problem"] if p["problem"].startswith("reference") else None,
+        lambda p: p["method"],
+        lambda p: p["method"].replace("_", " "),
+        "mean error, grey levels",
+        (5.2, 4.4),
     ),
     "live": Drawing(lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "rms error, grey levels"),
 }
@@ -95,7 +103,8 @@ def draw(answer: Mapping[str, Any], file: Path) -> None:
     columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
     rows = math.ceil(len(panels) / columns)
     with plt.rc_context(STYLE):
-        size = (3.6 * columns, 2.9 * rows) if columns > 1 else (6.0, 4.0)
+        width, height = drawing.size
+        size = (width * columns, height * rows) if columns > 1 else (6.0, 4.0)
         figure, axes = plt.subplots(rows, columns, figsize=size, squeeze=False, layout="constrained")
         for place in axes.flat[len(panels) :]:
             place.set_visible(False)
@@ -115,10 +124,13 @@ def _panel(axes: Axes, title: str, drawing: Drawing, points: list[Record]) -> No
         here = sorted((p for p in points if drawing.series(p) == name), key=lambda p: p["seconds"])
         x, y = [p["seconds"] for p in here], [max(p["error"], FLOOR) for p in here]
         axes.plot(x, y, marker="o", markersize=4, linewidth=1, color=COLOURS[number % len(COLOURS)])
-    axes.set(xscale="log", yscale="log", title=title)
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(numticks=7))
-        axis.set_minor_formatter(NullFormatter())
+    errors = [max(p["error"], FLOOR) for p in points]
+    scales = {"x": "log", "y": "log" if max(errors) > NARROW * min(errors) else "linear"}
+    axes.set(xscale=scales["x"], yscale=scales["y"], title=title)
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+        if scales[name] == "log":
+            axis.set_major_locator(LogLocator(numticks=7))
+            axis.set_minor_formatter(NullFormatter())
     axes.margins(x=0.12, y=0.15)
     axes.grid(color="#dddddd", linewidth=0.5)
     axes.set_axisbelow(True)
