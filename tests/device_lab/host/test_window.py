@@ -223,9 +223,10 @@ class TestLoss:
 
     def test_a_killed_program_leaves_a_black_screen(self, desktop: XDisplay) -> None:
         script = (
-            "import sys, numpy\n"
+            "import signal, sys, numpy\n"
             "from rig.devices.clock import SystemClock\n"
             "from rig.devices.window.projector import WindowProjector\n"
+            "signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # a shell's background jobs ignore it
             "projector = WindowProjector('DUMMY1', shape=(480, 640), refresh_rate_hz=60, clock=SystemClock())\n"
             "projector.open()\n"
             "projector.show(numpy.full((480, 640), 255, numpy.uint8), name='white')\n"
