@@ -56,7 +56,9 @@ class _Pending:
     """A picture that is on its way to the screen."""
 
     codes: Pixels
-    frame: LiveFrame | None
+    gain: float
+    controls: Controls
+    frame: LiveFrame | None = None
     """None if it was shown before, with other settings."""
     target_s: float = 0.0
     deadline_s: float = 0.0
@@ -123,8 +125,7 @@ class LiveLoop:
             self._frame = frame
             self._show_frame(frame, target_s)
         elif self._changed and self._frame is not None:
-            self._start(_Pending(self._codes_of(self._frame.codes), None), target_s)
-            self.complete()
+            self._show_again(self._frame, target_s)
         else:
             self.complete()
             self._display.let_pass(target_s)
@@ -142,7 +143,7 @@ class LiveLoop:
             missed = pending.in_time and self.tally.is_late(on_screen_s, pending.target_s)
             self._lead.note(pending.busy_s, is_late=missed)
             self.tally.note_frame(frame.number, frame.ready_s, pending.busy_s, pending.deadline_s, on_screen_s)
-            self._around.on_shown(ShownFrame(frame.number, pending.codes, on_screen_s, self.gain, self.controls))
+            self._around.on_shown(ShownFrame(frame.number, pending.codes, on_screen_s, pending.gain, pending.controls))
 
     @property
     def _ahead(self) -> bool:
@@ -189,9 +190,15 @@ class LiveLoop:
             deadline_s = self._display.target_s(frame.ready_s + self._lead.lead_s)
         self._follow_brightness(frame, codes)
         in_time = begun_s <= target_s - self._lead.lead_s
-        self._start(_Pending(codes, frame, target_s, deadline_s, busy_s, in_time), target_s)
+        pending = _Pending(codes, self.gain, self.controls, frame, target_s, deadline_s, busy_s, in_time)
+        self._start(pending, target_s)
         if not self._ahead:
             self.complete()
+
+    def _show_again(self, frame: LiveFrame, target_s: float) -> None:
+        """Show the last picture once more, with the settings of now."""
+        self._start(_Pending(self._codes_of(frame.codes), self.gain, self.controls), target_s)
+        self.complete()
 
     def _codes_of(self, codes: Pixels) -> Pixels:
         """Projector codes of a target, as the settings want it, in memory that stays until the one after the next."""
@@ -254,23 +261,23 @@ class LiveLoop:
 
     def _is_watch_due(self, now_s: float) -> bool:
         """Whether it is time to ask if the picture is still on screen: some outputs take pictures without a cable."""
-        if self._frame is None or now_s - self._watched_s < _WATCH_S:
+        if now_s - self._watched_s < _WATCH_S:
             return False
         self._watched_s = now_s
         return True
 
     def _watch(self) -> None:
         """Ask now and then, where nothing new is shown."""
-        if self.ended or self._pending is not None or not self._is_watch_due(self._around.clock.now_s()):
+        if self._frame is None or self.ended or self._pending is not None:
+            return
+        if not self._is_watch_due(self._around.clock.now_s()):
             return
         try:
             check_on_screen(self._around.projector)
         except DeviceLost as loss:
             recovery = Recovery(self._around.clock, self._around.replug_timeout_s, self._note)
             self._wait_for_display(recovery, loss)
-            if self._frame is not None:
-                self._start(_Pending(self._codes_of(self._frame.codes), None), self._around.clock.now_s())
-                self.complete()
+            self._show_again(self._frame, self._around.clock.now_s())
 
     def _note(self, kind: str, detail: str) -> None:
         self._around.notes.append(f"{kind}: {detail}")

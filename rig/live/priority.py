@@ -24,8 +24,7 @@ def urgent() -> Iterator[bool]:
     before. Threads that begin meanwhile and can wait call :func:`ordinary`.
     """
     policy = getattr(os, "SCHED_RR", None)
-    threads = _threads() if policy is not None else []
-    changed = [thread for thread in threads if policy is not None and _change(thread, policy, _LOWEST)]
+    changed = [] if policy is None else [thread for thread in _threads() if _change(thread, policy, _LOWEST)]
     try:
         yield bool(changed)
     finally:

@@ -201,3 +201,29 @@ def test_a_user_who_may_not_come_first_shows_all_the_same(monkeypatch: pytest.Mo
     with urgent() as is_urgent:
         ordinary()
     assert not is_urgent
+
+
+def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None:
+    clock = VirtualClock()
+    display = ClockedDisplay(SHAPE, RATE_HZ, clock)
+    display.open()
+    told: list[tuple[bool, bool]] = []
+    steps = iter(range(1000))
+    loop = LiveLoop(
+        Surroundings(
+            display,
+            Film(clock, 60),
+            {"exact": Doubler(clock)},
+            clock,
+            RATE_HZ,
+            keys=lambda: "b" if next(steps) % 20 == 10 else "",
+            on_shown=lambda frame: told.append((frame.controls.black, not frame.codes.any())),
+            output=SlowOutput(display, clock, 0.1 * PERIOD_S),
+        ),
+        Controls("exact"),
+    )
+    while not loop.ended:
+        loop.step()
+    loop.complete()
+    assert {black for black, _ in told} == {True, False}
+    assert all(black == dark for black, dark in told)
