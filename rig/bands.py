@@ -33,6 +33,11 @@ def codes_of(channels: Mapping[str, NDArray[np.float32]], name: str = "codes") -
     return one_or_all(image_of(channels, name).astype(np.uint8))
 
 
+def code_layers(codes: NDArray[np.uint8]) -> dict[str, NDArray[np.float32]]:
+    """Channels of an image for codes that are shown; the inverse of :func:`codes_of`."""
+    return layers("codes", codes.reshape(*codes.shape[:2], -1).astype(np.float32))
+
+
 def one_or_all(image: NDArray[Any]) -> NDArray[Any]:
     """(H, W) where an image (H, W, B) has one band, else as it is."""
     return image[..., 0] if image.shape[-1] == 1 else image

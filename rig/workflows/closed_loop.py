@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.patterns import Pattern
-from rig.bands import layers
+from rig.bands import code_layers, layers
 from rig.errors import UsageError
 from rig.pair import Rig
 from rig.session import Session, Step
@@ -24,7 +24,6 @@ from rig.workflows.compensate import (
     check_strategies,
     judged_view,
     measured_options,
-    projector_layers,
     wanted_light,
     whole_picture,
 )
@@ -230,8 +229,8 @@ def _falls(errors: list[dict[str, Any]], best: int) -> bool:
 
 
 def _keep(step: Step, codes: Codes, image: FloatArray, plant: Plant, light: LightImage) -> None:
-    step.save_image(f"{step.name}-best", projector_layers(whole_picture(plant.model, image), codes))
-    step.save_image(f"{step.name}-measured", layers("light", light.value) | layers("variance", light.variance))
+    step.save_image(f"{step.name}-best", layers("linear", whole_picture(plant.model, image)) | code_layers(codes))
+    step.save_image(f"{step.name}-measured", light.channels)
 
 
 def _seen(plant: Plant, codes: Codes, light: LightImage) -> Seen:

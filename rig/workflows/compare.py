@@ -116,7 +116,7 @@ def _compare_frame(
     residuals: list[tuple[FloatArray, FloatArray]],
 ) -> dict[str, float]:
     """Measured minus predicted on one frame, over all bands, in grey levels; keeps the images and the residuals."""
-    step.save_image(f"measured-{name}", layers("light", measured.value) | layers("variance", measured.variance))
+    step.save_image(f"measured-{name}", measured.channels)
     if name.startswith("held-out"):
         step.save_image(f"predicted-{name}", layers("light", predicted))
     scale = 255 / model.level

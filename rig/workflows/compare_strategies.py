@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.patterns import Pattern
-from rig.bands import codes_of, layers
+from rig.bands import code_layers, codes_of, layers
 from rig.errors import SessionError
 from rig.pair import Rig
 from rig.session import Session, Step
@@ -131,8 +131,7 @@ def keep_solution(
     """Save the codes of a strategy and what the model predicts of them; what is known of it before it is shown."""
     codes = plant.codes(solution.projector_image, seed)
     predicted = predict(plant.model, plant.photometry.projector, codes)
-    shown = codes.reshape(*codes.shape[:2], plant.model.channels).astype(np.float32)
-    step.save_image(f"projector-{picture.name}-{name}", layers("codes", shown))
+    step.save_image(f"projector-{picture.name}-{name}", code_layers(codes))
     step.save_image(f"predicted-{picture.name}-{name}", layers("light", predicted))
     return {
         "predicted": plant.judged(predicted),
@@ -164,8 +163,7 @@ def photographed_rows(
     for k, (name, known) in enumerate(computed.items()):
         on_step(f"judge strategies: {picture.name}", k, len(computed))
         light = light_of(step, patterns[name].name, shot, plant.photometry)
-        kept = layers("light", light.value) | layers("variance", light.variance)
-        step.save_image(f"measured-{picture.name}-{name}", kept)
+        step.save_image(f"measured-{picture.name}-{name}", light.channels)
         measured = {"measured": plant.judged_light(light), "captures": 1, "frames": shot.frames_per_pattern}
         rows.append({"strategy": name, **known, **measured})
     on_step(f"judge strategies: {picture.name}", len(computed), len(computed))

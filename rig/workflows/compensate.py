@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.records import Response
-from rig.bands import image_of, layers
+from rig.bands import code_layers, image_of, layers
 from rig.errors import UsageError
 from rig.session import Session, Step
 from rig.terminal import OnStep
@@ -63,7 +62,7 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
         result = compensate(name, transport, wanted, **options.get(name, {}))
         linear = whole_picture(model, result.projector_image)
         codes = channel_codes(responses, linear, seed=k + 1)
-        step.save_image(f"projector-{name}", projector_layers(linear, codes))
+        step.save_image(f"projector-{name}", layers("linear", linear) | code_layers(codes))
         step.save_image(f"predicted-{name}", layers("light", predict(model, responses, codes)))
         summary[name] = {
             "clipped_share": float(result.clipped.mean()),
@@ -93,11 +92,6 @@ def whole_picture(model: RoomRecord, image: FloatArray) -> FloatArray:
     whole = np.zeros((model.room.active.size, model.channels))
     whole[model.room.active] = image
     return whole.reshape(*model.twin.projector.lens.shape, model.channels)
-
-
-def projector_layers(linear: FloatArray, codes: Codes) -> dict[str, NDArray[Any]]:
-    """Channels of an image file for a picture and its codes."""
-    return layers("linear", linear) | layers("codes", codes.reshape(linear.shape).astype(np.float32))
 
 
 def predict(model: RoomRecord, responses: Sequence[Response], codes: Codes) -> FloatArray:

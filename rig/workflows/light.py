@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.photometry import codes_from_linear, linear_from_codes
 from calibration.records import Response
-from rig.bands import one_or_all
+from rig.bands import layers, one_or_all
 from rig.session import Step
 from rig.workflows.capture import Shot, frame_name
 
@@ -36,6 +36,11 @@ class LightImage:
     variance: Float32Array
     saturated: BoolArray
     """Clipped in every exposure."""
+
+    @property
+    def channels(self) -> dict[str, NDArray[Any]]:
+        """Of an image file: light and its variance."""
+        return layers("light", self.value) | layers("variance", self.variance)
 
     @property
     def spoilt(self) -> BoolArray:

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 #include <vector>
 
 #include "arrays.hpp"
@@ -130,8 +131,8 @@ class Kernel {
         for (int b = 0; b < BANDS; ++b) {
             const double span = response.data()[256 * b + 255];
             light_unit_[b] = pixels_.offset.unit[b] > 0 ? pixels_.offset.unit[b] : span;
-            per_inverse_[b] = pixels_.inverse.unit[b] > 0 ? 1.0 / pixels_.inverse.unit[b] : 0;
-            weight[b] = light_unit_[b] * light_unit_[b] * per_inverse_[b] * per_inverse_[b];
+            const double per_inverse = pixels_.inverse.unit[b] > 0 ? 1.0 / pixels_.inverse.unit[b] : 0;
+            weight[b] = light_unit_[b] * light_unit_[b] * per_inverse * per_inverse;
         }
         for (int b = 0; b < BANDS; ++b)
             for (int c = 0; c < BANDS; ++c) {
@@ -190,7 +191,7 @@ class Kernel {
             change += std::abs(now[k] - sample_[k]);
             light += (now[k] + sample_[k]) / 2;
         }
-        sample_ = now;
+        sample_ = std::move(now);
         return change > 0.25 * light;
     }
 
@@ -316,7 +317,7 @@ class Kernel {
     std::vector<double> black_, curvature_, partial_;
     std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_, pull_, cells_;
     float target_[BANDS * 256];
-    double light_unit_[BANDS], per_inverse_[BANDS], weight_unit_;
+    double light_unit_[BANDS], weight_unit_;
     std::vector<Sums> sums_;
 };
 
