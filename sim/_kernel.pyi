@@ -148,7 +148,9 @@ class CompressedMatrix:
 class FrameKernel:
     """A frame model's kernel: sim/kernel/frame.cpp."""
 
-    def __init__(self, model: object, response: NDArray[uint32], unmixing: NDArray[float64]) -> None: ...
+    def __init__(
+        self, model: object, response: NDArray[uint32], cubics: NDArray[float32], unmixing: NDArray[float64]
+    ) -> None: ...
     def exact(self, codes: NDArray[uint8], out: NDArray[uint8], target: NDArray[float32], threads: int) -> int: ...
     def bounded(
         self,

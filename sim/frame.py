@@ -16,7 +16,7 @@ from sim import _kernel
 from sim.errors import SimulationError
 from sim.frame_model import CHANNELS, FrameModel, frame_model
 from sim.frame_reference import checked_frame, reference_frame
-from sim.frame_tables import response_tables, target_table
+from sim.frame_tables import response_cubics, response_tables, target_table
 
 __all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model", "reference_frame"]
 
@@ -65,7 +65,7 @@ class FrameCompensator:
         self._channels = max(1, CHANNELS * int(model.active.sum()))
         self._fresh = True
         self._kernel = _kernel.FrameKernel(
-            model, response_tables(model), np.linalg.inv(model.mixing).astype(np.float64)
+            model, response_tables(model), response_cubics(model), np.linalg.inv(model.mixing).astype(np.float64)
         )
 
     def frame(

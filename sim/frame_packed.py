@@ -1,7 +1,8 @@
-"""Positive numbers in 16 bits, as the frame kernel reads them: 8 octaves of 13 bits, and a linear toe.
+"""Positive numbers in 16 bits, as the frame kernel reads them: 15 octaves of 12 bits, and 0.
 
-A number v in units of the largest is stored as the upper bits of the single-precision number v + TOE. The kernel
-gets it back with a shift, an addition and a subtraction. Rounding: at most 2⁻¹⁴ of v + TOE.
+A number in units of the largest is stored as the 16 bits behind the sign of a single-precision number of least
+exponents: the kernel gets it back, times a power of two, by one shift. Rounding: at most 2⁻¹³ of the number itself.
+What is above 0 stays so: it is no smaller than 2⁻¹⁵. What is beyond 4096 times the median is as large as that.
 """
 
 from __future__ import annotations
@@ -13,12 +14,17 @@ from numpy.typing import NDArray
 
 from sim.scene import FloatArray
 
-SHIFT = 10
+SHIFT = 11
 """Bits of a single-precision number that are dropped."""
-TOE = 2.0**-8
-_FIRST = int(np.float32(TOE).view(np.uint32))
+ONE = 2.0**111
+"""What the largest number is, over the one whose bits it has."""
+LEAST = 2.0**-15
+"""Share of the largest that the least number above 0 is."""
+MOST = 4096
+"""Times the median, what the largest is at most."""
+_LINE_BYTES = 64
 _LARGEST = 65535
-"""Its value is a little below 2⁸ TOE - TOE, that of the unit."""
+"""Its value is a little below 1, that of the unit."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,19 +39,32 @@ class Packed:
     @property
     def values(self) -> FloatArray:
         """(layers, H, W) the numbers again."""
-        single = ((self.bits.astype(np.uint32) << SHIFT) + np.uint32(_FIRST)).view(np.float32)
-        return np.asarray((single.astype(np.float64) - TOE) * self.unit[:, None, None])
+        single = (self.bits.astype(np.uint32) << SHIFT).view(np.float32)
+        return np.asarray(single.astype(np.float64) * ONE * self.unit[:, None, None])
 
 
 def packed(values: FloatArray) -> Packed:
     """Round numbers of 0 and more, (layers, H, W), each layer to its own unit."""
-    largest = values.reshape(len(values), -1).max(axis=1)
-    unit = largest / (1 - 2 * TOE)
-    bits = np.empty(values.shape, dtype=np.uint16)
+    unit = np.array([_largest(layer) / (1 - 2.0**-13) for layer in values])
+    bits = _aligned(values.shape)
     for layer, per, out in zip(values, unit, bits, strict=True):
-        single = (layer / (per or 1.0) + TOE).astype(np.float32).view(np.uint32)
-        out[:] = np.minimum((single - np.uint32(_FIRST) + np.uint32(1 << (SHIFT - 1))) >> SHIFT, _LARGEST)
+        share = np.where(layer > 0, np.clip(layer / (per or 1.0), LEAST, 1.0), 0.0)
+        single = (share / ONE).astype(np.float32).view(np.uint32)
+        out[:] = np.minimum((single + np.uint32(1 << (SHIFT - 1))) >> SHIFT, _LARGEST)
     return Packed(bits, unit)
+
+
+def _aligned(shape: tuple[int, ...]) -> NDArray[np.uint16]:
+    """An empty array that begins with a cache line, so that few loads of the kernel reach into two."""
+    size, per_line = int(np.prod(shape)), _LINE_BYTES // 2
+    room = np.empty(size + per_line, dtype=np.uint16)
+    first = -room.ctypes.data % _LINE_BYTES // 2
+    return room[first : first + size].reshape(shape)
+
+
+def _largest(layer: FloatArray) -> float:
+    some = layer[layer > 0]
+    return float(min(some.max(), MOST * np.median(some))) if some.size else 0.0
 
 
 _LARGEST_ENTRY = 32767

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <utility>
 #include <vector>
 
@@ -12,7 +13,8 @@
 namespace kernel::frame {
 namespace {
 
-constexpr std::int64_t CHUNKS = 16;  // rows are shared out in so many parts, whatever the number of threads
+// Rows of a picture, and of a matrix, are shared out in so many parts, whatever the number of threads.
+constexpr std::int64_t CHUNKS = 16, PARTS = 8;
 
 template <class T, int Dimensions>
 In<T, Dimensions> array_of(const nb::object &owner, const char *name) {
@@ -39,9 +41,10 @@ Runs runs_of(const nb::object &runs) {
 // A sim.frame_model.FrameModel, whose arrays it keeps: nobody may change them meanwhile. One frame at a time.
 class Kernel {
   public:
-    // response: (1 or 3, RESPONSE) codes by light; unmixing: the inverse of the model's mixing.
-    Kernel(nb::object model, In<std::uint32_t, 2> response, In<double, 2> unmixing)
-        : kept_{model, nb::cast(response)} {
+    // response: (1 or 3, RESPONSE) codes by light; cubics: (0, 1 or 3, 4, 32), 0 where none would follow the response;
+    // unmixing: the inverse of the model's mixing.
+    Kernel(nb::object model, In<std::uint32_t, 2> response, In<float, 3> cubics, In<double, 2> unmixing)
+        : kept_{model, nb::cast(response), nb::cast(cubics)} {
         pixels_.inverse = layers_of(model.attr("inverse_direct"));
         pixels_.offset = layers_of(model.attr("offset"));
         pixels_.gain = layers_of(model.attr("view_gain"));
@@ -66,10 +69,7 @@ class Kernel {
         pixels_.n_lit = matrix_.columns;
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
-        const auto *tables = reinterpret_cast<const std::int32_t *>(response.data());
-        for (std::size_t c = 0; c < BANDS; ++c)
-            frame_.response[c] = tables + std::min<std::size_t>(c, response.shape(0) - 1) * RESPONSE;
-        frame_.dither = array_of<std::uint8_t, 3>(model, "dither").data();
+        set_responses(response, cubics, array_of<std::uint8_t, 3>(model, "dither"));
         set_channels(array_of<double, 2>(model, "response"), array_of<double, 2>(model, "mixing"), unmixing);
         frame_.rounds = rounds_for(array_of<double, 2>(model, "mixing"));
         rows_ = array_of<std::int32_t, 1>(model, "sum_rows").data();
@@ -83,6 +83,7 @@ class Kernel {
         for (auto *of_lit : {&emitted_, &adjoint_, &pull_}) of_lit->resize(BANDS * pixels_.n_lit);
         for (auto *of_viewed : {&irradiance_, &returned_}) of_viewed->resize(BANDS * pixels_.n_viewed);
         cells_.resize(n_cells_ * BANDS * 4);
+        products_.resize(BANDS * PARTS * pixels_.n_lit);
         partial_.resize(CHUNKS * BANDS * (pixels_.n_lit + pixels_.n_viewed));
     }
 
@@ -95,7 +96,7 @@ class Kernel {
             invert();
             code(false);
         }
-        return clipped();
+        return clipped_;
     }
 
     // The same for the bounded optimum: steps from what the last call left, or first_steps from the exact inverse if
@@ -121,16 +122,31 @@ class Kernel {
         }
         double squared = 0;
         for (const Sums &sums : sums_) squared += left_out() * sums.squared;
-        return nb::make_tuple(clipped(), squared * weight_unit_, steps + 1 + fresh);
+        return nb::make_tuple(clipped_, squared * weight_unit_, steps + 1 + fresh);
     }
 
   private:
-    // Units of light: what black and patches add a pixel then needs no factor.
+    void set_responses(const In<std::uint32_t, 2> &response, const In<float, 3> &cubics,
+                       const In<std::uint8_t, 3> &dither) {
+        for (std::size_t k = 0; k < dither.size(); ++k) dither_.push_back(dither.data()[k] / 256.0f);
+        frame_.smooth = cubics.shape(0) > 0;
+        for (std::size_t c = 0; c < BANDS; ++c) {
+            Channel &channel = frame_.channel[c];
+            const std::size_t table = std::min(c, response.shape(0) - 1) * RESPONSE;
+            channel.table = reinterpret_cast<const std::int32_t *>(response.data()) + table - RESPONSE_FIRST;
+            if (frame_.smooth) std::copy_n(cubics.data() + std::min(c, cubics.shape(0) - 1) * 128, 128, cubics_[c][0]);
+            channel.cubics = cubics_[c];
+            channel.dither = dither_.data() + c * DITHER * DITHER;
+        }
+    }
+
+    // Units of light, in which packed numbers and their squares neither overflow nor vanish.
     void set_channels(const In<double, 2> &response, const In<double, 2> &mixing, const In<double, 2> &unmixing) {
         double weight[BANDS], most = 0;
         for (int b = 0; b < BANDS; ++b) {
             const double span = response.data()[256 * b + 255];
-            light_unit_[b] = pixels_.offset.unit[b] > 0 ? pixels_.offset.unit[b] : span;
+            light_unit_[b] = 0x1p32 * span;
+            frame_.offset[b] = -static_cast<float>(PACKED_ONE * (pixels_.offset.unit[b] / light_unit_[b]));
             const double per_inverse = pixels_.inverse.unit[b] > 0 ? 1.0 / pixels_.inverse.unit[b] : 0;
             weight[b] = light_unit_[b] * light_unit_[b] * per_inverse * per_inverse;
         }
@@ -143,6 +159,9 @@ class Kernel {
                 most = std::max(most, weight[b] * frame_.light[b][c] * frame_.light[b][c]);
             }
         weight_unit_ = most > 0 ? most : 1;
+        for (int c = 0; c < BANDS; ++c)
+            for (int d = 0; d < BANDS; ++d)
+                for (int b = 0; b < BANDS; ++b) frame_.common[c][d][b] = frame_.light[b][c] * frame_.light[b][d];
         for (int b = 0; b < BANDS; ++b) frame_.weight[b] = static_cast<float>(weight[b] / weight_unit_);
     }
 
@@ -164,14 +183,32 @@ class Kernel {
     void begin_frame(const In<std::uint8_t, 3> &codes, const Out<std::uint8_t, 3> &out, const In<float, 2> &target) {
         frame_.codes = codes.data();
         frame_.out = out.data();
-        for (int b = 0; b < BANDS; ++b)
-            for (int code = 0; code < 256; ++code)
-                target_[256 * b + code] =
-                    static_cast<float>(target.data()[256 * b + code] * (pixels_.inverse.unit[b] / light_unit_[b]));
-        frame_.target = target_;
+        for (int b = 0; b < BANDS; ++b) set_target(b, target.data() + 256 * b);
         frame_.cells = cells_.data();
         frame_.pull = pull_.data();
         sums_.assign(CHUNKS, Sums{});
+        clipped_ = 0;
+    }
+
+    void set_target(int b, const float *wanted) {
+        const float most = *std::max_element(wanted, wanted + 256), range = 2 - 2 * TARGET_TOE;
+        Target &target = frame_.target[b];
+        target.unit = static_cast<float>(most / range * (PACKED_ONE * pixels_.inverse.unit[b] / light_unit_[b]));
+        target.none = -TARGET_TOE * target.unit;
+        target.light = target_light_[b];
+        target.bytes = target_bytes_[b];
+        for (int code = 0; code < 256; ++code) {
+            const float number = (most > 0 ? wanted[code] / most : 0) * range + TARGET_TOE;
+            std::uint32_t bits;
+            std::memcpy(&bits, &number, sizeof bits);
+            const std::uint32_t word = (bits - TARGET_BITS + (1u << (TARGET_SHIFT - 1))) >> TARGET_SHIFT;
+            target_bytes_[b][0][code] = static_cast<std::uint8_t>(word);
+            target_bytes_[b][1][code] = static_cast<std::uint8_t>(word >> 8);
+            bits = word << TARGET_SHIFT | TARGET_BITS;
+            float rounded;
+            std::memcpy(&rounded, &bits, sizeof rounded);
+            target_light_[b][code] = std::fma(rounded, target.unit, target.none);
+        }
     }
 
     // Whether the target differs from the last one by more than a quarter, in means over tiles of a thin sample: what
@@ -199,13 +236,7 @@ class Kernel {
         const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
         std::fill(partial_.begin(), partial_.end(), 0.0);
         for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk)
-            sums_[chunk] = {partial_.data() + chunk * lit, partial_.data() + CHUNKS * lit + chunk * viewed, 0, 0};
-    }
-
-    std::int64_t clipped() const {
-        std::int64_t sum = 0;
-        for (const Sums &sums : sums_) sum += sums.clipped;
-        return sum;
+            sums_[chunk] = {partial_.data() + chunk * lit, partial_.data() + CHUNKS * lit + chunk * viewed, 0};
     }
 
     // The exact inverse's irradiance; like all below, within a parallel region.
@@ -226,19 +257,22 @@ class Kernel {
 #pragma omp for schedule(static)
         for (std::int64_t j = 0; j < viewed; ++j) {
             const std::int64_t b = j / pixels_.n_viewed;
-            const double unit = left_out() * weight_unit_ * pixels_.gain.unit[b] / light_unit_[b];
+            const double unit = left_out() * weight_unit_ * (PACKED_ONE * pixels_.gain.unit[b] / light_unit_[b]);
             returned_[j] = static_cast<float>(unit * added(partial_.data() + CHUNKS * lit, viewed, j));
         }
-        constexpr std::int64_t PARTS = 8;
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t part = 0; part < BANDS * PARTS; ++part) {
-            const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit;
-            KERNEL_CALL(product_columns(matrix_of(b), returned_.data() + b * pixels_.n_viewed, n * k / PARTS,
-                                        n * (k + 1) / PARTS, adjoint_.data() + b * n));
+            const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit, rows = pixels_.n_viewed;
+            float *out = products_.data() + part * n;
+            std::fill(out, out + n, 0.0f);
+            KERNEL_CALL(add_rows(matrix_of(b), returned_.data() + b * rows, rows * k / PARTS, rows * (k + 1) / PARTS, out));
         }
 #pragma omp for schedule(static)
         for (std::int64_t i = 0; i < lit; ++i) {
             const std::int64_t b = i / pixels_.n_lit;
+            const float *parts = products_.data() + b * PARTS * pixels_.n_lit + i % pixels_.n_lit;
+            adjoint_[i] = 0;
+            for (std::int64_t part = 0; part < PARTS; ++part) adjoint_[i] += parts[part * pixels_.n_lit];
             const double inverse = pixels_.inverse.unit[b];
             emitted_[i] = static_cast<float>(emission(i) - curvature_[i] * adjoint_[i]);
             pull_[i] = static_cast<float>(adjoint_[i] * inverse * inverse * pixels_.emission.unit[0] / light_unit_[b]);
@@ -255,9 +289,12 @@ class Kernel {
     }
 
     void code(bool bounded) {
-        each_chunk(pixels_.height, [&](std::int64_t row, Sums &sums) {
-            KERNEL_CALL(code_row(pixels_, frame_, bounded, row, sums));
-        });
+        std::int64_t clipped = 0;
+#pragma omp for schedule(dynamic, 4)
+        for (std::int64_t row = 0; row < pixels_.height; ++row)
+            clipped += KERNEL_CALL(code_row(pixels_, frame_, bounded, row));
+#pragma omp atomic
+        clipped_ += clipped;
     }
 
     // The chunks' sums in their order.
@@ -288,12 +325,12 @@ class Kernel {
     void irradiate() {
         const std::int64_t n = pixels_.n_viewed;
 #pragma omp for schedule(static)
-        for (std::int64_t j = 0; j < n; ++j)
-            for (std::int64_t b = 0; b < BANDS; ++b) {
-                const float seen = KERNEL_CALL(product_row(matrix_of(b), j, emitted_.data() + b * pixels_.n_lit));
-                irradiance_[b * n + j] =
-                    static_cast<float>(std::max(0.0f, seen) * (pixels_.gain.unit[b] / light_unit_[b]));
-            }
+        for (std::int64_t i = 0; i < BANDS * n; ++i) {
+            const std::int64_t b = i / n;
+            const float seen = KERNEL_CALL(product_row(matrix_of(b), i % n, emitted_.data() + b * pixels_.n_lit));
+            irradiance_[i] =
+                static_cast<float>(-std::max(0.0f, seen) * (PACKED_ONE * pixels_.gain.unit[b] / light_unit_[b]));
+        }
 #pragma omp for schedule(static)
         for (std::int64_t cell = 0; cell < n_cells_; ++cell)
             for (std::int64_t b = 0; b < BANDS; ++b) {
@@ -311,14 +348,17 @@ class Kernel {
     Pixels pixels_{};
     Frame frame_{};
     Matrix matrix_;
-    std::int64_t matrices_, n_rows_, n_cells_;
+    std::int64_t matrices_, n_rows_, n_cells_, clipped_;
     const std::int32_t *rows_;
     const double *row_scale_;
     std::vector<double> black_, curvature_, partial_;
-    std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_, pull_, cells_;
-    float target_[BANDS * 256];
+    std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_, pull_, cells_, products_;
+    alignas(64) std::uint8_t target_bytes_[BANDS][2][256];
+    alignas(64) float cubics_[BANDS][4][32];
+    float target_light_[BANDS][256];
     double light_unit_[BANDS], weight_unit_;
     std::vector<Sums> sums_;
+    std::vector<float> dither_;
 };
 
 }  // namespace
@@ -327,8 +367,8 @@ class Kernel {
 void bind_frame(nb::module_ &m) {
     using kernel::frame::Kernel;
     nb::class_<Kernel>(m, "FrameKernel")
-        .def(nb::init<nb::object, In<std::uint32_t, 2>, In<double, 2>>(), nb::arg("model"), nb::arg("response"),
-             nb::arg("unmixing"))
+        .def(nb::init<nb::object, In<std::uint32_t, 2>, In<float, 3>, In<double, 2>>(), nb::arg("model"),
+             nb::arg("response"), nb::arg("cubics"), nb::arg("unmixing"))
         .def("exact", &Kernel::exact, nb::arg("codes"), nb::arg("out"), nb::arg("target"), nb::arg("threads"),
              nb::call_guard<nb::gil_scoped_release>())
         .def("bounded", &Kernel::bounded, nb::arg("codes"), nb::arg("out"), nb::arg("target"), nb::arg("steps"),

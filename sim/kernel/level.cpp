@@ -11,6 +11,7 @@ Level best_level() {
     const bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma");
     const bool avx512 = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
                         __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
+    if (avx512 && __builtin_cpu_supports("avx512vbmi")) return Level::avx512vbmi;
     return avx512 ? Level::avx512 : avx2 ? Level::avx2 : Level::baseline;
 #else
     return Level::baseline;

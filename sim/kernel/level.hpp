@@ -5,7 +5,7 @@
 
 namespace kernel {
 
-enum class Level { baseline, avx2, avx512 };
+enum class Level { baseline, avx2, avx512, avx512vbmi };
 
 // The level in use: the best one that this processor has, unless a test has chosen a lower one.
 Level level();
@@ -19,11 +19,14 @@ void set_level(Level wanted);
 #define KERNEL_DECLARE(declaration)        \
     namespace baseline { declaration; }    \
     namespace avx2 { declaration; }        \
-    namespace avx512 { declaration; }
+    namespace avx512 { declaration; }      \
+    namespace avx512vbmi { declaration; }
 // Calls a levelled function at the level in use.
-#define KERNEL_CALL(call)                                   \
-    (level() == Level::avx512 ? avx512::call                \
-     : level() == Level::avx2 ? avx2::call : baseline::call)
+#define KERNEL_CALL(call)                           \
+    (level() == Level::avx512vbmi ? avx512vbmi::call \
+     : level() == Level::avx512   ? avx512::call     \
+     : level() == Level::avx2     ? avx2::call       \
+                                  : baseline::call)
 #else
 #define KERNEL_DECLARE(declaration) namespace baseline { declaration; }
 #define KERNEL_CALL(call) (baseline::call)

@@ -11,14 +11,14 @@
 
 namespace {
 
-const char *NAMES[] = {"baseline", "avx2", "avx512"};
+const char *NAMES[] = {"baseline", "avx2", "avx512", "avx512vbmi"};
 
 std::string name_of(kernel::Level level) { return NAMES[static_cast<int>(level)]; }
 
 void set_level(const std::string &name) {
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 4; ++k)
         if (name == NAMES[k]) return kernel::set_level(static_cast<kernel::Level>(k));
-    throw std::invalid_argument("unknown instruction set " + name + "; there are baseline, avx2, avx512");
+    throw std::invalid_argument("unknown instruction set " + name + "; there are baseline, avx2, avx512, avx512vbmi");
 }
 
 }  // namespace

@@ -43,9 +43,9 @@ def _triangles(scene):
 # Rays
 
 
-@pytest.mark.parametrize("level", ["baseline", "avx2", "avx512"])
+@pytest.mark.parametrize("level", ["baseline", "avx2", "avx512", "avx512vbmi"])
 def test_rays_meet_what_the_numpy_reference_says(level, request):
-    names = ["baseline", "avx2", "avx512"]
+    names = ["baseline", "avx2", "avx512", "avx512vbmi"]
     if names.index(level) > names.index(_kernel.best_level()):
         pytest.skip(f"this processor lacks {level}")
     request.addfinalizer(lambda: _kernel.set_level(_kernel.best_level()))

@@ -8,7 +8,7 @@ from sim.form_factors import ClosureWarning, closed_form_reference, form_factors
 from sim.mesh import Mesh
 from sim.scenes import furnace, paper_room, room, room_with_box
 
-LEVELS = ["baseline", "avx2", "avx512"]
+LEVELS = ["baseline", "avx2", "avx512", "avx512vbmi"]
 
 
 def as_mesh(scene):
@@ -132,7 +132,7 @@ def test_every_instruction_set_gives_the_same_bits(method, at_level):
 
 
 def test_an_instruction_set_that_does_not_exist_is_refused():
-    with pytest.raises(ValueError, match="baseline, avx2, avx512"):
+    with pytest.raises(ValueError, match="baseline, avx2, avx512, avx512vbmi"):
         _kernel.set_level("sse9")
 
 

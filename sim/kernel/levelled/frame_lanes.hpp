@@ -21,6 +21,7 @@ typedef float Floats __attribute__((vector_size(4 * BLOCK)));
 typedef std::int32_t Ints __attribute__((vector_size(4 * BLOCK)));
 typedef std::uint32_t Words __attribute__((vector_size(4 * BLOCK)));
 typedef std::uint16_t Halves __attribute__((vector_size(2 * BLOCK)));
+typedef std::int16_t Shorts __attribute__((vector_size(2 * BLOCK)));
 typedef std::uint8_t Bytes __attribute__((vector_size(BLOCK)));
 
 namespace {
@@ -51,7 +52,10 @@ inline To same_bits(const From &from) {
     return to;
 }
 
-// Wider and narrower integers: compilers take these apart instead of using the one instruction.
+// One number in all lanes. Adding it to zeros would be an addition: 0 + -0 is 0.
+inline Floats same(float x) { return Floats{x, x, x, x, x, x, x, x, x, x, x, x, x, x, x, x}; }
+
+// Wider integers: compilers take these apart instead of using the one instruction.
 inline Ints widened(const Bytes &bytes) {
 #if defined(__AVX512F__)
     return same_bits<Ints>(_mm512_cvtepu8_epi32(same_bits<__m128i>(bytes)));
@@ -68,14 +72,6 @@ inline Words widened(const Halves &halves) {
 #endif
 }
 
-inline Bytes narrowed(const Ints &numbers) {
-#if defined(__AVX512F__)
-    return same_bits<Bytes>(_mm512_cvtepi32_epi8(same_bits<__m512i>(numbers)));
-#else
-    return __builtin_convertvector(__builtin_convertvector(numbers, Halves), Bytes);
-#endif
-}
-
 // Upper 16 bits of the product of a's lower 16 bits and b < 2^16.
 inline Words high_product(const Words &a, const Words &b) {
 #if defined(__AVX512F__)
@@ -85,13 +81,21 @@ inline Words high_product(const Words &a, const Words &b) {
 #endif
 }
 
-// Packed numbers (sim/frame_packed.py) in units of their layer.
-inline Floats unpacked(const std::uint16_t *bits, int n) {
-    constexpr std::uint32_t TOE_BITS = 0x3b800000;
-    constexpr float TOE = 1.0f / 256;
-    const Words words = widened(load<Halves>(bits, n));
-    return same_bits<Floats>((words << 10) + TOE_BITS) - TOE;
+inline Ints widened(const Shorts &shorts) {
+#if defined(__AVX512F__)
+    return same_bits<Ints>(_mm512_cvtepi16_epi32(same_bits<__m256i>(shorts)));
+#else
+    return __builtin_convertvector(shorts, Ints);
+#endif
 }
+
+// Packed numbers (sim/frame_packed.py), in units of PACKED_ONE of their layer: no more than a shift.
+inline Floats packed(const std::uint16_t *bits, int n) {
+    return same_bits<Floats>(widened(load<Halves>(bits, n)) << 11);
+}
+
+// The same in units of their layer.
+inline Floats unpacked(const std::uint16_t *bits, int n) { return packed(bits, n) * PACKED_ONE; }
 
 // table[index]. Compilers tuned for any processor avoid the instruction.
 inline Ints entries(const std::int32_t *table, const Ints &index) {
@@ -114,68 +118,15 @@ inline Floats entries(const float *table, const Ints &index) {
     return same_bits<Floats>(entries(reinterpret_cast<const std::int32_t *>(table), index));
 }
 
-// The channels of n pixels' interleaved codes.
-struct Codes {
-    Ints channel[BANDS];
-};
-
-#if defined(__AVX512F__) && defined(__AVX512BW__)
-// Within four pixels of twelve bytes, which a quarter of a vector holds.
-inline __m512i by_quarter(std::int32_t a, std::int32_t b, std::int32_t c, std::int32_t d) {
-    return _mm512_broadcast_i32x4(_mm_setr_epi32(a, b, c, d));
-}
-
-inline Codes split(const std::uint8_t *codes, int n) {
-    const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
-    const __m512i quarters = _mm512_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5, 6, 7, 8, 8, 9, 10, 11, 11);
-    const __m512i bytes = _mm512_permutexvar_epi32(quarters, _mm512_maskz_loadu_epi8(some, codes));
-    constexpr std::int32_t NONE = static_cast<std::int32_t>(0x80808000);
-    Codes channels;
-    for (int c = 0; c < BANDS; ++c)
-        channels.channel[c] =
-            same_bits<Ints>(_mm512_shuffle_epi8(bytes, by_quarter(NONE + c, NONE + 3 + c, NONE + 6 + c, NONE + 9 + c)));
-    return channels;
-}
-
-inline void join(const Codes &from, int n, std::uint8_t *codes) {
-    const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
-    const __m512i pixels = same_bits<__m512i>(from.channel[0] | from.channel[1] << 8 | from.channel[2] << 16);
-    const __m512i quarters = _mm512_shuffle_epi8(
-        pixels, by_quarter(0x04020100, 0x09080605, 0x0e0d0c0a, static_cast<std::int32_t>(0x80808080)));
-    const __m512i together = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
-    _mm512_mask_storeu_epi8(codes, some, _mm512_permutexvar_epi32(together, quarters));
-}
+// The same for a table of 32, by the lower five bits of the index.
+inline Floats picked(const float *table, const Ints &index) {
+#if defined(__AVX512F__)
+    return same_bits<Floats>(_mm512_permutex2var_ps(_mm512_loadu_ps(table), same_bits<__m512i>(index),
+                                                    _mm512_loadu_ps(table + 16)));
 #else
-inline Codes split(const std::uint8_t *codes, int n) {
-    std::uint8_t some[3 * BLOCK] = {};
-    if (n < BLOCK) {
-        std::memcpy(some, codes, 3 * n);
-        codes = some;
-    }
-    const Bytes a = load<Bytes>(codes), b = load<Bytes>(codes + 16), c = load<Bytes>(codes + 32);
-    const Bytes r = __builtin_shufflevector(a, b, 0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 0, 0, 0, 0, 0);
-    const Bytes g = __builtin_shufflevector(a, b, 1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, 0, 0, 0, 0, 0);
-    const Bytes u = __builtin_shufflevector(a, b, 2, 5, 8, 11, 14, 17, 20, 23, 26, 29, 0, 0, 0, 0, 0, 0);
-    const Bytes red = __builtin_shufflevector(r, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 17, 20, 23, 26, 29);
-    const Bytes green = __builtin_shufflevector(g, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 18, 21, 24, 27, 30);
-    const Bytes blue = __builtin_shufflevector(u, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 16, 19, 22, 25, 28, 31);
-    return {{widened(red), widened(green), widened(blue)}};
-}
-
-inline void join(const Codes &from, int n, std::uint8_t *codes) {
-    const Bytes r = narrowed(from.channel[0]);
-    const Bytes g = narrowed(from.channel[1]);
-    const Bytes u = narrowed(from.channel[2]);
-    const Bytes a = __builtin_shufflevector(r, g, 0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
-    const Bytes b = __builtin_shufflevector(r, g, 21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
-    const Bytes c = __builtin_shufflevector(r, g, 0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0);
-    std::uint8_t whole[3 * BLOCK];
-    store(whole, __builtin_shufflevector(a, u, 0, 1, 16, 3, 4, 17, 6, 7, 18, 9, 10, 19, 12, 13, 20, 15));
-    store(whole + 16, __builtin_shufflevector(b, u, 0, 21, 2, 3, 22, 5, 6, 23, 8, 9, 24, 11, 12, 25, 14, 15));
-    store(whole + 32, __builtin_shufflevector(c, u, 26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31));
-    std::memcpy(codes, whole, 3 * n);
-}
+    return entries(table, index & 31);
 #endif
+}
 
 // a b + c, rounded once, on every instruction set alike.
 inline Floats fused(const Floats &a, const Floats &b, const Floats &c) {
@@ -193,15 +144,41 @@ inline Floats fused(const Floats &a, const Floats &b, const Floats &c) {
 #endif
 }
 
-inline Floats same(float x) { return Floats{} + x; }
-
-inline Floats within_unit(const Floats &x) {
+// c - a b, rounded once.
+inline Floats less(const Floats &a, const Floats &b, const Floats &c) {
 #if defined(__AVX512F__)
-    const __m512 above = _mm512_max_ps(same_bits<__m512>(x), _mm512_setzero_ps());
-    return same_bits<Floats>(_mm512_min_ps(above, _mm512_set1_ps(1)));
+    return same_bits<Floats>(_mm512_fnmadd_ps(same_bits<__m512>(a), same_bits<__m512>(b), same_bits<__m512>(c)));
 #else
-    const Floats above = x < 0 ? Floats{} : x;
-    return above > 1 ? Floats{} + 1 : above;
+    return fused(-a, b, c);
+#endif
+}
+
+// 1 / x for normal numbers above 0, off by at most 2e-6 of itself: a guess by the exponent, two of Newton's steps.
+// Division takes as long as a dozen other operations.
+inline Floats reciprocal(const Floats &x) {
+    Floats guess = same_bits<Floats>(0x7ef311c7 - same_bits<Words>(x));
+    for (int step = 0; step < 2; ++step) guess = fused(guess, less(x, guess, same(1)), guess);
+    return guess;
+}
+
+inline Floats within(const Floats &x, float least, float most) {
+#if defined(__AVX512F__)
+    const __m512 above = _mm512_max_ps(same_bits<__m512>(x), _mm512_set1_ps(least));
+    return same_bits<Floats>(_mm512_min_ps(above, _mm512_set1_ps(most)));
+#else
+    const Floats above = x < least ? same(least) : x;
+    return above > most ? same(most) : above;
+#endif
+}
+
+// Adds 1 to the count of each lane in which two numbers differ.
+inline void count_different(const Floats &a, const Floats &b, Ints &count) {
+#if defined(__AVX512F__)
+    const __mmask16 differ = _mm512_cmpneq_ps_mask(same_bits<__m512>(a), same_bits<__m512>(b));
+    const __m512i before = same_bits<__m512i>(count);
+    count = same_bits<Ints>(_mm512_mask_add_epi32(before, differ, before, _mm512_set1_epi32(1)));
+#else
+    count -= a != b;
 #endif
 }
 

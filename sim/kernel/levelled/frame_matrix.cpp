@@ -1,5 +1,7 @@
 // Products of patch size for a frame, of matrices in 16 bits. Sums run in fixed lanes: every instruction set gives the
 // same bits.
+#include <algorithm>
+
 #include "frame.hpp"
 #include "frame_lanes.hpp"
 
@@ -7,20 +9,30 @@ namespace kernel::frame::KERNEL_LEVEL {
 
 namespace {
 
-inline Floats widened(const std::int16_t *entries) {
-    typedef std::int16_t Shorts __attribute__((vector_size(2 * BLOCK)));
-    return __builtin_convertvector(__builtin_convertvector(load<Shorts>(entries), Ints), Floats);
+inline Floats numbers(const std::int16_t *entries) {
+    return __builtin_convertvector(widened(load<Shorts>(entries)), Floats);
 }
 
 }  // namespace
 
-void product_columns(const Matrix &matrix, const float *x, std::int64_t begin, std::int64_t end, float *out) {
-    for (std::int64_t column = begin; column < end; ++column) out[column] = 0;
-    for (std::int64_t row = 0; row < matrix.rows; ++row) {
-        const std::int16_t *entries = matrix.entries + row * matrix.columns;
-        const float factor = x[row] * matrix.unit[row];
-        for (std::int64_t column = begin; column < end; ++column)
-            out[column] += static_cast<float>(entries[column]) * factor;
+void add_rows(const Matrix &matrix, const float *x, std::int64_t begin, std::int64_t end, float *out) {
+    constexpr int AT_ONCE = 4;
+    for (std::int64_t first = begin; first < end; first += AT_ONCE) {
+        const std::int16_t *rows[AT_ONCE];
+        float factor[AT_ONCE];
+        for (int r = 0; r < AT_ONCE; ++r) {
+            const std::int64_t row = std::min(first + r, end - 1);
+            rows[r] = matrix.entries + row * matrix.columns;
+            factor[r] = first + r < end ? x[row] * matrix.unit[row] : 0;
+        }
+        std::int64_t k = 0;
+        for (; k + BLOCK <= matrix.columns; k += BLOCK) {
+            Floats sum = load<Floats>(out + k);
+            for (int r = 0; r < AT_ONCE; ++r) sum = fused(numbers(rows[r] + k), same(factor[r]), sum);
+            store(out + k, sum);
+        }
+        for (; k < matrix.columns; ++k)
+            for (int r = 0; r < AT_ONCE; ++r) out[k] += static_cast<float>(rows[r][k]) * factor[r];
     }
 }
 
@@ -30,10 +42,10 @@ float product_row(const Matrix &matrix, std::int64_t row, const float *x) {
     float rest = 0;
     std::int64_t k = 0;
     for (; k + 4 * BLOCK <= matrix.columns; k += 4 * BLOCK) {
-        a = fused(widened(entries + k), load<Floats>(x + k), a);
-        b = fused(widened(entries + k + BLOCK), load<Floats>(x + k + BLOCK), b);
-        c = fused(widened(entries + k + 2 * BLOCK), load<Floats>(x + k + 2 * BLOCK), c);
-        d = fused(widened(entries + k + 3 * BLOCK), load<Floats>(x + k + 3 * BLOCK), d);
+        a = fused(numbers(entries + k), load<Floats>(x + k), a);
+        b = fused(numbers(entries + k + BLOCK), load<Floats>(x + k + BLOCK), b);
+        c = fused(numbers(entries + k + 2 * BLOCK), load<Floats>(x + k + 2 * BLOCK), c);
+        d = fused(numbers(entries + k + 3 * BLOCK), load<Floats>(x + k + 3 * BLOCK), d);
     }
     for (; k < matrix.columns; ++k) rest += static_cast<float>(entries[k]) * x[k];
     return (lanes_sum((a + b) + (c + d)) + rest) * matrix.unit[row];

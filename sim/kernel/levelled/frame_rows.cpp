@@ -6,6 +6,7 @@
 #include <algorithm>
 
 #include "frame.hpp"
+#include "frame_codes.hpp"
 #include "frame_lanes.hpp"
 #include "frame_runs.hpp"
 
@@ -21,26 +22,17 @@ inline void store_light(Row &row, int k, const Light &light) {
     for (int b = 0; b < BANDS; ++b) store(row[b] + k, light.band[b]);
 }
 
-// Target over D in each band.
-inline Light divided_target(const Pixels &pixels, const Frame &frame, std::int64_t first, int n) {
-    const Codes codes = split(frame.codes + 3 * first, n);
-    Light light;
-    for (int b = 0; b < BANDS; ++b)
-        light.band[b] = entries(frame.target + 256 * b, codes.channel[b]) * unpacked(pixels.inverse.band[b] + first, n);
-    return light;
-}
-
-// The same, black taken off: the light of the bands that pixels ask for in all.
+// Target over D in each band, black taken off: the light of the bands that pixels ask for in all.
 inline void ask(const Pixels &pixels, const Frame &frame, const Segment &at, Row &whole) {
-    const float *unit = pixels.offset.unit;
-    if (unit[0] == 0 && unit[1] == 0 && unit[2] == 0) {
-        each_block(at.n, [&](int k, int n) { store_light(whole, k, divided_target(pixels, frame, at.first + k, n)); });
-        return;
-    }
+    targets(frame, at.first, at.n, whole);
+    const bool black = frame.offset[0] != 0 || frame.offset[1] != 0 || frame.offset[2] != 0;
     each_block(at.n, [&](int k, int n) {
-        Light light = divided_target(pixels, frame, at.first + k, n);
-        for (int b = 0; b < BANDS; ++b) light.band[b] -= unpacked(pixels.offset.band[b] + at.first + k, n);
-        store_light(whole, k, light);
+        for (int b = 0; b < BANDS; ++b) {
+            Floats light = load<Floats>(whole[b] + k) * packed(pixels.inverse.band[b] + at.first + k, n);
+            if (black)
+                light = fused(packed(pixels.offset.band[b] + at.first + k, n), same(frame.offset[b]), light);
+            store(whole[b] + k, light);
+        }
     });
 }
 
@@ -73,7 +65,7 @@ struct Place {
     }
 };
 
-// What irradiance pixels see: bilinear in their cells.
+// What irradiance pixels see, negative: bilinear in their cells.
 inline Light seen(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, int k, int n) {
     const Place place(pixels, at.first + k, n);
     return cells.block(at.column + k, [&](std::int32_t cell) {
@@ -87,12 +79,12 @@ inline Light seen(const Pixels &pixels, const Frame &frame, const Segment &at, C
     });
 }
 
-// Camera value of unit irradiance over D, in each band.
+// Camera value of unit irradiance over D, in each band, packed.
 inline Light gains(const Pixels &pixels, std::int64_t first, int n) {
     Light gain;
     for (int b = 0; b < BANDS; ++b)
         gain.band[b] = b && pixels.gain.band[b] == pixels.gain.band[0] ? gain.band[0]
-                                                                        : unpacked(pixels.gain.band[b] + first, n);
+                                                                        : packed(pixels.gain.band[b] + first, n);
     return gain;
 }
 
@@ -101,45 +93,47 @@ inline Light direct(const Pixels &pixels, const Frame &frame, const Segment &at,
                     int n) {
     const Light gain = gains(pixels, at.first + k, n), irradiance = seen(pixels, frame, at, cells, k, n);
     Light light = load_light(whole, k);
-    for (int b = 0; b < BANDS; ++b) light.band[b] = fused(-gain.band[b], irradiance.band[b], light.band[b]);
+    for (int b = 0; b < BANDS; ++b) light.band[b] = fused(gain.band[b], irradiance.band[b], light.band[b]);
     return light;
 }
 
-inline Light product(const float (&matrix)[BANDS][BANDS], bool full, const Light &light) {
+// The matrix times light, plus a number.
+inline Light product(const float (&matrix)[BANDS][BANDS], bool full, const Light &light, float plus) {
     Light to;
     for (int i = 0; i < BANDS; ++i) {
-        to.band[i] = matrix[i][i] * light.band[i];
+        to.band[i] = fused(same(matrix[i][i]), light.band[i], same(plus));
         for (int j = 0; j < BANDS; ++j)
             if (full && i != j) to.band[i] = fused(same(matrix[i][j]), light.band[j], to.band[i]);
     }
     return to;
 }
 
-// Shares of the channels' spans that give light of the bands.
-inline Light shares_of(const Frame &frame, const Light &light) { return product(frame.channels, frame.mixed, light); }
-
-inline Light light_of(const Frame &frame, const Light &shares) { return product(frame.light, frame.mixed, shares); }
-
-inline Light within_span(const Light &shares) {
-    return {{within_unit(shares.band[0]), within_unit(shares.band[1]), within_unit(shares.band[2])}};
+// Shares of the channels' spans that give light of the bands, plus a number.
+inline Light shares_of(const Frame &frame, const Light &light, float plus = 0) {
+    return product(frame.channels, frame.mixed, light, plus);
 }
 
-// 1 over each, with one division.
-inline Light reciprocals(const Floats (&x)[BANDS]) {
-    const Floats first = x[0] * x[1], all = 1 / (first * x[2]);
-    return {{all * x[1] * x[2], all * x[0] * x[2], all * first}};
+inline Light light_of(const Frame &frame, const Light &shares) {
+    return product(frame.light, frame.mixed, shares, 0);
+}
+
+// Shares within the spans, all of them plus a number; counts those that were not.
+inline Light within_span(const Light &shares, Ints &beyond, float plus = 0) {
+    Light held;
+    for (int c = 0; c < BANDS; ++c) {
+        held.band[c] = within(shares.band[c], plus, 1 + plus);
+        count_different(shares.band[c], held.band[c], beyond);
+    }
+    return held;
 }
 
 // Squared camera values of a pixel's light, of squared 1 / D.
 inline Light camera_weights(const Frame &frame, const Light &squared_inverse) {
-    // Products of six stay within single precision.
-    constexpr float LEAST = 1.0f / (1 << 18);
-    Floats safe[BANDS];
-    for (int b = 0; b < BANDS; ++b)
-        safe[b] = squared_inverse.band[b] < LEAST * LEAST ? same(1) : squared_inverse.band[b];
-    Light weights = reciprocals(safe);
-    for (int b = 0; b < BANDS; ++b)
-        weights.band[b] = squared_inverse.band[b] > 0 ? weights.band[b] * frame.weight[b] : Floats{};
+    Light weights;
+    for (int b = 0; b < BANDS; ++b) {
+        const Floats weight = reciprocal(squared_inverse.band[b]) * frame.weight[b];
+        weights.band[b] = squared_inverse.band[b] > 0 ? weight : Floats{};
+    }
     return weights;
 }
 
@@ -160,7 +154,7 @@ struct Free {
             for (int b = 0; b < BANDS; ++b) {
                 const Floats inverse = unpacked(pixels.inverse.band[b] + at.first + k, n);
                 squared_inverse.band[b] = inverse * inverse;
-                free.band[b] = fused(-(emission * squared_inverse.band[b]), pull.band[b], asked.band[b]);
+                free.band[b] = less(emission * squared_inverse.band[b], pull.band[b], asked.band[b]);
             }
             store_light(wanted, k, asked);
             store_light(light, k, free);
@@ -171,48 +165,61 @@ struct Free {
 
 // Shares of the channels' spans whose mixture comes nearest to that of the shares asked for, in camera values, by
 // coordinates: each round leaves about the square of the share that two channels have in common.
-inline Light nearest(const Frame &frame, const Light &asked, const Light &weight) {
+inline Light nearest(const Frame &frame, const Light &asked, const Light &weight, Ints &beyond) {
     constexpr float LEAST = 1e-12f;
-    Light shares = within_span(asked);
+    Light shares = within_span(asked, beyond);
     if (!frame.mixed) return shares;
     Floats common[BANDS][BANDS], own[BANDS];
     for (int c = 0; c < BANDS; ++c)
         for (int d = 0; d <= c; ++d) {
             Floats sum = same(c == d ? LEAST : 0);
-            for (int b = 0; b < BANDS; ++b)
-                sum = fused(weight.band[b], same(frame.light[b][c] * frame.light[b][d]), sum);
+            for (int b = 0; b < BANDS; ++b) sum = fused(weight.band[b], same(frame.common[c][d][b]), sum);
             (c == d ? own[c] : common[c][d]) = sum;
         }
-    const Light per_own = reciprocals(own);
+    for (Floats &each : own) each = reciprocal(each);
     for (int round = 0; round < frame.rounds; ++round)
         for (int c = 0; c < BANDS; ++c) {
             Floats others{};
             for (int d = 0; d < BANDS; ++d)
                 if (d != c) others = fused(common[std::max(c, d)][std::min(c, d)], asked.band[d] - shares.band[d], others);
-            shares.band[c] = within_unit(fused(others, per_own.band[c], asked.band[c]));
+            shares.band[c] = within(fused(others, own[c], asked.band[c]), 0, 1);
         }
     return shares;
 }
 
+// Sums over a run of light, and of it times x, times y and times both.
+struct CellSums {
+    Floats plain[BANDS]{}, by_x[BANDS]{}, by_y[BANDS]{}, by_both[BANDS]{};
+
+    void add(const Light &light, const Floats &x, const Floats &y) {
+        for (int b = 0; b < BANDS; ++b) {
+            const Floats along_x = light.band[b] * x;
+            plain[b] += light.band[b];
+            by_x[b] += along_x;
+            by_y[b] = fused(light.band[b], y, by_y[b]);
+            by_both[b] = fused(along_x, y, by_both[b]);
+        }
+    }
+};
+
 // returned += light as seen by each cell's corners.
 inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &light, double *returned) {
+    alignas(64) float x[PADDED]{}, y[PADDED]{};  // what lies beyond a run must be a number
+    each_block(at.n, [&](int k, int n) {
+        const Place place(pixels, at.first + k, n);
+        store(x + k, place.x), store(y + k, place.y);
+    });
     each_run(pixels, pixels.cells, at, [&](int begin, int end, std::int32_t cell) {
+        CellSums sums;
+        int k = begin;
+        for (; k + BLOCK <= end; k += BLOCK) sums.add(load_light(light, k), load<Floats>(x + k), load<Floats>(y + k));
+        Light rest = load_light(light, k);
+        for (Floats &values : rest.band) values = k + lane_numbers() < end ? values : Floats{};
+        sums.add(rest, load<Floats>(x + k), load<Floats>(y + k));
         const std::int32_t *corner = pixels.corners + 4 * static_cast<std::int64_t>(cell);
-        Floats sum[BANDS]{}, along_x[BANDS]{}, along_y[BANDS]{}, along_both[BANDS]{};
-        for (int k = begin; k < end; k += BLOCK) {
-            const Place place(pixels, at.first + k, std::min(at.n - k, BLOCK));
-            for (int b = 0; b < BANDS; ++b) {
-                const Floats value = k + lane_numbers() < end ? load<Floats>(light[b] + k) : Floats{};
-                const Floats by_x = value * place.x;
-                sum[b] += value;
-                along_x[b] += by_x;
-                along_y[b] = fused(value, place.y, along_y[b]);
-                along_both[b] = fused(by_x, place.y, along_both[b]);
-            }
-        }
         for (int b = 0; b < BANDS; ++b) {
-            const Four sums = lanes_sums(sum[b], along_x[b], along_y[b], along_both[b]);
-            const float all = sums[0], x = sums[1] / 255, y = sums[2] / 255, xy = sums[3] / (255 * 255);
+            const Four four = lanes_sums(sums.plain[b], sums.by_x[b], sums.by_y[b], sums.by_both[b]);
+            const float all = four[0], x = four[1] / 255, y = four[2] / 255, xy = four[3] / (255 * 255);
             double *to = returned + b * pixels.n_viewed;
             to[corner[0]] += all - x - y + xy;
             to[corner[1]] += x - xy;
@@ -222,46 +229,25 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &ligh
     });
 }
 
-inline Ints beyond(const Light &asked, const Light &within) {
-    return -((asked.band[0] != within.band[0]) + (asked.band[1] != within.band[1]) + (asked.band[2] != within.band[2]));
-}
-
-// Codes of shares of the channels' spans.
-inline void encode(const Frame &frame, const Light &shares, const Segment &at, int k, int n) {
-    constexpr std::uint32_t TOE_BITS = 0x38800000;
-    Codes codes;
-    const std::uint8_t *dither = frame.dither + (at.row & (DITHER - 1)) * DITHER + ((at.column + k) & (DITHER - 1));
-    for (int c = 0; c < BANDS; ++c) {
-        const Words bits = same_bits<Words>(shares.band[c] + RESPONSE_TOE) - TOE_BITS;
-        const Ints index = same_bits<Ints>(bits >> RESPONSE_SHIFT);
-        const Words entry = same_bits<Words>(entries(frame.response[c], index));
-        const Words step = high_product(entry, bits & 0xffff);
-        const Words rounding = same_bits<Words>(widened(load<Bytes>(dither + c * DITHER * DITHER)));
-        codes.channel[c] = same_bits<Ints>(((entry >> 16) + step + rounding) >> 8);
-    }
-    join(codes, n, frame.out + 3 * (at.first + k));
-}
-
-// Shares of the channels' spans that give what is asked for, within the spans.
+// Shares of the channels' spans that give what is asked for, within the spans, RESPONSE_TOE added.
 inline Ints share_exactly(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, const Row &whole,
                           Row &shares) {
     Ints clipped{};
     each_block(at.n, [&](int k, int n) {
-        const Light asked = shares_of(frame, direct(pixels, frame, at, cells, whole, k, n));
-        const Light within = within_span(asked);
-        clipped += beyond(asked, within);
-        store_light(shares, k, within);
+        const Light asked = shares_of(frame, direct(pixels, frame, at, cells, whole, k, n), RESPONSE_TOE);
+        store_light(shares, k, within_span(asked, clipped, RESPONSE_TOE));
     });
     return clipped;
 }
 
-// Shares of the channels' spans that the bounded optimum's conditions choose.
+// Shares of the channels' spans that the bounded optimum's conditions choose, RESPONSE_TOE added.
 inline Ints share_nearest(const Frame &frame, const Segment &at, const Free &free, Row &shares) {
     Ints clipped{};
     each_block(at.n, [&](int k, int) {
         const Light asked = shares_of(frame, load_light(free.light, k));
-        clipped += beyond(asked, within_span(asked));
-        store_light(shares, k, nearest(frame, asked, load_light(free.weight, k)));
+        Light chosen = nearest(frame, asked, load_light(free.weight, k), clipped);
+        for (Floats &share : chosen.band) share += RESPONSE_TOE;
+        store_light(shares, k, chosen);
     });
     return clipped;
 }
@@ -271,16 +257,18 @@ inline Ints share_nearest(const Frame &frame, const Segment &at, const Free &fre
 void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums) {
     each_segment(pixels, row, [&](const Segment &at) {
         alignas(64) Row light;
+        targets(frame, at.first, at.n, light);
         each_block(at.n, [&](int k, int n) {
-            const Light target = divided_target(pixels, frame, at.first + k, n);
             const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
-            for (int b = 0; b < BANDS; ++b) store(light[b] + k, target.band[b] * emission);
+            for (int b = 0; b < BANDS; ++b)
+                store(light[b] + k,
+                      load<Floats>(light[b] + k) * packed(pixels.inverse.band[b] + at.first + k, n) * emission);
         });
         add_by_patch(pixels, at, light, sums.emitted);
     });
 }
 
-void code_row(const Pixels &all, const Frame &whole_frame, bool bounded, std::int64_t row, Sums &sums) {
+std::int64_t code_row(const Pixels &all, const Frame &whole_frame, bool bounded, std::int64_t row) {
     Ints clipped{};
     Cursor cells(all.cells, row, all.width), patches(all.patches, row, all.width);
     each_segment(all, row, [&](const Segment &given) {
@@ -294,9 +282,11 @@ void code_row(const Pixels &all, const Frame &whole_frame, bool bounded, std::in
             clipped += share_nearest(frame, at, Free(pixels, frame, at, cells, patches, whole), shares);
         else
             clipped += share_exactly(pixels, frame, at, cells, whole, shares);
-        each_block(at.n, [&](int k, int n) { encode(frame, load_light(shares, k), at, k, n); });
+        encode(frame, shares, at);
     });
-    for (int lane = 0; lane < BLOCK; ++lane) sums.clipped += clipped[lane];
+    std::int64_t all_clipped = 0;
+    for (int lane = 0; lane < BLOCK; ++lane) all_clipped += clipped[lane];
+    return all_clipped;
 }
 
 void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums) {
@@ -304,11 +294,12 @@ void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &
     each_segment(pixels, row, [&](const Segment &at) {
         alignas(64) Row whole, emitted, returned;
         Floats squared{};
+        Ints beyond{};
         ask(pixels, frame, at, whole);
         const Free free(pixels, frame, at, cells, patches, whole);
         each_block(at.n, [&](int k, int n) {
             const Light light = load_light(free.light, k), weight = load_light(free.weight, k);
-            const Light q = light_of(frame, nearest(frame, shares_of(frame, light), weight));
+            const Light q = light_of(frame, nearest(frame, shares_of(frame, light), weight, beyond));
             const Light gain = gains(pixels, at.first + k, n);
             const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
             for (int b = 0; b < BANDS; ++b) {

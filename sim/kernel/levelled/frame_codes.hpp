@@ -1,0 +1,189 @@
+// Codes: what a target's ask for, and those of the projector's channels.
+#pragma once
+#include <cstdint>
+
+#include "frame.hpp"
+#include "frame_lanes.hpp"
+#include "frame_runs.hpp"
+
+namespace kernel::frame::KERNEL_LEVEL {
+
+namespace {
+
+// Codes of sixteen pixels, channel by channel.
+struct Codes {
+    Ints channel[BANDS];
+};
+
+#if defined(__AVX512VBMI__)
+// Sixty-four codes of a channel: its entries of two tables of bytes, put together as upper and lower ones.
+struct Entries {
+    __m512i first, second;  // 16-bit numbers of the quarters' first and second eight codes
+};
+
+inline __m512i entries(const std::uint8_t *table, const __m512i &codes) {
+    const __m512i *of = reinterpret_cast<const __m512i *>(table);
+    const __mmask64 odd = _mm512_movepi8_mask(_mm512_add_epi8(codes, codes)), upper = _mm512_movepi8_mask(codes);
+    const auto half = [&](int k) {
+        const __m512i even = _mm512_permutexvar_epi8(codes, _mm512_loadu_si512(of + k));
+        return _mm512_mask_permutexvar_epi8(even, odd, codes, _mm512_loadu_si512(of + k + 1));
+    };
+    return _mm512_mask_mov_epi8(half(0), upper, half(2));
+}
+
+// Sixty-four codes of a channel out of 192 bytes, in the order in which 16-bit numbers made of them (unpacking quarters)
+// hold pixels e and 16 + e, 32 + e and 48 + e in their pairs.
+inline __m512i codes_of(const __m512i (&bytes)[3], int channel) {
+    alignas(64) std::uint8_t place[64];
+    for (int byte = 0; byte < 64; ++byte) {
+        const int quarter = byte / 16, k = byte % 16;
+        place[byte] = static_cast<std::uint8_t>(3 * (4 * quarter + k % 8 / 2 + 16 * (k % 2) + 32 * (k / 8)) + channel);
+    }
+    const __m512i at = _mm512_load_si512(place);
+    const __m512i two = _mm512_permutex2var_epi8(bytes[0], at, bytes[1]);
+    return _mm512_mask_permutexvar_epi8(two, _mm512_movepi8_mask(at), at, bytes[2]);
+}
+
+inline void targets(const Frame &frame, std::int64_t first, int n, Row &light) {
+    constexpr int AT_ONCE = 64;
+    for (int k = 0; k < n; k += AT_ONCE) {
+        __m512i bytes[3];
+        for (int part = 0; part < 3; ++part) {
+            const int left = 3 * (n - k) - AT_ONCE * part;
+            const __mmask64 some = left >= AT_ONCE ? ~std::uint64_t{} : left > 0 ? (std::uint64_t{1} << left) - 1 : 0;
+            bytes[part] = _mm512_maskz_loadu_epi8(some, frame.codes + 3 * (first + k) + AT_ONCE * part);
+        }
+        for (int b = 0; b < BANDS; ++b) {
+            const Target &target = frame.target[b];
+            const __m512i codes = codes_of(bytes, b);
+            const __m512i lower = entries(target.bytes[0], codes), upper = entries(target.bytes[1], codes);
+            const auto put = [&](int at, const Words &bits) {
+                const Words whole = (bits & (0xffffu << TARGET_SHIFT)) | TARGET_BITS;
+                store(light[b] + k + at, fused(same_bits<Floats>(whole), same(target.unit), same(target.none)));
+            };
+            const Words near = same_bits<Words>(_mm512_unpacklo_epi8(lower, upper));
+            const Words far = same_bits<Words>(_mm512_unpackhi_epi8(lower, upper));
+            put(0, near << TARGET_SHIFT);
+            put(16, near >> (16 - TARGET_SHIFT));
+            put(32, far << TARGET_SHIFT);
+            put(48, far >> (16 - TARGET_SHIFT));
+        }
+    }
+}
+#endif
+
+#if defined(__AVX512F__)
+// Within four pixels of twelve bytes, which a quarter of a vector holds.
+inline __m512i by_quarter(std::int32_t a, std::int32_t b, std::int32_t c, std::int32_t d) {
+    return _mm512_broadcast_i32x4(_mm_setr_epi32(a, b, c, d));
+}
+
+inline Codes split(const std::uint8_t *codes, int n) {
+    const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
+    const __m512i quarters = _mm512_setr_epi32(0, 1, 2, 2, 3, 4, 5, 5, 6, 7, 8, 8, 9, 10, 11, 11);
+    const __m512i bytes = _mm512_permutexvar_epi32(quarters, _mm512_maskz_loadu_epi8(some, codes));
+    constexpr std::int32_t NONE = static_cast<std::int32_t>(0x80808000);
+    Codes channels;
+    for (int c = 0; c < BANDS; ++c)
+        channels.channel[c] =
+            same_bits<Ints>(_mm512_shuffle_epi8(bytes, by_quarter(NONE + c, NONE + 3 + c, NONE + 6 + c, NONE + 9 + c)));
+    return channels;
+}
+
+inline void join(const Codes &from, int n, std::uint8_t *codes) {
+    const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
+    const __m512i pixels = same_bits<__m512i>(from.channel[0] | from.channel[1] << 8 | from.channel[2] << 16);
+    const __m512i quarters = _mm512_shuffle_epi8(
+        pixels, by_quarter(0x04020100, 0x09080605, 0x0e0d0c0a, static_cast<std::int32_t>(0x80808080)));
+    const __m512i together = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
+    _mm512_mask_storeu_epi8(codes, some, _mm512_permutexvar_epi32(together, quarters));
+}
+#else
+inline Bytes narrowed(const Ints &numbers) {
+    return __builtin_convertvector(__builtin_convertvector(numbers, Halves), Bytes);
+}
+
+inline Codes split(const std::uint8_t *codes, int n) {
+    std::uint8_t some[3 * BLOCK] = {};
+    if (n < BLOCK) {
+        std::memcpy(some, codes, 3 * n);
+        codes = some;
+    }
+    const Bytes a = load<Bytes>(codes), b = load<Bytes>(codes + 16), c = load<Bytes>(codes + 32);
+    const Bytes r = __builtin_shufflevector(a, b, 0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 0, 0, 0, 0, 0);
+    const Bytes g = __builtin_shufflevector(a, b, 1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, 0, 0, 0, 0, 0);
+    const Bytes u = __builtin_shufflevector(a, b, 2, 5, 8, 11, 14, 17, 20, 23, 26, 29, 0, 0, 0, 0, 0, 0);
+    const Bytes red = __builtin_shufflevector(r, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 17, 20, 23, 26, 29);
+    const Bytes green = __builtin_shufflevector(g, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 18, 21, 24, 27, 30);
+    const Bytes blue = __builtin_shufflevector(u, c, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 16, 19, 22, 25, 28, 31);
+    return {{widened(red), widened(green), widened(blue)}};
+}
+
+inline void join(const Codes &from, int n, std::uint8_t *codes) {
+    const Bytes r = narrowed(from.channel[0]);
+    const Bytes g = narrowed(from.channel[1]);
+    const Bytes u = narrowed(from.channel[2]);
+    const Bytes a = __builtin_shufflevector(r, g, 0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
+    const Bytes b = __builtin_shufflevector(r, g, 21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
+    const Bytes c = __builtin_shufflevector(r, g, 0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0);
+    std::uint8_t whole[3 * BLOCK];
+    store(whole, __builtin_shufflevector(a, u, 0, 1, 16, 3, 4, 17, 6, 7, 18, 9, 10, 19, 12, 13, 20, 15));
+    store(whole + 16, __builtin_shufflevector(b, u, 0, 21, 2, 3, 22, 5, 6, 23, 8, 9, 24, 11, 12, 25, 14, 15));
+    store(whole + 32, __builtin_shufflevector(c, u, 26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31));
+    std::memcpy(codes, whole, 3 * n);
+}
+#endif
+
+#if !defined(__AVX512VBMI__)
+// What the codes ask for, over D of 1.
+inline void targets(const Frame &frame, std::int64_t first, int n, Row &light) {
+    each_block(n, [&](int k, int m) {
+        const Codes codes = split(frame.codes + 3 * (first + k), m);
+        for (int b = 0; b < BANDS; ++b) store(light[b] + k, entries(frame.target[b].light, codes.channel[b]));
+    });
+}
+#endif
+
+// Codes of a share of the span, RESPONSE_TOE added, by the channel's table and by its cubics.
+inline Floats tabled(const Channel &channel, const Floats &share) {
+    const Words bits = same_bits<Words>(share);
+    const Words entry = same_bits<Words>(entries(channel.table, same_bits<Ints>(bits >> RESPONSE_SHIFT)));
+    const Ints code = same_bits<Ints>((entry >> 16) + high_product(entry, bits & 0xffff));
+    return __builtin_convertvector(code, Floats) * (1.0f / 256);
+}
+
+inline Floats cubic(const Channel &channel, const Floats &share) {
+    const Ints part = same_bits<Ints>(same_bits<Words>(share) >> CUBIC_SHIFT);
+    Floats code = picked(channel.cubics[3], part);
+    for (int power = 2; power >= 0; --power) code = fused(code, share, picked(channel.cubics[power], part));
+    return code;
+}
+
+template <Floats (*code_of)(const Channel &, const Floats &)>
+inline void encode(const Frame &frame, const Row &shares, const Segment &at) {
+    alignas(64) std::int32_t codes[BANDS][PADDED];
+    for (int c = 0; c < BANDS; ++c) {
+        const Channel channel = frame.channel[c];
+        const float *dither = channel.dither + (at.row & (DITHER - 1)) * DITHER;
+        each_block(at.n, [&](int k, int) {
+            const Floats code = code_of(channel, load<Floats>(shares[c] + k)) + load<Floats>(dither + ((at.column + k) & (DITHER - 1)));
+            store(codes[c] + k, __builtin_convertvector(code, Ints));
+        });
+    }
+    each_block(at.n, [&](int k, int n) {
+        join({{load<Ints>(codes[0] + k), load<Ints>(codes[1] + k), load<Ints>(codes[2] + k)}}, n,
+             frame.out + 3 * (at.first + k));
+    });
+}
+
+// Codes of shares of the channels' spans, RESPONSE_TOE added.
+inline void encode(const Frame &frame, const Row &shares, const Segment &at) {
+    if (frame.smooth)
+        encode<cubic>(frame, shares, at);
+    else
+        encode<tabled>(frame, shares, at);
+}
+
+}  // namespace
+
+}  // namespace kernel::frame::KERNEL_LEVEL
