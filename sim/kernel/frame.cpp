@@ -191,23 +191,19 @@ class Kernel {
     }
 
     void set_target(int b, const float *wanted) {
-        const float most = *std::max_element(wanted, wanted + 256), range = 2 - 2 * TARGET_TOE;
+        const float most = *std::max_element(wanted, wanted + 256);
         Target &target = frame_.target[b];
-        target.unit = static_cast<float>(most / range * (PACKED_ONE * pixels_.inverse.unit[b] / light_unit_[b]));
-        target.none = -TARGET_TOE * target.unit;
+        target.unit = static_cast<float>(most / TARGET_RANGE * (PACKED_ONE * pixels_.inverse.unit[b] / light_unit_[b]));
+        target.none = -TARGET_LEAST * target.unit;
         target.light = target_light_[b];
         target.bytes = target_bytes_[b];
         for (int code = 0; code < 256; ++code) {
-            const float number = (most > 0 ? wanted[code] / most : 0) * range + TARGET_TOE;
+            const float number = (most > 0 ? wanted[code] / most : 0) * TARGET_RANGE + TARGET_LEAST;
             std::uint32_t bits;
             std::memcpy(&bits, &number, sizeof bits);
-            const std::uint32_t word = (bits - TARGET_BITS + (1u << (TARGET_SHIFT - 1))) >> TARGET_SHIFT;
-            target_bytes_[b][0][code] = static_cast<std::uint8_t>(word);
-            target_bytes_[b][1][code] = static_cast<std::uint8_t>(word >> 8);
-            bits = word << TARGET_SHIFT | TARGET_BITS;
-            float rounded;
-            std::memcpy(&rounded, &bits, sizeof rounded);
-            target_light_[b][code] = std::fma(rounded, target.unit, target.none);
+            for (int byte = 0; byte < 3; ++byte)
+                target_bytes_[b][byte][code] = static_cast<std::uint8_t>(bits >> 8 * byte);
+            target_light_[b][code] = std::fma(number, target.unit, target.none);
         }
     }
 
@@ -353,7 +349,7 @@ class Kernel {
     const double *row_scale_;
     std::vector<double> black_, curvature_, partial_;
     std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_, pull_, cells_, products_;
-    alignas(64) std::uint8_t target_bytes_[BANDS][2][256];
+    alignas(64) std::uint8_t target_bytes_[BANDS][3][256];
     alignas(64) float cubics_[BANDS][4][32];
     float target_light_[BANDS][256];
     double light_unit_[BANDS], weight_unit_;

@@ -32,16 +32,15 @@ struct Pixels {
 };
 
 // What each code of a target asks for in a band, over D of 1: unit * number + none, the number of single precision with
-// TARGET_BITS and, TARGET_SHIFT bits up, those of the code's 16-bit word.
+// TARGET_TOP as its upper byte and those below from tables, 2 ... 8.
 struct Target {
-    const float *light;             // (256)
-    const std::uint8_t (*bytes)[256]; // lower and upper bytes of the words
+    const float *light;               // (256)
+    const std::uint8_t (*bytes)[256]; // low, middle, high
     float unit, none;
 };
 
-constexpr int TARGET_SHIFT = 10;
-constexpr std::uint32_t TARGET_BITS = 0x3c000000;
-constexpr float TARGET_TOE = 1.0f / 128;
+constexpr std::uint8_t TARGET_TOP = 0x40;
+constexpr float TARGET_LEAST = 2, TARGET_RANGE = 5.9999990f;
 
 // Codes of a channel by its light's share p of the span, the light of the highest code: by the upper bits of
 // p + RESPONSE_TOE, which part each octave into 128 entries, or into the halves that cubics are for.

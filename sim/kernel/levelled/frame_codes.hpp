@@ -16,30 +16,33 @@ struct Codes {
 };
 
 #if defined(__AVX512VBMI__)
-// Sixty-four codes of a channel: its entries of two tables of bytes, put together as upper and lower ones.
-struct Entries {
-    __m512i first, second;  // 16-bit numbers of the quarters' first and second eight codes
-};
-
+// Sixty-four codes' entries of a table of bytes.
 inline __m512i entries(const std::uint8_t *table, const __m512i &codes) {
-    const __m512i *of = reinterpret_cast<const __m512i *>(table);
     const __mmask64 odd = _mm512_movepi8_mask(_mm512_add_epi8(codes, codes)), upper = _mm512_movepi8_mask(codes);
-    const auto half = [&](int k) {
-        const __m512i even = _mm512_permutexvar_epi8(codes, _mm512_loadu_si512(of + k));
-        return _mm512_mask_permutexvar_epi8(even, odd, codes, _mm512_loadu_si512(of + k + 1));
+    const auto half = [&](int first) {
+        const __m512i even = _mm512_permutexvar_epi8(codes, _mm512_load_si512(table + first));
+        return _mm512_mask_permutexvar_epi8(even, odd, codes, _mm512_load_si512(table + first + 64));
     };
-    return _mm512_mask_mov_epi8(half(0), upper, half(2));
+    return _mm512_mask_mov_epi8(half(0), upper, half(128));
 }
 
-// Sixty-four codes of a channel out of 192 bytes, in the order in which 16-bit numbers made of them (unpacking quarters)
-// hold pixels e and 16 + e, 32 + e and 48 + e in their pairs.
+// Where a channel's codes of sixty-four pixels lie in 192 bytes, in the order that unpacking bytes and then pairs undoes.
+struct Places {
+    alignas(64) std::uint8_t byte[BANDS][64];
+};
+
+constexpr Places places() {
+    Places at{};
+    for (int channel = 0; channel < BANDS; ++channel)
+        for (int k = 0; k < 64; ++k)
+            at.byte[channel][k] = static_cast<std::uint8_t>(3 * (16 * (k % 16 / 4) + 4 * (k / 16) + k % 4) + channel);
+    return at;
+}
+
+constexpr Places PLACES = places();
+
 inline __m512i codes_of(const __m512i (&bytes)[3], int channel) {
-    alignas(64) std::uint8_t place[64];
-    for (int byte = 0; byte < 64; ++byte) {
-        const int quarter = byte / 16, k = byte % 16;
-        place[byte] = static_cast<std::uint8_t>(3 * (4 * quarter + k % 8 / 2 + 16 * (k % 2) + 32 * (k / 8)) + channel);
-    }
-    const __m512i at = _mm512_load_si512(place);
+    const __m512i at = _mm512_load_si512(PLACES.byte[channel]);
     const __m512i two = _mm512_permutex2var_epi8(bytes[0], at, bytes[1]);
     return _mm512_mask_permutexvar_epi8(two, _mm512_movepi8_mask(at), at, bytes[2]);
 }
@@ -56,17 +59,17 @@ inline void targets(const Frame &frame, std::int64_t first, int n, Row &light) {
         for (int b = 0; b < BANDS; ++b) {
             const Target &target = frame.target[b];
             const __m512i codes = codes_of(bytes, b);
-            const __m512i lower = entries(target.bytes[0], codes), upper = entries(target.bytes[1], codes);
-            const auto put = [&](int at, const Words &bits) {
-                const Words whole = (bits & (0xffffu << TARGET_SHIFT)) | TARGET_BITS;
-                store(light[b] + k + at, fused(same_bits<Floats>(whole), same(target.unit), same(target.none)));
-            };
-            const Words near = same_bits<Words>(_mm512_unpacklo_epi8(lower, upper));
-            const Words far = same_bits<Words>(_mm512_unpackhi_epi8(lower, upper));
-            put(0, near << TARGET_SHIFT);
-            put(16, near >> (16 - TARGET_SHIFT));
-            put(32, far << TARGET_SHIFT);
-            put(48, far >> (16 - TARGET_SHIFT));
+            const __m512i low = entries(target.bytes[0], codes), middle = entries(target.bytes[1], codes);
+            const __m512i high = entries(target.bytes[2], codes), top = _mm512_set1_epi8(TARGET_TOP);
+            const __m512i lower[] = {_mm512_unpacklo_epi8(low, middle), _mm512_unpackhi_epi8(low, middle)};
+            const __m512i upper[] = {_mm512_unpacklo_epi8(high, top), _mm512_unpackhi_epi8(high, top)};
+            for (int half = 0; half < 2; ++half) {
+                const __m512i near = _mm512_unpacklo_epi16(lower[half], upper[half]);
+                const __m512i far = _mm512_unpackhi_epi16(lower[half], upper[half]);
+                float *to = light[b] + k + 32 * half;
+                store(to, fused(same_bits<Floats>(near), same(target.unit), same(target.none)));
+                store(to + BLOCK, fused(same_bits<Floats>(far), same(target.unit), same(target.none)));
+            }
         }
     }
 }
