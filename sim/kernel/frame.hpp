@@ -8,7 +8,7 @@ namespace kernel::frame {
 
 constexpr int BANDS = 3, SEGMENT = 256, BLOCK = 16, DITHER = 64;
 
-// What the largest packed number stands for, read as if its bits were the upper ones of single precision after the sign.
+// What the largest packed number is, over the number of single precision whose upper bits after the sign it is.
 constexpr float PACKED_ONE = 0x1p111f;
 
 // Packed numbers of each band (sim/frame_packed.py), and what 1 stands for.

@@ -12,7 +12,7 @@ namespace {
 
 // Codes of sixteen pixels, channel by channel.
 struct Codes {
-    Ints channel[BANDS];
+    Words channel[BANDS];
 };
 
 #if defined(__AVX512VBMI__)
@@ -26,7 +26,7 @@ inline __m512i entries(const std::uint8_t *table, const __m512i &codes) {
     return _mm512_mask_mov_epi8(half(0), upper, half(128));
 }
 
-// Where a channel's codes of sixty-four pixels lie in 192 bytes, in the order that unpacking bytes and then pairs undoes.
+// Where a channel's codes of sixty-four pixels lie in 192 bytes, in the order that unpacking bytes, then pairs, undoes.
 struct Places {
     alignas(64) std::uint8_t byte[BANDS][64];
 };
@@ -88,22 +88,47 @@ inline Codes split(const std::uint8_t *codes, int n) {
     constexpr std::int32_t NONE = static_cast<std::int32_t>(0x80808000);
     Codes channels;
     for (int c = 0; c < BANDS; ++c)
-        channels.channel[c] =
-            same_bits<Ints>(_mm512_shuffle_epi8(bytes, by_quarter(NONE + c, NONE + 3 + c, NONE + 6 + c, NONE + 9 + c)));
+        channels.channel[c] = same_bits<Words>(
+            _mm512_shuffle_epi8(bytes, by_quarter(NONE + c, NONE + 3 + c, NONE + 6 + c, NONE + 9 + c)));
     return channels;
 }
 
 inline void join(const Codes &from, int n, std::uint8_t *codes) {
     const __mmask64 some = n == BLOCK ? 0xffffffffffff : (std::uint64_t{1} << 3 * n) - 1;
-    const __m512i pixels = same_bits<__m512i>(from.channel[0] | from.channel[1] << 8 | from.channel[2] << 16);
+    const Words whole = from.channel[0] | from.channel[1] << 8 | from.channel[2] << 16;
+    const __m512i pixels = same_bits<__m512i>(whole);
     const __m512i quarters = _mm512_shuffle_epi8(
         pixels, by_quarter(0x04020100, 0x09080605, 0x0e0d0c0a, static_cast<std::int32_t>(0x80808080)));
     const __m512i together = _mm512_setr_epi32(0, 1, 2, 4, 5, 6, 8, 9, 10, 12, 13, 14, 0, 0, 0, 0);
     _mm512_mask_storeu_epi8(codes, some, _mm512_permutexvar_epi32(together, quarters));
 }
 #else
-inline Bytes narrowed(const Ints &numbers) {
-    return __builtin_convertvector(__builtin_convertvector(numbers, Halves), Bytes);
+typedef std::uint8_t Bytes __attribute__((vector_size(BLOCK)));
+
+inline Bytes bytes_at(const std::uint8_t *p) {
+    Bytes bytes;
+    std::memcpy(&bytes, p, sizeof bytes);
+    return bytes;
+}
+
+inline Words widened(const Bytes &bytes) {
+    std::uint8_t byte[BLOCK];
+    std::memcpy(byte, &bytes, sizeof byte);
+    return widened(byte);
+}
+
+inline Bytes narrowed(const Words &numbers) {
+#if defined(__AVX2__)
+    const __m256i pairs = _mm256_packus_epi32(same_bits<__m256i>(numbers.part[0]), same_bits<__m256i>(numbers.part[1]));
+    const __m256i halves = _mm256_permute4x64_epi64(pairs, 0xd8);
+    return same_bits<Bytes>(_mm_packus_epi16(_mm256_castsi256_si128(halves), _mm256_extracti128_si256(halves, 1)));
+#else
+    std::uint32_t number[BLOCK];
+    store(number, numbers);
+    Bytes bytes;
+    for (int k = 0; k < BLOCK; ++k) bytes[k] = static_cast<std::uint8_t>(number[k]);
+    return bytes;
+#endif
 }
 
 inline Codes split(const std::uint8_t *codes, int n) {
@@ -112,7 +137,7 @@ inline Codes split(const std::uint8_t *codes, int n) {
         std::memcpy(some, codes, 3 * n);
         codes = some;
     }
-    const Bytes a = load<Bytes>(codes), b = load<Bytes>(codes + 16), c = load<Bytes>(codes + 32);
+    const Bytes a = bytes_at(codes), b = bytes_at(codes + 16), c = bytes_at(codes + 32);
     const Bytes r = __builtin_shufflevector(a, b, 0, 3, 6, 9, 12, 15, 18, 21, 24, 27, 30, 0, 0, 0, 0, 0);
     const Bytes g = __builtin_shufflevector(a, b, 1, 4, 7, 10, 13, 16, 19, 22, 25, 28, 31, 0, 0, 0, 0, 0);
     const Bytes u = __builtin_shufflevector(a, b, 2, 5, 8, 11, 14, 17, 20, 23, 26, 29, 0, 0, 0, 0, 0, 0);
@@ -129,11 +154,11 @@ inline void join(const Codes &from, int n, std::uint8_t *codes) {
     const Bytes a = __builtin_shufflevector(r, g, 0, 16, 0, 1, 17, 0, 2, 18, 0, 3, 19, 0, 4, 20, 0, 5);
     const Bytes b = __builtin_shufflevector(r, g, 21, 0, 6, 22, 0, 7, 23, 0, 8, 24, 0, 9, 25, 0, 10, 26);
     const Bytes c = __builtin_shufflevector(r, g, 0, 11, 27, 0, 12, 28, 0, 13, 29, 0, 14, 30, 0, 15, 31, 0);
-    std::uint8_t whole[3 * BLOCK];
-    store(whole, __builtin_shufflevector(a, u, 0, 1, 16, 3, 4, 17, 6, 7, 18, 9, 10, 19, 12, 13, 20, 15));
-    store(whole + 16, __builtin_shufflevector(b, u, 0, 21, 2, 3, 22, 5, 6, 23, 8, 9, 24, 11, 12, 25, 14, 15));
-    store(whole + 32, __builtin_shufflevector(c, u, 26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31));
-    std::memcpy(codes, whole, 3 * n);
+    const Bytes x = __builtin_shufflevector(a, u, 0, 1, 16, 3, 4, 17, 6, 7, 18, 9, 10, 19, 12, 13, 20, 15);
+    const Bytes y = __builtin_shufflevector(b, u, 0, 21, 2, 3, 22, 5, 6, 23, 8, 9, 24, 11, 12, 25, 14, 15);
+    const Bytes z = __builtin_shufflevector(c, u, 26, 1, 2, 27, 4, 5, 28, 7, 8, 29, 10, 11, 30, 13, 14, 31);
+    const Bytes all[] = {x, y, z};
+    std::memcpy(codes, all, 3 * n);
 }
 #endif
 
@@ -142,21 +167,22 @@ inline void join(const Codes &from, int n, std::uint8_t *codes) {
 inline void targets(const Frame &frame, std::int64_t first, int n, Row &light) {
     each_block(n, [&](int k, int m) {
         const Codes codes = split(frame.codes + 3 * (first + k), m);
-        for (int b = 0; b < BANDS; ++b) store(light[b] + k, entries(frame.target[b].light, codes.channel[b]));
+        for (int b = 0; b < BANDS; ++b) {
+            const auto *bits = reinterpret_cast<const std::int32_t *>(frame.target[b].light);
+            store(light[b] + k, as_floats(entries(bits, codes.channel[b])));
+        }
     });
 }
 #endif
 
 // Codes of a share of the span, RESPONSE_TOE added, by the channel's table and by its cubics.
 inline Floats tabled(const Channel &channel, const Floats &share) {
-    const Words bits = same_bits<Words>(share);
-    const Words entry = same_bits<Words>(entries(channel.table, same_bits<Ints>(bits >> RESPONSE_SHIFT)));
-    const Ints code = same_bits<Ints>((entry >> 16) + high_product(entry, bits & 0xffff));
-    return __builtin_convertvector(code, Floats) * (1.0f / 256);
+    const Words bits = as_words(share), entry = entries(channel.table, bits >> RESPONSE_SHIFT);
+    return to_floats((entry >> 16) + (high_product(entry, bits) & 0xffff)) * same(1.0f / 256);
 }
 
 inline Floats cubic(const Channel &channel, const Floats &share) {
-    const Ints part = same_bits<Ints>(same_bits<Words>(share) >> CUBIC_SHIFT);
+    const Words part = as_words(share) >> CUBIC_SHIFT;
     Floats code = picked(channel.cubics[3], part);
     for (int power = 2; power >= 0; --power) code = fused(code, share, picked(channel.cubics[power], part));
     return code;
@@ -164,18 +190,17 @@ inline Floats cubic(const Channel &channel, const Floats &share) {
 
 template <Floats (*code_of)(const Channel &, const Floats &)>
 inline void encode(const Frame &frame, const Row &shares, const Segment &at) {
-    alignas(64) std::int32_t codes[BANDS][PADDED];
+    alignas(64) std::uint32_t codes[BANDS][PADDED];
     for (int c = 0; c < BANDS; ++c) {
         const Channel channel = frame.channel[c];
         const float *dither = channel.dither + (at.row & (DITHER - 1)) * DITHER;
         each_block(at.n, [&](int k, int) {
-            const Floats code = code_of(channel, load<Floats>(shares[c] + k)) + load<Floats>(dither + ((at.column + k) & (DITHER - 1)));
-            store(codes[c] + k, __builtin_convertvector(code, Ints));
+            const Floats more = load(dither + ((at.column + k) & (DITHER - 1)));
+            store(codes[c] + k, to_words(code_of(channel, load(shares[c] + k)) + more));
         });
     }
     each_block(at.n, [&](int k, int n) {
-        join({{load<Ints>(codes[0] + k), load<Ints>(codes[1] + k), load<Ints>(codes[2] + k)}}, n,
-             frame.out + 3 * (at.first + k));
+        join({{load(codes[0] + k), load(codes[1] + k), load(codes[2] + k)}}, n, frame.out + 3 * (at.first + k));
     });
 }
 

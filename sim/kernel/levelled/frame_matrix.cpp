@@ -10,7 +10,7 @@ namespace kernel::frame::KERNEL_LEVEL {
 namespace {
 
 inline Floats numbers(const std::int16_t *entries) {
-    return __builtin_convertvector(widened(load<Shorts>(entries)), Floats);
+    return to_floats(widened(entries));
 }
 
 }  // namespace
@@ -27,7 +27,7 @@ void add_rows(const Matrix &matrix, const float *x, std::int64_t begin, std::int
         }
         std::int64_t k = 0;
         for (; k + BLOCK <= matrix.columns; k += BLOCK) {
-            Floats sum = load<Floats>(out + k);
+            Floats sum = load(out + k);
             for (int r = 0; r < AT_ONCE; ++r) sum = fused(numbers(rows[r] + k), same(factor[r]), sum);
             store(out + k, sum);
         }
@@ -42,10 +42,10 @@ float product_row(const Matrix &matrix, std::int64_t row, const float *x) {
     float rest = 0;
     std::int64_t k = 0;
     for (; k + 4 * BLOCK <= matrix.columns; k += 4 * BLOCK) {
-        a = fused(numbers(entries + k), load<Floats>(x + k), a);
-        b = fused(numbers(entries + k + BLOCK), load<Floats>(x + k + BLOCK), b);
-        c = fused(numbers(entries + k + 2 * BLOCK), load<Floats>(x + k + 2 * BLOCK), c);
-        d = fused(numbers(entries + k + 3 * BLOCK), load<Floats>(x + k + 3 * BLOCK), d);
+        a = fused(numbers(entries + k), load(x + k), a);
+        b = fused(numbers(entries + k + BLOCK), load(x + k + BLOCK), b);
+        c = fused(numbers(entries + k + 2 * BLOCK), load(x + k + 2 * BLOCK), c);
+        d = fused(numbers(entries + k + 3 * BLOCK), load(x + k + 3 * BLOCK), d);
     }
     for (; k < matrix.columns; ++k) rest += static_cast<float>(entries[k]) * x[k];
     return (lanes_sum((a + b) + (c + d)) + rest) * matrix.unit[row];

@@ -4,6 +4,7 @@
 // blocks; what a block writes beyond its run, the next run writes again.
 
 #include <algorithm>
+#include <numeric>
 
 #include "frame.hpp"
 #include "frame_codes.hpp"
@@ -15,7 +16,7 @@ namespace kernel::frame::KERNEL_LEVEL {
 namespace {
 
 inline Light load_light(const Row &row, int k) {
-    return {{load<Floats>(row[0] + k), load<Floats>(row[1] + k), load<Floats>(row[2] + k)}};
+    return {{load(row[0] + k), load(row[1] + k), load(row[2] + k)}};
 }
 
 inline void store_light(Row &row, int k, const Light &light) {
@@ -28,7 +29,7 @@ inline void ask(const Pixels &pixels, const Frame &frame, const Segment &at, Row
     const bool black = frame.offset[0] != 0 || frame.offset[1] != 0 || frame.offset[2] != 0;
     each_block(at.n, [&](int k, int n) {
         for (int b = 0; b < BANDS; ++b) {
-            Floats light = load<Floats>(whole[b] + k) * packed(pixels.inverse.band[b] + at.first + k, n);
+            Floats light = load(whole[b] + k) * packed(pixels.inverse.band[b] + at.first + k, n);
             if (black)
                 light = fused(packed(pixels.offset.band[b] + at.first + k, n), same(frame.offset[b]), light);
             store(whole[b] + k, light);
@@ -39,9 +40,9 @@ inline void ask(const Pixels &pixels, const Frame &frame, const Segment &at, Row
 inline float run_sum(const float *values, int begin, int end) {
     Floats lanes{};
     int k = begin;
-    for (; k + BLOCK <= end; k += BLOCK) lanes += load<Floats>(values + k);
-    const Floats rest = load<Floats>(values + k);
-    lanes += k + lane_numbers() < end ? rest : Floats{};
+    for (; k + BLOCK <= end; k += BLOCK) lanes += load(values + k);
+    const Floats rest = load(values + k);
+    lanes += first_lanes(end - k, rest, Floats{});
     return lanes_sum(lanes);
 }
 
@@ -59,10 +60,7 @@ struct Place {
     Place(const Pixels &pixels, std::int64_t first, int n)
         : x(read(pixels.place_x + first, n)), y(read(pixels.place_y + first, n)) {}
 
-    static Floats read(const std::uint8_t *places, int n) {
-        const Bytes bytes = load<Bytes>(places, n);
-        return __builtin_convertvector(widened(bytes), Floats);
-    }
+    static Floats read(const std::uint8_t *places, int n) { return to_floats(widened(places, n)); }
 };
 
 // What irradiance pixels see, negative: bilinear in their cells.
@@ -118,11 +116,11 @@ inline Light light_of(const Frame &frame, const Light &shares) {
 }
 
 // Shares within the spans, all of them plus a number; counts those that were not.
-inline Light within_span(const Light &shares, Ints &beyond, float plus = 0) {
+inline Light within_span(const Light &shares, Words &beyond, float plus = 0) {
     Light held;
     for (int c = 0; c < BANDS; ++c) {
         held.band[c] = within(shares.band[c], plus, 1 + plus);
-        count_different(shares.band[c], held.band[c], beyond);
+        beyond = counted(beyond, shares.band[c], held.band[c]);
     }
     return held;
 }
@@ -131,8 +129,8 @@ inline Light within_span(const Light &shares, Ints &beyond, float plus = 0) {
 inline Light camera_weights(const Frame &frame, const Light &squared_inverse) {
     Light weights;
     for (int b = 0; b < BANDS; ++b) {
-        const Floats weight = reciprocal(squared_inverse.band[b]) * frame.weight[b];
-        weights.band[b] = squared_inverse.band[b] > 0 ? weight : Floats{};
+        const Floats weight = reciprocal(squared_inverse.band[b]) * same(frame.weight[b]);
+        weights.band[b] = where_positive(squared_inverse.band[b], weight);
     }
     return weights;
 }
@@ -165,14 +163,14 @@ struct Free {
 
 // Shares of the channels' spans whose mixture comes nearest to that of the shares asked for, in camera values, by
 // coordinates: each round leaves about the square of the share that two channels have in common.
-inline Light nearest(const Frame &frame, const Light &asked, const Light &weight, Ints &beyond) {
+inline Light nearest(const Frame &frame, const Light &asked, const Light &weight, Words &beyond) {
     constexpr float LEAST = 1e-12f;
     Light shares = within_span(asked, beyond);
     if (!frame.mixed) return shares;
     Floats common[BANDS][BANDS], own[BANDS];
     for (int c = 0; c < BANDS; ++c)
         for (int d = 0; d <= c; ++d) {
-            Floats sum = same(c == d ? LEAST : 0);
+            Floats sum = same(c == d ? LEAST : 0.0f);
             for (int b = 0; b < BANDS; ++b) sum = fused(weight.band[b], same(frame.common[c][d][b]), sum);
             (c == d ? own[c] : common[c][d]) = sum;
         }
@@ -212,10 +210,10 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &ligh
     each_run(pixels, pixels.cells, at, [&](int begin, int end, std::int32_t cell) {
         CellSums sums;
         int k = begin;
-        for (; k + BLOCK <= end; k += BLOCK) sums.add(load_light(light, k), load<Floats>(x + k), load<Floats>(y + k));
+        for (; k + BLOCK <= end; k += BLOCK) sums.add(load_light(light, k), load(x + k), load(y + k));
         Light rest = load_light(light, k);
-        for (Floats &values : rest.band) values = k + lane_numbers() < end ? values : Floats{};
-        sums.add(rest, load<Floats>(x + k), load<Floats>(y + k));
+        for (Floats &values : rest.band) values = first_lanes(end - k, values, Floats{});
+        sums.add(rest, load(x + k), load(y + k));
         const std::int32_t *corner = pixels.corners + 4 * static_cast<std::int64_t>(cell);
         for (int b = 0; b < BANDS; ++b) {
             const Four four = lanes_sums(sums.plain[b], sums.by_x[b], sums.by_y[b], sums.by_both[b]);
@@ -230,9 +228,9 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &ligh
 }
 
 // Shares of the channels' spans that give what is asked for, within the spans, RESPONSE_TOE added.
-inline Ints share_exactly(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, const Row &whole,
+inline Words share_exactly(const Pixels &pixels, const Frame &frame, const Segment &at, Cursor &cells, const Row &whole,
                           Row &shares) {
-    Ints clipped{};
+    Words clipped{};
     each_block(at.n, [&](int k, int n) {
         const Light asked = shares_of(frame, direct(pixels, frame, at, cells, whole, k, n), RESPONSE_TOE);
         store_light(shares, k, within_span(asked, clipped, RESPONSE_TOE));
@@ -241,12 +239,12 @@ inline Ints share_exactly(const Pixels &pixels, const Frame &frame, const Segmen
 }
 
 // Shares of the channels' spans that the bounded optimum's conditions choose, RESPONSE_TOE added.
-inline Ints share_nearest(const Frame &frame, const Segment &at, const Free &free, Row &shares) {
-    Ints clipped{};
+inline Words share_nearest(const Frame &frame, const Segment &at, const Free &free, Row &shares) {
+    Words clipped{};
     each_block(at.n, [&](int k, int) {
         const Light asked = shares_of(frame, load_light(free.light, k));
         Light chosen = nearest(frame, asked, load_light(free.weight, k), clipped);
-        for (Floats &share : chosen.band) share += RESPONSE_TOE;
+        for (Floats &share : chosen.band) share += same(RESPONSE_TOE);
         store_light(shares, k, chosen);
     });
     return clipped;
@@ -262,14 +260,14 @@ void sum_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &s
             const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
             for (int b = 0; b < BANDS; ++b)
                 store(light[b] + k,
-                      load<Floats>(light[b] + k) * packed(pixels.inverse.band[b] + at.first + k, n) * emission);
+                      load(light[b] + k) * packed(pixels.inverse.band[b] + at.first + k, n) * emission);
         });
         add_by_patch(pixels, at, light, sums.emitted);
     });
 }
 
 std::int64_t code_row(const Pixels &all, const Frame &whole_frame, bool bounded, std::int64_t row) {
-    Ints clipped{};
+    Words clipped{};
     Cursor cells(all.cells, row, all.width), patches(all.patches, row, all.width);
     each_segment(all, row, [&](const Segment &given) {
         // Own copies: the codes' bytes may be anything's, and all would be read again after each of them.
@@ -284,9 +282,9 @@ std::int64_t code_row(const Pixels &all, const Frame &whole_frame, bool bounded,
             clipped += share_exactly(pixels, frame, at, cells, whole, shares);
         encode(frame, shares, at);
     });
-    std::int64_t all_clipped = 0;
-    for (int lane = 0; lane < BLOCK; ++lane) all_clipped += clipped[lane];
-    return all_clipped;
+    std::uint32_t by_lane[BLOCK];
+    store(by_lane, clipped);
+    return std::accumulate(by_lane, by_lane + BLOCK, std::int64_t{0});
 }
 
 void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums) {
@@ -294,7 +292,7 @@ void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &
     each_segment(pixels, row, [&](const Segment &at) {
         alignas(64) Row whole, emitted, returned;
         Floats squared{};
-        Ints beyond{};
+        Words beyond{};
         ask(pixels, frame, at, whole);
         const Free free(pixels, frame, at, cells, patches, whole);
         each_block(at.n, [&](int k, int n) {
@@ -304,8 +302,8 @@ void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &
             const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
             for (int b = 0; b < BANDS; ++b) {
                 const Floats delta = q.band[b] - light.band[b];
-                const Floats error = q.band[b] - load<Floats>(free.wanted[b] + k);
-                store(emitted[b] + k, emission * (load<Floats>(whole[b] + k) + delta));
+                const Floats error = q.band[b] - load(free.wanted[b] + k);
+                store(emitted[b] + k, emission * (load(whole[b] + k) + delta));
                 store(returned[b] + k, gain.band[b] * weight.band[b] * delta);
                 squared = fused(error * error, weight.band[b], squared);
             }

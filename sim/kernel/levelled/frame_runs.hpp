@@ -73,10 +73,10 @@ class Cursor {
         while (end_ <= column) next();
         Light light = value(runs_.value[run_]);
         while (end_ < column + BLOCK && end_ < width_) {
-            const Ints first = Ints{} + static_cast<std::int32_t>(end_ - column);
+            const int first = static_cast<int>(end_ - column);
             next();
             const Light other = value(runs_.value[run_]);
-            for (int b = 0; b < BANDS; ++b) light.band[b] = lane_numbers() < first ? light.band[b] : other.band[b];
+            for (int b = 0; b < BANDS; ++b) light.band[b] = first_lanes(first, light.band[b], other.band[b]);
         }
         return light;
     }
