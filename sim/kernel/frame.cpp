@@ -191,9 +191,11 @@ class Kernel {
     }
 
     void set_target(int b, const float *wanted) {
+        constexpr double MOST = 0x1p100;  // beyond all reach, and far from infinite
         const float most = *std::max_element(wanted, wanted + 256);
+        const double unit = most / TARGET_RANGE * (PACKED_ONE * pixels_.inverse.unit[b] / light_unit_[b]);
         Target &target = frame_.target[b];
-        target.unit = static_cast<float>(most / TARGET_RANGE * (PACKED_ONE * pixels_.inverse.unit[b] / light_unit_[b]));
+        target.unit = static_cast<float>(std::min(unit, MOST));
         target.none = -TARGET_LEAST * target.unit;
         target.light = target_light_[b];
         target.bytes = target_bytes_[b];
@@ -248,7 +250,9 @@ class Kernel {
     void improve() {
 #pragma omp single
         forget_sums();
-        each_chunk(n_rows_, [&](std::int64_t k, Sums &sums) { KERNEL_CALL(step_row(pixels_, frame_, rows_[k], sums)); });
+        each_chunk(n_rows_, [&](std::int64_t k, Sums &sums) {
+            KERNEL_CALL(step_row(pixels_, frame_, rows_[k], sums));
+        });
         const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
 #pragma omp for schedule(static)
         for (std::int64_t j = 0; j < viewed; ++j) {
@@ -259,9 +263,10 @@ class Kernel {
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t part = 0; part < BANDS * PARTS; ++part) {
             const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit, rows = pixels_.n_viewed;
+            const float *x = returned_.data() + b * rows;
             float *out = products_.data() + part * n;
             std::fill(out, out + n, 0.0f);
-            KERNEL_CALL(add_rows(matrix_of(b), returned_.data() + b * rows, rows * k / PARTS, rows * (k + 1) / PARTS, out));
+            KERNEL_CALL(add_rows(matrix_of(b), x, rows * k / PARTS, rows * (k + 1) / PARTS, out));
         }
 #pragma omp for schedule(static)
         for (std::int64_t i = 0; i < lit; ++i) {

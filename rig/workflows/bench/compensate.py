@@ -54,7 +54,7 @@ def run(size: Size, on_step: OnStep) -> Outcome:
 
 NOTES = (
     "The interreflection between patches is computed once a room, before the clock starts. Errors are the model's own: "
-    "rig compare-strategies measures them.",
+    "rig compare-strategies measures them",
 )
 
 

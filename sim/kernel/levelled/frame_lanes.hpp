@@ -52,7 +52,8 @@ inline Four lanes_sums(const Floats &a, const Floats &b, const Floats &c, const 
 
 inline float lanes_sum(const Floats &lanes) {
     const Eight eight = halves_sum(lanes);
-    const Four four = __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
+    const Four four =
+        __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
     const Four two = four + __builtin_shufflevector(four, four, 2, 3, 0, 1);
     return two[0] + two[1];
 }

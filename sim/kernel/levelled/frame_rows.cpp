@@ -1,7 +1,6 @@
 // Rows of a frame, sixteen pixels at a time, in segments whose intermediate rows fit the first cache. A segment goes
 // through several short loops, not one long one: what a processor can look ahead then holds several blocks, not the
-// latency of one. Sums run in fixed lanes: every instruction set gives the same bits. Loops over runs go by whole
-// blocks; what a block writes beyond its run, the next run writes again.
+// latency of one. Sums run in fixed lanes: every instruction set gives the same bits.
 
 #include <algorithm>
 #include <numeric>
@@ -178,8 +177,11 @@ inline Light nearest(const Frame &frame, const Light &asked, const Light &weight
     for (int round = 0; round < frame.rounds; ++round)
         for (int c = 0; c < BANDS; ++c) {
             Floats others{};
-            for (int d = 0; d < BANDS; ++d)
-                if (d != c) others = fused(common[std::max(c, d)][std::min(c, d)], asked.band[d] - shares.band[d], others);
+            for (int d = 0; d < BANDS; ++d) {
+                if (d == c) continue;
+                const Floats held_back = asked.band[d] - shares.band[d];
+                others = fused(common[std::max(c, d)][std::min(c, d)], held_back, others);
+            }
             shares.band[c] = within(fused(others, own[c], asked.band[c]), 0, 1);
         }
     return shares;
