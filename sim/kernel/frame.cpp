@@ -146,7 +146,7 @@ class Kernel {
         for (int b = 0; b < BANDS; ++b) {
             const double span = response.data()[256 * b + 255];
             light_unit_[b] = 0x1p32 * span;
-            frame_.offset[b] = -static_cast<float>(PACKED_ONE * (pixels_.offset.unit[b] / light_unit_[b]));
+            frame_.offset[b] = -static_cast<float>(per_packed(pixels_.offset, b));
             const double per_inverse = pixels_.inverse.unit[b] > 0 ? 1.0 / pixels_.inverse.unit[b] : 0;
             weight[b] = light_unit_[b] * light_unit_[b] * per_inverse * per_inverse;
         }
@@ -163,6 +163,12 @@ class Kernel {
             for (int d = 0; d < BANDS; ++d)
                 for (int b = 0; b < BANDS; ++b) frame_.common[c][d][b] = frame_.light[b][c] * frame_.light[b][d];
         for (int b = 0; b < BANDS; ++b) frame_.weight[b] = static_cast<float>(weight[b] / weight_unit_);
+    }
+
+    // What a packed 1 stands for, in units of light. It may be beyond single precision, what it is multiplied with makes up
+    // for that.
+    double per_packed(const Layers &layers, std::int64_t b) const {
+        return double{PACKED_ONE} * layers.unit[b] / light_unit_[b];
     }
 
     // One if two channels have less than a fifth in common.
@@ -193,7 +199,7 @@ class Kernel {
     void set_target(int b, const float *wanted) {
         constexpr double MOST = 0x1p100;  // beyond all reach, and far from infinite
         const float most = *std::max_element(wanted, wanted + 256);
-        const double unit = most / TARGET_RANGE * (PACKED_ONE * pixels_.inverse.unit[b] / light_unit_[b]);
+        const double unit = most / TARGET_RANGE * per_packed(pixels_.inverse, b);
         Target &target = frame_.target[b];
         target.unit = static_cast<float>(std::min(unit, MOST));
         target.none = -TARGET_LEAST * target.unit;
@@ -257,7 +263,7 @@ class Kernel {
 #pragma omp for schedule(static)
         for (std::int64_t j = 0; j < viewed; ++j) {
             const std::int64_t b = j / pixels_.n_viewed;
-            const double unit = left_out() * weight_unit_ * (PACKED_ONE * pixels_.gain.unit[b] / light_unit_[b]);
+            const double unit = left_out() * weight_unit_ * per_packed(pixels_.gain, b);
             returned_[j] = static_cast<float>(unit * added(partial_.data() + CHUNKS * lit, viewed, j));
         }
 #pragma omp for schedule(dynamic, 1)
@@ -329,8 +335,7 @@ class Kernel {
         for (std::int64_t i = 0; i < BANDS * n; ++i) {
             const std::int64_t b = i / n;
             const float seen = KERNEL_CALL(product_row(matrix_of(b), i % n, emitted_.data() + b * pixels_.n_lit));
-            irradiance_[i] =
-                static_cast<float>(-std::max(0.0f, seen) * (PACKED_ONE * pixels_.gain.unit[b] / light_unit_[b]));
+            irradiance_[i] = static_cast<float>(-std::max(0.0f, seen) * per_packed(pixels_.gain, b));
         }
 #pragma omp for schedule(static)
         for (std::int64_t cell = 0; cell < n_cells_; ++cell)

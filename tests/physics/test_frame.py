@@ -126,6 +126,19 @@ def test_cubics_never_reach_beyond_the_highest_code(gain):
     assert not FrameCompensator(model).frame(np.zeros_like(bright)).any()
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1e9])
+@pytest.mark.parametrize("strategy", ["exact", "bounded"])
+def test_codes_do_not_depend_on_the_unit_of_camera_values(unit, strategy):
+    one, codes = transport(), picture((29, 45))
+    other = LightTransport(one.direct_matrix * unit, one.emission, one.radiosity, one.view * unit, one.pixel_patch)
+    shown = [
+        FrameCompensator(frame_model(each, (29, 45), target_scale=level(each), response=GAMMA), strategy).frame(codes)
+        for each in (one, other)
+    ]
+    assert difference(*shown).max() <= 1
+    assert (difference(*shown) > 0).mean() < 0.01
+
+
 def test_a_single_wall_is_divided_by_its_own_brightness():
     wall = transport(faces=("x1",), pose=Pose.look_at((2.4, 2.4, 1.2), (4.8, 2.4, 1.2)))
     lit = wall.direct_matrix.diagonal() > 0
