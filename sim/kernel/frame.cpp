@@ -44,7 +44,7 @@ class Kernel {
     // response: (1 or 3, RESPONSE) codes by light; cubics: (0, 1 or 3, 4, 32), 0 where none would follow the response;
     // unmixing: the inverse of the model's mixing.
     Kernel(nb::object model, In<std::uint32_t, 2> response, In<float, 3> cubics, In<double, 2> unmixing)
-        : kept_{model, nb::cast(response), nb::cast(cubics)} {
+        : kept_{model, nb::cast(response)} {
         pixels_.inverse = layers_of(model.attr("inverse_direct"));
         pixels_.offset = layers_of(model.attr("offset"));
         pixels_.gain = layers_of(model.attr("view_gain"));
@@ -211,7 +211,7 @@ class Kernel {
             std::memcpy(&bits, &number, sizeof bits);
             for (int byte = 0; byte < 3; ++byte)
                 target_bytes_[b][byte][code] = static_cast<std::uint8_t>(bits >> 8 * byte);
-            target_light_[b][code] = std::fma(number, target.unit, target.none);
+            target_light_[b][code] = (number - TARGET_LEAST) * target.unit;  // the difference is exact
         }
     }
 

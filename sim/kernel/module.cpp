@@ -1,9 +1,12 @@
 // sim._kernel: what Python sees. Each source binds its own functions; sim/_kernel.pyi states their types.
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/vector.h>
 #include <omp.h>
 
+#include <iterator>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 #include "arrays.hpp"
 #include "bindings.hpp"
@@ -16,16 +19,23 @@ const char *NAMES[] = {"baseline", "avx2", "avx512", "avx512vbmi"};
 std::string name_of(kernel::Level level) { return NAMES[static_cast<int>(level)]; }
 
 void set_level(const std::string &name) {
-    for (int k = 0; k < 4; ++k)
+    std::string all;
+    for (std::size_t k = 0; k < std::size(NAMES); ++k) {
         if (name == NAMES[k]) return kernel::set_level(static_cast<kernel::Level>(k));
-    throw std::invalid_argument("unknown instruction set " + name + "; there are baseline, avx2, avx512, avx512vbmi");
+        all += (k ? ", " : "") + std::string(NAMES[k]);
+    }
+    throw std::invalid_argument("unknown instruction set " + name + "; there are " + all);
 }
+
+// Those that this processor has.
+std::vector<std::string> levels() { return {NAMES, NAMES + static_cast<int>(kernel::best_level()) + 1}; }
 
 }  // namespace
 
 NB_MODULE(_kernel, m) {
     m.def("level", [] { return name_of(kernel::level()); });
     m.def("best_level", [] { return name_of(kernel::best_level()); });
+    m.def("levels", &levels);
     m.def("set_level", &set_level, nb::arg("name"));
     m.def("threads", [] { return omp_get_max_threads(); });
     m.def("set_threads", [](int n) { omp_set_num_threads(n); }, nb::arg("n"));

@@ -45,8 +45,7 @@ def _triangles(scene):
 
 @pytest.mark.parametrize("level", ["baseline", "avx2", "avx512", "avx512vbmi"])
 def test_rays_meet_what_the_numpy_reference_says(level, request):
-    names = ["baseline", "avx2", "avx512", "avx512vbmi"]
-    if names.index(level) > names.index(_kernel.best_level()):
+    if level not in _kernel.levels():
         pytest.skip(f"this processor lacks {level}")
     request.addfinalizer(lambda: _kernel.set_level(_kernel.best_level()))
     _kernel.set_level(level)

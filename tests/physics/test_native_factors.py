@@ -8,8 +8,6 @@ from sim.form_factors import ClosureWarning, closed_form_reference, form_factors
 from sim.mesh import Mesh
 from sim.scenes import furnace, paper_room, room, room_with_box
 
-LEVELS = ["baseline", "avx2", "avx512", "avx512vbmi"]
-
 
 def as_mesh(scene):
     return Mesh(scene.name, scene.vertices, scene.reflectance, scene.convex, scene.closed, scene.region)
@@ -123,7 +121,7 @@ def test_a_tilted_room_of_rectangles_still_has_its_closed_form():
 def test_every_instruction_set_gives_the_same_bits(method, at_level):
     scenes = [paper_room(), as_mesh(room((1.0, 2.0, 1.5), 0.25))]
     results = []
-    for level in LEVELS[: LEVELS.index(_kernel.best_level()) + 1]:
+    for level in _kernel.levels():
         at_level(level)
         results.append([form_factors(scene, method).matrix for scene in scenes])
     for other in results[1:]:

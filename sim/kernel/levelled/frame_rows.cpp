@@ -114,14 +114,17 @@ inline Light light_of(const Frame &frame, const Light &shares) {
     return product(frame.light, frame.mixed, shares, 0);
 }
 
-// Shares within the spans, all of them plus a number; counts those that were not.
-inline Light within_span(const Light &shares, Words &beyond, float plus = 0) {
+// Shares within the spans, all of them plus a number.
+inline Light within_span(const Light &shares, float plus = 0) {
     Light held;
-    for (int c = 0; c < BANDS; ++c) {
-        held.band[c] = within(shares.band[c], plus, 1 + plus);
-        beyond = counted(beyond, shares.band[c], held.band[c]);
-    }
+    for (int c = 0; c < BANDS; ++c) held.band[c] = within(shares.band[c], plus, 1 + plus);
     return held;
+}
+
+inline Words counted(const Words &count, const Light &shares, const Light &held) {
+    Words more = count;
+    for (int c = 0; c < BANDS; ++c) more = counted(more, shares.band[c], held.band[c]);
+    return more;
 }
 
 // Squared camera values of a pixel's light, of squared 1 / D.
@@ -162,9 +165,9 @@ struct Free {
 
 // Shares of the channels' spans whose mixture comes nearest to that of the shares asked for, in camera values, by
 // coordinates: each round leaves about the square of the share that two channels have in common.
-inline Light nearest(const Frame &frame, const Light &asked, const Light &weight, Words &beyond) {
+inline Light nearest(const Frame &frame, const Light &asked, const Light &weight) {
     constexpr float LEAST = 1e-12f;
-    Light shares = within_span(asked, beyond);
+    Light shares = within_span(asked);
     if (!frame.mixed) return shares;
     Floats common[BANDS][BANDS], own[BANDS];
     for (int c = 0; c < BANDS; ++c)
@@ -235,7 +238,9 @@ inline Words share_exactly(const Pixels &pixels, const Frame &frame, const Segme
     Words clipped{};
     each_block(at.n, [&](int k, int n) {
         const Light asked = shares_of(frame, direct(pixels, frame, at, cells, whole, k, n), RESPONSE_TOE);
-        store_light(shares, k, within_span(asked, clipped, RESPONSE_TOE));
+        const Light held = within_span(asked, RESPONSE_TOE);
+        clipped = counted(clipped, asked, held);
+        store_light(shares, k, held);
     });
     return clipped;
 }
@@ -245,7 +250,8 @@ inline Words share_nearest(const Frame &frame, const Segment &at, const Free &fr
     Words clipped{};
     each_block(at.n, [&](int k, int) {
         const Light asked = shares_of(frame, load_light(free.light, k));
-        Light chosen = nearest(frame, asked, load_light(free.weight, k), clipped);
+        clipped = counted(clipped, asked, within_span(asked));
+        Light chosen = nearest(frame, asked, load_light(free.weight, k));
         for (Floats &share : chosen.band) share += same(RESPONSE_TOE);
         store_light(shares, k, chosen);
     });
@@ -294,12 +300,11 @@ void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &
     each_segment(pixels, row, [&](const Segment &at) {
         alignas(64) Row whole, emitted, returned;
         Floats squared{};
-        Words beyond{};
         ask(pixels, frame, at, whole);
         const Free free(pixels, frame, at, cells, patches, whole);
         each_block(at.n, [&](int k, int n) {
             const Light light = load_light(free.light, k), weight = load_light(free.weight, k);
-            const Light q = light_of(frame, nearest(frame, shares_of(frame, light), weight, beyond));
+            const Light q = light_of(frame, nearest(frame, shares_of(frame, light), weight));
             const Light gain = gains(pixels, at.first + k, n);
             const Floats emission = unpacked(pixels.emission.band[0] + at.first + k, n);
             for (int b = 0; b < BANDS; ++b) {
