@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.decode import decode_gray
-from calibration.gray import CodeName
-from calibration.patterns import flat, gray_code_patterns
+from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.gray import CodeName
+from calibration.structured_light.patterns import flat, gray_code_patterns
 from rig import Rig, open_rig
-from rig.devices.bench import Bench
-from rig.devices.bench_optics import directions, pixels_of
-from rig.devices.bench_room import trace
-from rig.devices.simulated import SimulatedCamera
+from rig.devices.simulated.devices import SimulatedCamera
+from rig.devices.simulated.optics import directions, pixels_of
+from rig.devices.simulated.room import trace
+from rig.devices.simulated.world import Bench
 
 FloatArray = NDArray[np.float64]
 _SIGMAS = 2.0

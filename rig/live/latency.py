@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from rig.back_ends import make_devices
+from rig.capture.devices import make_devices
+from rig.capture.rig import Rig
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.errors import UsageError
-from rig.live.compensator import Compensator
-from rig.live.controls import Controls
-from rig.live.loop import LiveLoop, Surroundings
-from rig.live.slot import Slot
-from rig.live.source import Pixels
-from rig.pair import Rig
-from rig.profile import Profile
-from rig.workflows.check.exposure import find_subject, patient
-from rig.workflows.check.latency import check_latency
+from rig.live.show.compensator import Compensator
+from rig.live.show.controls import Controls
+from rig.live.show.frame_mailbox import Slot
+from rig.live.show.loop import LiveLoop, Surroundings
+from rig.live.sources.source import Pixels
+from rig.profile.schema import Profile
+from rig.self_check.parts.exposure import find_subject, patient
+from rig.self_check.parts.latency import check_latency
 
 
 class LivePath:

@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from rig.images import linear_of_srgb
-from rig.profile import Profile
+from rig.files.images import linear_of_srgb
+from rig.profile.schema import Profile
 from rig.session import Session
-from rig.twin import LEAST_GAIN, sample_bands
-from rig.workflows.light import Photometry
-from rig.workflows.model import RoomRecord, load_model
-from rig.workflows.photometric import load_photometry
+from rig.stages.linear_light import Photometry
+from rig.stages.model import RoomRecord, load_model
+from rig.stages.radiometry import load_photometry
+from rig.stages.scene_model import LEAST_GAIN, sample_bands
 from sim.form_factors import form_factors
-from sim.frame import FrameModel, frame_model
-from sim.light_transport import LightTransport
-from sim.optics import Lens, Pose, project, rays_at
-from sim.scene import intersect
-from sim.scenes import room
-from sim.transport import coaxial_transport, smooth_view
+from sim.frame.compensator import FrameModel, frame_model
+from sim.geometry.optics import Lens, Pose, project, rays_at
+from sim.geometry.scene import intersect
+from sim.light.transport import LightTransport
+from sim.light.transport_of_scene import coaxial_transport, smooth_view
+from sim.scenes.library import room
 
 FloatArray = NDArray[np.float64]
 

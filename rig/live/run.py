@@ -13,31 +13,31 @@ from typing import Any
 
 import numpy as np
 
-from rig.back_ends import make_devices
+from rig.capture.devices import make_devices
+from rig.capture.recovery import close_quietly
 from rig.devices.clock import SystemClock
 from rig.devices.protocols import Camera, Clock, Projector
+from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceError, UsageError
-from rig.live.compensator import Compensator
-from rig.live.controls import Controls
-from rig.live.display import ClockedDisplay
-from rig.live.keys import Keyboard
 from rig.live.latency import light_latency
-from rig.live.loop import LiveLoop, ShownFrame, Surroundings
 from rig.live.model import LiveModel, guessed_model, session_model
-from rig.live.output import ThreadedOutput
-from rig.live.priority import urgent
-from rig.live.reader import Reader
 from rig.live.record import Recorder
-from rig.live.signals import EndSignals, Interrupted
-from rig.live.slot import Slot
-from rig.live.sources import SourceSettings, make_source
-from rig.live.tally import resident_mb
-from rig.profile import Profile, load_profile
-from rig.recovery import close_quietly
+from rig.live.show.compensator import Compensator
+from rig.live.show.controls import Controls
+from rig.live.show.frame_mailbox import Slot
+from rig.live.show.frame_statistics import resident_mb
+from rig.live.show.keys import Keyboard
+from rig.live.show.loop import LiveLoop, ShownFrame, Surroundings
+from rig.live.show.output import ThreadedOutput
+from rig.live.show.priority import urgent
+from rig.live.show.signals import EndSignals, Interrupted
+from rig.live.sources.choose import SourceSettings, make_source
+from rig.live.sources.reader import Reader
+from rig.profile.schema import Profile, load_profile
 from rig.session import Session
+from rig.stages.error_tree import one_error_tree
 from rig.terminal import OnStep
-from rig.workflows.error_tree import one_error_tree
-from sim.frame import FrameCompensator
+from sim.frame.compensator import FrameCompensator
 
 STRATEGIES = ("exact", "bounded")
 _STATUS_S = 0.5

@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from calibration.records import Response
-from rig.bands import PRIMARIES
+from rig.files.channels import PRIMARIES
 from rig.report.pictures import ERROR_RANGE, png_figure, svg
-from rig.twin import Optic, RoomTwin
-from sim.optics import rays_at
+from rig.stages.scene_model import Optic, RoomTwin
+from sim.geometry.optics import rays_at
 
 _INK, _SOFT, _CAMERA, _PROJECTOR = "#1d2330", "#5d6678", "#2557a7", "#c4561c"
 

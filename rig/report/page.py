@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from rig.bands import PRIMARIES, codes_of, image_of
 from rig.errors import SessionError
+from rig.files.channels import PRIMARIES, codes_of, image_of
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
 from rig.report.timing import seconds_by_step
 from rig.session import Session
+from rig.stages.comparison import strategies_of
+from rig.stages.model import RoomRecord, load_model
+from rig.stages.radiometry import load_photometry
 from rig.terminal import OnStep
-from rig.workflows.compare import strategies_of
-from rig.workflows.model import RoomRecord, load_model
-from rig.workflows.photometric import load_photometry
 
 _SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
 _TITLES = {"direct": "direct only", "exact": "exact inverse"}

@@ -47,8 +47,8 @@ def print_part(verb: str, result: dict[str, Any]) -> None:
 
 def print_paper(result: dict[str, Any]) -> None:
     """The six configurations, the published figures under each; not narrower than it can be read."""
-    from rig.workflows.paper import paper_table
-    from rig.workflows.paper_strategies import strategies_table
+    from rig.paper.experiments import paper_table
+    from rig.paper.scores import strategies_table
 
     console = Console(width=max(Console().width, _PAPER_WIDTH))
     console.print(paper_table(result))

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from sim.compensation.result import Task
-from sim.scene import FloatArray
+from sim.geometry.scene import FloatArray
 
 
 def repeated(

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from sim.compensation.view import View, divided
-from sim.coupling import Coupling
+from sim.compensation.split_transport import View, divided
 from sim.errors import SimulationError
-from sim.scene import FloatArray
+from sim.geometry.scene import FloatArray
+from sim.light.interreflection_operator import Coupling
 
 DENSE_LIMIT = 4000
 """Viewed patches up to which I + L is factorised."""

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.compensation.result import begun
-from sim.compensation.view import Transport
+from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.scene import FloatArray
+from sim.geometry.scene import FloatArray
 
 GAMMA_2_2 = np.linspace(0.0, 1.0, 256) ** 2.2
 """Light of 256 codes of a common projector."""

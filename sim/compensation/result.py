@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.colour import ColourTransport
-from sim.compensation.view import Transport, View, view_of
+from sim.compensation.split_transport import Transport, View, view_of
 from sim.errors import SimulationError
-from sim.scene import BoolArray, FloatArray
+from sim.geometry.scene import BoolArray, FloatArray
+from sim.light.colour import ColourTransport
 
 Notes = Mapping[str, float | str]
 WORSE = 1 + 1e-6

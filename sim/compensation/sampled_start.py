@@ -11,9 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from sim.compensation.box_least_squares import BoxProblem, pixel_optimum, solved
-from sim.compensation.view import View, divided
-from sim.coupling import Coupling
-from sim.scene import FloatArray, IntArray
+from sim.compensation.split_transport import View, divided
+from sim.geometry.scene import FloatArray, IntArray
+from sim.light.interreflection_operator import Coupling
 
 SAMPLES = 16
 """Pixels of the sample for each lit patch; pictures of up to four times as many are solved whole."""

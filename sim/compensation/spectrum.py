@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.compensation.view import View, divided
+from sim.compensation.split_transport import View, divided
 from sim.errors import SimulationError
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.geometry import (
+from calibration.geometry.stereo import (
     calibrate_pair,
     points_of_projector_pixels,
     scale_from_baseline,

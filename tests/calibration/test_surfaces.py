@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.geometry import PairCalibration
-from calibration.planes import assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.room import room_from_pair
+from calibration.geometry.stereo import PairCalibration
 from calibration.records import CalibrationError, PinholeModel
-from calibration.room import room_from_pair
 
 SIZE_M = (4.8, 4.8, 2.4)
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
+from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
-from rig.pair import Rig, open_rig
-from rig.profile import Profile
+from rig.profile.schema import Profile
 from rig.session import Session
 
 LEVELS = {"white": 255, "black": 0, "level-128": 128}

@@ -7,17 +7,17 @@ from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
-from rig.back_ends import make_devices
+from rig.capture.devices import make_devices
+from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import SystemClock
 from rig.devices.kms.find import list_outputs
 from rig.devices.kms.projector import KmsProjector
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.devices.window.projector import WindowProjector
-from rig.pair import Rig, open_rig
-from rig.profile import Profile, load_profile
-from rig.virtual.rig import VirtualRig, wait_for_camera
-from rig.virtual.rig import open_display as open_display_of
+from rig.emulated.rig import VirtualRig, wait_for_camera
+from rig.emulated.rig import open_display as open_display_of
+from rig.profile.schema import Profile, load_profile
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
 

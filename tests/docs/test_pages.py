@@ -14,9 +14,9 @@ from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
 
 from rig import open_rig
-from rig.cli import run_command
-from rig.devices.manifest import load_manifest
-from rig.profile import Profile
+from rig.cli.app import run_command
+from rig.devices.replay.photographs import load_manifest
+from rig.profile.schema import Profile
 
 ROOT = Path(__file__).parents[2]
 PAGES = [

@@ -10,10 +10,10 @@ import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rig.cli import app
-from rig.devices import bench_settings
-from rig.profile import Profile
-from rig.workflows.whole import STEPS
+from rig.cli.app import app
+from rig.devices.simulated.devices import settings as bench_settings
+from rig.profile.schema import Profile
+from rig.run.session import STEPS
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\| `([a-z_0-9]+)` \| (.+?) \| (.+) \|$", re.MULTILINE)
