@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calibration.geometry.pinhole import bearings, image_of, rotation_of, vector_of, world_rays
-from calibration.geometry.robust_fit import Fit, Residual, Ties, robust_fit
+from calibration.geometry.robust_fit import Fit, Priors, Residual, robust_fit
 from calibration.records import BoolArray, CalibrationError, FloatArray, PinholeModel
 
 MIN_PARALLAX_PX = 2.0
@@ -20,7 +20,7 @@ _FLAT_SHARE, _FLAT_PX = 0.97, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class DataSheets:
+class NominalIntrinsics:
     """What is known of both devices beforehand."""
 
     camera_focal_px: float
@@ -35,7 +35,7 @@ class DataSheets:
         projector_shape: tuple[int, int],
         camera_hfov_deg: float,
         projector_hfov_deg: float,
-    ) -> DataSheets:
+    ) -> NominalIntrinsics:
         """From shapes (height, width) and horizontal fields of view."""
         focal = [
             float(shape[1] / 2 / np.tan(np.radians(hfov) / 2))
@@ -52,7 +52,7 @@ _START_SIGMA = (0.03, 0.12)
 _POSE = 8
 
 
-def models_of(q: FloatArray, sheets: DataSheets) -> tuple[PinholeModel, PinholeModel]:
+def models_of(q: FloatArray, sheets: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
     """Camera and projector of a vector of unknowns; baseline 1."""
     (h1, w1), (h2, w2) = sheets.camera_shape, sheets.projector_shape
     f1, f2 = float(q[0] * sheets.camera_focal_px), float(q[3] * sheets.projector_focal_px)
@@ -64,7 +64,7 @@ def models_of(q: FloatArray, sheets: DataSheets) -> tuple[PinholeModel, PinholeM
 
 
 def fit_epipolar(
-    x1: FloatArray, x2: FloatArray, sheets: DataSheets, column_share: float
+    x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, column_share: float
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """Candidates for both devices, the best first; each from another vertical lens shift to start at.
 
@@ -79,7 +79,7 @@ def fit_epipolar(
     return _distinct(fits, x1[few], x2[few], sheets) if fits else []
 
 
-def _fit_near(x1: FloatArray, x2: FloatArray, sheets: DataSheets, shares: tuple[float, float]) -> Fit | None:
+def _fit_near(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, shares: tuple[float, float]) -> Fit | None:
     """Fit with the projector's principal point held near a start.
 
     The epipolar lines hardly tell it from a rotation, but with a wrong one points come to lie behind the devices.
@@ -95,7 +95,7 @@ def _fit_near(x1: FloatArray, x2: FloatArray, sheets: DataSheets, shares: tuple[
 
 
 def _distinct(
-    fits: list[Fit], x1: FloatArray, x2: FloatArray, sheets: DataSheets
+    fits: list[Fit], x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """Solutions that differ, those with nearly all points in front first, then the likeliest."""
     ties = _ties(_EXPECTED, _SIGMA, len(x1))
@@ -126,18 +126,18 @@ def _same_pose(a: PinholeModel, b: PinholeModel) -> bool:
     return bool(turn < 0.01 and np.abs(a.position_m - b.position_m).max() < 0.01)
 
 
-def _ties(expected: FloatArray, sigma: FloatArray, n: int) -> Ties:
+def _ties(expected: FloatArray, sigma: FloatArray, n: int) -> Priors:
     # One standard deviation off the data sheet must be worth 0.1 px over all points.
-    return Ties(expected, sigma, n * 0.1**2)
+    return Priors(expected, sigma, n * 0.1**2)
 
 
-def _merit(fit: Fit, ties: Ties) -> float:
+def _merit(fit: Fit, ties: Priors) -> float:
     squares = np.minimum((fit.residual**2).sum(axis=1), 4.0)
     return float(squares.sum() + ties.cost(fit.z))
 
 
 def _essential_start(
-    x1: FloatArray, x2: FloatArray, sheets: DataSheets, shares: tuple[float, float]
+    x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, shares: tuple[float, float]
 ) -> FloatArray | None:
     q = _EXPECTED.copy()
     q[6:8], q[11] = shares, 1
@@ -152,7 +152,7 @@ def _essential_start(
     return np.concatenate([q[:_POSE], vector_of(np.asarray(rotation, dtype=np.float64)), np.ravel(translation)])
 
 
-def _sampson(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> Residual:
+def _sampson(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> Residual:
     """Sampson distances (N, 1) in px, as a function of the unknowns."""
 
     def residual(q: FloatArray) -> FloatArray:
@@ -182,7 +182,7 @@ def triangulated(
     return camera.position_m + along[:, None] * a, np.asarray((along > 0) & (back > 0))
 
 
-def check_parallax(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
+def check_parallax(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> None:
     """Fit a pure rotation between the devices: what is left over is parallax.
 
     Raises
@@ -214,7 +214,7 @@ def check_parallax(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
         )
 
 
-def check_not_flat(x1: FloatArray, x2: FloatArray, sheets: DataSheets) -> None:
+def check_not_flat(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> None:
     """Fit one plane's homography between both pictures, with distortion: it must leave points over.
 
     Raises

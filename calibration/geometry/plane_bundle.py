@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.geometry.epipolar import DataSheets
+from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.pinhole import bearings, project, rotation_of, vector_of
 from calibration.geometry.planes import Axes, IntArray, Transfer, assign_planes
-from calibration.geometry.robust_fit import Fit, Residual, Ties, covariance, robust_fit
+from calibration.geometry.robust_fit import Fit, Priors, Residual, covariance, robust_fit
 from calibration.records import FloatArray, PinholeModel
 
 LENS_TERMS = ("f", "cx", "cy", "k1", "k2", "p1", "p2")
@@ -32,7 +32,7 @@ _CLUSTER_PX = 32
 
 
 @dataclass(frozen=True, eq=False)
-class Bundle:
+class BundleSolution:
     """A solution: both devices, the walls, and which points were used."""
 
     camera: PinholeModel
@@ -89,10 +89,10 @@ def adjust(
     start: tuple[PinholeModel, PinholeModel],
     planes: FloatArray,
     axes: Axes,
-    sheets: DataSheets,
+    sheets: NominalIntrinsics,
     limits_px: tuple[float, ...],
     iterations: int,
-) -> Bundle | None:
+) -> BundleSolution | None:
     """Fit, with points assigned to planes anew, within a smaller limit, before each round.
 
     None where fewer than 200 points are left: the start was wrong.
@@ -112,11 +112,11 @@ def adjust(
         planes = _planes(z, axes)
     turned = Axes(_directions(z, axes), axes.of_plane)
     label = assign_planes(transfer_of(camera, projector), rays_of(camera, x1), x2, planes, limits_px[-1])
-    return Bundle(camera, projector, planes, turned, label, _sigmas(fit, x1[used], sheets))
+    return BundleSolution(camera, projector, planes, turned, label, _sigmas(fit, x1[used], sheets))
 
 
 def _start(
-    camera: PinholeModel, projector: PinholeModel, planes: FloatArray, axes: Axes, sheets: DataSheets
+    camera: PinholeModel, projector: PinholeModel, planes: FloatArray, axes: Axes, sheets: NominalIntrinsics
 ) -> FloatArray:
     def lens(model: PinholeModel, focal_px: float) -> list[float]:
         x, y = model.principal_point_px
@@ -130,14 +130,14 @@ def _start(
     return np.concatenate([*lenses, vector_of(projector.rotation), projector.translation_m, np.zeros(3), *offsets])
 
 
-def _ties(n: int) -> Ties:
+def _ties(n: int) -> Priors:
     expected, sigma = np.zeros(n), np.full(n, np.inf)
     expected[:_POSE] = _EXPECTED * 2
     sigma[:_POSE] = _CAMERA_SIGMA + _PROJECTOR_SIGMA
-    return Ties(expected, sigma, _TIE_WEIGHT)
+    return Priors(expected, sigma, _TIE_WEIGHT)
 
 
-def _models(z: FloatArray, sheets: DataSheets) -> tuple[PinholeModel, PinholeModel]:
+def _models(z: FloatArray, sheets: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
     translation = np.asarray(z[17:20] / np.linalg.norm(z[17:20]))
     camera = _lens_model(z[:7], sheets.camera_focal_px, sheets.camera_shape, np.eye(3), np.zeros(3))
     rotation = rotation_of(z[14:17])
@@ -168,7 +168,7 @@ def _planes(z: FloatArray, axes: Axes) -> FloatArray:
     return planes
 
 
-def _residual(x1: FloatArray, x2: FloatArray, label: IntArray, axes: Axes, sheets: DataSheets) -> Residual:
+def _residual(x1: FloatArray, x2: FloatArray, label: IntArray, axes: Axes, sheets: NominalIntrinsics) -> Residual:
     kept: dict[bytes, FloatArray] = {}  # only seven of some thirty unknowns change the camera's rays
 
     def residual(z: FloatArray) -> FloatArray:
@@ -185,7 +185,7 @@ def _residual(x1: FloatArray, x2: FloatArray, label: IntArray, axes: Axes, sheet
     return residual
 
 
-def _sigmas(fit: Fit, x1: FloatArray, sheets: DataSheets) -> dict[str, float]:
+def _sigmas(fit: Fit, x1: FloatArray, sheets: NominalIntrinsics) -> dict[str, float]:
     cell = (x1 // _CLUSTER_PX).astype(np.int64)
     deviation = np.sqrt(np.diag(covariance(fit, cell[:, 0] * 100_000 + cell[:, 1]))[:_POSE])
     (h1, w1), (h2, w2) = sheets.camera_shape, sheets.projector_shape

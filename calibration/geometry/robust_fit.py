@@ -18,7 +18,7 @@ _LARGEST_DAMPING = 1e8
 
 
 @dataclass(frozen=True, eq=False)
-class Ties:
+class Priors:
     """What is known beforehand: each unknown's expected value and standard deviation (infinite: nothing)."""
 
     expected: FloatArray
@@ -38,7 +38,7 @@ class Fit:
     z: FloatArray
     residual: FloatArray
     """(N, d) at the solution. [px]"""
-    ties: Ties
+    ties: Priors
     function: Residual
     least_scale_px: float
 
@@ -58,7 +58,7 @@ class Fit:
         return _normal_equations(self.jacobian, self.residual, self.weight, self.ties, self.z)[0]
 
 
-def robust_fit(residual: Residual, start: FloatArray, ties: Ties, *, iterations: int, least_scale_px: float) -> Fit:
+def robust_fit(residual: Residual, start: FloatArray, ties: Priors, *, iterations: int, least_scale_px: float) -> Fit:
     """Minimise Σ s² log(1 + |r|²/s²) + ties; s follows the median residual down to `least_scale_px`.
 
     The scale that follows keeps a bad start from being taken for outliers.
@@ -108,7 +108,7 @@ def _jacobian(residual: Residual, z: FloatArray, error: FloatArray) -> FloatArra
 
 
 def _normal_equations(
-    jacobian: FloatArray, error: FloatArray, weight: FloatArray, ties: Ties, z: FloatArray
+    jacobian: FloatArray, error: FloatArray, weight: FloatArray, ties: Priors, z: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     flat = (jacobian * np.sqrt(weight)[:, None]).reshape(len(z), -1)
     hessian = flat @ flat.T + np.diag(ties.weight / ties.sigma**2)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.geometry.stereo import PairCalibration
+from calibration.geometry.stereo import StereoCalibration
 from calibration.records import CalibrationError, FloatArray, PinholeModel
 
 FACES = ("x0", "x1", "y0", "y1", "floor", "ceiling")
@@ -31,8 +31,8 @@ class RoomBox:
     """What was assumed, in words."""
 
 
-def room_from_pair(
-    pair: PairCalibration, size_m: tuple[float, float, float] | None = None, closed: bool = True
+def room_from_stereo(
+    pair: StereoCalibration, size_m: tuple[float, float, float] | None = None, closed: bool = True
 ) -> RoomBox:
     """Turn the planes of a scaled pair into a room.
 
@@ -69,7 +69,7 @@ def room_from_pair(
     )
 
 
-def _room_directions(pair: PairCalibration) -> FloatArray:
+def _room_directions(pair: StereoCalibration) -> FloatArray:
     """(3, 3) rows: room x, y, z in the camera's frame."""
     axes = pair.room_axes
     up_axis = int(np.abs(axes[:, 1]).argmax())
@@ -89,7 +89,7 @@ def _room_directions(pair: PairCalibration) -> FloatArray:
 Extents = list[float | None]
 
 
-def _extents(pair: PairCalibration, frame: FloatArray) -> tuple[Extents, Extents, set[str]]:
+def _extents(pair: StereoCalibration, frame: FloatArray) -> tuple[Extents, Extents, set[str]]:
     """Positions of the seen faces along each axis, in the camera's frame's origin."""
     low: Extents = [None, None, None]
     high: Extents = [None, None, None]
@@ -111,7 +111,7 @@ def _extents(pair: PairCalibration, frame: FloatArray) -> tuple[Extents, Extents
 
 
 def _close(
-    pair: PairCalibration, frame: FloatArray, low: Extents, high: Extents, size_m: tuple[float, float, float] | None
+    pair: StereoCalibration, frame: FloatArray, low: Extents, high: Extents, size_m: tuple[float, float, float] | None
 ) -> str:
     """Place what nobody saw; says in words what was assumed."""
     devices = np.stack([frame @ pair.camera.position_m, frame @ pair.projector.position_m])

@@ -18,14 +18,14 @@ from numpy.typing import ArrayLike
 
 from calibration.geometry.epipolar import (
     COLUMN_SHARES,
-    DataSheets,
+    NominalIntrinsics,
     check_not_flat,
     check_parallax,
     fit_epipolar,
     triangulated,
 )
 from calibration.geometry.pinhole import project, world_rays
-from calibration.geometry.plane_bundle import Bundle, adjust, rays_of, transfer_of
+from calibration.geometry.plane_bundle import BundleSolution, adjust, rays_of, transfer_of
 from calibration.geometry.planes import Axes, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.records import CalibrationError, FloatArray, PinholeModel
 
@@ -38,7 +38,7 @@ _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class PairCalibration:
+class StereoCalibration:
     """Both devices in the camera's frame, and the planes that they saw."""
 
     camera: PinholeModel
@@ -62,7 +62,7 @@ class PairCalibration:
         return float(np.linalg.norm(self.projector.position_m - self.camera.position_m))
 
 
-def calibrate_pair(
+def calibrate_stereo(
     camera_xy_px: FloatArray,
     projector_xy_px: FloatArray,
     camera_shape: tuple[int, int],
@@ -72,7 +72,7 @@ def calibrate_pair(
     *,
     right_angles: bool = True,
     on_step: Callable[[int, int], None] = lambda done, total: None,
-) -> PairCalibration:
+) -> StereoCalibration:
     """Lenses, relative pose and planes from correspondences; unit of length is the baseline.
 
     Parameters
@@ -91,7 +91,7 @@ def calibrate_pair(
         Too few points, too little parallax, one plane only, or no planes that explain the points.
     """
     _check_count(len(camera_xy_px))
-    sheets = DataSheets.of(camera_shape, projector_shape, camera_hfov_deg, projector_hfov_deg)
+    sheets = NominalIntrinsics.of(camera_shape, projector_shape, camera_hfov_deg, projector_hfov_deg)
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
     check_parallax(x1[:_FEW], x2[:_FEW], sheets)
@@ -104,19 +104,19 @@ def calibrate_pair(
     return _finished(refined or bundle, x1, x2)
 
 
-def scale_pair(pair: PairCalibration, factor: float) -> PairCalibration:
+def scale_pair(pair: StereoCalibration, factor: float) -> StereoCalibration:
     """Multiply every length by a factor."""
     projector = replace(pair.projector, translation_m=pair.projector.translation_m * factor)
     camera = replace(pair.camera, translation_m=pair.camera.translation_m * factor)
     return replace(pair, camera=camera, projector=projector, planes=pair.planes / factor)
 
 
-def scale_from_baseline(pair: PairCalibration, baseline_m: float) -> PairCalibration:
+def scale_from_baseline(pair: StereoCalibration, baseline_m: float) -> StereoCalibration:
     """Metres from the distance of the two lenses."""
     return scale_pair(pair, baseline_m / pair.baseline)
 
 
-def scale_from_spots(pair: PairCalibration, spots_px: ArrayLike, distance_m: float) -> PairCalibration:
+def scale_from_spots(pair: StereoCalibration, spots_px: ArrayLike, distance_m: float) -> StereoCalibration:
     """Metres from the distance between the spots that two projector pixels (2, 2) light on the planes.
 
     Raises
@@ -133,7 +133,7 @@ def scale_from_spots(pair: PairCalibration, spots_px: ArrayLike, distance_m: flo
     return scale_pair(pair, distance_m / measured)
 
 
-def points_of_projector_pixels(pair: PairCalibration, xy_px: FloatArray) -> FloatArray:
+def points_of_projector_pixels(pair: StereoCalibration, xy_px: FloatArray) -> FloatArray:
     """(N, 3) surface points that projector pixels light: first plane in front; NaN where there is none."""
     origin, rays = pair.projector.position_m, world_rays(pair.projector, xy_px)
     with np.errstate(divide="ignore"):
@@ -150,7 +150,7 @@ def _check_count(n: int) -> None:
         )
 
 
-def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: DataSheets, right_angles: bool) -> Bundle:
+def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, right_angles: bool) -> BundleSolution:
     """First candidate whose planes explain nearly all points, or the one that explains most."""
     best, best_share = None, 0.0
     for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], sheets, share) for share in COLUMN_SHARES):
@@ -184,9 +184,9 @@ def _adjusted_twice(
     planes: FloatArray,
     x1: FloatArray,
     x2: FloatArray,
-    sheets: DataSheets,
+    sheets: NominalIntrinsics,
     right_angles: bool,
-) -> Bundle | None:
+) -> BundleSolution | None:
     """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
     first = adjust(x1, x2, pair, planes, _free(planes), sheets, (4.0, 1.5), 6)
     if right_angles and first is not None:
@@ -203,7 +203,7 @@ def _adjusted_twice(
     return first if second is None or _merit(second, right_angles) < 0.98 * _merit(first, right_angles) else second
 
 
-def _merit(bundle: Bundle, right_angles: bool) -> float:
+def _merit(bundle: BundleSolution, right_angles: bool) -> float:
     """Share of the points that it explains, on walls at right angles where these are promised."""
     return bundle.share_on_axes if right_angles else bundle.share
 
@@ -212,13 +212,13 @@ def _free(planes: FloatArray) -> Axes:
     return Axes(np.eye(3), np.full(len(planes), -1))
 
 
-def _finished(bundle: Bundle, x1: FloatArray, x2: FloatArray) -> PairCalibration:
+def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray) -> StereoCalibration:
     used = bundle.label >= 0
     planes = bundle.planes[bundle.label[used]]
     camera, projector = bundle.camera, bundle.projector
     projector_rms = _rms(project(projector, _points_on_planes(camera, x1[used], planes)) - x2[used])
     camera_rms = _rms(project(camera, _points_on_planes(projector, x2[used], planes)) - x1[used])
-    return PairCalibration(
+    return StereoCalibration(
         camera,
         projector,
         bundle.planes,

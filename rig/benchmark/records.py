@@ -1,4 +1,4 @@
-"""What a bench gives: measured points, and the bars that they are held against."""
+"""What a bench gives: measured points, and the criteria that they are held against."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Bar:
+class Criterion:
     """A promise: a number against its limit."""
 
     what: str
@@ -62,19 +62,19 @@ class Outcome:
     """All that one bench has found."""
 
     points: tuple[Point, ...]
-    bars: tuple[Bar, ...]
+    criteria: tuple[Criterion, ...]
     notes: tuple[str, ...] = ()
 
     @property
     def accurate(self) -> bool:
-        """Whether all accuracy bars are met; seconds and memory of a busy machine decide nothing."""
-        return all(bar.met for bar in self.bars if bar.kind == "accuracy")
+        """Whether all accuracy criteria are met; seconds and memory of a busy machine decide nothing."""
+        return all(criterion.met for criterion in self.criteria if criterion.kind == "accuracy")
 
 
 def joined(parts: Sequence[Outcome]) -> Outcome:
-    """All points, bars and notes of the parts, in order."""
+    """All points, criteria and notes of the parts, in order."""
     return Outcome(
         tuple(point for part in parts for point in part.points),
-        tuple(bar for part in parts for bar in part.bars),
+        tuple(criterion for part in parts for criterion in part.criteria),
         tuple(note for part in parts for note in part.notes),
     )

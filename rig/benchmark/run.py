@@ -26,12 +26,12 @@ from sim.threads import threads
 BENCHES: Mapping[str, str] = {
     name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan", "compensate", "live")
 }
-"""The module beside this one that each bench is in: none is loaded before it is asked for."""
+"""The module of `benches` that each bench is in: none is loaded before it is asked for."""
 COLUMNS = ("problem", "method", "n", "tolerance", "seconds", "error", "peak_mb", "error_of")
 
 
 def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dict[str, Any]:
-    """Measure, hold against the bars, describe.
+    """Measure, hold against the criteria, describe.
 
     Parameters
     ----------
@@ -46,7 +46,8 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dic
     Returns
     -------
     dict
-        ``points``, ``bars``, ``notes``, ``peers`` (version or none), ``machine``, ``within_limits`` (accuracy bars
+        ``points``, ``criteria``, ``notes``, ``peers`` (version or none), ``machine``, ``within_limits`` (accuracy
+        criteria
         only: the clock of a busy machine decides nothing) and ``elapsed_s``.
 
     Raises
@@ -60,7 +61,7 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dic
     with one_error_tree(), warnings.catch_warnings():
         # Benches do on purpose what form factors warn of, and print the defect beside the rest.
         warnings.simplefilter("ignore", ClosureWarning)
-        outcome: Outcome = import_module(f"rig.benchmark.{BENCHES[name]}").run(size, on_step)
+        outcome: Outcome = import_module(f"rig.benchmark.benches.{BENCHES[name]}").run(size, on_step)
     points = [point.as_json() for point in outcome.points]
     if table is not None:
         write_bytes(table, _csv(points).encode())
@@ -69,7 +70,7 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dic
         "bench": name,
         "size": size,
         "points": points,
-        "bars": [bar.as_json() for bar in outcome.bars],
+        "criteria": [criterion.as_json() for criterion in outcome.criteria],
         "notes": list(outcome.notes),
         "peers": found,
         "absent": [peer for peer, version in found.items() if version is None],

@@ -24,7 +24,7 @@ _SHOWN = {
 
 
 def print_bench(answer: Mapping[str, Any]) -> None:
-    """Points, bars met and missed, and what the numbers were measured on."""
+    """Points, criteria met and missed, and what the numbers were measured on."""
     console = Console(width=max(Console().width, _WIDTH), highlight=False)
     console.print(_points(answer))
     console.print(_bars(answer))
@@ -60,15 +60,21 @@ def _further(point: Mapping[str, Any]) -> str:
 
 
 def _bars(answer: Mapping[str, Any]) -> Table:
-    table = Table(title="Bars", title_justify="left", box=SIMPLE_HEAD)
+    table = Table(title="Criteria", title_justify="left", box=SIMPLE_HEAD)
     table.add_column("what")
     for heading in ("value", "limit", ""):
         table.add_column(heading, justify="right")
-    for bar in answer["bars"]:
-        show = duration if bar["unit"] == "s" else lambda value, unit=bar["unit"]: f"{_number(value)} {unit}".strip()
-        sign = "≥" if bar["at_least"] else "≤"
-        verdict = "met" if bar["met"] else "[red]MISSED[/red]" if bar["kind"] == "accuracy" else "missed"
-        table.add_row(escape(bar["what"]), show(bar["value"]), f"{sign} {show(bar['limit'])}", verdict)
+    for criterion in answer["criteria"]:
+        show = (
+            duration
+            if criterion["unit"] == "s"
+            else lambda value, unit=criterion["unit"]: f"{_number(value)} {unit}".strip()
+        )
+        sign = "≥" if criterion["at_least"] else "≤"
+        verdict = "met" if criterion["met"] else "[red]MISSED[/red]" if criterion["kind"] == "accuracy" else "missed"
+        table.add_row(
+            escape(criterion["what"]), show(criterion["value"]), f"{sign} {show(criterion['limit'])}", verdict
+        )
     return table
 
 

@@ -16,7 +16,7 @@ from rig.profile.schema import Profile, load_profile
 
 if TYPE_CHECKING:
     from rig.devices.replay.recording import Recording
-    from rig.devices.simulated.world import Bench
+    from rig.devices.simulated.world import SimulatedWorld
 
 
 class Devices(NamedTuple):
@@ -111,28 +111,28 @@ def _replayed(profile: Profile, start_s: float) -> Devices:
     return Devices(ReplayCamera(recording, player, clock), player, clock)
 
 
-def bench_of(profile: Profile) -> Bench:
+def simulated_world_of(profile: Profile) -> SimulatedWorld:
     """The simulated room of a profile, made anew, as a grey camera sees it. Raises ProfileError when it has none."""
     return _benches(profile, 1)[0]
 
 
-def benches_of(profile: Profile) -> tuple[Bench, ...]:
+def simulated_worlds_of(profile: Profile) -> tuple[SimulatedWorld, ...]:
     """The same in each band of the profile's camera."""
     return _benches(profile, profile.camera.channels)
 
 
-def _benches(profile: Profile, channels: int) -> tuple[Bench, ...]:
-    from rig.devices.simulated.world import make_benches
+def _benches(profile: Profile, channels: int) -> tuple[SimulatedWorld, ...]:
+    from rig.devices.simulated.world import make_simulated_worlds
 
-    if profile.bench is None:
-        raise ProfileError(f"{profile.path}: bench: missing; a simulated room needs a [bench] table")
-    return make_benches(profile.bench, profile.camera.shape[:2], profile.projector.shape, channels)
+    if profile.simulation is None:
+        raise ProfileError(f"{profile.path}: simulation: missing; a simulated room needs a [simulation] table")
+    return make_simulated_worlds(profile.simulation, profile.camera.shape[:2], profile.projector.shape, channels)
 
 
 def _simulated(profile: Profile, clock: Clock) -> Devices:
     from rig.devices.simulated.devices import SimulatedCamera, SimulatedProjector
 
-    bands = benches_of(profile)
+    bands = simulated_worlds_of(profile)
     projector = SimulatedProjector(bands[0], clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
     camera = SimulatedCamera(
         bands,

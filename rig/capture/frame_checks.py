@@ -36,7 +36,7 @@ class Rejection:
     detail: str
 
 
-class Association:
+class FrameValidator:
     """Judges the frames of one camera, in the order in which it delivers them.
 
     Parameters

@@ -1,7 +1,8 @@
 """One camera and one projector: the policy that stands above every back end.
 
 Whatever frame is stale, repeated or malformed is rejected, noted and asked for again
-(:mod:`rig.capture.frame_checks`); a camera that gives none is opened again, then reset; a device that went away is waited for (:mod:`rig.capture.recovery`).
+(:mod:`rig.capture.frame_checks`); a camera that gives none is opened again, then reset; a device that went away is
+waited for (:mod:`rig.capture.recovery`).
 Every wait has a limit, and nothing waits for a fixed time.
 """
 
@@ -18,7 +19,7 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from rig.capture.devices import make_devices
-from rig.capture.frame_checks import Association, Wanted
+from rig.capture.frame_checks import FrameValidator, Wanted
 from rig.capture.recovery import Openable, Recovery, close_quietly
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, check_on_screen
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
@@ -109,7 +110,7 @@ class Rig:
         self._is_live = profile.camera.driver != "replay"
         self._asked_s: float | None = None
         self._exposure_s: float | None = None
-        self._association = Association(
+        self._association = FrameValidator(
             camera.shape, camera.full_scale_dn, 1 / profile.camera.frame_rate_hz, live=self._is_live
         )
 

@@ -134,7 +134,7 @@ def _verb(
 
 @app.command
 def calibrate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
-    """Photometry, Gray code and geometry: response curves, lenses, poses, room.
+    """RadiometricCalibration, Gray code and geometry: response curves, lenses, poses, room.
 
     Example: rig calibrate runs/first -p sim-room
     """
@@ -211,7 +211,8 @@ def compare_strategies(
         Parameter(help="What a closed loop corrects: each pixel towards the target, or the model under the strategy."),
     ] = "image",
     perfect: Annotated[
-        bool, Parameter(negative="", help="Simulated rigs: also what perfect knowledge of the bench would give.")
+        bool,
+        Parameter(negative="", help="Simulated rigs: also what perfect knowledge of the simulated world would give."),
     ] = False,
     only_target: Annotated[
         bool, Parameter(negative="", help="Leave the two-wall picture, the dark and the bright photograph out.")
@@ -299,7 +300,7 @@ def paper(
     Example: rig paper --figures figures/
     """
     from rig.paper.experiments import run_paper
-    from rig.report.tables import print_paper
+    from rig.paper.tables import print_paper
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
@@ -337,7 +338,7 @@ def simulate(
     Example: rig simulate paper-room --tolerance 0.5
     """
     from rig.offline.simulate import Request, plan_simulation, reflectances_of, run_planned, tolerance_of
-    from rig.report.tables import print_simulation, print_simulation_plan
+    from rig.offline.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
 
     percent = tolerance_of(tolerance, grey_levels)
@@ -391,7 +392,7 @@ def scan(
     Example: rig scan photographs/replay.toml -o cloud.ply
     """
     from rig.offline.scan import run_scan
-    from rig.report.tables import print_scan
+    from rig.offline.tables import print_scan
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:

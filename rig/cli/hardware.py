@@ -45,7 +45,7 @@ def devices(
 
 def virtual(
     *,
-    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile with a [bench]: the room.")] = (
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile with a [simulation]: the room.")] = (
         "virtual-rig"
     ),
     display: Annotated[

@@ -10,11 +10,11 @@ from typing import Protocol
 
 import numpy as np
 
-from rig.capture.devices import bench_of
+from rig.capture.devices import simulated_world_of
 from rig.devices.clock import SystemClock
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Codes
-from rig.devices.simulated.world import Bench
+from rig.devices.simulated.world import SimulatedWorld
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.emulated.faults import Faults
 from rig.emulated.room import Display, RoomSource
@@ -72,7 +72,7 @@ class VirtualRig:
     """
 
     profile: Profile
-    """With a table [bench]; ``camera.device_id`` says vendor, product and serial number of the virtual camera."""
+    """With a table [simulation]; ``camera.device_id`` says vendor, product and serial number of the virtual camera."""
     display: Shows
     faults: Faults = field(default_factory=Faults)
     note: Callable[[str], None] = lambda text: None
@@ -82,7 +82,7 @@ class VirtualRig:
 
     def __post_init__(self) -> None:
         self._source = RoomSource(
-            real_time_bench(self.profile), self.display, SystemClock(), prompt_s=self._prompt_s, note=self.note
+            real_time_world(self.profile), self.display, SystemClock(), prompt_s=self._prompt_s, note=self.note
         )
 
     @property
@@ -138,15 +138,15 @@ class VirtualRig:
         )
 
 
-def real_time_bench(profile: Profile) -> Bench:
+def real_time_world(profile: Profile) -> SimulatedWorld:
     """The simulated room of a profile. Raises ProfileError when it has none, or one with a latency of its own."""
-    bench = bench_of(profile)
-    if bench.settings.projector.latency_s or bench.settings.projector.jitter_s:
+    world = simulated_world_of(profile)
+    if world.settings.projector.latency_s or world.settings.projector.jitter_s:
         raise ProfileError(
-            f"{profile.path}: bench.projector.latency_s and jitter_s: a virtual rig has the latency of its real "
+            f"{profile.path}: simulation.projector.latency_s and jitter_s: a virtual rig has the latency of its real "
             "display; leave them out"
         )
-    return bench
+    return world
 
 
 def wait_for_camera(profile: Profile, timeout_s: float = 30.0) -> FoundCamera:

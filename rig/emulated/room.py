@@ -1,4 +1,4 @@
-"""What the virtual camera sees: a display of this machine, read back, in the simulated room of a profile's bench."""
+"""What the virtual camera sees: a display of this machine, read back, in the simulated room of a profile's world."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.devices.protocols import Clock, Codes
 from rig.devices.simulated.devices import sensor_response
-from rig.devices.simulated.world import Bench, SeenLight
+from rig.devices.simulated.world import SeenLight, SimulatedWorld
 from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 
@@ -38,15 +38,15 @@ class Display(Protocol):
 
 
 class RoomSource:
-    """A camera's view of the bench's room, lit by what the display shows.
+    """A camera's view of the simulated world's room, lit by what the display shows.
 
     Every frame that it gives shows what was on screen during its exposure, and is given promptly. The room's light
     for a picture that was not seen before takes a while to compute; frames are lost meanwhile, as by a camera that
-    is busy. The display's latency is that of the real display, so that of the bench has to be 0.
+    is busy. The display's latency is that of the real display, so that of the simulated world has to be 0.
 
     Parameters
     ----------
-    bench
+    world
         Room, lenses and response. Its shapes are those of camera and display.
     display
         Open.
@@ -60,7 +60,7 @@ class RoomSource:
 
     def __init__(
         self,
-        bench: Bench,
+        world: SimulatedWorld,
         display: Display,
         clock: Clock,
         *,
@@ -68,7 +68,7 @@ class RoomSource:
         seed: int = 0,
         note: Callable[[str], None] = lambda text: None,
     ):
-        self._bench = bench
+        self._world = world
         self._display = display
         self._clock = clock
         self._prompt_s = prompt_s
@@ -76,14 +76,14 @@ class RoomSource:
         self._noise = self._random.standard_normal(_NOISE_FRAMES * self._n_pixels, dtype=np.float32)
         self._note = note
         self._noted = ""
-        self._seen = SeenLight(bench, _KEPT_PICTURES)
+        self._seen = SeenLight(world, _KEPT_PICTURES)
         self.late_frames = 0
         """Frames that were lost because the light took too long to compute."""
 
     def expose(self, request: FrameRequest) -> bytes | None:
         """Watch the display for the exposure, and return the frame's bytes; None when they come too late."""
         pictures = self._watch(request.started_s, request.started_s + request.exposure_s)
-        light = np.zeros(self._bench.camera.shape, np.float32)
+        light = np.zeros(self._world.camera.shape, np.float32)
         for codes, share in pictures:
             light += np.float32(share) * self._seen.of(codes)
         frame = self._frame(light, request)
@@ -109,7 +109,7 @@ class RoomSource:
         return _merged([codes for _, codes in looks], [span_s / (ended_s - started_s) for span_s in spans_s])
 
     def _look(self) -> Codes:
-        expected = self._bench.projector.shape
+        expected = self._world.projector.shape
         try:
             shape = self._display.shape()
             if shape == expected:
@@ -130,16 +130,16 @@ class RoomSource:
 
     @property
     def _n_pixels(self) -> int:
-        height, width = self._bench.camera.shape
+        height, width = self._world.camera.shape
         return height * width
 
     def _fresh_noise(self) -> Float32Array:
         """Another piece of a long row of noise: quicker than to draw it anew, and no two pieces begin alike."""
         first = int(self._random.integers(len(self._noise) - self._n_pixels))
-        return self._noise[first : first + self._n_pixels].reshape(self._bench.camera.shape)
+        return self._noise[first : first + self._n_pixels].reshape(self._world.camera.shape)
 
     def _frame(self, light: Float32Array, request: FrameRequest) -> bytes:
-        settings = self._bench.settings.camera
+        settings = self._world.settings.camera
         full_scale_dn = 2 ** _DEPTH[request.fourcc] - 1
         gained = light * np.float32(request.gain)
         pixels = sensor_response(settings, gained, request.exposure_s, full_scale_dn, self._fresh_noise())

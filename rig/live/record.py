@@ -18,7 +18,7 @@ from rig.files.atomic import write_bytes
 from rig.files.images import write_exr
 from rig.files.journal import JOURNAL_NAME, Journal
 from rig.live.show.loop import ShownFrame
-from rig.live.show.priority import ordinary
+from rig.live.show.priority import normal_priority
 
 RECORD_RATE_HZ = 5.0
 """Pictures a second that are kept, at most."""
@@ -97,7 +97,7 @@ class Recorder:
         self._journal.close()
 
     def _run(self) -> None:
-        ordinary()
+        normal_priority()
         try:
             while self._wait():
                 self._write_frame()

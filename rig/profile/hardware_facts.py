@@ -12,9 +12,9 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from rig.errors import ProfileError
-from rig.profile.problems import parse_toml, validate
+from rig.files.toml import parse_toml, validate
 
-FOLDER = Path(__file__).parent.parent / "hw_profiles"
+FOLDER = Path(__file__).parents[2] / "hw_profiles"
 KINDS = ("camera", "projector")
 MEASURED_ONLY = {
     "camera": ("linearity", "black_level_dn", "frame_latency_s"),

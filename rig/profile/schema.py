@@ -9,9 +9,9 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
 
-from rig.devices.simulated.settings import BenchSettings
+from rig.devices.simulated.settings import SimulationSettings
 from rig.errors import ProfileError
-from rig.profile.problems import parse_toml, validate
+from rig.files.toml import parse_toml, validate
 
 SCHEMA = 1
 """The newest profile schema that this version reads."""
@@ -213,7 +213,7 @@ class Profile(_Table):
     replay: Replay | None = None
     pjlink: Pjlink | None = None
     lightcrafter: LightCrafter | None = None
-    bench: BenchSettings | None = None
+    simulation: SimulationSettings | None = None
     """The simulated truth; only the simulated pair, the virtual rig and the scoring of results may look at it."""
 
     _raw: bytes = PrivateAttr(default=b"")
@@ -276,10 +276,10 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
     if driver in PARTNERS and partner in get_args(ProjectorDriver) and partner not in PARTNERS[driver]:
         fitting = " or ".join(map(repr, PARTNERS[driver]))
         problems.append(f"projector.driver: {partner!r}, but the camera's is {driver!r}; it has to be {fitting}")
-    for table, needed in (("bench", "simulated"), ("replay", "replay")):
+    for table, needed in (("simulation", "simulated"), ("replay", "replay")):
         if driver == needed and table not in data:
             problems.append(f"{table}: missing; driver = {needed!r} needs a [{table}] table")
-    for table, allowed in (("bench", ("simulated", "v4l2")), ("replay", ("replay",))):
+    for table, allowed in (("simulation", ("simulated", "v4l2")), ("replay", ("replay",))):
         if driver in PARTNERS and driver not in allowed and table in data:
             which = " or ".join(map(repr, allowed))
             problems.append(f"{table}: only for driver = {which}, the camera's is {driver!r}; remove the table")
@@ -316,7 +316,7 @@ def _find(path_or_name: str | Path) -> Path:
     given = Path(path_or_name)
     if given.is_file():
         return given
-    folders = (Path("hw_profiles"), Path(__file__).parent.parent / "hw_profiles")
+    folders = (Path("hw_profiles"), Path(__file__).parents[2] / "hw_profiles")
     if given.name == str(path_or_name):
         name = given.name.removesuffix(".toml") + ".toml"
         for folder in folders:

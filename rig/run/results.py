@@ -76,7 +76,7 @@ def _model(session: Session) -> dict[str, Any]:
     model = load_model(session)
     reflectance = of_bands(record["reflectance"], model.channels)
     source = np.array(of_bands(record["source"], model.channels)[0])
-    areas = model.twin.scene.areas
+    areas = model.scene_model.scene.areas
     return {
         "patches": len(source),
         "reflectance_mean": by_band([float(np.average(band, weights=areas)) for band in reflectance]),
@@ -96,7 +96,7 @@ def _model(session: Session) -> dict[str, Any]:
 
 def _colour(session: Session) -> dict[str, Any]:
     """How the projector's channels mix; nothing of a grey rig."""
-    record = session.finished("response").load_record("photometry")
+    record = session.finished("response").load_record("radiometric")
     names = ("mixing", "mixing_variation", "white_over_channels", "balance")
     return {name: record[name] for name in names if name in record}
 

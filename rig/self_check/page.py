@@ -85,7 +85,7 @@ def write_check_page(result: Mapping[str, Any], path: Path) -> Path:
         "figures": check_figures(result["numbers"]),
     }
     try:
-        path.write_text(rendered("check.html", context), encoding="utf-8")
+        path.write_text(rendered("self_check/check.html", context), encoding="utf-8")
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}; give a file in a folder that exists") from error
     return path

@@ -27,7 +27,7 @@ _ODD_REJECTIONS = ("stale", "ahead", "repeated", "malformed")
 
 
 @dataclass
-class Subject:
+class RigUnderTest:
     """A rig, open, and its working exposure: white at about 80 % of full scale."""
 
     rig: Rig

@@ -12,7 +12,7 @@ from rig.profile.schema import Profile, load_profile
 from rig.self_check.parts.additivity import check_additivity
 from rig.self_check.parts.checker import check_checker
 from rig.self_check.parts.darkness import check_darkness
-from rig.self_check.parts.exposure import PATIENCE_S, check_exposure, find_subject, patient
+from rig.self_check.parts.exposure import PATIENCE_S, check_exposure, find_subject, with_generous_latency
 from rig.self_check.parts.flicker import check_flicker
 from rig.self_check.parts.latency import check_latency
 from rig.self_check.parts.linearity import Linear, Sweep, check_linearity, linear_of, measure_sweep
@@ -22,7 +22,7 @@ from rig.self_check.parts.pixels import check_pixels
 from rig.self_check.parts.ramp import check_ramp
 from rig.self_check.parts.saturation import check_saturation, smallest_step_dn
 from rig.self_check.parts.stability import check_stability, note_landmark
-from rig.self_check.rig_under_test import Subject
+from rig.self_check.rig_under_test import RigUnderTest
 from rig.self_check.rows import Measured, Row
 from rig.terminal import OnStep
 
@@ -30,9 +30,9 @@ from rig.terminal import OnStep
 class _Check:
     """One check: its subject, and what several parts need."""
 
-    def __init__(self, subject: Subject):
+    def __init__(self, subject: RigUnderTest):
         self.subject = subject
-        self.landmark = note_landmark(subject)
+        self.reference_image = note_landmark(subject)
 
     @cached_property
     def sweep(self) -> Sweep:
@@ -55,7 +55,7 @@ _PARTS: Mapping[str, Callable[[_Check], Measured]] = {
     "additivity": lambda check: check_additivity(check.subject, check.linear),
     "checker": lambda check: check_checker(check.subject, check.linear),
     "ramp": lambda check: check_ramp(check.subject),
-    "stability": lambda check: check_stability(check.subject, check.landmark),
+    "stability": lambda check: check_stability(check.subject, check.reference_image),
 }
 PARTS = ("latency", *_PARTS)
 """What `--only` knows, in the order in which it is measured."""
@@ -83,7 +83,7 @@ def run_check(profile_name: str, on_step: OnStep, only: Sequence[str] = ()) -> d
     parts = parts_of(only)
     profile = load_profile(profile_name)
     _refuse_replay(profile)
-    with open_rig(patient(profile)) as rig:
+    with open_rig(with_generous_latency(profile)) as rig:
         return check_rig(rig, profile, on_step, parts)
 
 
@@ -105,7 +105,7 @@ def _refuse_replay(profile: Profile) -> None:
 
 
 def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] = PARTS) -> dict[str, Any]:
-    """Measure an open rig whose profile is patient (see `run_check`); ``profile`` is the one to be judged."""
+    """Measure an open rig whose profile has a generous latency (`run_check`); ``profile`` is the one to be judged."""
     started_s = rig.clock.now_s()
     measured: dict[str, Measured] = {}
     subject = find_subject(rig)
@@ -114,7 +114,7 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
         measured["latency"] = _measure("latency", on_step, partial(check_latency, subject))
         # from here on the rig waits as long as was measured, and no longer
         safe_s = measured["latency"].numbers.get("safe_s", PATIENCE_S)
-        rig.profile = patient(rig.profile, min(safe_s, 2 * PATIENCE_S))
+        rig.profile = with_generous_latency(rig.profile, min(safe_s, 2 * PATIENCE_S))
     check = _Check(subject)
     for name in parts:
         if name in _PARTS:
@@ -135,7 +135,7 @@ def _measure(name: str, on_step: OnStep, part: Callable[[], Measured]) -> Measur
     return result
 
 
-def _rejections(subject: Subject) -> Measured:
+def _rejections(subject: RigUnderTest) -> Measured:
     """Frames that the rig has refused while it was checked."""
     rejected = subject.rejected()
     percent = 100 * sum(rejected.values()) / subject.frames_given
@@ -149,7 +149,9 @@ def _rejections(subject: Subject) -> Measured:
     return Measured((row,), {}, {"given": subject.frames_given, **rejected})
 
 
-def _result(profile: Profile, subject: Subject, measured: Mapping[str, Measured], device_s: float) -> dict[str, Any]:
+def _result(
+    profile: Profile, subject: RigUnderTest, measured: Mapping[str, Measured], device_s: float
+) -> dict[str, Any]:
     rows = [row.as_dict(name) for name, part in measured.items() for row in part.rows]
     suggested = {key: value for part in measured.values() for key, value in part.suggested.items()}
     result = {

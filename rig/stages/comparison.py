@@ -12,12 +12,12 @@ from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Rig
 from rig.files.channels import codes_of, image_of, layers
 from rig.session import Session, Step
-from rig.stages.compensation import View, judged_view, predict
-from rig.stages.linear_light import LightImage, light_of
-from rig.stages.model import RoomRecord, load_model, simulated_white
-from rig.stages.photograph import Shot, photograph
+from rig.stages.compensation import JudgedPixels, judged_pixels, predict
+from rig.stages.linear_light import LightImage, merge_exposures
+from rig.stages.model import FittedScene, load_model, simulated_white
+from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import picture_errors
-from rig.stages.radiometry import load_photometry, measuring_shot
+from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -39,7 +39,7 @@ def held_out_patterns(shape: tuple[int, int]) -> list[Pattern]:
 
 def project_and_photograph(rig: Rig, session: Session, on_step: OnStep) -> None:
     """Show every compensation image and the held-out pictures, and photograph them."""
-    shot = measuring_shot(rig, session)
+    shot = measuring_bracket(rig, session)
     compensated = session.finished("compensate")
     step = session.step(
         "project", settings={"exposures_s": shot.exposures_s, "repeats": shot.repeats}, needs=("compensate",)
@@ -67,28 +67,28 @@ def compare_all(session: Session, on_step: OnStep) -> None:
     if step.done:
         return
     model, compensated, projected = load_model(session), session.finished("compensate"), session.finished("project")
-    view = judged_view(model, compensated)
+    view = judged_pixels(model, compensated)
     names = strategies_of(session)
     total = len(names) + 2
     frames: dict[str, Any] = {}
     strategies: dict[str, Any] = {}
     residuals: list[tuple[FloatArray, FloatArray]] = []
     shot_record = projected.load_record("shot")
-    shot = Shot(tuple(shot_record["exposures_s"]), shot_record["repeats"])
-    photometry = load_photometry(session)
+    shot = ExposureBracket(tuple(shot_record["exposures_s"]), shot_record["repeats"])
+    radiometric = load_radiometric_calibration(session)
     for k, name in enumerate(names):
         on_step("compare measured and simulated", k, total)
-        measured = light_of(projected, f"shown-{name}", shot, photometry)
+        measured = merge_exposures(projected, f"shown-{name}", shot, radiometric)
         predicted = image_of(compensated.load_image(f"predicted-{name}"), "light").astype(np.float64)
         strategies[name] = {
             "measured": _against_target(measured.value.astype(np.float64), view, model.level),
             "predicted": _against_target(predicted, view, model.level),
         }
         frames[name] = _compare_frame(step, name, measured, predicted, view.mask, model, residuals)
-    for k, pattern in enumerate(held_out_patterns(model.twin.projector.lens.shape)):
+    for k, pattern in enumerate(held_out_patterns(model.scene_model.projector.lens.shape)):
         on_step("compare measured and simulated", len(names) + k, total)
-        measured = light_of(projected, pattern.name, shot, photometry)
-        predicted = predict(model, photometry.projector, pattern.codes)
+        measured = merge_exposures(projected, pattern.name, shot, radiometric)
+        predicted = predict(model, radiometric.projector, pattern.codes)
         frames[pattern.name] = _compare_frame(step, pattern.name, measured, predicted, view.mask, model, residuals)
     on_step("compare measured and simulated", total, total)
     white = simulated_white(model.room)
@@ -101,7 +101,7 @@ def compare_all(session: Session, on_step: OnStep) -> None:
     step.finish()
 
 
-def _against_target(light: FloatArray, view: View, level: float) -> dict[str, float]:
+def _against_target(light: FloatArray, view: JudgedPixels, level: float) -> dict[str, float]:
     """Errors in grey levels on the session's brightness scale."""
     return picture_errors(light * 255 / level, view.target, view.mask)
 
@@ -112,7 +112,7 @@ def _compare_frame(
     measured: LightImage,
     predicted: FloatArray,
     mask: BoolArray,
-    model: RoomRecord,
+    model: FittedScene,
     residuals: list[tuple[FloatArray, FloatArray]],
 ) -> dict[str, float]:
     """Measured minus predicted on one frame, over all bands, in grey levels; keeps the images and the residuals."""
@@ -120,7 +120,7 @@ def _compare_frame(
     if name.startswith("held-out"):
         step.save_image(f"predicted-{name}", layers("light", predicted))
     scale = 255 / model.level
-    usable = mask & ~measured.spoilt
+    usable = mask & ~measured.any_saturated
     difference = ((measured.value - predicted) * scale)[usable]
     # The model's direct light was measured too: its noise is part of what is to be expected.
     relative = model.white_variance[usable] / np.maximum(model.white[usable], 1e-6) ** 2

@@ -13,8 +13,8 @@ from rig.errors import UsageError
 from rig.files.channels import code_layers, image_of, layers
 from rig.session import Session, Step
 from rig.stages.linear_light import channel_codes, channel_light
-from rig.stages.model import RoomRecord, load_model
-from rig.stages.radiometry import load_photometry
+from rig.stages.model import FittedScene, load_model
+from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import sample, sample_bands
 from rig.stages.target import Target
 from rig.terminal import OnStep
@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class JudgedPixels:
     """The pixels that count, and the target as the camera should see it."""
 
     mask: BoolArray
@@ -52,7 +52,7 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     if step.done:
         return
     model = load_model(session)
-    responses = load_photometry(session).projector
+    responses = load_radiometric_calibration(session).projector
     step.save_image("target", layers("grey", target.levels))
     active, transport = model.room.active, model.room.projector_transport
     wanted = wanted_light(model, target)
@@ -75,39 +75,39 @@ def compute_compensation(session: Session, target: Target, strategies: tuple[str
     step.finish()
 
 
-def measured_options(model: RoomRecord) -> dict[str, dict[str, float]]:
+def measured_options(model: FittedScene) -> dict[str, dict[str, float]]:
     """What the session has measured that a strategy wants to know."""
     noise_rms = float(np.sqrt(model.white_variance[model.lit].mean()))
     return {"tikhonov": {"noise_rms": noise_rms} if noise_rms > 0 else {}, "perceptual": {"white": model.level}}
 
 
-def wanted_light(model: RoomRecord, target: Target) -> FloatArray:
+def wanted_light(model: FittedScene, target: Target) -> FloatArray:
     """(n, B) light that a target asks for at the steered pixels, in camera values."""
     levels = target.levels.reshape(-1, model.channels)[model.room.active]
     return np.asarray(levels.astype(np.float64) * model.level / 255)
 
 
-def whole_picture(model: RoomRecord, image: FloatArray) -> FloatArray:
+def whole_picture(model: FittedScene, image: FloatArray) -> FloatArray:
     """(H, W, C) picture of n projector values; pixels that are not steered stay black."""
     whole = np.zeros((model.room.active.size, model.channels))
     whole[model.room.active] = image
-    return whole.reshape(*model.twin.projector.lens.shape, model.channels)
+    return whole.reshape(*model.scene_model.projector.lens.shape, model.channels)
 
 
-def predict(model: RoomRecord, responses: Sequence[Response], codes: Codes) -> FloatArray:
+def predict(model: FittedScene, responses: Sequence[Response], codes: Codes) -> FloatArray:
     """(H, W, B) camera light above black that the model expects of any codes; unseen projector pixels are dark."""
     light = channel_light(responses, codes).reshape(-1, model.channels)[model.room.active]
     seen = model.room.camera_transport.forward(light.astype(np.float64))
-    return np.asarray(seen.reshape(*model.twin.camera.lens.shape, model.channels))
+    return np.asarray(seen.reshape(*model.scene_model.camera.lens.shape, model.channels))
 
 
-def judged_view(model: RoomRecord, step: Step) -> View:
+def judged_pixels(model: FittedScene, step: Step) -> JudgedPixels:
     """Where errors are taken, and the target there."""
     grey = image_of(step.load_image("target"), "grey").astype(np.float64)
-    xy = model.twin.projector_xy_px.reshape(-1, 2)
-    shape = model.twin.camera.lens.shape
+    xy = model.scene_model.projector_xy_px.reshape(-1, 2)
+    shape = model.scene_model.camera.lens.shape
     active = np.where(model.room.active.reshape(grey.shape[:2]), 1.0, 0.0)
     mask = np.isfinite(sample(active, xy)).reshape(shape) & model.lit
     # Grey level 0 is a wish like any other: shift so that `sample` does not take it for missing.
     wanted = sample_bands(grey + 1.0, xy).reshape(*shape, model.channels) - 1.0
-    return View(mask, np.where(mask[..., None], wanted, np.nan))
+    return JudgedPixels(mask, np.where(mask[..., None], wanted, np.nan))

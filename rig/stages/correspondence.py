@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from calibration.geometry.room import RoomBox, room_from_pair
-from calibration.geometry.stereo import PairCalibration, calibrate_pair, scale_from_baseline, scale_from_spots
+from calibration.geometry.room import RoomBox, room_from_stereo
+from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
 from calibration.structured_light.decode import decode_gray
 from calibration.structured_light.gray import CodeName, bits_for
@@ -19,9 +19,9 @@ from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
 from rig.profile.schema import Profile
 from rig.session import Session, Step
-from rig.stages.linear_light import Photometry
-from rig.stages.photograph import Shot, frame_name, photograph
-from rig.stages.radiometry import load_photometry, reference_exposure_s
+from rig.stages.linear_light import RadiometricCalibration
+from rig.stages.photograph import ExposureBracket, frame_name, photograph
+from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
 
 CODE: CodeName = "long-run"
@@ -36,7 +36,7 @@ _EDGE_SHARE = 0.005
 
 def photograph_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
     """Step `gray`: white, black, and the planes of the Gray code with their inverses."""
-    shot = Shot((reference_exposure_s(session),))
+    shot = ExposureBracket((reference_exposure_s(session),))
     step = session.step("gray", settings={"code": CODE, "exposures_s": shot.exposures_s}, needs=("exposure",))
     if step.done:
         return
@@ -84,36 +84,36 @@ def decode_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
 
 
 def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
-    photometry = load_photometry(session)
+    radiometric = load_radiometric_calibration(session)
     frames = {
-        name.rsplit(".e", 1)[0]: _grey(gray.load_frame(name).pixels, photometry)
+        name.rsplit(".e", 1)[0]: _grey(gray.load_frame(name).pixels, radiometric)
         for name in gray.frame_names
         if name.startswith(CODE)
     }
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
-    limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, photometry)
+    limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
     return decode_gray(
         frames,
         projector_shape,
-        white=_grey(white, photometry),
-        black=_grey(black, photometry),
+        white=_grey(white, radiometric),
+        black=_grey(black, radiometric),
         contrast_limit=limit,
         bit_limit=limit,
-        saturation=photometry.saturation_dn * white.shape[2],
+        saturation=radiometric.saturation_dn * white.shape[2],
         code=CODE,
     )
 
 
-def _grey(pixels: np.ndarray, photometry: Photometry) -> np.ndarray:
+def _grey(pixels: np.ndarray, radiometric: RadiometricCalibration) -> np.ndarray:
     """(H, W) sum of the bands (H, W, B): the code is in each."""
-    most = np.min_scalar_type(photometry.full_scale_dn * pixels.shape[2])
+    most = np.min_scalar_type(radiometric.full_scale_dn * pixels.shape[2])
     return np.asarray(pixels.sum(axis=2, dtype=np.promote_types(np.uint16, most)))
 
 
-def _noise_dn(white: np.ndarray, black: np.ndarray, photometry: Photometry) -> np.ndarray:
+def _noise_dn(white: np.ndarray, black: np.ndarray, radiometric: RadiometricCalibration) -> np.ndarray:
     """(H, W) standard deviation of the bands' sum of a half-lit frame."""
-    level = np.maximum((white.astype(np.float32) + black) / 2 - photometry.offset_dn, 0)
-    variance = level / photometry.gain_e_per_dn + photometry.read_noise_dn**2 + 1 / 12
+    level = np.maximum((white.astype(np.float32) + black) / 2 - radiometric.offset_dn, 0)
+    variance = level / radiometric.gain_e_per_dn + radiometric.read_noise_dn**2 + 1 / 12
     return np.asarray(np.sqrt(variance.sum(axis=2)))
 
 
@@ -139,7 +139,7 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
     rows, columns = np.nonzero(_well_inside(correspondence))
     camera_xy = np.stack([columns, rows], axis=1).astype(np.float64)
     projector_xy = correspondence.projector_xy_px[rows, columns].astype(np.float64)
-    pair = calibrate_pair(
+    pair = calibrate_stereo(
         camera_xy,
         projector_xy,
         rig.camera.shape[:2],
@@ -150,7 +150,7 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     pair = _in_metres(pair, profile)
-    box = room_from_pair(pair, profile.room.size_m, profile.room.closed)
+    box = room_from_stereo(pair, profile.room.size_m, profile.room.closed)
     step.save_record("geometry", _record(pair, box))
     step.finish()
 
@@ -169,14 +169,14 @@ def _well_inside(correspondence: Correspondence) -> np.ndarray:
     return inside if inside.sum() > 0.2 * refined.sum() else refined > 0
 
 
-def _in_metres(pair: PairCalibration, profile: Profile) -> PairCalibration:
+def _in_metres(pair: StereoCalibration, profile: Profile) -> StereoCalibration:
     scale = profile.scale
     if scale.baseline_m is not None:
         return scale_from_baseline(pair, scale.baseline_m)
     return scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0))
 
 
-def _record(pair: PairCalibration, box: RoomBox) -> dict[str, Any]:
+def _record(pair: StereoCalibration, box: RoomBox) -> dict[str, Any]:
     return {
         "camera": asdict(box.camera),
         "projector": asdict(box.projector),

@@ -17,7 +17,7 @@ from calibration.radiometry.response import codes_from_linear, linear_from_codes
 from calibration.records import Response
 from rig.files.channels import layers, one_or_all
 from rig.session import Step
-from rig.stages.photograph import Shot, frame_name
+from rig.stages.photograph import ExposureBracket, frame_name
 
 Codes = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
@@ -43,13 +43,13 @@ class LightImage:
         return layers("light", self.value) | layers("variance", self.variance)
 
     @property
-    def spoilt(self) -> BoolArray:
+    def any_saturated(self) -> BoolArray:
         """(H, W) clipped in any band."""
         return np.asarray(self.saturated.any(axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
-class Photometry:
+class RadiometricCalibration:
     """How digital numbers become light on this rig."""
 
     reference_exposure_s: float
@@ -85,18 +85,18 @@ class Photometry:
         return int(self.full_scale_dn * 0.95)
 
 
-def light_of(step: Step, pattern: str, shot: Shot, photometry: Photometry) -> LightImage:
+def merge_exposures(step: Step, pattern: str, shot: ExposureBracket, radiometric: RadiometricCalibration) -> LightImage:
     """Merge a pattern's frames (exposures × repeats) to balanced light above black, by inverse variance."""
-    table = photometry.table()
+    table = radiometric.table()
     weight_sum: Float32Array | None = None
     for exposure, exposure_s in enumerate(shot.exposures_s):
-        mean, clipped = _mean_of_repeats(step, pattern, exposure, shot.repeats, table, photometry)
-        ratio = np.float32(exposure_s / photometry.reference_exposure_s)
+        mean, clipped = _mean_of_repeats(step, pattern, exposure, shot.repeats, table, radiometric)
+        ratio = np.float32(exposure_s / radiometric.reference_exposure_s)
         variance = (
-            _noise(mean, photometry) / shot.repeats + _noise(photometry.black[exposure_s], photometry) / 4
+            _noise(mean, radiometric) / shot.repeats + _noise(radiometric.black[exposure_s], radiometric) / 4
         ) / ratio**2
         weight = np.where(clipped, np.float32(0), 1 / variance)
-        value = (mean - photometry.black[exposure_s]) / ratio
+        value = (mean - radiometric.black[exposure_s]) / ratio
         if weight_sum is None:
             weight_sum, total, shortest, shortest_variance = weight, weight * value, value, variance
         else:
@@ -105,26 +105,26 @@ def light_of(step: Step, pattern: str, shot: Shot, photometry: Photometry) -> Li
         raise ValueError("a shot needs at least one exposure")
     good = weight_sum > 0
     safe = np.where(good, weight_sum, 1)
-    balance = photometry.balance.astype(np.float32)
+    balance = radiometric.balance.astype(np.float32)
     value, variance = np.where(good, total / safe, shortest), np.where(good, 1 / safe, shortest_variance)
     return LightImage(value * balance, np.asarray(variance * balance**2, np.float32), ~good)
 
 
 def _mean_of_repeats(
-    step: Step, pattern: str, exposure: int, repeats: int, table: Float32Array, photometry: Photometry
+    step: Step, pattern: str, exposure: int, repeats: int, table: Float32Array, radiometric: RadiometricCalibration
 ) -> tuple[Float32Array, BoolArray]:
     frames = [step.load_frame(frame_name(pattern, exposure, r)).pixels for r in range(repeats)]
     mean = sum(table[f] for f in frames[1:]) + table[frames[0]] if len(frames) > 1 else table[frames[0]]
-    clipped = np.any([f >= photometry.saturation_dn for f in frames], axis=0)
+    clipped = np.any([f >= radiometric.saturation_dn for f in frames], axis=0)
     return np.asarray(mean / np.float32(repeats)), clipped
 
 
-def _noise(linear: Float32Array, photometry: Photometry) -> Float32Array:
+def _noise(linear: Float32Array, radiometric: RadiometricCalibration) -> Float32Array:
     """Variance of one frame's linear light: shot noise, read noise and rounding."""
-    scale = np.float32(photometry.camera.linear[-1] / photometry.camera.levels[-1])
+    scale = np.float32(radiometric.camera.linear[-1] / radiometric.camera.levels[-1])
     digital = np.maximum(linear / scale, 0)
-    shot_noise = digital / np.float32(photometry.gain_e_per_dn)
-    return np.asarray((shot_noise + np.float32(photometry.read_noise_dn**2 + 1 / 12)) * scale**2, dtype=np.float32)
+    shot_noise = digital / np.float32(radiometric.gain_e_per_dn)
+    return np.asarray((shot_noise + np.float32(radiometric.read_noise_dn**2 + 1 / 12)) * scale**2, dtype=np.float32)
 
 
 def channel_light(responses: Sequence[Response], codes: Codes) -> Float32Array:

@@ -17,12 +17,12 @@ from rig.files.channels import image_of, layers, merged, of_bands
 from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.correspondence import load_correspondence, pinhole_of
-from rig.stages.radiometry import load_photometry
+from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import (
     ColouredRoom,
     Look,
-    Optic,
-    RoomTwin,
+    PosedLens,
+    SceneModel,
     box_scene,
     camera_view,
     look,
@@ -51,7 +51,7 @@ _SMOOTHING_SHARE = 0.003
 
 
 @dataclass(frozen=True, eq=False)
-class RoomRecord:
+class FittedScene:
     """The finished model, loaded."""
 
     room: ColouredRoom
@@ -64,7 +64,7 @@ class RoomRecord:
     white_variance: FloatArray
 
     @property
-    def twin(self) -> RoomTwin:
+    def scene_model(self) -> SceneModel:
         """The first band's: lenses, poses, patches and looks are those of all."""
         return self.room.bands[0]
 
@@ -77,8 +77,8 @@ class RoomRecord:
 @dataclass(frozen=True, eq=False)
 class _Geometry:
     scene: Scene
-    camera: Optic
-    projector: Optic
+    camera: PosedLens
+    projector: PosedLens
     camera_look: Look
 
 
@@ -101,8 +101,8 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     gains = [_direct_gain(light, lit, geometry.camera_look) for light in bands]
     on_step("build model", 1, 4)
     vignetting = _fit_lenses(geometry, np.mean(gains, axis=0), lit)
-    camera = Optic(geometry.camera.lens, geometry.camera.pose, vignetting.camera)
-    projector = Optic(geometry.projector.lens, geometry.projector.pose, vignetting.projector)
+    camera = PosedLens(geometry.camera.lens, geometry.camera.pose, vignetting.camera)
+    projector = PosedLens(geometry.projector.lens, geometry.projector.pose, vignetting.projector)
     on_step("build model", 2, 4)
     fits = [_fit_reflectance(geometry, camera, projector, g, b, lit) for g, b in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
@@ -164,12 +164,12 @@ def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_look: Look)
     return smooth
 
 
-def _global_gain(twin: RoomTwin, light: Light, lit: BoolArray) -> FloatArray:
+def _global_gain(scene_model: SceneModel, light: Light, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
-    modelled = _simulated_white(twin)["global"]
+    modelled = _simulated_white(scene_model)["global"]
     known = lit & (modelled > 0)
-    ratio = np.where(known, (light["white"] - twin.direct_gain) / np.where(known, modelled, 1.0), 1.0)
-    return np.where(lit, _smoothed_along_faces(ratio, lit, twin.camera_look), 1.0)
+    ratio = np.where(known, (light["white"] - scene_model.direct_gain) / np.where(known, modelled, 1.0), 1.0)
+    return np.where(lit, _smoothed_along_faces(ratio, lit, scene_model.camera_look), 1.0)
 
 
 def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
@@ -190,8 +190,8 @@ def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignet
 
 def _fit_reflectance(
     geometry: _Geometry,
-    camera: Optic,
-    projector: Optic,
+    camera: PosedLens,
+    projector: PosedLens,
     gain: FloatArray,
     light: Light,
     lit: BoolArray,
@@ -259,28 +259,30 @@ def _light_record(light: Light, lit: BoolArray) -> dict[str, Any]:
 
 def simulated_white(room: ColouredRoom) -> dict[str, FloatArray]:
     """(H, W, B) direct and global light of white as the patches alone predict them, without `global_gain`."""
-    parts = [_simulated_white(twin) for twin in room.bands]
+    parts = [_simulated_white(scene_model) for scene_model in room.bands]
     return {name: np.stack([part[name] for part in parts], axis=-1) for name in ("direct", "global")}
 
 
-def _simulated_white(twin: RoomTwin) -> dict[str, FloatArray]:
-    transport = camera_view(replace(twin, global_gain=1.0), np.ones(twin.projector.lens.n_pixels, dtype=bool))
-    white = np.ones(twin.projector.lens.n_pixels)
-    shape = twin.camera.lens.shape
+def _simulated_white(scene_model: SceneModel) -> dict[str, FloatArray]:
+    transport = camera_view(
+        replace(scene_model, global_gain=1.0), np.ones(scene_model.projector.lens.n_pixels, dtype=bool)
+    )
+    white = np.ones(scene_model.projector.lens.n_pixels)
+    shape = scene_model.camera.lens.shape
     return {"direct": (transport.direct @ white).reshape(shape), "global": (transport.global_ @ white).reshape(shape)}
 
 
 def _twins(
     session: Session,
     scene: Scene,
-    camera: Optic,
-    projector: Optic,
+    camera: PosedLens,
+    projector: PosedLens,
     surfaces: Sequence[tuple[FloatArray, float]],
     gains: Sequence[FloatArray],
-) -> list[RoomTwin]:
+) -> list[SceneModel]:
     """The room in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     reflectance, flux = surfaces[0]
-    first = RoomTwin(
+    first = SceneModel(
         scene.with_reflectance(reflectance),
         form_factors(scene),
         camera,
@@ -299,21 +301,21 @@ def _twins(
     return [first, *others]
 
 
-def load_model(session: Session) -> RoomRecord:
+def load_model(session: Session) -> FittedScene:
     """The finished step's model, read from the disk once for each of its results."""
     return _read_model(session, session.finished("model").outputs_sha256)
 
 
 @lru_cache(maxsize=1)
-def _read_model(session: Session, outputs_sha256: str) -> RoomRecord:
+def _read_model(session: Session, outputs_sha256: str) -> FittedScene:
     step = session.finished("model")
     record, maps = step.load_record("model"), step.load_image("direct-gain")
     light = session.finished("separation").load_image("separation")
     gains, global_gains = (_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))
     twins = _read_twins(session, record, gains)
-    bands = tuple(replace(twin, global_gain=gain) for twin, gain in zip(twins, global_gains, strict=True))
-    return RoomRecord(
-        ColouredRoom(bands, load_photometry(session).mixing),
+    bands = tuple(replace(scene_model, global_gain=gain) for scene_model, gain in zip(twins, global_gains, strict=True))
+    return FittedScene(
+        ColouredRoom(bands, load_radiometric_calibration(session).mixing),
         record["level"],
         maps["lit"] > 0,
         image_of(light, "white").astype(np.float64),
@@ -325,7 +327,7 @@ def _by_band(image: NDArray[np.float32]) -> list[FloatArray]:
     return [image[..., b].astype(np.float64, order="C") for b in range(image.shape[-1])]
 
 
-def _read_twins(session: Session, record: dict[str, Any], gains: list[FloatArray]) -> list[RoomTwin]:
+def _read_twins(session: Session, record: dict[str, Any], gains: list[FloatArray]) -> list[SceneModel]:
     geometry = session.finished("geometry").load_record("geometry")
     camera = optic(pinhole_of(geometry["camera"]), tuple(record["vignetting_camera"]))
     projector = optic(pinhole_of(geometry["projector"]), tuple(record["vignetting_projector"]))

@@ -12,7 +12,7 @@ from rig.terminal import OnStep
 
 
 @dataclass(frozen=True, slots=True)
-class Shot:
+class ExposureBracket:
     """How each pattern of a set is photographed."""
 
     exposures_s: tuple[float, ...]
@@ -30,7 +30,13 @@ def frame_name(pattern: str, exposure: int = 0, repeat: int = 0) -> str:
 
 
 def photograph(
-    rig: Rig, session: Session, step: Step, patterns: Iterable[Pattern], shot: Shot, n_patterns: int, on_step: OnStep
+    rig: Rig,
+    session: Session,
+    step: Step,
+    patterns: Iterable[Pattern],
+    shot: ExposureBracket,
+    n_patterns: int,
+    on_step: OnStep,
 ) -> None:
     """Shoot what the step does not have yet; every frame is on disk before the next is shown.
 

@@ -16,8 +16,8 @@ from rig.capture.rig import Rig
 from rig.errors import CalibrationFailed
 from rig.files.channels import PRIMARIES, by_band, image_of, layers, of_bands
 from rig.session import Session, Step
-from rig.stages.linear_light import LightImage, Photometry, light_of, response_of, response_record
-from rig.stages.photograph import Shot, frame_name, photograph, shoot_one
+from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures, response_of, response_record
+from rig.stages.photograph import ExposureBracket, frame_name, photograph, shoot_one
 from rig.terminal import OnStep
 
 BoolArray = NDArray[np.bool_]
@@ -78,12 +78,12 @@ def reference_exposure_s(session: Session) -> float:
     return float(session.finished("exposure").load_record("exposure")["exposure_s"])
 
 
-def measuring_shot(rig: Rig, session: Session, repeats: int | None = None) -> Shot:
+def measuring_bracket(rig: Rig, session: Session, repeats: int | None = None) -> ExposureBracket:
     """Exposures that are merged for measurements of light."""
     reference = reference_exposure_s(session)
     longest = rig.profile.camera.exposure_range_s[1]
     exposures = tuple(min(reference * factor, longest) for factor in rig.profile.patterns.exposures)
-    return Shot(exposures, rig.profile.patterns.frames_averaged if repeats is None else repeats)
+    return ExposureBracket(exposures, rig.profile.patterns.frames_averaged if repeats is None else repeats)
 
 
 def measure_responses(rig: Rig, session: Session, on_step: OnStep) -> None:
@@ -91,7 +91,7 @@ def measure_responses(rig: Rig, session: Session, on_step: OnStep) -> None:
 
     With a colour camera also red, green and blue: how they mix, and with it a response for each channel.
     """
-    shot = measuring_shot(rig, session, repeats=1)
+    shot = measuring_bracket(rig, session, repeats=1)
     levels = _levels(rig.profile.patterns.response_levels)
     settings = {"exposures_s": shot.exposures_s, "sweep": _SWEEP, "levels": levels}
     step = session.step("response", settings=settings, needs=("exposure",))
@@ -100,20 +100,20 @@ def measure_responses(rig: Rig, session: Session, on_step: OnStep) -> None:
     shape = rig.projector.shape
     black = flat(shape, 0, "black")
     reference = reference_exposure_s(session)
-    sweep = Shot(tuple(reference * factor for factor in _SWEEP), repeats=2)
-    photograph(rig, session, step, [black], Shot(shot.exposures_s, _BLACK_REPEATS), 1, on_step)
-    photograph(rig, session, step, [flat(shape, 0, "black-sweep")], Shot(sweep.exposures_s), 1, on_step)
+    sweep = ExposureBracket(tuple(reference * factor for factor in _SWEEP), repeats=2)
+    photograph(rig, session, step, [black], ExposureBracket(shot.exposures_s, _BLACK_REPEATS), 1, on_step)
+    photograph(rig, session, step, [flat(shape, 0, "black-sweep")], ExposureBracket(sweep.exposures_s), 1, on_step)
     photograph(rig, session, step, [flat(shape, 255, "white-sweep")], sweep, 1, on_step)
     photograph(rig, session, step, level_patterns(shape, levels), shot, len(levels), on_step)
     colours = pure_colours(shape, rig.camera.shape[2])
     photograph(rig, session, step, colours, shot, len(colours), on_step)
-    photometry = _fit_camera(step, rig.camera.full_scale_dn, reference, shot, sweep)
-    white = light_of(step, "level-255", shot, photometry)
+    radiometric = _fit_camera(step, rig.camera.full_scale_dn, reference, shot, sweep)
+    white = merge_exposures(step, "level-255", shot, radiometric)
     lit = _lit(white)
-    mixing = _fit_mixing([light_of(step, pattern.name, shot, photometry) for pattern in colours], white, lit)
-    sums = {code: _sums(light_of(step, f"level-{code:03d}", shot, photometry), lit) for code in levels}
-    photometry = replace(photometry, mixing=mixing.matrix, balance=_balance(white, lit))
-    _save(step, replace(photometry, projector=_responses(sums, mixing)), mixing)
+    mixing = _fit_mixing([merge_exposures(step, pattern.name, shot, radiometric) for pattern in colours], white, lit)
+    sums = {code: _sums(merge_exposures(step, f"level-{code:03d}", shot, radiometric), lit) for code in levels}
+    radiometric = replace(radiometric, mixing=mixing.matrix, balance=_balance(white, lit))
+    _save(step, replace(radiometric, projector=_responses(sums, mixing)), mixing)
     step.finish()
 
 
@@ -137,7 +137,9 @@ def _samples(step: Step, name: str, stride: int) -> NDArray[np.float64]:
     return step.load_frame(name).pixels[::stride, ::stride].ravel().astype(np.float64)
 
 
-def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, shot: Shot, sweep: Shot) -> Photometry:
+def _fit_camera(
+    step: Step, full_scale_dn: int, reference_s: float, shot: ExposureBracket, sweep: ExposureBracket
+) -> RadiometricCalibration:
     stride = max(1, round((step.load_frame(frame_name("black")).pixels.size / 6000) ** 0.5))
     exposures = np.array(sweep.exposures_s)
     dark = [_samples(step, frame_name("black-sweep", k), stride) for k in range(len(exposures))]
@@ -148,7 +150,7 @@ def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, shot: Shot, 
     response = fit_camera_response(bright.mean(axis=1) - offset, exposures / reference_s, full_scale_dn - offset)
     noise = fit_noise_model(bright[:, 0] - offset, bright[:, 1] - offset, 0.97 * (full_scale_dn - offset))
     bands = step.load_frame(frame_name("black")).pixels.shape[2]
-    bare = Photometry(
+    bare = RadiometricCalibration(
         reference_s,
         float(offset),
         full_scale_dn,
@@ -180,7 +182,7 @@ def _fit_mixing(pure: list[LightImage], white: LightImage, lit: BoolArray) -> Mi
     """Of a grey rig: white is all that there is."""
     if not pure:
         return Mixing(np.eye(1), np.ones(1), 0.0)
-    usable = lit & ~white.spoilt & ~np.any([image.spoilt for image in pure], axis=0)
+    usable = lit & ~white.any_saturated & ~np.any([image.any_saturated for image in pure], axis=0)
     return fit_mixing(white.value, [image.value for image in pure], usable)
 
 
@@ -201,43 +203,43 @@ def _sums(image: LightImage, lit: BoolArray) -> FloatArray:
     return np.array([band[lit].astype(np.float64).sum() for band in bands])
 
 
-def _save(step: Step, photometry: Photometry, mixing: Mixing) -> None:
+def _save(step: Step, radiometric: RadiometricCalibration, mixing: Mixing) -> None:
     record = {
-        "reference_exposure_s": photometry.reference_exposure_s,
-        "offset_dn": photometry.offset_dn,
-        "full_scale_dn": photometry.full_scale_dn,
-        "camera": response_record(photometry.camera),
-        "projector": by_band([response_record(response) for response in photometry.projector]),
-        "gain_e_per_dn": photometry.gain_e_per_dn,
-        "read_noise_dn": photometry.read_noise_dn,
-        "black_exposures_s": list(photometry.black),
-        **_colour_record(photometry, mixing),
+        "reference_exposure_s": radiometric.reference_exposure_s,
+        "offset_dn": radiometric.offset_dn,
+        "full_scale_dn": radiometric.full_scale_dn,
+        "camera": response_record(radiometric.camera),
+        "projector": by_band([response_record(response) for response in radiometric.projector]),
+        "gain_e_per_dn": radiometric.gain_e_per_dn,
+        "read_noise_dn": radiometric.read_noise_dn,
+        "black_exposures_s": list(radiometric.black),
+        **_colour_record(radiometric, mixing),
     }
     black: dict[str, NDArray[Any]] = {}
-    for k, image in enumerate(photometry.black.values()):
+    for k, image in enumerate(radiometric.black.values()):
         black |= layers(f"e{k}", image)
     step.save_image("black", black)
-    step.save_record("photometry", record)
+    step.save_record("radiometric", record)
 
 
-def _colour_record(photometry: Photometry, mixing: Mixing) -> dict[str, Any]:
+def _colour_record(radiometric: RadiometricCalibration, mixing: Mixing) -> dict[str, Any]:
     """What only a colour camera tells."""
-    if len(photometry.balance) == 1:
+    if len(radiometric.balance) == 1:
         return {}
     return {
         "mixing": mixing.matrix,
-        "balance": photometry.balance,
+        "balance": radiometric.balance,
         "white_over_channels": mixing.white_over_channels,
         "mixing_variation": mixing.variation,
     }
 
 
-def load_photometry(session: Session) -> Photometry:
+def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
     """The finished step's result."""
     step = session.finished("response")
-    record, black = step.load_record("photometry"), step.load_image("black")
+    record, black = step.load_record("radiometric"), step.load_image("black")
     balance = np.array(record.get("balance", [1.0]))
-    return Photometry(
+    return RadiometricCalibration(
         record["reference_exposure_s"],
         record["offset_dn"],
         record["full_scale_dn"],

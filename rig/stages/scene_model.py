@@ -1,6 +1,6 @@
 """From calibration records to the simulator: the only place where the two meet.
 
-The twin's unit of radiosity is the camera's linear value without its vignetting: patch i emits
+The scene_model's unit of radiosity is the camera's linear value without its vignetting: patch i emits
 E_i = ρ_i κ e_i p for projector light p, e the geometric irradiance of unit flux, κ the fitted flux.
 """
 
@@ -36,7 +36,7 @@ LEAST_GAIN = 0.02
 
 
 @dataclass(frozen=True, eq=False)
-class Optic:
+class PosedLens:
     """One device in the room: lens, pose, vignetting."""
 
     lens: Lens
@@ -55,10 +55,10 @@ class Optic:
         return np.asarray(np.linalg.norm(xy_px - np.array(self.lens.principal_point_px), axis=1) / half_diagonal)
 
 
-def optic(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> Optic:
+def optic(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> PosedLens:
     """The simulator's lens and pose for a calibrated device."""
     lens = Lens(model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion)
-    return Optic(lens, Pose(model.rotation, model.translation_m), vignetting)
+    return PosedLens(lens, Pose(model.rotation, model.translation_m), vignetting)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ class Look:
     """(N, 3); NaN where a ray meets nothing."""
 
 
-def look(scene: Scene, device: Optic) -> Look:
+def look(scene: Scene, device: PosedLens) -> Look:
     """Follow every pixel of a device to the scene."""
     origin = device.pose.position_m
     rays = rays_at(device.lens, device.pose, device.lens.pixel_grid())
@@ -87,7 +87,7 @@ def box_scene(
     return scene.with_reflectance(reflectance)
 
 
-def white_irradiance(scene: Scene, projector: Optic, points_m: FloatArray, patch: NDArray[np.intp]) -> FloatArray:
+def white_irradiance(scene: Scene, projector: PosedLens, points_m: FloatArray, patch: NDArray[np.intp]) -> FloatArray:
     """(N,) irradiance e by unit white at surface points, projector vignetting included; 0 outside its picture."""
     xy = project(projector.lens, projector.pose, points_m)
     height, width = projector.lens.shape
@@ -99,20 +99,20 @@ def white_irradiance(scene: Scene, projector: Optic, points_m: FloatArray, patch
     return e
 
 
-def unit_emission(scene: Scene, projector: Optic) -> csr_array:
+def unit_emission(scene: Scene, projector: PosedLens) -> csr_array:
     """(P, n pixels) irradiance of each patch by each projector pixel at unit flux, vignetting included."""
     bare = area_emission(scene.with_reflectance(1.0), projector.lens, projector.pose, 2, "physical")
     return csr_array(bare @ diags_array(projector.illumination(projector.lens.pixel_grid())))
 
 
 @dataclass(frozen=True, eq=False)
-class RoomTwin:
+class SceneModel:
     """Everything that predicts what the camera sees of the room."""
 
     scene: Scene
     form_factors: FormFactors
-    camera: Optic
-    projector: Optic
+    camera: PosedLens
+    projector: PosedLens
     flux: float
     """κ."""
     unit_emission: csr_array
@@ -153,56 +153,64 @@ class RoomTwin:
         return np.asarray(known & (np.where(known, gain, 0) > LEAST_GAIN * np.median(gain[known])))
 
 
-def camera_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
+def camera_view(scene_model: SceneModel, active: BoolArray) -> LightTransport:
     """T from the active projector pixels to all camera pixels (flat).
 
     Pixels without measured direct light see the patch's own reflectance, dimmed by the camera's vignetting.
     """
-    shape = (twin.camera.lens.n_pixels, twin.projector.lens.n_pixels)
-    pixels = np.flatnonzero((twin.direct_gain.ravel() > 0) & np.isfinite(twin.projector_xy_px.reshape(-1, 2)[:, 0]))
-    rows, columns, weights = bilinear(
-        twin.projector_xy_px.reshape(-1, 2)[pixels], twin.projector.lens.width_px, twin.projector.lens.height_px
+    shape = (scene_model.camera.lens.n_pixels, scene_model.projector.lens.n_pixels)
+    pixels = np.flatnonzero(
+        (scene_model.direct_gain.ravel() > 0) & np.isfinite(scene_model.projector_xy_px.reshape(-1, 2)[:, 0])
     )
-    value = weights * twin.direct_gain.ravel()[pixels, None]
-    index = (rows * twin.projector.lens.width_px + columns).ravel()
+    rows, columns, weights = bilinear(
+        scene_model.projector_xy_px.reshape(-1, 2)[pixels],
+        scene_model.projector.lens.width_px,
+        scene_model.projector.lens.height_px,
+    )
+    value = weights * scene_model.direct_gain.ravel()[pixels, None]
+    index = (rows * scene_model.projector.lens.width_px + columns).ravel()
     direct = csr_array((value.ravel(), (np.repeat(pixels, 4), index)), shape=shape)
-    hits = twin.camera_look.hits
-    own = twin.scene.reflectance[hits.patch] * twin.camera.illumination(twin.camera.lens.pixel_grid())
-    measured = twin.seen_reflectance
+    hits = scene_model.camera_look.hits
+    own = scene_model.scene.reflectance[hits.patch] * scene_model.camera.illumination(
+        scene_model.camera.lens.pixel_grid()
+    )
+    measured = scene_model.seen_reflectance
     seen = np.where(hits.patch < 0, 0.0, np.where(np.isfinite(measured), measured, own))
-    return _transport(twin, active, csr_array(direct[:, np.flatnonzero(active)]), smooth_view(twin.scene, hits, seen))
+    return _transport(
+        scene_model, active, csr_array(direct[:, np.flatnonzero(active)]), smooth_view(scene_model.scene, hits, seen)
+    )
 
 
-def projector_view(twin: RoomTwin, active: BoolArray) -> LightTransport:
+def projector_view(scene_model: SceneModel, active: BoolArray) -> LightTransport:
     """T from the active projector pixels to what the camera sees at each of them: square, direct part diagonal."""
-    gain, seen = twin.projector_pixel_gains
-    view = smooth_view(twin.scene, twin.projector_look.hits, np.where(active, seen, 0.0))
+    gain, seen = scene_model.projector_pixel_gains
+    view = smooth_view(scene_model.scene, scene_model.projector_look.hits, np.where(active, seen, 0.0))
     chosen = np.flatnonzero(active)
-    return _transport(twin, active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
+    return _transport(scene_model, active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredRoom:
     """The room in each band of the camera: one geometry, and reflectance, flux and gains a band."""
 
-    bands: tuple[RoomTwin, ...]
+    bands: tuple[SceneModel, ...]
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes."""
 
     @cached_property
     def active(self) -> BoolArray:
         """(n projector pixels,) pixels that the camera sees well enough to steer, in every band."""
-        return np.asarray(np.all([twin.active for twin in self.bands], axis=0))
+        return np.asarray(np.all([scene_model.active for scene_model in self.bands], axis=0))
 
     @cached_property
     def camera_transport(self) -> ColourTransport:
         """T from the active projector pixels to the camera's pixels."""
-        return ColourTransport([camera_view(twin, self.active) for twin in self.bands], self.mixing)
+        return ColourTransport([camera_view(scene_model, self.active) for scene_model in self.bands], self.mixing)
 
     @cached_property
     def projector_transport(self) -> ColourTransport:
         """T from the active projector pixels to what the camera sees at each of them."""
-        return ColourTransport([projector_view(twin, self.active) for twin in self.bands], self.mixing)
+        return ColourTransport([projector_view(scene_model, self.active) for scene_model in self.bands], self.mixing)
 
 
 def sample_bands(image: FloatArray, xy_px: FloatArray) -> FloatArray:
@@ -230,9 +238,9 @@ def _remap(image: FloatArray, x: NDArray[np.float32], y: NDArray[np.float32]) ->
     return np.concatenate(parts).astype(np.float64)
 
 
-def _transport(twin: RoomTwin, active: BoolArray, direct: csr_array, view: csr_array) -> LightTransport:
+def _transport(scene_model: SceneModel, active: BoolArray, direct: csr_array, view: csr_array) -> LightTransport:
     chosen = np.flatnonzero(active)
-    emission = diags_array(twin.scene.reflectance * twin.flux) @ twin.unit_emission[:, chosen]
-    radiosity = Radiosity(twin.form_factors, twin.scene.reflectance, solver="repeated")
-    patch, xy_px = twin.projector_look.hits.patch[chosen], twin.projector.lens.pixel_grid()[chosen]
+    emission = diags_array(scene_model.scene.reflectance * scene_model.flux) @ scene_model.unit_emission[:, chosen]
+    radiosity = Radiosity(scene_model.form_factors, scene_model.scene.reflectance, solver="repeated")
+    patch, xy_px = scene_model.projector_look.hits.patch[chosen], scene_model.projector.lens.pixel_grid()[chosen]
     return LightTransport(direct, csr_array(emission), radiosity, view, patch, xy_px)

@@ -13,9 +13,9 @@ from rig.capture.rig import Rig
 from rig.files.channels import layers
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import Float32Array, Photometry, light_of
-from rig.stages.photograph import Shot, photograph
-from rig.stages.radiometry import load_photometry, measuring_shot
+from rig.stages.linear_light import Float32Array, RadiometricCalibration, merge_exposures
+from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
 _WHITE_REPEATS = 4
@@ -24,19 +24,19 @@ _WHITE_REPEATS = 4
 def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
     """Photograph white and the checkers, and split white into direct and global light."""
     patterns = rig.profile.patterns
-    shot = measuring_shot(rig, session, repeats=1)
+    shot = measuring_bracket(rig, session, repeats=1)
     settings = {"exposures_s": shot.exposures_s, "checker": [patterns.checker_size_px, patterns.checker_shifts]}
     step = session.step("separation", settings=settings, needs=("response", "correspondence"))
     if step.done:
         return
     shape = rig.projector.shape
-    white_shot = Shot(shot.exposures_s, _WHITE_REPEATS)
+    white_shot = ExposureBracket(shot.exposures_s, _WHITE_REPEATS)
     photograph(rig, session, step, [flat(shape, 255, "white")], white_shot, 1, on_step)
     checkers = list(checker_patterns(shape, patterns.checker_size_px, patterns.checker_shifts))
     photograph(rig, session, step, checkers, shot, len(checkers), on_step)
-    photometry = load_photometry(session)
-    white = light_of(step, "white", white_shot, photometry)
-    frames = list(_stack(step, [pattern.name for pattern in checkers], shot, photometry, on_step))
+    radiometric = load_radiometric_calibration(session)
+    white = merge_exposures(step, "white", white_shot, radiometric)
+    frames = list(_stack(step, [pattern.name for pattern in checkers], shot, radiometric, on_step))
     bright, known = _separated(frames, checkers, white.value, load_correspondence(session), patterns.checker_size_px)
     valid = known.valid.all(axis=-1)
     step.save_image(
@@ -46,7 +46,7 @@ def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
             **layers("global", np.where(known.valid, known.global_, bright.global_)),
             **layers("white", white.value),
             **layers("white_variance", white.variance),
-            "valid": (valid & ~white.spoilt).astype(np.float32),
+            "valid": (valid & ~white.any_saturated).astype(np.float32),
         },
         folder="maps",
     )
@@ -84,8 +84,10 @@ def _joined(bands: Sequence[Separation]) -> Separation:
     )
 
 
-def _stack(step: Step, names: list[str], shot: Shot, photometry: Photometry, on_step: OnStep) -> Iterator[Float32Array]:
+def _stack(
+    step: Step, names: list[str], shot: ExposureBracket, radiometric: RadiometricCalibration, on_step: OnStep
+) -> Iterator[Float32Array]:
     for k, name in enumerate(names):
         on_step("separate direct and global", k, len(names))
-        yield light_of(step, name, shot, photometry).value
+        yield merge_exposures(step, name, shot, radiometric).value
     on_step("separate direct and global", len(names), len(names))

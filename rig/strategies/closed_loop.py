@@ -17,25 +17,25 @@ from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
 from rig.session import Session, Step
 from rig.stages.compensation import (
-    View,
+    JudgedPixels,
     check_strategies,
-    judged_view,
+    judged_pixels,
     measured_options,
     wanted_light,
     whole_picture,
 )
-from rig.stages.linear_light import LightImage, Photometry, channel_codes, channel_light, light_of
-from rig.stages.model import RoomRecord, load_model
-from rig.stages.photograph import Shot, photograph
+from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
+from rig.stages.model import FittedScene, load_model
+from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors, picture_errors
-from rig.stages.radiometry import load_photometry, measuring_shot
+from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.stages.scene_model import sample_bands
 from rig.stages.target import Target
 from rig.terminal import OnStep, silent
 from sim.compensation import Compensation, compensate
 from sim.compensation.spectrum import damping_for
-from sim.compensation.split_transport import View as Operator
-from sim.compensation.split_transport import view_of
+from sim.compensation.split_transport import SplitTransport as Operator
+from sim.compensation.split_transport import split_transport_of
 from sim.geometry.optics import project
 from sim.light.colour import ColourTransport
 
@@ -70,20 +70,20 @@ class Loop:
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class ControlledScene:
     """The room as the model knows it, in the projector's view: n steered pixels, light in camera values."""
 
-    model: RoomRecord
-    photometry: Photometry
+    model: FittedScene
+    radiometric: RadiometricCalibration
     transport: ColourTransport
-    view: View
+    view: JudgedPixels
     wanted: FloatArray
     """(n, B) the target."""
 
     @cached_property
     def operator(self) -> Operator:
         """T taken apart."""
-        return view_of(self.transport)
+        return split_transport_of(self.transport)
 
     @cached_property
     def damping(self) -> float:
@@ -111,11 +111,11 @@ class Plant:
 
     def codes(self, image: FloatArray, seed: int) -> Codes:
         """Codes of n projector values a channel, (n, B); pixels that are not steered stay black."""
-        return channel_codes(self.photometry.projector, whole_picture(self.model, image), seed)
+        return channel_codes(self.radiometric.projector, whole_picture(self.model, image), seed)
 
     def linear(self, codes: Codes) -> FloatArray:
         """(n, B) light of codes."""
-        light = channel_light(self.photometry.projector, codes).reshape(-1, self.model.channels)
+        light = channel_light(self.radiometric.projector, codes).reshape(-1, self.model.channels)
         return light[self.model.room.active].astype(np.float64)
 
     def seen(self, image: FloatArray) -> FloatArray:
@@ -126,8 +126,8 @@ class Plant:
 
     @cached_property
     def _camera_xy_px(self) -> FloatArray:
-        twin = self.model.twin
-        return project(twin.camera.lens, twin.camera.pose, twin.projector_look.points_m)
+        scene_model = self.model.scene_model
+        return project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +159,7 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
         For an unknown strategy or rule, or an impossible number of captures.
     """
     loop.checked()
-    shot = measuring_shot(rig, session)
+    shot = measuring_bracket(rig, session)
     settings = {
         "strategy": loop.strategy,
         "rule": loop.rule,
@@ -171,27 +171,27 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
     step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
     if not step.done:
         step.save_image("target", layers("grey", target.levels))
-        record = _closed(rig, session, step, plant_of(session, step, target), loop, shot, on_step)
+        record = _closed(rig, session, step, controlled_scene_of(session, step, target), loop, shot, on_step)
         step.save_record(step.name, record)
         step.finish()
     found: dict[str, Any] = step.load_record(step.name)
     return found
 
 
-def plant_of(session: Session, step: Step, target: Target) -> Plant:
+def controlled_scene_of(session: Session, step: Step, target: Target) -> ControlledScene:
     """The session's room with a target, which the step has as its image ``target``."""
     model = load_model(session)
-    return Plant(
+    return ControlledScene(
         model,
-        load_photometry(session),
+        load_radiometric_calibration(session),
         model.room.projector_transport,
-        judged_view(model, step),
+        judged_pixels(model, step),
         wanted_light(model, target),
     )
 
 
 def _closed(
-    rig: Rig, session: Session, step: Step, plant: Plant, loop: Loop, shot: Shot, on_step: OnStep
+    rig: Rig, session: Session, step: Step, plant: ControlledScene, loop: Loop, shot: ExposureBracket, on_step: OnStep
 ) -> dict[str, Any]:
     image = plant.solved(loop.strategy, plant.wanted).projector_image
     errors: list[dict[str, Any]] = []
@@ -201,7 +201,7 @@ def _closed(
         codes = plant.codes(image, seed=number)
         pattern = Pattern(f"{step.name}-{number}", codes)
         photograph(rig, session, step, [pattern], shot, 1, silent)
-        light = light_of(step, pattern.name, shot, plant.photometry)
+        light = merge_exposures(step, pattern.name, shot, plant.radiometric)
         errors.append(plant.judged_light(light))
         if not _falls(errors, best):
             stopped = f"capture {number} was no better than capture {best + 1}"
@@ -228,22 +228,22 @@ def _falls(errors: list[dict[str, Any]], best: int) -> bool:
     return len(errors) == 1 or last["mean"] < before["mean"] - SIGMAS * noise
 
 
-def _keep(step: Step, codes: Codes, image: FloatArray, plant: Plant, light: LightImage) -> None:
+def _keep(step: Step, codes: Codes, image: FloatArray, plant: ControlledScene, light: LightImage) -> None:
     step.save_image(f"{step.name}-best", layers("linear", whole_picture(plant.model, image)) | code_layers(codes))
     step.save_image(f"{step.name}-measured", light.channels)
 
 
-def _seen(plant: Plant, codes: Codes, light: LightImage) -> Seen:
+def _seen(plant: ControlledScene, codes: Codes, light: LightImage) -> Seen:
     usable = np.where(light.saturated, np.nan, light.value.astype(np.float64))
     return Seen(plant.linear(codes), plant.seen(usable), plant.seen(light.variance.astype(np.float64)))
 
 
-def corrected(plant: Plant, loop: Loop, image: FloatArray, seen: Seen) -> FloatArray:
+def corrected(plant: ControlledScene, loop: Loop, image: FloatArray, seen: Seen) -> FloatArray:
     """(n, B) the next projector image."""
     return RULES[loop.rule](plant, loop.strategy, image, seen)
 
 
-def _by_image(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
+def _by_image(plant: ControlledScene, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
     """Move each pixel towards its own target: p <- clamp(p + w K⁻¹ D⁻¹ (c - measured)).
 
     References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
@@ -253,7 +253,7 @@ def _by_image(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> Flo
     return np.asarray(np.clip(image + plant.operator.by_direct(plant.damping * residual), 0.0, 1.0))
 
 
-def _by_model(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
+def _by_model(plant: ControlledScene, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
     """Ask the strategy again for the target less the model's error: c - (measured - T p).
 
     What the range clips is predicted as clipped, so it is no error of the model and does not wind up.
@@ -263,11 +263,14 @@ def _by_model(plant: Plant, strategy: str, image: FloatArray, seen: Seen) -> Flo
     return plant.solved(strategy, plant.wanted - error).projector_image
 
 
-RULES: Mapping[str, Callable[[Plant, str, FloatArray, Seen], FloatArray]] = {"image": _by_image, "model": _by_model}
+RULES: Mapping[str, Callable[[ControlledScene, str, FloatArray, Seen], FloatArray]] = {
+    "image": _by_image,
+    "model": _by_model,
+}
 """``image``: to the target, pixel by pixel. ``model``: the strategy again, by a model that is put right."""
 
 
-def trusted(plant: Plant, residual: FloatArray, variance: FloatArray) -> FloatArray:
+def trusted(plant: ControlledScene, residual: FloatArray, variance: FloatArray) -> FloatArray:
     """(n, B) the part of a residual that its noise does not explain, 0 where nothing was measured.
 
     Wiener's factor 1 - σ² / <r²>, at least 0, with the mean over the neighbourhood and σ² the measured variance
@@ -280,7 +283,7 @@ def trusted(plant: Plant, residual: FloatArray, variance: FloatArray) -> FloatAr
     return np.where(known, share * residual, 0.0)
 
 
-def _local_sum(plant: Plant, values: FloatArray) -> FloatArray:
+def _local_sum(plant: ControlledScene, values: FloatArray) -> FloatArray:
     """(n, B) sums over each pixel's neighbourhood, up to a common factor."""
     whole = whole_picture(plant.model, values)
     smooth = cv2.boxFilter(whole, -1, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX))

@@ -19,11 +19,11 @@ from rig.run.session import Request, opened_session, target_of
 from rig.session import Session, Step
 from rig.session.ledger import write_json
 from rig.stages.compensation import check_strategies, predict
-from rig.stages.linear_light import light_of
+from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
-from rig.stages.photograph import Shot, photograph
-from rig.stages.radiometry import measuring_shot
-from rig.strategies.closed_loop import Loop, Plant, close_loop, plant_of
+from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.radiometry import measuring_bracket
+from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
 from rig.strategies.pictures import Picture, pictures_for
 from rig.terminal import OnStep
 from sim.compensation import STRATEGIES, Compensation, compensate
@@ -46,7 +46,7 @@ class Comparison:
     captures: int = 4
     rule: str = "image"
     perfect: bool = False
-    """Also what perfect knowledge of the simulated bench would give, for the strategies in ``loops``."""
+    """Also what perfect knowledge of the simulated world would give, for the strategies in ``loops``."""
     test_pictures: bool = True
     """Also the two-wall picture, the dark and the bright photograph."""
 
@@ -78,7 +78,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> dict[str, Any]:
         pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
         compared = [_compare_picture(rig, session, picture, names, on_step) for picture in pictures]
         closed = [close_loop(rig, session, target, loop, on_step) for loop in loops]
-        known = perfect_rows(rig, session, pictures[0], wanted.loops, on_step) if wanted.perfect else []
+        known = oracle_rows(rig, session, pictures[0], wanted.loops, on_step) if wanted.perfect else []
         result = _result(session, compared, closed, known)
         result["report"] = str(_report(session, result, on_step))
         write_json(session.path / "strategies.json", result)
@@ -95,10 +95,10 @@ def _compare_picture(
     rig: Rig, session: Session, picture: Picture, names: Sequence[str], on_step: OnStep
 ) -> dict[str, Any]:
     """Step `strategies-PICTURE`: each strategy's picture computed, photographed and judged."""
-    shot = measuring_shot(rig, session)
+    shot = measuring_bracket(rig, session)
     step = picture_step(session, f"strategies-{picture.name}", picture, names, shot)
     if not step.done:
-        plant = plant_of(session, step, picture.target)
+        plant = controlled_scene_of(session, step, picture.target)
         computed = {}
         for k, name in enumerate(names):
             on_step(f"compute strategies: {picture.name}", k, len(names))
@@ -111,7 +111,7 @@ def _compare_picture(
     return step.load_record(step.name)
 
 
-def picture_step(session: Session, name: str, picture: Picture, names: Sequence[str], shot: Shot) -> Step:
+def picture_step(session: Session, name: str, picture: Picture, names: Sequence[str], shot: ExposureBracket) -> Step:
     """A step for pictures of strategies for one target, which it keeps as its image ``target``."""
     settings = {
         "target_sha256": picture.target.sha256,
@@ -126,11 +126,11 @@ def picture_step(session: Session, name: str, picture: Picture, names: Sequence[
 
 
 def keep_solution(
-    step: Step, plant: Plant, picture: Picture, name: str, solution: Compensation, seed: int
+    step: Step, plant: ControlledScene, picture: Picture, name: str, solution: Compensation, seed: int
 ) -> dict[str, Any]:
     """Save the codes of a strategy and what the model predicts of them; what is known of it before it is shown."""
     codes = plant.codes(solution.projector_image, seed)
-    predicted = predict(plant.model, plant.photometry.projector, codes)
+    predicted = predict(plant.model, plant.radiometric.projector, codes)
     step.save_image(f"projector-{picture.name}-{name}", code_layers(codes))
     step.save_image(f"predicted-{picture.name}-{name}", layers("light", predicted))
     return {
@@ -147,10 +147,10 @@ def photographed_rows(
     rig: Rig,
     session: Session,
     step: Step,
-    plant: Plant,
+    plant: ControlledScene,
     picture: Picture,
     computed: Mapping[str, Mapping[str, Any]],
-    shot: Shot,
+    shot: ExposureBracket,
     on_step: OnStep,
 ) -> list[dict[str, Any]]:
     """Show and photograph what was computed, and judge it."""
@@ -162,7 +162,7 @@ def photographed_rows(
     rows = []
     for k, (name, known) in enumerate(computed.items()):
         on_step(f"judge strategies: {picture.name}", k, len(computed))
-        light = light_of(step, patterns[name].name, shot, plant.photometry)
+        light = merge_exposures(step, patterns[name].name, shot, plant.radiometric)
         step.save_image(f"measured-{picture.name}-{name}", light.channels)
         measured = {"measured": plant.judged_light(light), "captures": 1, "frames": shot.frames_per_pattern}
         rows.append({"strategy": name, **known, **measured})
@@ -170,24 +170,24 @@ def photographed_rows(
     return rows
 
 
-def perfect_rows(
+def oracle_rows(
     rig: Rig, session: Session, picture: Picture, names: Sequence[str], on_step: OnStep
 ) -> list[dict[str, Any]]:
-    """Step `perfect`: strategies with the true light transport of the simulated bench, photographed like all others.
+    """Step `perfect`: strategies with the true light transport of the simulated world, photographed like all others.
 
     Raises SessionError on a rig whose truth nobody knows.
     """
-    from rig.truth.scores import true_benches
-    from rig.truth.transport import true_transport
+    from rig.truth.scores import ground_truth_worlds
+    from rig.truth.transport import ground_truth_transport
 
-    if rig.profile.bench is None:
+    if rig.profile.simulation is None:
         raise SessionError(f"{session.path}: only a simulated rig knows its truth; leave --perfect out")
-    shot = measuring_shot(rig, session)
+    shot = measuring_bracket(rig, session)
     step = picture_step(session, "perfect", picture, names, shot)
     if not step.done:
-        plant = plant_of(session, step, picture.target)
+        plant = controlled_scene_of(session, step, picture.target)
         on_step("perfect knowledge", 0, len(names) + 1)
-        transport = true_transport(true_benches(rig), plant.model)
+        transport = ground_truth_transport(ground_truth_worlds(rig), plant.model)
         computed = {}
         for k, name in enumerate(names):
             on_step("perfect knowledge", k + 1, len(names) + 1)

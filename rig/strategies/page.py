@@ -17,7 +17,7 @@ from rig.files.channels import codes_of, image_of
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
 from rig.session import Session, Step
-from rig.stages.compensation import View, judged_view
+from rig.stages.compensation import JudgedPixels, judged_pixels
 from rig.stages.model import load_model
 from rig.strategies.figures import errors_figure, loops_figure, speed_figure
 from rig.terminal import OnStep
@@ -90,7 +90,7 @@ def write_strategies_page(session: Session, result: Mapping[str, Any], on_step: 
     context = _frame(f"Strategies: session {session.path.name}", session.profile.description, result)
     context |= {"headline": headline, "pictures": shown, "warnings": result["warnings"]}
     path = session.path / PAGE
-    write_bytes(path, rendered("strategies.html", context).encode())
+    write_bytes(path, rendered("strategies/strategies.html", context).encode())
     on_step("write page of strategies", total, total)
     return path
 
@@ -105,7 +105,7 @@ def paper_page(result: Mapping[str, Any], images: Mapping[str, Mapping[str, Any]
     """
     sections = [_paper_section(picture, images[picture["name"]]) for picture in result["pictures"]]
     return rendered(
-        "strategies.html",
+        "strategies/strategies.html",
         _frame("Strategies on the paper's configurations", "Simulated, Dehos et al. 2014; nothing is measured.", result)
         | {"headline": [], "pictures": sections, "warnings": result["warnings"]},
     )
@@ -190,7 +190,7 @@ def _number(value: float | None, form: str) -> str:
 
 def _picture_section(session: Session, result: Mapping[str, Any], picture: Mapping[str, Any]) -> dict[str, Any]:
     step, model = session.finished(f"strategies-{picture['name']}"), load_model(session)
-    view, scale = judged_view(model, step), 255 / model.level
+    view, scale = judged_pixels(model, step), 255 / model.level
     rows = _all_rows(result, picture)
     head, cells = _table(rows)
     first = picture is result["pictures"][0]
@@ -218,7 +218,7 @@ def _figures(result: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> li
     return [{"title": title, "text": text, "src": pictures.svg(figure)} for title, text, figure in found]
 
 
-def _measured_row(step: Step, picture: str, strategy: str, view: View, scale: float) -> dict[str, Any]:
+def _measured_row(step: Step, picture: str, strategy: str, view: JudgedPixels, scale: float) -> dict[str, Any]:
     target, mask = view.target, view.mask
     codes = codes_of(step.load_image(f"projector-{picture}-{strategy}"))
     predicted, measured = (

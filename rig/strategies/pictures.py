@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.files.photographs import photograph, rescaled
-from rig.stages.model import RoomRecord
-from rig.stages.scene_model import RoomTwin
+from rig.stages.model import FittedScene
+from rig.stages.scene_model import SceneModel
 from rig.stages.target import Target
 
 FloatArray = NDArray[np.float64]
@@ -27,26 +27,26 @@ class Picture:
     target: Target
 
 
-def pictures_for(model: RoomRecord, target: Target) -> list[Picture]:
+def pictures_for(model: FittedScene, target: Target) -> list[Picture]:
     """The user's picture first; the others are grey."""
-    shape = model.twin.projector.lens.shape
+    shape = model.scene_model.projector.lens.shape
     return [
         Picture("target", target),
-        Picture("two-walls", _grey("one wall white, the other black", two_walls(model.twin), model.channels)),
+        Picture("two-walls", _grey("one wall white, the other black", two_walls(model.scene_model), model.channels)),
         Picture("dark", _photograph(*DARK, shape, model.channels)),
         Picture("bright", _photograph(*BRIGHT, shape, model.channels)),
     ]
 
 
-def two_walls(twin: RoomTwin) -> NDArray[np.float32]:
+def two_walls(scene_model: SceneModel) -> NDArray[np.float32]:
     """(H, W) white on the wall that fills most of the picture, black on the second; floor and ceiling by their side.
 
     With one wall only, the left half is white.
     """
-    height, width = twin.projector.lens.shape
-    face = twin.projector_look.hits.face
+    height, width = scene_model.projector.lens.shape
+    face = scene_model.projector_look.hits.face
     column = np.tile(np.arange(width), height)
-    upright = [k for k, each in enumerate(twin.scene.faces) if each.name not in ("floor", "ceiling")]
+    upright = [k for k, each in enumerate(scene_model.scene.faces) if each.name not in ("floor", "ceiling")]
     counts = {k: int((face == k).sum()) for k in upright}
     first, second = sorted(upright, key=lambda k: -counts[k])[:2] if len(upright) > 1 else (0, 0)
     if not counts.get(second) or first == second:

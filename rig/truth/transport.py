@@ -1,4 +1,4 @@
-"""The simulated bench's own light transport in the projector's view: what perfect knowledge would compute with.
+"""The simulated world's own light transport in the projector's view: what perfect knowledge would compute with.
 
 Only scores may use it.
 """
@@ -14,9 +14,9 @@ from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array, diags_array
 
 from rig.devices.simulated.optics import directions, flux_density, pixels_of, relative_illumination
-from rig.devices.simulated.room import BenchRoom, interpolation, reflectance_at, trace
-from rig.devices.simulated.world import Bench, SeenLight, pixel_grid
-from rig.stages.model import RoomRecord
+from rig.devices.simulated.room import SimulatedRoom, interpolation, reflectance_at, trace
+from rig.devices.simulated.world import SeenLight, SimulatedWorld, pixel_grid
+from rig.stages.model import FittedScene
 from sim.light.colour import ColourTransport
 from sim.light.transport import LightTransport
 
@@ -27,9 +27,9 @@ SAMPLES = 2
 
 
 class CellRadiosity:
-    """The bench's room as the system (I - G) B = E; its factors are not reciprocal, so it is factored as it is."""
+    """The simulated room as the system (I - G) B = E; its factors are not reciprocal, so it is factored as it is."""
 
-    def __init__(self, room: BenchRoom):
+    def __init__(self, room: SimulatedRoom):
         self.form_factors = room.form_factors
         self.reflectance: FloatArray = room.reflectance.astype(np.float64)
         self.n_patches = len(self.reflectance)
@@ -58,51 +58,51 @@ class CellRadiosity:
         return np.asarray(solved, dtype=np.float64)
 
 
-def true_transport(benches: Sequence[Bench], model: RoomRecord) -> ColourTransport:
-    """T of the bench from the model's steered pixels to what the camera sees there, in the session's unit.
+def ground_truth_transport(worlds: Sequence[SimulatedWorld], model: FittedScene) -> ColourTransport:
+    """T of the simulated world from the model's steered pixels to what the camera sees there, in the session's unit.
 
     Lens blur is left out, as in the model's own view: T's direct part is diagonal.
     """
-    bands = [_true_band(bench, model, b) for b, bench in enumerate(benches)]
-    return ColourTransport(bands, true_mixing(benches))
+    bands = [_true_band(world, model, b) for b, world in enumerate(worlds)]
+    return ColourTransport(bands, ground_truth_mixing(worlds))
 
 
-def true_mixing(benches: Sequence[Bench]) -> FloatArray:
+def ground_truth_mixing(worlds: Sequence[SimulatedWorld]) -> FloatArray:
     """(B, B) share of white in each band that each channel of the projector makes."""
-    if len(benches) == 1:
+    if len(worlds) == 1:
         return np.eye(1)
-    weights = np.stack([bench.channel_weights for bench in benches])
+    weights = np.stack([world.channel_weights for world in worlds])
     return np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
-def _true_band(bench: Bench, model: RoomRecord, band: int) -> LightTransport:
-    direct, reflected, view = _surface(bench)
+def _true_band(world: SimulatedWorld, model: FittedScene, band: int) -> LightTransport:
+    direct, reflected, view = _surface(world)
     chosen = np.flatnonzero(model.room.active)
-    white = bench.channel_weights.sum()
-    scale = _unit(bench, model, band) * white * (1 - 1 / bench.settings.projector.contrast)
-    radiosity = CellRadiosity(bench.room)
+    white = world.channel_weights.sum()
+    scale = _unit(world, model, band) * white * (1 - 1 / world.settings.projector.contrast)
+    radiosity = CellRadiosity(world.room)
     cells = diags_array(1 / radiosity.reflectance)  # B - E = ρ H, and the view is of the irradiance H
     seen = csr_array(diags_array(reflected) @ view @ cells)[chosen]
-    emission = csr_array(bench.emission[:, chosen].astype(np.float64)) * scale
-    patch = model.twin.projector_look.hits.patch[chosen]
+    emission = csr_array(world.emission[:, chosen].astype(np.float64)) * scale
+    patch = model.scene_model.projector_look.hits.patch[chosen]
     return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, patch)  # type: ignore[arg-type]
 
 
-def _surface(bench: Bench) -> tuple[FloatArray, FloatArray, csr_array]:
+def _surface(world: SimulatedWorld) -> tuple[FloatArray, FloatArray, csr_array]:
     """(n,) direct light of white and (n,) reflectance, both dimmed by the camera; (n, cells) irradiance seen."""
-    height, width = bench.projector.shape
-    grid = pixel_grid(bench.projector.shape, SAMPLES)
-    surface = trace(bench.room, bench.projector.position_m, directions(bench.projector, grid))
+    height, width = world.projector.shape
+    grid = pixel_grid(world.projector.shape, SAMPLES)
+    surface = trace(world.room, world.projector.position_m, directions(world.projector, grid))
     reflectance = np.zeros(surface.wall.shape)
-    for k in range(len(bench.room.walls)):
+    for k in range(len(world.room.walls)):
         on = surface.wall == k
-        reflectance[on] = reflectance_at(bench.room, k, surface.points_m[on])
-    dimmed = reflectance * relative_illumination(bench.camera, pixels_of(bench.camera, surface.points_m))
-    flux = bench.settings.projector.flux / (height * width) * relative_illumination(bench.projector, grid)
-    direct = dimmed * flux * flux_density(bench.projector, surface.points_m, surface.cos_incidence)
-    centres = pixel_grid(bench.projector.shape)
+        reflectance[on] = reflectance_at(world.room, k, surface.points_m[on])
+    dimmed = reflectance * relative_illumination(world.camera, pixels_of(world.camera, surface.points_m))
+    flux = world.settings.projector.flux / (height * width) * relative_illumination(world.projector, grid)
+    direct = dimmed * flux * flux_density(world.projector, surface.points_m, surface.cos_incidence)
+    centres = pixel_grid(world.projector.shape)
     view = interpolation(
-        bench.room, trace(bench.room, bench.projector.position_m, directions(bench.projector, centres))
+        world.room, trace(world.room, world.projector.position_m, directions(world.projector, centres))
     )
     return _pixel_means(direct), _pixel_means(dimmed), view
 
@@ -114,8 +114,8 @@ def _pixel_means(fine: FloatArray) -> FloatArray:
     return np.asarray(means.ravel())
 
 
-def _unit(bench: Bench, model: RoomRecord, band: int) -> float:
-    """Session's light over the bench's in a band, by white: the unit of light is relative."""
-    eye = SeenLight(bench, 2)
-    white, black = (eye.of(np.full(bench.projector.shape, code, np.uint8)) for code in (255, 0))
+def _unit(world: SimulatedWorld, model: FittedScene, band: int) -> float:
+    """Session's light over the simulated world's in a band, by white: the unit of light is relative."""
+    eye = SeenLight(world, 2)
+    white, black = (eye.of(np.full(world.projector.shape, code, np.uint8)) for code in (255, 0))
     return float(model.white[..., band][model.lit].mean() / (white - black)[model.lit].mean())

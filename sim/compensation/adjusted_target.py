@@ -8,7 +8,7 @@ from sim.geometry.scene import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Goal:
+class AdjustedTarget:
     """A picture near the target that fits the projector's range better."""
 
     values: FloatArray

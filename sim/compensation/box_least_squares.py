@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.compensation.split_transport import View, direct_blocks
+from sim.compensation.split_transport import SplitTransport, direct_blocks
 from sim.geometry.scene import BoolArray, FloatArray
 
 ENOUGH = 0.3
@@ -46,7 +46,7 @@ class State:
 class BoxProblem:
     """The problem; images are (n, C)."""
 
-    view: View
+    view: SplitTransport
     target: FloatArray
     lower: float
     upper: float

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from sim.errors import SimulationError
 from sim.geometry.scene import FloatArray
 from sim.light.colour import ColourTransport
-from sim.light.interreflection_operator import Coupling
+from sim.light.interreflection_operator import InterreflectionOperator
 from sim.light.transport import LightTransport
 
 Transport = LightTransport | ColourTransport
@@ -19,7 +19,7 @@ Transport = LightTransport | ColourTransport
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SplitTransport:
     """T p = D K p + V H S K p, band by band; a grey transport has one band and K = 1.
 
     Images (n, C) are kept band after band in memory, for the sparse products take one band at a time.
@@ -30,7 +30,7 @@ class View:
     """(C, C) K."""
     diagonal: FloatArray
     """(n, C) D."""
-    couplings: tuple[Coupling, ...]
+    couplings: tuple[InterreflectionOperator, ...]
     """The interreflection of each band."""
 
     @cached_property
@@ -72,7 +72,7 @@ class View:
         return np.stack(columns).T
 
 
-def view_of(transport: Transport) -> View:
+def split_transport_of(transport: Transport) -> SplitTransport:
     """Take a transport apart.
 
     Raises
@@ -84,10 +84,10 @@ def view_of(transport: Transport) -> View:
     bands = transport.bands if isinstance(transport, ColourTransport) else (transport,)
     mixing = transport.mixing if colour else np.eye(1)
     diagonal = np.stack([diagonal_of(band) for band in bands]).T
-    return View(bands, mixing, diagonal, tuple(band.coupling for band in bands))
+    return SplitTransport(bands, mixing, diagonal, tuple(band.coupling for band in bands))
 
 
-def direct_blocks(view: View, metric: FloatArray | None = None) -> FloatArray:
+def direct_blocks(view: SplitTransport, metric: FloatArray | None = None) -> FloatArray:
     """(n, C, C) Kᵀ D Ω D K, direct light's part of TᵀΩT; the metric Ω (n, C, C) is the identity unless given."""
     scaled = view.diagonal[:, :, None] * view.mixing
     return np.asarray(scaled.transpose(0, 2, 1) @ (scaled if metric is None else metric @ scaled))

@@ -21,7 +21,7 @@ from sim.compensation.split_transport import diagonal_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
-from sim.frame.runs import Cells, Runs, cells_of, runs_of
+from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
 from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
@@ -55,7 +55,7 @@ class FrameModel:
     """Emission of a pixel's patch by unit light of the pixel, in the first band: one layer."""
     patch_runs: Runs
     """Pixels of a row that light the same patch."""
-    cells: Cells
+    cells: BilinearCells
     """Pixels of a row that see the same four patches, and where between them."""
     inverse: PackedRows
     """(layers, W, L) from S D⁻¹ (t - black), emission as of the first band, to irradiance of the viewed patches."""

@@ -38,7 +38,7 @@ class Runs:
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class BilinearCells:
     """Between which patches' centres each pixel looks."""
 
     corners: NDArray[np.int32]
@@ -53,7 +53,7 @@ class Cells:
 class CellView:
     """A view taken apart."""
 
-    cells: Cells
+    cells: BilinearCells
     viewed: IntArray
     """(W,) patches that the cells' values stand for."""
     misfit: float
@@ -106,7 +106,7 @@ def cells_of(view: csr_array, reflectance: FloatArray, places: IntArray, shape: 
     runs = runs_of(index.reshape(n, 4), places, shape)
     cells, number = np.unique(runs.value, axis=0, return_inverse=True)
     runs = replace(runs, value=number.reshape(-1, 1).astype(np.int32))
-    return CellView(Cells(cells, runs, of_pixel.reshape(2, *shape)), viewed, misfit)
+    return CellView(BilinearCells(cells, runs, of_pixel.reshape(2, *shape)), viewed, misfit)
 
 
 def _take_apart(

@@ -1,4 +1,4 @@
-"""Cells: a surface's faces cut into quads and triangles of unequal size, split where a plan asks for it."""
+"""AdaptivePatches: a surface's faces cut into quads and triangles of unequal size, split where a plan asks for it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PER_CELL = ("vertices", "reflectance", "region", "whole")
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class AdaptivePatches:
     """Patches of unequal size; a ``sim.geometry.surface.Surface``. Corners of one may lie within another's edge."""
 
     name: str
@@ -85,12 +85,12 @@ class Cells:
         """(P,) integral over each cell of |x - centre|² [m⁴]."""
         return np.asarray(sum(self.variation(np.tile(axis, (self.n_patches, 1))) for axis in np.eye(3)))
 
-    def chosen(self, cells: BoolArray | IntArray) -> Cells:
+    def chosen(self, cells: BoolArray | IntArray) -> AdaptivePatches:
         """Some of the cells."""
         vertices, reflectance, region, whole = (getattr(self, key)[cells] for key in PER_CELL)
         return replace(self, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
 
-    def halves(self, along: IntArray) -> Cells:
+    def halves(self, along: IntArray) -> AdaptivePatches:
         """(2 P) cells, first halves before second ones: quads across u (0) or v (1).
 
         Parameters
@@ -101,14 +101,14 @@ class Cells:
         first, second = _halves(self.vertices, along, self.triangular)
         return joined(replace(self, vertices=first), replace(self, vertices=second))
 
-    def quarters(self) -> Cells:
+    def quarters(self) -> AdaptivePatches:
         """(4 P) cells: each cut twice; cell i becomes i, i + P, i + 2 P, i + 3 P."""
         once = self.halves(np.zeros(self.n_patches, dtype=np.intp))
         return once.halves(np.ones(once.n_patches, dtype=np.intp))
 
 
-def joined(first: Cells, second: Cells) -> Cells:
-    """Cells of one scene together."""
+def joined(first: AdaptivePatches, second: AdaptivePatches) -> AdaptivePatches:
+    """AdaptivePatches of one scene together."""
     parts = (np.concatenate([getattr(first, key), getattr(second, key)]) for key in PER_CELL)
     vertices, reflectance, region, whole = parts
     return replace(first, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
@@ -138,7 +138,7 @@ def _longest_edge(vertices: FloatArray) -> IntArray:
     return np.asarray(np.argmax(lengths, axis=0))
 
 
-def whole_cells(surface: Surface) -> Cells:
+def whole_cells(surface: Surface) -> AdaptivePatches:
     """The fewest cells: a scene's faces, cut where others stand on them; a mesh's patches as they are.
 
     What another object covers (the floor under a box) is left out: no light gets there. A face whose
@@ -146,7 +146,7 @@ def whole_cells(surface: Surface) -> Cells:
     """
     if isinstance(surface, Scene):
         return _cells_of_scene(surface)
-    return Cells(
+    return AdaptivePatches(
         surface.name,
         surface.vertices,
         surface.reflectance,
@@ -158,7 +158,7 @@ def whole_cells(surface: Surface) -> Cells:
     )
 
 
-def _cells_of_scene(scene: Scene) -> Cells:
+def _cells_of_scene(scene: Scene) -> AdaptivePatches:
     corners = np.stack([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in scene.faces])
     pieces, reflectance, region = [], [], []
     for index, face in enumerate(scene.faces):
@@ -175,7 +175,7 @@ def _cells_of_scene(scene: Scene) -> Cells:
     vertices = np.concatenate(pieces)
     vectors = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1]) / 2
     closed = len(scene.faces) > 3 and bool(np.abs(vectors.sum(axis=0)).max() < 1e-9 * np.abs(vectors).sum())
-    return Cells(
+    return AdaptivePatches(
         scene.name,
         vertices,
         np.concatenate(reflectance),

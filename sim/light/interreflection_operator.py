@@ -12,7 +12,7 @@ from sim.light.radiosity import Radiosity
 
 
 @dataclass(frozen=True, eq=False)
-class Coupling:
+class InterreflectionOperator:
     """V H S with H = (I - G)⁻¹ G cut to the lit columns and the viewed rows."""
 
     emission: csr_array
@@ -35,7 +35,7 @@ class Coupling:
         return np.asarray(self.emission_adjoint @ (self.interreflection.T @ (self.view_adjoint @ c)))
 
 
-def coupling_of(radiosity: Radiosity, emission: csr_array, view: csr_array) -> Coupling:
+def coupling_of(radiosity: Radiosity, emission: csr_array, view: csr_array) -> InterreflectionOperator:
     """Cut a transport's interreflection to the patches that it lights and views."""
     lit = np.flatnonzero(np.diff(emission.indptr))
     viewed = np.unique(view.indices)
@@ -43,4 +43,4 @@ def coupling_of(radiosity: Radiosity, emission: csr_array, view: csr_array) -> C
     unit[lit, np.arange(len(lit))] = 1.0
     H = np.ascontiguousarray((radiosity.solve(unit) - unit)[viewed])
     S, V = csr_array(emission[lit]), csr_array(view[:, viewed])
-    return Coupling(S, H, V, csr_array(S.T), csr_array(V.T))
+    return InterreflectionOperator(S, H, V, csr_array(S.T), csr_array(V.T))

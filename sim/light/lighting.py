@@ -9,7 +9,7 @@ import numpy as np
 
 from sim.errors import SimulationError
 from sim.form_factors.occlusion import segments_blocked
-from sim.geometry.adaptive_patches import Cells
+from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
 from sim.geometry.scene import FloatArray, IntArray
 
@@ -34,7 +34,7 @@ class Light:
 LIGHTS = ("projector", "floor", "uniform")
 
 
-def standard_light(name: str, cells: Cells) -> Light:
+def standard_light(name: str, cells: AdaptivePatches) -> Light:
     """Build one of ``LIGHTS`` for a scene.
 
     ``projector``: white from a 640 x 480 projector with a horizontal field of view of 100 degrees, standing at
@@ -60,13 +60,13 @@ def standard_light(name: str, cells: Cells) -> Light:
     return light
 
 
-def _floor(cells: Cells) -> int:
+def _floor(cells: AdaptivePatches) -> int:
     up = np.flatnonzero(cells.normals[:, 2] > 1 - 1e-6)
     lowest = up[np.argmin(cells.centres[up, 2])] if len(up) else 0
     return int(cells.region[lowest])
 
 
-def _projector(cells: Cells) -> Light:
+def _projector(cells: AdaptivePatches) -> Light:
     corners = cells.vertices.reshape(-1, 3)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
@@ -96,7 +96,7 @@ class Emission:
     """(P,) of the irradiance within each cell."""
 
 
-def emission(cells: Cells, light: Light) -> Emission:
+def emission(cells: AdaptivePatches, light: Light) -> Emission:
     """Mean and variance of a light over each cell."""
     mean, variance = _sampled(cells, light, SAMPLES)
     varies = variance > 1e-12
@@ -105,7 +105,7 @@ def emission(cells: Cells, light: Light) -> Emission:
     return Emission(mean, variance)
 
 
-def _sampled(cells: Cells, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+def _sampled(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
     step = max(1, POINTS_AT_A_TIME // n**2)
     starts = range(0, cells.n_patches, step)
     parts = [_moments(cells.chosen(np.arange(k, min(k + step, cells.n_patches))), light, n) for k in starts]
@@ -113,7 +113,7 @@ def _sampled(cells: Cells, light: Light, n: int) -> tuple[FloatArray, FloatArray
     return mean, variance
 
 
-def _moments(cells: Cells, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+def _moments(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
     """(P,) means and variances over n x n points."""
     points, weights = sample_points(cells, n)
     normals, region = np.repeat(cells.normals, n * n, axis=0), np.repeat(cells.region, n * n)
@@ -122,7 +122,7 @@ def _moments(cells: Cells, light: Light, n: int) -> tuple[FloatArray, FloatArray
     return mean, (weights * (values - mean[:, None]) ** 2).sum(axis=1)
 
 
-def sample_points(cells: Cells, n: int) -> tuple[FloatArray, FloatArray]:
+def sample_points(cells: AdaptivePatches, n: int) -> tuple[FloatArray, FloatArray]:
     """(P, n², 3) midpoints of an n x n division of each cell [m] and their (P, n²) shares of its area."""
     places = (np.arange(n) + 0.5) / n
     s, t = (grid.ravel()[None, :, None] for grid in np.meshgrid(places, places))

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import LinearOperator
 
 from sim.errors import SimulationError
 from sim.geometry.scene import FloatArray, IntArray
-from sim.light.interreflection_operator import Coupling, coupling_of
+from sim.light.interreflection_operator import InterreflectionOperator, coupling_of
 from sim.light.radiosity import Radiosity
 
 
@@ -79,7 +79,7 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         return _operator(self.shape, self._global, self._global_adjoint)
 
     @cached_property
-    def coupling(self) -> Coupling:
+    def coupling(self) -> InterreflectionOperator:
         """The interreflection as a dense matrix between lit and viewed patches, made on first use."""
         return coupling_of(self.radiosity, self.emission, self.view)
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from sim.geometry.adaptive_patches import Cells, joined
+from sim.geometry.adaptive_patches import AdaptivePatches, joined
 from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.light.lighting import Light, emission
 
@@ -36,7 +36,7 @@ MOST_PLANES = 64
 class Probe:
     """A solved model, and how its irradiance varies."""
 
-    cells: Cells
+    cells: AdaptivePatches
     irradiance: FloatArray
     """(P,) H = F B from the other cells; 1 = white."""
     gradient: FloatArray
@@ -47,7 +47,7 @@ class Probe:
     """(P,) integral of its squared variation within each cell [m²]."""
 
     @classmethod
-    def of(cls, cells: Cells, irradiance: FloatArray) -> Probe:
+    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> Probe:
         """Find the gradients from neighbours in the same region."""
         gradient, roughness = gradients(cells, irradiance)
         within = cells.variation(gradient) + roughness * cells.polar_moments
@@ -60,7 +60,7 @@ class Probe:
         return float(np.sqrt(squared.sum() / self.cells.areas.sum()))
 
 
-def gradients(cells: Cells, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(P, 3) gradients in each cell's plane, and (P,) roughness.
 
     Least squares over the nearest cells of the same region; what they leave, over the area, is the roughness.
@@ -90,8 +90,8 @@ def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tupl
     return slope @ basis, left
 
 
-def even_cells(whole: Cells, count: int) -> Cells:
-    """Cells of about equal size: halved across their longer edge until there are ``count``, quartered at least once."""
+def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
+    """Patches of about equal size: halved along longer edges until there are ``count``, quartered at least once."""
     cells = whole.quarters()
     size_m = float(np.sqrt(cells.areas.sum() / count))
     while True:
@@ -104,11 +104,11 @@ def even_cells(whole: Cells, count: int) -> Cells:
 
 @dataclass(eq=False)
 class Refinement:
-    """Cells on the way from the whole faces to the fewest that meet a goal."""
+    """AdaptivePatches on the way from the whole faces to the fewest that meet a goal."""
 
     probe: Probe
     light: Light
-    cells: Cells
+    cells: AdaptivePatches
     owner: IntArray
     """(cells of the probe,) the cell that each one's centre lies in."""
     example: IntArray
@@ -119,7 +119,7 @@ class Refinement:
     """(P,) which way to halve each cell next."""
 
     @classmethod
-    def start(cls, whole: Cells, probe: Probe, light: Light) -> Refinement:
+    def start(cls, whole: AdaptivePatches, probe: Probe, light: Light) -> Refinement:
         """Begin with the whole faces."""
         owner = probe.cells.whole.copy()
         example = np.zeros(whole.n_patches, dtype=np.intp)
@@ -170,7 +170,7 @@ class Refinement:
         self.squared = np.concatenate([self.squared[kept], squared])
         self.along = np.concatenate([self.along[kept], along])
 
-    def _judged(self, cells: Cells, index: IntArray) -> tuple[FloatArray, IntArray]:
+    def _judged(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, IntArray]:
         """Squared error of some cells, ``index`` their place among all, and which way to halve them."""
         spread, along_u, along_v = self._spread(cells, index)
         edge = self._edge_of_light(cells)
@@ -180,7 +180,7 @@ class Refinement:
         along = np.where(stretched | (edge > spread), longer, (along_v > along_u).astype(np.intp))
         return cells.reflectance**2 * (spread + edge), along
 
-    def _spread(self, cells: Cells, index: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _spread(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Squared variation of the irradiance over cells, and its part along u and v."""
         probe, n = self.probe, self.cells.n_patches
         example = self.example[index]
@@ -207,7 +207,7 @@ class Refinement:
             along.append(np.where(count > 1, tensor / inside, alone))
         return spread, along[0], along[1]
 
-    def _edge_of_light(self, cells: Cells) -> FloatArray:
+    def _edge_of_light(self, cells: AdaptivePatches) -> FloatArray:
         variance = emission(cells, self.light).variance
         cut = np.flatnonzero(variance > 1e-12)
         error = np.zeros(cells.n_patches)
@@ -227,7 +227,7 @@ class Refinement:
         return nearest
 
 
-def _in_second_half(children: Cells, child: IntArray, points: FloatArray) -> BoolArray:
+def _in_second_half(children: AdaptivePatches, child: IntArray, points: FloatArray) -> BoolArray:
     """(N,) True where a point lies beyond the cut of the pair of halves ``child`` and ``child + pairs``."""
     first = children.vertices[child]
     normal = children.normals[child]

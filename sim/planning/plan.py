@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
-from sim.geometry.adaptive_patches import Cells, whole_cells
+from sim.geometry.adaptive_patches import AdaptivePatches, whole_cells
 from sim.geometry.scene import FloatArray
 from sim.geometry.surface import Surface
 from sim.light.lighting import Light, standard_light
@@ -38,7 +38,7 @@ from sim.planning.simulation import Model, simulate
 SAFETY = 1.25
 """The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
 FIRST_PROBE = 500
-"""Cells of the first solution."""
+"""AdaptivePatches of the first solution."""
 REACH = 3
 """A plan has at most this many times the cells of the solution that it was made from."""
 FAIR_TOLERANCE = 1.0
@@ -55,7 +55,7 @@ SOLVER_SHARE = 1e-4
 class Plan:
     """The cheapest model that meets a tolerance, and what it is expected to cost."""
 
-    cells: Cells
+    cells: AdaptivePatches
     light: Light
     model: Model
     solver: str
@@ -140,7 +140,9 @@ def plan(
 class _Search:
     """From solution to finer solution, until one is fine enough to tell the cells that a tolerance needs."""
 
-    def __init__(self, whole: Cells, light: Light, model: Model, tolerance: float, memory_limit_mb: float) -> None:
+    def __init__(
+        self, whole: AdaptivePatches, light: Light, model: Model, tolerance: float, memory_limit_mb: float
+    ) -> None:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
         self.most_cells = max(largest_dense(memory_limit_mb), largest_compressed(memory_limit_mb))
@@ -167,7 +169,7 @@ class _Search:
             raise SimulationError(self._refusal(self.cells.n_patches))
 
     @property
-    def cells(self) -> Cells:
+    def cells(self) -> AdaptivePatches:
         """The cells that meet the tolerance."""
         return self.refinement.cells
 
@@ -176,7 +178,7 @@ class _Search:
         """Expected, with safety; 1 = white."""
         return SAFETY * self.correction * self.refinement.error
 
-    def model_for(self, cells: Cells) -> Model:
+    def model_for(self, cells: AdaptivePatches) -> Model:
         """Give the model for so many cells: compressed where that is faster, or where the matrix does not fit."""
         slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
         if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
@@ -184,7 +186,7 @@ class _Search:
             return replace(self.model, compression=compression)
         return self.model
 
-    def _solve(self, cells: Cells) -> Probe:
+    def _solve(self, cells: AdaptivePatches) -> Probe:
         model = self.model_for(cells)
         self.solved = simulate(cells, self.light, model)
         self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
@@ -217,7 +219,7 @@ class _Search:
             self.refinement.refine(0.9 * goal / self.correction, most)
 
     def _needed(self) -> int:
-        """Cells that the tolerance needs; where they were not all made, from error ~ cells^(-1/2)."""
+        """AdaptivePatches that the tolerance needs; where they were not all made, from error ~ cells^(-1/2)."""
         return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
 
     def _refusal(self, needed: int) -> str:
@@ -235,7 +237,7 @@ def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
     return dense_cost(patches, products, channels, search.dense_timing, measured_machine())
 
 
-def _visibility(cells: Cells, tolerance_percent: float) -> Visibility:
+def _visibility(cells: AdaptivePatches, tolerance_percent: float) -> Visibility:
     if cells.convex or len(cells.occluders) == 0:
         return "none"
     return "fair" if tolerance_percent >= FAIR_TOLERANCE else "exact"
@@ -256,7 +258,7 @@ def distinct_channels(reflectance: ArrayLike) -> int:
 
 
 def _reasons(
-    search: _Search, whole: Cells, channels: int, bounces: int, products: int, tolerance: float
+    search: _Search, whole: AdaptivePatches, channels: int, bounces: int, products: int, tolerance: float
 ) -> tuple[str, ...]:
     cells, patches = search.cells, search.cells.n_patches
     radius = search.solved.spectral_radius

@@ -11,7 +11,7 @@ import numpy as np
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import compressed_form_factors
 from sim.form_factors.factors import ClosureWarning, Method, Visibility
-from sim.geometry.adaptive_patches import Cells
+from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.scene import FloatArray
 from sim.light.lighting import Light, emission
 from sim.light.radiosity import Exchange, Radiosity
@@ -42,7 +42,7 @@ class Model:
 class Simulation:
     """The light of a scene."""
 
-    cells: Cells
+    cells: AdaptivePatches
     reflectance: FloatArray
     """(P, C) one column for each different colour."""
     E: FloatArray
@@ -73,7 +73,7 @@ class Simulation:
         return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
-def simulate(cells: Cells, light: Light, model: Model) -> Simulation:
+def simulate(cells: AdaptivePatches, light: Light, model: Model) -> Simulation:
     """Solve the radiosity of cells in a light.
 
     Raises
@@ -114,7 +114,7 @@ def simulate(cells: Cells, light: Light, model: Model) -> Simulation:
     )
 
 
-def _factors(cells: Cells, model: Model) -> Exchange:
+def _factors(cells: AdaptivePatches, model: Model) -> Exchange:
     if model.compression is not None:
         return compressed_form_factors(cells, model.compression)
     with warnings.catch_warnings():

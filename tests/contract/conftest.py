@@ -29,7 +29,7 @@ def flat_codes(rig: Rig, name: str) -> Codes:
 def replaying(profile: Profile, table: str, folder: Path) -> Profile:
     """The same devices, from a recording."""
     text = profile.raw.decode()
-    text = text[: text.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    text = text[: text.index("[simulation]")].replace('driver = "simulated"', 'driver = "replay"')
     path = folder / "replay-profile.toml"
     path.write_text(f"{text}\n[replay]\n{table}\n")
     return Profile.parse(path.read_bytes(), path)

@@ -166,7 +166,7 @@ def overlaid(base: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
         merges = isinstance(value, dict) and isinstance(own, dict) and key not in {"scale", "replay"}
         result[key] = overlaid(own, value) if merges and own is not None else value
     if result.get("driver") is None and result.get("camera", {}).get("driver") == "replay":
-        result.pop("bench", None)
+        result.pop("simulation", None)
     return result
 
 

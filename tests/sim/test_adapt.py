@@ -1,4 +1,4 @@
-"""Cells of unequal size: what they cover, how they are split, and where."""
+"""AdaptivePatches of unequal size: what they cover, how they are split, and where."""
 
 import numpy as np
 import pytest

@@ -8,7 +8,7 @@ from skimage.color import rgb2lab
 from sim.compensation import STRATEGIES, compensate
 from sim.compensation.box_least_squares import BoxProblem
 from sim.compensation.inverse import Inverse
-from sim.compensation.split_transport import view_of
+from sim.compensation.split_transport import split_transport_of
 from sim.compensation.strategies.perceptual import XYZ_FROM_LINEAR_SRGB, lab_metric
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
@@ -56,7 +56,7 @@ def test_in_colour_the_channels_compete_so_one_band_after_the_other_is_not_the_o
 def test_the_gap_bounds_what_any_image_can_gain():
     target = _target(5)
     best = 0.5 * np.sum((compensate("bounded", COLOUR, target, tolerance=1e-12).predicted - target) ** 2)
-    problem = BoxProblem(view_of(COLOUR), target, 0.0, 1.0)
+    problem = BoxProblem(split_transport_of(COLOUR), target, 0.0, 1.0)
     rng = np.random.default_rng(6)
     for _ in range(20):
         state = problem.at(rng.uniform(size=target.shape))
@@ -113,7 +113,7 @@ def test_the_lab_metric_measures_small_differences_of_a_colour_library():
 
 @pytest.mark.parametrize("transport", [_grey(), COLOUR], ids=["grey", "colour"])
 def test_the_inverse_and_its_adjoint_undo_the_transport(transport):
-    view = view_of(transport)
+    view = split_transport_of(transport)
     rng = np.random.default_rng(11)
     x, y = rng.normal(size=(2, *view.diagonal.shape))
     inverse = Inverse(view)
@@ -122,7 +122,7 @@ def test_the_inverse_and_its_adjoint_undo_the_transport(transport):
 
 
 def test_the_inverse_iterates_where_there_are_too_many_patches(monkeypatch):
-    view = view_of(COLOUR)
+    view = split_transport_of(COLOUR)
     x = np.random.default_rng(12).normal(size=view.diagonal.shape)
     direct = Inverse(view)
     expected = direct.apply(x), direct.adjoint(x)

@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 from sim.compensation import STRATEGIES, compensate
 from sim.compensation.spectrum import spectral_radius
-from sim.compensation.split_transport import view_of
+from sim.compensation.split_transport import split_transport_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.light.colour import ColourTransport
@@ -136,7 +136,7 @@ def test_content_scale_dims_until_white_is_hardly_clipped():
 
 @pytest.mark.parametrize("g", [0.2, G, DIVERGING])
 def test_the_spectral_radius_is_that_of_all_bounces(g):
-    assert spectral_radius(view_of(two_patches(g, D))) == pytest.approx(g / (1 - g), rel=1e-5)
+    assert spectral_radius(split_transport_of(two_patches(g, D))) == pytest.approx(g / (1 - g), rel=1e-5)
 
 
 @pytest.mark.parametrize("name", ["series", "reverse_radiosity", "block_fixed_point"])

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.benchmark.records import Bar, OnStep, Outcome, Point, Size
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
 from rig.benchmark.timing import median_seconds
 from rig.paper.experiments import CONFIGURATIONS, Configuration, desired_picture, paper_factors, paper_transport
 from rig.stages.picture_errors import WHITE
@@ -49,7 +49,7 @@ def run(size: Size, on_step: OnStep) -> Outcome:
     on_step(COLOUR, len(chosen), len(chosen) + 1)
     points += measured(COLOUR, *colour_problem(factors[True], SHAPES[size]), BUDGET_S[size])
     on_step("compensate", len(chosen) + 1, len(chosen) + 1)
-    return Outcome(tuple(points), tuple(bars(points)), NOTES)
+    return Outcome(tuple(points), tuple(criteria(points)), NOTES)
 
 
 NOTES = (
@@ -111,7 +111,7 @@ def _detail(solution: Compensation, target: FloatArray) -> dict[str, Any]:
     }
 
 
-def bars(points: Sequence[Point]) -> list[Bar]:
+def criteria(points: Sequence[Point]) -> list[Criterion]:
     """What the certificate promises, and what the optimum is worth."""
     by_problem: dict[str, dict[str, Point]] = {}
     for point in points:
@@ -119,14 +119,14 @@ def bars(points: Sequence[Point]) -> list[Bar]:
     found = []
     for problem, methods in by_problem.items():
         optimum = methods["bounded"]
-        found.append(Bar(f"{problem}: bounded, certified gap", float(optimum.detail["note_gap"]), GAP))
-        found.append(Bar(f"{problem}: bounded RMS over the least of all", _beaten(methods), 1 + BEATEN))
+        found.append(Criterion(f"{problem}: bounded, certified gap", float(optimum.detail["note_gap"]), GAP))
+        found.append(Criterion(f"{problem}: bounded RMS over the least of all", _beaten(methods), 1 + BEATEN))
     reference, grey = by_problem.get("reference"), by_problem.get("grey")
     if reference:
         share = (reference["bounded"].error or 0.0) / (reference["paper"].error or 1.0)
-        found.append(Bar("reference: error of bounded over that of paper", share, 0.45))
+        found.append(Criterion("reference: error of bounded over that of paper", share, 0.45))
     if grey:
-        found.append(Bar("grey: error of bounded", grey["bounded"].error or 0.0, 0.1, "grey levels"))
+        found.append(Criterion("grey: error of bounded", grey["bounded"].error or 0.0, 0.1, "grey levels"))
     return found
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rig.benchmark import peers
 from rig.benchmark.benches import occlusion
-from rig.benchmark.records import Bar, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
 from rig.benchmark.references.polygon import exchange_reference, largest_relative_error
 from rig.benchmark.references.room import errors_of
 from rig.benchmark.timing import median_seconds, peak_mb
@@ -87,13 +87,13 @@ def _empty_room(pitch_m: float, size: Size) -> Outcome:
     if n <= 2400:
         cases.append(Case("paper", lambda: form_factors(scene, "paper"), samples=9))
     points = _measured("empty room", scene, cases, lambda matrix: errors_of(matrix, scene, pitch_m)[0], BUDGET_S[size])
-    bars = _room_bars(points[0])
+    criteria = _room_bars(points[0])
     if n == 576:
-        bars += _paper_bars(form_factors(scene, "paper"))
+        criteria += _paper_bars(form_factors(scene, "paper"))
     if n == 576 and size != "quick" and peers.present("pyviewfactor"):
-        peer, bar = _against_pyviewfactor(scene, pitch_m)
-        points, bars = [*points, peer], [*bars, bar]
-    return Outcome(tuple(points), tuple(bars))
+        peer, criterion = _against_pyviewfactor(scene, pitch_m)
+        points, criteria = [*points, peer], [*criteria, criterion]
+    return Outcome(tuple(points), tuple(criteria))
 
 
 def _polygon_cases(surface: Surface) -> list[Case]:
@@ -122,29 +122,29 @@ def _measured(
     return points
 
 
-def _room_bars(point: Point) -> list[Bar]:
+def _room_bars(point: Point) -> list[Criterion]:
     name = f"closed form, N = {point.n}"
-    bars = [
-        Bar(f"{name}: largest relative error", point.error or 0.0, 1e-8),
-        Bar(f"{name}: closure", point.detail["closure_max"], 1e-10),
-        Bar(f"{name}: reciprocity, to rounding", point.detail["reciprocity"], 1e-15),
+    criteria = [
+        Criterion(f"{name}: largest relative error", point.error or 0.0, 1e-8),
+        Criterion(f"{name}: closure", point.detail["closure_max"], 1e-10),
+        Criterion(f"{name}: reciprocity, to rounding", point.detail["reciprocity"], 1e-15),
     ]
     if point.n in ROOM_LIMIT_S:
-        bars.append(Bar(f"{name}: time", point.seconds or 0.0, ROOM_LIMIT_S[point.n], "s", "time"))
-        bars.append(Bar(f"{name}: peak over the matrix", point.detail["peak_of_matrix"], 1.15, "", "memory"))
-    return bars
+        criteria.append(Criterion(f"{name}: time", point.seconds or 0.0, ROOM_LIMIT_S[point.n], "s", "time"))
+        criteria.append(Criterion(f"{name}: peak over the matrix", point.detail["peak_of_matrix"], 1.15, "", "memory"))
+    return criteria
 
 
-def _paper_bars(factors: FormFactors) -> list[Bar]:
+def _paper_bars(factors: FormFactors) -> list[Criterion]:
     rows = factors.row_sums
     return [
-        Bar("paper: lowest row sum less 1.0004", abs(float(rows.min()) - 1.0004), 1e-4),
-        Bar("paper: highest row sum less 1.0869", abs(float(rows.max()) - 1.0869), 1e-4),
-        Bar("paper: spectral radius less 1.0197", abs(factors.spectral_radius - 1.0197), 1e-4),
+        Criterion("paper: lowest row sum less 1.0004", abs(float(rows.min()) - 1.0004), 1e-4),
+        Criterion("paper: highest row sum less 1.0869", abs(float(rows.max()) - 1.0869), 1e-4),
+        Criterion("paper: spectral radius less 1.0197", abs(factors.spectral_radius - 1.0197), 1e-4),
     ]
 
 
-def _against_pyviewfactor(scene: Scene, pitch_m: float) -> tuple[Point, Bar]:
+def _against_pyviewfactor(scene: Scene, pitch_m: float) -> tuple[Point, Criterion]:
     mesh = peers.pyviewfactor_mesh(scene)
     seconds = median_seconds(
         {"ours": lambda: form_factors(scene, "closed_form"), "peer": lambda: peers.pyviewfactor_factors(mesh)},
@@ -158,7 +158,7 @@ def _against_pyviewfactor(scene: Scene, pitch_m: float) -> tuple[Point, Bar]:
     closure = float(np.abs(matrix.sum(axis=1) - 1).max())
     detail = {"closure_max": closure, "ratio": ratio}
     point = Point("empty room", "pyviewfactor", 576, seconds["peer"], error, memory, "largest relative", detail)
-    return point, Bar("closed form over pyviewfactor, N = 576", ratio, 300.0, "x faster", "time", at_least=True)
+    return point, Criterion("closed form over pyviewfactor, N = 576", ratio, 300.0, "x faster", "time", at_least=True)
 
 
 def _sloped_room(size: Size) -> Outcome:
@@ -173,12 +173,12 @@ def _sloped_room(size: Size) -> Outcome:
         BUDGET_S[size],
     )
     nine, twenty_five = points
-    bars = (
-        Bar("sloped room, 9 samples: largest relative error", nine.error or 0.0, 2e-4),
-        Bar("sloped room, 25 samples: largest relative error", twenty_five.error or 0.0, 1e-6),
-        Bar("sloped room, 9 samples: time", nine.seconds or 0.0, 0.012, "s", "time"),
+    criteria = (
+        Criterion("sloped room, 9 samples: largest relative error", nine.error or 0.0, 2e-4),
+        Criterion("sloped room, 25 samples: largest relative error", twenty_five.error or 0.0, 1e-6),
+        Criterion("sloped room, 9 samples: time", nine.seconds or 0.0, 0.012, "s", "time"),
     )
-    return Outcome(tuple(points), bars)
+    return Outcome(tuple(points), criteria)
 
 
 def _thread_scaling(size: Size) -> Outcome:
@@ -196,13 +196,13 @@ def _thread_scaling(size: Size) -> Outcome:
         seconds = median_seconds(both, BUDGET_S[size])
     finally:
         set_threads(before)
-    points, bars = [], []
+    points, criteria = [], []
     for name in works:
         for k in (1, 2):
             points.append(Point("threads", name, scene.n_patches, seconds[f"{name}/{k}"], detail={"threads": k}))
         gain = seconds[f"{name}/1"] / seconds[f"{name}/2"]
-        bars.append(Bar(f"{name}: 2 threads over 1", gain, 1.8, "x faster", "time", at_least=True))
-    return Outcome(tuple(points), tuple(bars))
+        criteria.append(Criterion(f"{name}: 2 threads over 1", gain, 1.8, "x faster", "time", at_least=True))
+    return Outcome(tuple(points), tuple(criteria))
 
 
 def _with_threads(count: int, work: Callable[[], Any]) -> Callable[[], Any]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rig.benchmark import checkout, peers
-from rig.benchmark.records import Bar, OnStep, Outcome, Point, Size
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
 from rig.benchmark.timing import median_seconds, peak_mb
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
@@ -142,25 +142,27 @@ def _live_seconds() -> Point | None:
     return Point(PROBLEM, name, 0, seconds, PEER_NOISE, None, "pixel noise", detail)
 
 
-def _bars(points: list[Point], reference: Reference) -> list[Bar]:
-    bars = []
+def _bars(points: list[Point], reference: Reference) -> list[Criterion]:
+    criteria = []
     for point in points:
         limit = RMS_LIMITS.get((point.method, point.detail.get("pitch_m", 0.0)))
         if limit is not None:
             name = f"{point.method}, {point.detail['pitch_m']:g} m"
-            bars.append(Bar(f"{name}: block rms", 100 * (point.error or 0.0), 100 * limit, "%"))
+            criteria.append(Criterion(f"{name}: block rms", 100 * (point.error or 0.0), 100 * limit, "%"))
             if point.detail["pitch_m"] != 0.4:
-                bars.append(Bar(f"{name}: bias", 100 * abs(point.detail["bias"]), 100 * BIAS_LIMIT, "%"))
-    return bars + _time_bars(points, reference)
+                criteria.append(Criterion(f"{name}: bias", 100 * abs(point.detail["bias"]), 100 * BIAS_LIMIT, "%"))
+    return criteria + _time_bars(points, reference)
 
 
-def _time_bars(points: list[Point], reference: Reference) -> list[Bar]:
+def _time_bars(points: list[Point], reference: Reference) -> list[Criterion]:
     whole = [p for p in points if p.method == "smooth" and p.detail["pitch_m"] == WHOLE_PITCH_M]
     if not whole or whole[0].seconds is None:
         return []
     live = [p.seconds for p in points if p.method.startswith("Mitsuba") and p.seconds is not None]
     peer_s, when = (live[0], "in this run") if live else (reference.seconds_at_one_percent, "as stored")
     return [
-        Bar(f"whole simulation, {WHOLE_PITCH_M:g} m", whole[0].seconds, WHOLE_LIMIT_S, "s", "time"),
-        Bar(f"over Mitsuba at 1 % noise, {when}", peer_s / whole[0].seconds, FASTER, "x faster", "time", at_least=True),
+        Criterion(f"whole simulation, {WHOLE_PITCH_M:g} m", whole[0].seconds, WHOLE_LIMIT_S, "s", "time"),
+        Criterion(
+            f"over Mitsuba at 1 % noise, {when}", peer_s / whole[0].seconds, FASTER, "x faster", "time", at_least=True
+        ),
     ]

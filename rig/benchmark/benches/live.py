@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.benchmark.records import Bar, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
 from rig.benchmark.references.live_peers import NumpyFrame, OpenCvFrame
 from rig.benchmark.references.live_scene import LiveScene, live_scene, panning_frames
 from rig.benchmark.timing import Work, median_seconds
@@ -91,19 +91,19 @@ def _endless(work: Method, frames: Sequence[Codes]) -> Work:
     return lambda: work(order[next(turn) % len(order)])
 
 
-def _bars(problem: str, points: Sequence[Point]) -> list[Bar]:
+def _bars(problem: str, points: Sequence[Point]) -> list[Criterion]:
     by_name = {point.method: point for point in points}
     lsb = by_name["exact"].detail["largest_lsb"]
-    bars = [Bar(f"{problem}: exact against its definition", lsb, LARGEST_LSB, "codes")]
+    criteria = [Criterion(f"{problem}: exact against its definition", lsb, LARGEST_LSB, "codes")]
     if problem != BARS_FOR:
-        return bars
+        return criteria
     seconds = {name: point.seconds or np.nan for name, point in by_name.items()}
     for name, limit_s in LIMITS_S.items():
-        bars.append(Bar(f"{problem}: {name}, a frame", 1e3 * seconds[name], 1e3 * limit_s, "ms", "time"))
+        criteria.append(Criterion(f"{problem}: {name}, a frame", 1e3 * seconds[name], 1e3 * limit_s, "ms", "time"))
     for peer, times in FASTER.items():
         ratio = seconds[peer] / seconds["exact"]
-        bars.append(Bar(f"{problem}: exact over {peer}", ratio, times, "x faster", "time", at_least=True))
-    return bars
+        criteria.append(Criterion(f"{problem}: exact over {peer}", ratio, times, "x faster", "time", at_least=True))
+    return criteria
 
 
 def _certified(width: int, height: int, count: int) -> Outcome:
@@ -122,7 +122,9 @@ def _certified(width: int, height: int, count: int) -> Outcome:
         for name, values in errors.items()
     ]
     worst = float(np.max(np.divide(errors["bounded"], errors["certified"])))
-    return Outcome(tuple(points), (Bar(f"{problem}: bounded over certified, worst frame", worst, OVER_OPTIMUM, "x"),))
+    return Outcome(
+        tuple(points), (Criterion(f"{problem}: bounded over certified, worst frame", worst, OVER_OPTIMUM, "x"),)
+    )
 
 
 def _optimum(live: LiveScene, frame: Codes) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.benchmark import peers
-from rig.benchmark.records import Bar, Outcome, Point, Size
+from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.benchmark.references.box import VisibleShares, partly_occluded, uncovered_share
 from rig.benchmark.timing import median_seconds, peak_mb
 from sim.form_factors import form_factors
@@ -57,15 +57,15 @@ def box(size: Size) -> Outcome:
     works: dict[str, Callable[[], FloatArray]] = {mode: _ours(scene, mode) for mode in MODES}
     seconds = median_seconds(works, budget_s=0.1 if size == "quick" else 4.0)
     points = [_point(truth, mode, seconds[mode], works[mode]) for mode in MODES]
-    # The bars are of the scene of 701 patches, and finer than a quick reference.
-    bars = _bars({point.method: point for point in points}) if size != "quick" else []
+    # The criteria are of the scene of 701 patches, and finer than a quick reference.
+    criteria = _bars({point.method: point for point in points}) if size != "quick" else []
     if size != "quick":
         points += _peers(truth)
     note = (
         f"box occluder: {len(truth.parted.share)} partly occluded pairs; reference of {SEGMENTS[size]} segments "
         f"a pair, which its last doubling moved by {truth.parted.change_rms:.1e} rms"
     )
-    return Outcome(tuple(points), tuple(bars), (note,))
+    return Outcome(tuple(points), tuple(criteria), (note,))
 
 
 def _ours(scene: Scene, mode: Visibility) -> Callable[[], FloatArray]:
@@ -79,15 +79,15 @@ def _point(truth: Truth, method: str, seconds: float, work: Callable[[], FloatAr
     return Point(PROBLEM, method, truth.scene.n_patches, seconds, error, memory, "partly occluded pairs, rms", detail)
 
 
-def _bars(points: dict[str, Point]) -> list[Bar]:
-    bars = []
+def _bars(points: dict[str, Point]) -> list[Criterion]:
+    criteria = []
     for mode, error, seconds in (("exact", 0.0015, 0.4), ("quick", 0.03, 0.04)):
         point = points[mode]
         name = f"box, {mode}"
-        bars.append(Bar(f"{name}: partly occluded pairs, rms", point.error or 0.0, error))
-        bars.append(Bar(f"{name}: time", point.seconds or 0.0, seconds, "s", "time"))
+        criteria.append(Criterion(f"{name}: partly occluded pairs, rms", point.error or 0.0, error))
+        criteria.append(Criterion(f"{name}: time", point.seconds or 0.0, seconds, "s", "time"))
     exact = points["exact"].detail["row_sum_error"]
-    return [*bars, Bar("box, exact: row sums of partly covered patches", exact, 1e-3)]
+    return [*criteria, Criterion("box, exact: row sums of partly covered patches", exact, 1e-3)]
 
 
 def _peers(truth: Truth) -> list[Point]:

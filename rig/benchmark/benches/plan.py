@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 import time
 
-from rig.benchmark.records import Bar, OnStep, Outcome, Point, Size
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
 from rig.benchmark.timing import peak_mb
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import refined_check, simulate
@@ -65,11 +65,13 @@ def _promised(planned: Plan) -> dict[str, float | str]:
     }
 
 
-def _bars(points: list[Point]) -> list[Bar]:
-    bars = []
+def _bars(points: list[Point]) -> list[Criterion]:
+    criteria = []
     for point in points:
         tolerance = float(point.detail["tolerance"])
-        bars.append(Bar(f"{point.problem} at {tolerance:g} %: actual error", point.error or 0.0, tolerance, "%"))
+        criteria.append(
+            Criterion(f"{point.problem} at {tolerance:g} %: actual error", point.error or 0.0, tolerance, "%")
+        )
     no_more = [(point.error or 0.0) >= float(point.detail["tolerance"]) / 10 for point in points]
     share = statistics.mean(map(float, no_more))
-    return [*bars, Bar("plans with an error of a tenth of the tolerance or more", share, MOST, at_least=True)]
+    return [*criteria, Criterion("plans with an error of a tenth of the tolerance or more", share, MOST, at_least=True)]

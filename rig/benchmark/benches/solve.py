@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, bicgstab, gmres
 
-from rig.benchmark.records import Bar, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
 from rig.benchmark.timing import median_seconds, peak_mb
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors, form_factors
@@ -26,7 +26,7 @@ TOLERANCE = 1e-10
 MATVEC_LIMIT = 30
 LIMIT_S = {576: 0.0015, 2304: 0.020, 9216: 0.5}
 STRICT_UP_TO = 0.999
-"""Largest reflectance for which the bars of matvecs and seconds hold."""
+"""Largest reflectance for which the criteria of matvecs and seconds hold."""
 SLOW_STEPS = 3000
 """Steps after which the paper's iterations are given up."""
 DIRECT_UP_TO = 2400
@@ -215,14 +215,14 @@ def _by_lu(system: System) -> Solved:
     return Solved(np.asarray(lu_solve(factor, system.E)), {})
 
 
-def _bars(system: System, point: Point) -> list[Bar]:
+def _bars(system: System, point: Point) -> list[Criterion]:
     name = f"solve, N = {system.n}, reflectance {system.reflectance:g}"
-    bars = [
-        Bar(f"{name}: error", point.error or 0.0, TOLERANCE / (1 - system.reflectance)),
-        Bar(f"{name}: error bound true", float(point.detail["bound_true"]), 1.0, at_least=True),
+    criteria = [
+        Criterion(f"{name}: error", point.error or 0.0, TOLERANCE / (1 - system.reflectance)),
+        Criterion(f"{name}: error bound true", float(point.detail["bound_true"]), 1.0, at_least=True),
     ]
     if system.reflectance <= STRICT_UP_TO:
-        bars.append(Bar(f"{name}: products", point.detail["matvecs"], MATVEC_LIMIT))
+        criteria.append(Criterion(f"{name}: products", point.detail["matvecs"], MATVEC_LIMIT))
         if system.n in LIMIT_S:
-            bars.append(Bar(f"{name}: time", point.seconds or 0.0, LIMIT_S[system.n], "s", "time"))
-    return bars
+            criteria.append(Criterion(f"{name}: time", point.seconds or 0.0, LIMIT_S[system.n], "s", "time"))
+    return criteria

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from calibration.records import PinholeModel
 from calibration.structured_light.gray import bits_for
 from rig.errors import DeviceLost, ProfileError
-from rig.profile.problems import parse_toml, validate
+from rig.files.toml import parse_toml, validate
 
 Photograph = NDArray[Any]
 """uint8 or uint16."""

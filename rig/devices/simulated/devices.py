@@ -1,6 +1,6 @@
-"""The simulated pair: a camera and a projector on one bench, in virtual time.
+"""The simulated pair: a camera and a projector on one simulated world, in virtual time.
 
-Every random event is drawn from the bench's seed and the time at which it happens, so the world is a function of
+Every random event is drawn from the simulated world's seed and the time at which it happens, so it is a function of
 time alone: a session that is killed and resumed at the time of its last frame sees what it would have seen. Only
 ``exposure_delay_frames`` and ``frozen_s`` depend on when the camera was opened or set.
 """
@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from rig.devices.protocols import Clock, Codes, RawFrame, Shown
 from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
-from rig.devices.simulated.settings import BenchCamera, Interval
-from rig.devices.simulated.world import Bench, Float32Array, SeenLight
+from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
+from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 
 FloatArray = NDArray[np.float64]
@@ -37,10 +37,10 @@ class LitPicture:
 
 
 class SimulatedProjector:
-    """Shows codes on the bench at the next refresh, with latency and jitter until the light comes."""
+    """Shows codes on the simulated world at the next refresh, with latency and jitter until the light comes."""
 
-    def __init__(self, bench: Bench, clock: Clock, *, refresh_rate_hz: float):
-        self._bench = bench
+    def __init__(self, world: SimulatedWorld, clock: Clock, *, refresh_rate_hz: float):
+        self._world = world
         self._clock = clock
         self._period_s = 1.0 / refresh_rate_hz
         self._opened_s: float | None = None
@@ -50,13 +50,13 @@ class SimulatedProjector:
     @property
     def shape(self) -> tuple[int, int]:
         """(height, width), in pixels."""
-        return self._bench.projector.shape
+        return self._world.projector.shape
 
     def open(self) -> None:
         """Switch on; shows black. Raises DeviceLost while unplugged."""
         if self._opened_s is None:
             now_s = self._clock.now_s()
-            _refuse_unplugged("projector", self._bench.settings.projector.unplugged_s, now_s, now_s)
+            _refuse_unplugged("projector", self._world.settings.projector.unplugged_s, now_s, now_s)
             self._opened_s = now_s
             self._pictures = [LitPicture(self._black, -math.inf)]
 
@@ -69,7 +69,7 @@ class SimulatedProjector:
         """Raise DeviceLost when closed, or unplugged since it was opened."""
         if self._opened_s is None:
             raise DeviceLost("the simulated projector is closed: open the rig before showing a picture")
-        _refuse_unplugged("projector", self._bench.settings.projector.unplugged_s, self._opened_s, self._clock.now_s())
+        _refuse_unplugged("projector", self._world.settings.projector.unplugged_s, self._opened_s, self._clock.now_s())
 
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Show codes of exactly its shape, (H, W) or (H, W, 3), at the next refresh."""
@@ -80,7 +80,7 @@ class SimulatedProjector:
             )
         on_screen_s = math.ceil(self._clock.now_s() / self._period_s + 1e-9) * self._period_s
         self._clock.wait_until_s(on_screen_s)
-        projector = self._bench.settings.projector
+        projector = self._world.settings.projector
         jitter = self._bench_random(on_screen_s).uniform(0, projector.jitter_s)
         self._pictures.append(LitPicture(codes.copy(), on_screen_s + projector.latency_s + jitter))
         del self._pictures[:-_KEPT_PICTURES]
@@ -89,20 +89,20 @@ class SimulatedProjector:
     def lit_pictures(self) -> list[LitPicture]:
         """The last pictures, in their order; all is dark from the moment on at which it was unplugged."""
         opened_s = math.inf if self._opened_s is None else self._opened_s
-        lost_s = first_in(self._bench.settings.projector.unplugged_s, opened_s, math.inf)
+        lost_s = first_in(self._world.settings.projector.unplugged_s, opened_s, math.inf)
         ends = [min(p.light_s, lost_s) for p in self._pictures[1:]] + [lost_s]
         return [LitPicture(p.codes, p.light_s, end_s) for p, end_s in zip(self._pictures, ends, strict=True)]
 
     def _bench_random(self, time_s: float) -> np.random.Generator:
-        return np.random.default_rng((self._bench.settings.seed, 1, round(time_s * 1e6)))
+        return np.random.default_rng((self._world.settings.seed, 1, round(time_s * 1e6)))
 
 
 class SimulatedCamera:
-    """Photographs the bench: exposure, lens, shot and read noise, response, quantisation, late and lost frames."""
+    """Photographs the world: exposure, lens, shot and read noise, response, quantisation, late or lost frames."""
 
     def __init__(
         self,
-        bands: tuple[Bench, ...],
+        bands: tuple[SimulatedWorld, ...],
         projector: SimulatedProjector,
         clock: Clock,
         *,
@@ -111,7 +111,7 @@ class SimulatedCamera:
         exposure_range_s: tuple[float, float],
     ):
         self.bands = bands
-        self.bench = bands[0]
+        self.world = bands[0]
         self._projector = projector
         self._clock = clock
         self._bit_depth = bit_depth
@@ -121,13 +121,13 @@ class SimulatedCamera:
         self._earlier_exposure_s, self._set_s = self._exposure_s, -math.inf
         self._opened_s: float | None = None
         self._sequence = 0
-        self._faults = FrameFaults(self.bench.settings.camera, self.bench.settings.seed, self._period_s)
-        self._seen = [SeenLight(bench, _KEPT_LIGHT) for bench in bands]
+        self._faults = FrameFaults(self.world.settings.camera, self.world.settings.seed, self._period_s)
+        self._seen = [SeenLight(world, _KEPT_LIGHT) for world in bands]
 
     @property
     def shape(self) -> tuple[int, int, int]:
         """(height, width, channels), in pixels; three channels are red, green and blue at every pixel."""
-        return (*self.bench.camera.shape, len(self.bands))
+        return (*self.world.camera.shape, len(self.bands))
 
     @property
     def full_scale_dn(self) -> int:
@@ -143,7 +143,7 @@ class SimulatedCamera:
         """Make ready, with the shortest exposure. Raises DeviceLost while unplugged."""
         if self._opened_s is None:
             now_s = self._clock.now_s()
-            _refuse_unplugged("camera", self.bench.settings.camera.unplugged_s, now_s, now_s)
+            _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, now_s, now_s)
             self._opened_s = now_s
             self._exposure_s = self._earlier_exposure_s = self._exposure_range_s[0]
 
@@ -166,7 +166,7 @@ class SimulatedCamera:
     def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
         """Next frame on the camera's grid of start times; now and then an old one, as real drivers deliver."""
         opened_s = self._check_open()
-        settings = self.bench.settings.camera
+        settings = self.world.settings.camera
         now_s = self._clock.now_s()
         slot = self._slot_from(max(after_s, now_s))
         slot = self._slot_from(end_of(settings.frozen_s, opened_s, slot * self._period_s))
@@ -183,12 +183,12 @@ class SimulatedCamera:
         return math.ceil(time_s / self._period_s - 1e-9)
 
     def _exposure_at(self, slot: int) -> float:
-        settled_s = self._set_s + self.bench.settings.camera.exposure_delay_frames * self._period_s
+        settled_s = self._set_s + self.world.settings.camera.exposure_delay_frames * self._period_s
         return self._exposure_s if slot * self._period_s >= settled_s else self._earlier_exposure_s
 
     def _wait(self, until_s: float, opened_s: float) -> None:
         """Wait; raises DeviceLost at the moment of an unplugging."""
-        unplugged_s = self.bench.settings.camera.unplugged_s
+        unplugged_s = self.world.settings.camera.unplugged_s
         self._clock.wait_until_s(min(until_s, first_in(unplugged_s, opened_s, until_s)))
         _refuse_unplugged("camera", unplugged_s, opened_s, self._clock.now_s())
 
@@ -203,8 +203,8 @@ class SimulatedCamera:
 
     def _expose(self, start_s: float, exposure_s: float) -> NDArray[np.uint16]:
         """Rows are exposed one after the other when the shutter rolls."""
-        settings = self.bench.settings.camera
-        height = self.bench.camera.shape[0]
+        settings = self.world.settings.camera
+        height = self.world.camera.shape[0]
         starts_s = start_s + settings.readout_s * np.arange(height)[:, None] / height
         light = np.zeros(self.shape, dtype=np.float32)
         for picture in self._projector.lit_pictures():
@@ -212,11 +212,11 @@ class SimulatedCamera:
             if share.any():
                 for band, seen in enumerate(self._seen):
                     light[..., band] += share.astype(np.float32) * seen.of(picture.codes)
-        if self.bench.settings.ambient_flicker:
-            swell = self.bench.ambient_swell(starts_s, exposure_s)
-            for band, (bench, seen) in enumerate(zip(self.bands, self._seen, strict=True)):
-                light[..., band] += swell.astype(np.float32) * seen.through_lens(bench.ambient)
-        random = random_at(self.bench.settings.seed, 3, start_s)
+        if self.world.settings.ambient_flicker:
+            swell = self.world.ambient_swell(starts_s, exposure_s)
+            for band, (world, seen) in enumerate(zip(self.bands, self._seen, strict=True)):
+                light[..., band] += swell.astype(np.float32) * seen.through_lens(world.ambient)
+        random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
         return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise)
 
@@ -224,14 +224,14 @@ class SimulatedCamera:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
         if self._opened_s is None:
             raise DeviceLost("the simulated camera is closed: open the rig before using it")
-        _refuse_unplugged("camera", self.bench.settings.camera.unplugged_s, self._opened_s, self._clock.now_s())
+        _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, self._opened_s, self._clock.now_s())
         return self._opened_s
 
 
 def _refuse_unplugged(kind: str, unplugged_s: tuple[Interval, ...], opened_s: float, now_s: float) -> None:
     lost_s = first_in(unplugged_s, opened_s, now_s)
     if lost_s <= now_s:
-        raise DeviceLost(f"the simulated {kind} was away at {lost_s:.3f} s, as bench.{kind}.unplugged_s says")
+        raise DeviceLost(f"the simulated {kind} was away at {lost_s:.3f} s, as simulation.{kind}.unplugged_s says")
 
 
 def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) -> FloatArray:
@@ -241,7 +241,7 @@ def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) ->
 
 
 def sensor_response(
-    camera: BenchCamera, light: Float32Array, exposure_s: float, full_scale_dn: int, noise: Float32Array
+    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, noise: Float32Array
 ) -> NDArray[np.uint16]:
     """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip.
 

@@ -11,14 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.devices.simulated.settings import BenchCamera, Interval
+from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
 
 _LONGEST_CHAIN = 32
 """Frames in a row that may be lost, or be copies of one."""
 _STALE_SLOTS = 8
 
 
-class Fate(NamedTuple):
+class FrameFault(NamedTuple):
     """What becomes of the frame of a slot."""
 
     content_slot: int
@@ -36,7 +36,7 @@ class Fate(NamedTuple):
 class FrameFaults:
     """Draws the fate of every frame; what is not switched on in the settings never happens."""
 
-    def __init__(self, settings: BenchCamera, seed: int, period_s: float):
+    def __init__(self, settings: SimulatedCameraSettings, seed: int, period_s: float):
         self._settings = settings
         self._seed = seed
         self._period_s = period_s
@@ -53,7 +53,7 @@ class FrameFaults:
             lost += 1
         return lost
 
-    def fate(self, slot: int) -> Fate:
+    def fate(self, slot: int) -> FrameFault:
         """What the frame of a slot, which is not lost, shows and says."""
         settings = self._settings
         chances = self._chances(slot)
@@ -61,7 +61,7 @@ class FrameFaults:
         stamp_slot = slot
         if self._old_chances(slot)[1] < settings.stale_frame_rate:
             copied = stamp_slot = slot - _STALE_SLOTS
-        return Fate(
+        return FrameFault(
             copied - settings.pipeline_frames,
             stamp_slot,
             settings.time_stamp_jitter_s * (2 * float(chances[3]) - 1),

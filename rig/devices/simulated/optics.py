@@ -1,4 +1,4 @@
-"""Lenses of the bench: where a pixel looks, and how bright the projector's light is where it lands."""
+"""Lenses of the simulated world: where a pixel looks, and how bright the projector's light is where it lands."""
 
 from __future__ import annotations
 
@@ -7,16 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.simulated.settings import BenchLens
+from rig.devices.simulated.settings import SimulatedLensSettings
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class BenchOptics:
+class SimulatedOptics:
     """One device's pinhole with distortion and vignetting."""
 
-    lens: BenchLens
+    lens: SimulatedLensSettings
     shape: tuple[int, int]
     rotation: FloatArray
     """(3, 3) device_from_world."""
@@ -27,7 +27,7 @@ class BenchOptics:
         return np.array(self.lens.position_m)
 
 
-def make_optics(lens: BenchLens, shape: tuple[int, int]) -> BenchOptics:
+def make_optics(lens: SimulatedLensSettings, shape: tuple[int, int]) -> SimulatedOptics:
     """Aim a lens: camera z forward, x right, y down, room z up; roll turns the picture clockwise."""
     forward = np.array(lens.look_at_m) - np.array(lens.position_m)
     forward /= np.linalg.norm(forward)
@@ -35,10 +35,10 @@ def make_optics(lens: BenchLens, shape: tuple[int, int]) -> BenchOptics:
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
     c, s = np.cos(np.radians(lens.roll_deg)), np.sin(np.radians(lens.roll_deg))
-    return BenchOptics(lens, shape, np.stack([c * right + s * down, c * down - s * right, forward]))
+    return SimulatedOptics(lens, shape, np.stack([c * right + s * down, c * down - s * right, forward]))
 
 
-def distort(lens: BenchLens, xy: FloatArray) -> FloatArray:
+def distort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:
     """Ideal to real image coordinates, focal length 1 (Brown's model in OpenCV's order)."""
     k1, k2, p1, p2, k3 = lens.distortion
     x, y = xy[..., 0], xy[..., 1]
@@ -50,8 +50,8 @@ def distort(lens: BenchLens, xy: FloatArray) -> FloatArray:
     return real
 
 
-def undistort(lens: BenchLens, xy: FloatArray) -> FloatArray:
-    """Inverse of :func:`distort` by fixed-point iteration (converges for the mild lenses of a bench)."""
+def undistort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:
+    """Inverse of :func:`distort` by fixed-point iteration (converges for the mild lenses of a simulated world)."""
     ideal = xy.copy()
     for _ in range(50):
         correction = xy - distort(lens, ideal)
@@ -61,7 +61,7 @@ def undistort(lens: BenchLens, xy: FloatArray) -> FloatArray:
     return ideal
 
 
-def directions(optics: BenchOptics, xy_px: FloatArray) -> FloatArray:
+def directions(optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
     """(..., 3) unit world directions of pixel coordinates (..., 2)."""
     lens = optics.lens
     xy = undistort(lens, (xy_px - np.array(lens.principal_point_px)) / lens.focal_px)
@@ -70,7 +70,7 @@ def directions(optics: BenchOptics, xy_px: FloatArray) -> FloatArray:
     return np.asarray(rays @ optics.rotation)
 
 
-def pixels_of(optics: BenchOptics, points_m: FloatArray) -> FloatArray:
+def pixels_of(optics: SimulatedOptics, points_m: FloatArray) -> FloatArray:
     """(..., 2) pixel coordinates of world points; NaN behind the lens."""
     local = (points_m - optics.position_m) @ optics.rotation.T
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -78,7 +78,7 @@ def pixels_of(optics: BenchOptics, points_m: FloatArray) -> FloatArray:
     return np.asarray(distort(optics.lens, xy) * optics.lens.focal_px + optics.lens.principal_point_px)
 
 
-def relative_illumination(optics: BenchOptics, xy_px: FloatArray) -> FloatArray:
+def relative_illumination(optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
     """Vignetting 1 + v2 r² + v4 r⁴ with r = distance from the axis / half diagonal."""
     v2, v4 = optics.lens.vignetting
     half_diagonal = np.hypot(*optics.shape) / 2
@@ -86,7 +86,7 @@ def relative_illumination(optics: BenchOptics, xy_px: FloatArray) -> FloatArray:
     return np.asarray(1 + r2 * (v2 + r2 * v4))
 
 
-def flux_density(optics: BenchOptics, points_m: FloatArray, cos_incidence: FloatArray) -> FloatArray:
+def flux_density(optics: SimulatedOptics, points_m: FloatArray, cos_incidence: FloatArray) -> FloatArray:
     """Pixels per square metre of surface at points that the projector reaches.
 
     A pixel of an ideal lens covers the solid angle cos³γ / f²; distortion stretches the pixel grid by the

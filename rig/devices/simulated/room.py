@@ -1,4 +1,4 @@
-"""The bench's room: axis-parallel walls cut into cells, and the light that they exchange.
+"""The simulated world's room: axis-parallel walls cut into cells, and the light that they exchange.
 
 Deliberately another discretisation than the model that is fitted to it (`sim`): light is collected at the cells'
 centres (point to rectangle, exact), not averaged over patches, on a finer grid, and interpolated between centres.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from rig.devices.simulated.settings import BenchSettings, in_band
+from rig.devices.simulated.settings import SimulationSettings, in_band
 from rig.errors import DeviceError
 
 FloatArray = NDArray[np.float64]
@@ -64,10 +64,10 @@ class SurfacePoints:
 
 
 @dataclass(frozen=True, slots=True)
-class BenchRoom:
+class SimulatedRoom:
     """Walls, the reflectance of their cells and the point-to-cell form factors."""
 
-    settings: BenchSettings
+    settings: SimulationSettings
     walls: tuple[Wall, ...]
     reflectance: Float32Array
     """(N,) of each cell."""
@@ -92,11 +92,11 @@ class BenchRoom:
         )
         radiosity, info = gmres(operator, emitted, x0=emitted, rtol=1e-5, restart=40, maxiter=10)
         if info != 0:
-            raise DeviceError("the simulated room's light did not converge; lower bench.reflectance below 0.98")
+            raise DeviceError("the simulated room's light did not converge; lower world.reflectance below 0.98")
         return np.asarray(self.form_factors @ radiosity.astype(np.float32), dtype=np.float64)
 
 
-def make_room(settings: BenchSettings, band: int | None = None) -> BenchRoom:
+def make_room(settings: SimulationSettings, band: int | None = None) -> SimulatedRoom:
     """Cut the faces into cells and compute what they exchange, for one band of light or for a grey camera's."""
     walls: list[Wall] = []
     first = 0
@@ -107,17 +107,17 @@ def make_room(settings: BenchSettings, band: int | None = None) -> BenchRoom:
     for receiver, emitter in product(walls, walls):
         if receiver is not emitter:
             _fill_block(factors, receiver, emitter)
-    return in_light(BenchRoom(settings, tuple(walls), np.zeros(0, np.float32), factors), band)
+    return in_light(SimulatedRoom(settings, tuple(walls), np.zeros(0, np.float32), factors), band)
 
 
-def in_light(room: BenchRoom, band: int | None) -> BenchRoom:
+def in_light(room: SimulatedRoom, band: int | None) -> SimulatedRoom:
     """The same walls in another band of light."""
     room = replace(room, band=band)
     reflectance = np.concatenate([_cell_reflectance(room, k) for k in range(len(room.walls))])
     return replace(room, reflectance=reflectance.astype(np.float32))
 
 
-def _make_wall(name: str, settings: BenchSettings, first_cell: int) -> Wall:
+def _make_wall(name: str, settings: SimulationSettings, first_cell: int) -> Wall:
     axis, side = _AXIS_AND_SIDE[name]
     a, b = (k for k in range(3) if k != axis)
     size = settings.size_m
@@ -177,7 +177,7 @@ def _perpendicular_block(receiver: Wall, emitter: Wall) -> Float32Array:
     return np.asarray(block.transpose(rows + cols))
 
 
-def reflectance_at(room: BenchRoom, wall_index: int, points_m: FloatArray) -> FloatArray:
+def reflectance_at(room: SimulatedRoom, wall_index: int, points_m: FloatArray) -> FloatArray:
     """(N,) reflectance of points of one wall: its mean, a smooth variation, and the posters."""
     wall, settings = room.walls[wall_index], room.settings
     s, t = (points_m[..., k] / settings.size_m[k] for k in wall.axes)
@@ -194,7 +194,7 @@ def reflectance_at(room: BenchRoom, wall_index: int, points_m: FloatArray) -> Fl
     return np.asarray(np.clip(value, 0.0, 0.99))
 
 
-def _cell_reflectance(room: BenchRoom, wall_index: int, samples: int = 3) -> FloatArray:
+def _cell_reflectance(room: SimulatedRoom, wall_index: int, samples: int = 3) -> FloatArray:
     """Mean over samples × samples points of each cell."""
     wall = room.walls[wall_index]
     fine = [np.linspace(e[0], e[-1], samples * (len(e) - 1) + 1) for e in wall.edges_m]
@@ -207,7 +207,7 @@ def _cell_reflectance(room: BenchRoom, wall_index: int, samples: int = 3) -> Flo
     return np.asarray(values.reshape(na, samples, nb, samples).mean(axis=(1, 3)).ravel())
 
 
-def trace(room: BenchRoom, origin_m: FloatArray, directions: FloatArray) -> SurfacePoints:
+def trace(room: SimulatedRoom, origin_m: FloatArray, directions: FloatArray) -> SurfacePoints:
     """Follow unit rays (..., 3) from a point inside the room to the first wall."""
     shape = directions.shape[:-1]
     best = np.full(shape, np.inf)
@@ -228,7 +228,7 @@ def trace(room: BenchRoom, origin_m: FloatArray, directions: FloatArray) -> Surf
     return SurfacePoints(wall_of, points, np.where(wall_of >= 0, best, np.nan), cosine)
 
 
-def cells_of(room: BenchRoom, points: SurfacePoints) -> IntArray:
+def cells_of(room: SimulatedRoom, points: SurfacePoints) -> IntArray:
     """Cell index of each surface point, -1 where there is none."""
     cells = np.full(points.wall.shape, -1, dtype=np.int64)
     for k, wall in enumerate(room.walls):
@@ -244,7 +244,7 @@ def _cell_coordinate(points_m: FloatArray, wall: Wall, c: int) -> FloatArray:
     return np.asarray(np.clip(np.floor((points_m[:, wall.axes[c]] - edges[0]) / step), 0, len(edges) - 2))
 
 
-def interpolation(room: BenchRoom, points: SurfacePoints) -> csr_array:
+def interpolation(room: SimulatedRoom, points: SurfacePoints) -> csr_array:
     """(n points, N) weights: bilinear between cell centres of a wall, constant beyond the outermost ones."""
     rows: list[IntArray] = []
     columns: list[IntArray] = []

@@ -1,4 +1,4 @@
-"""The `[bench]` table of a simulated rig's profile: the truth that calibration has to find out.
+"""The `[simulation]` table of a simulated rig's profile: the truth that calibration has to find out.
 
 Nothing outside the simulated pair and the scoring of its results may read these numbers.
 """
@@ -58,8 +58,8 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
 
-class BenchLens(_Table):
-    """Pose and lens of one device of the bench."""
+class SimulatedLensSettings(_Table):
+    """Pose and lens of one device of the simulated world."""
 
     position_m: Vector3
     look_at_m: Vector3
@@ -74,7 +74,7 @@ class BenchLens(_Table):
     """Standard deviation of the lens's Gaussian blur in the device's own pixels."""
 
 
-class BenchCamera(BenchLens):
+class SimulatedCameraSettings(SimulatedLensSettings):
     """What the simulated camera really is."""
 
     sensitivity_e_per_s: Annotated[float, Field(gt=0)]
@@ -106,7 +106,7 @@ class BenchCamera(BenchLens):
     """No frame comes, unless the camera is opened again."""
 
 
-class BenchProjector(BenchLens):
+class SimulatedProjectorSettings(SimulatedLensSettings):
     """What the simulated projector really is."""
 
     flux: Annotated[float, Field(gt=0)] = 10.0
@@ -136,7 +136,7 @@ class Poster(_Table):
     reflectance: Colour
 
 
-class BenchSettings(_Table):
+class SimulationSettings(_Table):
     """The whole truth of a simulated rig."""
 
     seed: int = 1
@@ -155,11 +155,11 @@ class BenchSettings(_Table):
     """How often a second the room light swells; mains lamps do twice a period: 100 or 120."""
     ambient_flicker: Share = 0.0
     """By how much, share of its mean."""
-    camera: BenchCamera
-    projector: BenchProjector
+    camera: SimulatedCameraSettings
+    projector: SimulatedProjectorSettings
 
     @model_validator(mode="after")
-    def _devices_are_inside(self) -> BenchSettings:
+    def _devices_are_inside(self) -> SimulationSettings:
         for name, lens in (("camera", self.camera), ("projector", self.projector)):
             if not all(0.0 < p < s for p, s in zip(lens.position_m, self.size_m, strict=True)):
                 raise ValueError(f"{name}.position_m {lens.position_m} is outside size_m {self.size_m}")

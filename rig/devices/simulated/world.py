@@ -12,7 +12,7 @@ from scipy.sparse import csr_array
 
 from rig.devices.protocols import Codes
 from rig.devices.simulated.optics import (
-    BenchOptics,
+    SimulatedOptics,
     directions,
     flux_density,
     make_optics,
@@ -20,7 +20,7 @@ from rig.devices.simulated.optics import (
     relative_illumination,
 )
 from rig.devices.simulated.room import (
-    BenchRoom,
+    SimulatedRoom,
     SurfacePoints,
     cells_of,
     in_light,
@@ -29,7 +29,7 @@ from rig.devices.simulated.room import (
     reflectance_at,
     trace,
 )
-from rig.devices.simulated.settings import BANDS, BenchProjector, BenchSettings
+from rig.devices.simulated.settings import BANDS, SimulatedProjectorSettings, SimulationSettings
 
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
@@ -51,27 +51,27 @@ class Light:
         return np.asarray(self.direct + self.global_ + self.ambient)
 
 
-class Bench:
+class SimulatedWorld:
     """Scene, optics and response of a simulated rig. Light depends on the shown picture only, not on time.
 
     Parameters
     ----------
     camera_shape, projector_shape : (H, W)
-    room : BenchRoom, optional
-        In one band of a colour camera (:func:`make_benches`); default: as a grey camera sees it.
+    room : SimulatedRoom, optional
+        In one band of a colour camera (:func:`make_simulated_worlds`); default: as a grey camera sees it.
     """
 
     def __init__(
         self,
-        settings: BenchSettings,
+        settings: SimulationSettings,
         camera_shape: tuple[int, int],
         projector_shape: tuple[int, int],
-        room: BenchRoom | None = None,
+        room: SimulatedRoom | None = None,
     ):
         self.settings = settings
-        self.room: BenchRoom = make_room(settings) if room is None else room
-        self.camera: BenchOptics = make_optics(settings.camera, camera_shape)
-        self.projector: BenchOptics = make_optics(settings.projector, projector_shape)
+        self.room: SimulatedRoom = make_room(settings) if room is None else room
+        self.camera: SimulatedOptics = make_optics(settings.camera, camera_shape)
+        self.projector: SimulatedOptics = make_optics(settings.projector, projector_shape)
         self.emission, self._pixel_flux = _splat(self.room, self.projector, settings.projector.flux)
         self._map, self._direct_gain = _direct_path(self.room, self.camera, self.projector, settings.projector.flux)
         surface = trace(self.room, self.camera.position_m, directions(self.camera, pixel_grid(camera_shape)))
@@ -143,24 +143,24 @@ class Bench:
         return np.asarray(self._reflectance * seen, dtype=np.float32)
 
 
-def make_benches(
-    settings: BenchSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int], channels: int
-) -> tuple[Bench, ...]:
-    """The bench in each band of a camera of 1 or 3 channels."""
+def make_simulated_worlds(
+    settings: SimulationSettings, camera_shape: tuple[int, int], projector_shape: tuple[int, int], channels: int
+) -> tuple[SimulatedWorld, ...]:
+    """The simulated world in each band of a camera of 1 or 3 channels."""
     if channels == 1:
-        return (Bench(settings, camera_shape, projector_shape),)
+        return (SimulatedWorld(settings, camera_shape, projector_shape),)
     first = make_room(settings, 0)
     rooms = [first, *(in_light(first, band) for band in range(1, BANDS))]
-    return tuple(Bench(settings, camera_shape, projector_shape, room) for room in rooms)
+    return tuple(SimulatedWorld(settings, camera_shape, projector_shape, room) for room in rooms)
 
 
 class SeenLight:
     """What reaches the camera's sensor through its lens; that of the last few pictures is kept."""
 
-    def __init__(self, bench: Bench, kept: int):
-        self._bench = bench
+    def __init__(self, world: SimulatedWorld, kept: int):
+        self._world = world
         self._kept = kept
-        self._vignetting = bench.vignetting
+        self._vignetting = world.vignetting
         self._known: list[tuple[Codes, Float32Array]] = []
 
     def of(self, codes: Codes) -> Float32Array:
@@ -169,18 +169,18 @@ class SeenLight:
             if np.array_equal(known, codes):
                 self._known.insert(0, self._known.pop(k))
                 return light
-        light = self.through_lens(self._bench.light(codes).total)
+        light = self.through_lens(self._world.light(codes).total)
         self._known = [(codes, light), *self._known[: self._kept - 1]]
         return light
 
     def through_lens(self, radiosity: Float32Array) -> Float32Array:
         """(H, W) light on the sensor, blurred and vignetted."""
-        blur = self._bench.settings.camera.blur_px
+        blur = self._world.settings.camera.blur_px
         blurred = cv2.GaussianBlur(radiosity, (0, 0), blur) if blur > 0 else radiosity
         return np.asarray(blurred * self._vignetting, dtype=np.float32)
 
 
-def projector_responses(projector: BenchProjector) -> Float32Array:
+def projector_responses(projector: SimulatedProjectorSettings) -> Float32Array:
     """(1 or 3, 256) linear light of each code: power law mixed with a smooth step, above the black level."""
     x, gamma = np.arange(256) / 255, np.array(projector.gamma)[:, None]
     curve = (1 - projector.s_shape) * x**gamma + projector.s_shape * x * x * (3 - 2 * x)
@@ -201,7 +201,7 @@ def pixel_grid(shape: tuple[int, int], samples: int = 1) -> FloatArray:
     return np.stack(np.meshgrid(x, y), axis=-1)
 
 
-def _splat(room: BenchRoom, projector: BenchOptics, flux: float) -> tuple[csr_array, FloatArray]:
+def _splat(room: SimulatedRoom, projector: SimulatedOptics, flux: float) -> tuple[csr_array, FloatArray]:
     """(cells, pixels): reflected emission of each cell for each pixel, the pixel's flux shared by sub-samples."""
     height, width = projector.shape
     samples = room.settings.pixel_samples
@@ -218,7 +218,7 @@ def _splat(room: BenchRoom, projector: BenchOptics, flux: float) -> tuple[csr_ar
 
 
 def _direct_path(
-    room: BenchRoom, camera: BenchOptics, projector: BenchOptics, flux: float
+    room: SimulatedRoom, camera: SimulatedOptics, projector: SimulatedOptics, flux: float
 ) -> tuple[tuple[Float32Array, Float32Array], Float32Array]:
     """Sub-sampled camera pixels: the projector coordinates that they see, and radiosity for white there.
 
@@ -233,7 +233,7 @@ def _direct_path(
 
 
 def _direct_band(
-    room: BenchRoom, camera: BenchOptics, projector: BenchOptics, flux: float, grid: FloatArray
+    room: SimulatedRoom, camera: SimulatedOptics, projector: SimulatedOptics, flux: float, grid: FloatArray
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
     surface = trace(room, camera.position_m, directions(camera, grid))
     pixels = pixels_of(projector, surface.points_m)
@@ -255,7 +255,7 @@ def _direct_band(
     return np.asarray(pixels[..., 0]), np.asarray(pixels[..., 1]), gain
 
 
-def _point_reflectance(room: BenchRoom, surface: SurfacePoints) -> FloatArray:
+def _point_reflectance(room: SimulatedRoom, surface: SurfacePoints) -> FloatArray:
     """Reflectance where rays land; 0 where they escape."""
     values = np.zeros(surface.wall.shape)
     for k in range(len(room.walls)):

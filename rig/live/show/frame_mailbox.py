@@ -33,7 +33,7 @@ class LiveFrame:
     """When it should be on screen by its source's clock; None for as soon as possible."""
 
 
-class Feed(Protocol):
+class FrameQueue(Protocol):
     """Where the loop gets its pictures."""
 
     @property
@@ -68,7 +68,7 @@ class _Waiting:
     media_s: float | None
 
 
-class Slot:
+class FrameMailbox:
     """A thread-safe feed with room for one picture.
 
     Pictures with a media time are due at that time on their source's clock, which begins when the first of them is

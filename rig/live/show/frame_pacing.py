@@ -57,7 +57,7 @@ class DisplayClock:
         self._last_s, self._least = None, 1
 
 
-class Lead:
+class LatchTimer:
     """How long before a refresh its picture has to be begun, learned from how long pictures take.
 
     The longest of the last pictures counts, with a margin, and an allowance for what the display itself needs, which

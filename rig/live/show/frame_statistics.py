@@ -40,7 +40,7 @@ class Ring:
         return float(np.quantile(self.values, share)) if self._count else None
 
 
-class Tally:
+class FrameStatistics:
     """Counts and times of shown frames.
 
     Parameters

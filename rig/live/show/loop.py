@@ -17,9 +17,9 @@ from rig.devices.protocols import Clock, Projector, check_on_screen
 from rig.errors import DeviceLost
 from rig.live.show.compensator import Compensator
 from rig.live.show.controls import Controls, pressed
-from rig.live.show.frame_mailbox import Feed, LiveFrame
-from rig.live.show.frame_pacing import DisplayClock, Lead
-from rig.live.show.frame_statistics import Tally
+from rig.live.show.frame_mailbox import FrameQueue, LiveFrame
+from rig.live.show.frame_pacing import DisplayClock, LatchTimer
+from rig.live.show.frame_statistics import FrameStatistics
 from rig.live.show.output import DirectOutput, Output
 from rig.live.show.smoothing import GainState, is_scene_cut, next_gain, share_at_white, thumbnail
 from rig.live.sources.source import Pixels
@@ -68,11 +68,11 @@ class _Pending:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class LoopArguments:
     """All that the loop talks to."""
 
     projector: Projector
-    feed: Feed
+    feed: FrameQueue
     compensators: Mapping[str, Compensator]
     """By strategy; empty when pictures can only be shown as they are."""
     clock: Clock
@@ -91,15 +91,15 @@ class Surroundings:
 class LiveLoop:
     """Shows frames of a feed on a projector that is open; call :meth:`step` until :attr:`ended`, then `complete`."""
 
-    def __init__(self, surroundings: Surroundings, controls: Controls):
+    def __init__(self, surroundings: LoopArguments, controls: Controls):
         self.controls = controls
-        self.tally = Tally(1 / surroundings.refresh_rate_hz)
+        self.tally = FrameStatistics(1 / surroundings.refresh_rate_hz)
         self.ended = ""
         """Why: quit, or source; empty while it goes on."""
         self._around = surroundings
         self._period_s = 1 / surroundings.refresh_rate_hz
         self._display = DisplayClock(self._period_s)
-        self._lead = Lead(self._period_s)
+        self._lead = LatchTimer(self._period_s)
         self._frame: LiveFrame | None = None
         self._output = surroundings.output or DirectOutput(surroundings.projector)
         self._pending: _Pending | None = None

@@ -17,11 +17,11 @@ _THREADS = Path("/proc/self/task")
 
 
 @contextmanager
-def urgent() -> Iterator[bool]:
+def realtime_priority() -> Iterator[bool]:
     """Let the threads that there are, and those that begin meanwhile, come before all ordinary work.
 
     Yields whether they do: systems that cannot, or users that may not (a limit of the system, rtprio), go on as
-    before. Threads that begin meanwhile and can wait call :func:`ordinary`.
+    before. Threads that begin meanwhile and can wait call :func:`normal_priority`.
     """
     policy = getattr(os, "SCHED_RR", None)
     changed = [] if policy is None else [thread for thread in _threads() if _change(thread, policy, _LOWEST)]
@@ -32,7 +32,7 @@ def urgent() -> Iterator[bool]:
             _change(thread, os.SCHED_OTHER, 0)
 
 
-def ordinary() -> None:
+def normal_priority() -> None:
     """Take this thread's place among all others."""
     if hasattr(os, "SCHED_OTHER"):
         _change(0, os.SCHED_OTHER, 0)

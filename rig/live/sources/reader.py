@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 from rig.devices.protocols import Clock
 from rig.errors import RigError
-from rig.live.show.frame_mailbox import Slot
-from rig.live.show.priority import ordinary
+from rig.live.show.frame_mailbox import FrameMailbox
+from rig.live.show.priority import normal_priority
 from rig.live.sources.source import Fitter, Source, SourceEnded
 
 _READ_S = 0.1
@@ -49,7 +49,7 @@ class Reader:
     def __init__(
         self,
         sources: Sequence[Source],
-        slot: Slot,
+        slot: FrameMailbox,
         shape: tuple[int, int],
         refresh_rate_hz: float,
         clock: Clock,
@@ -92,7 +92,7 @@ class Reader:
             self._thread.join(20 * _READ_S)
 
     def _run(self) -> None:
-        ordinary()
+        normal_priority()
         try:
             while self._left and not self._stop.is_set():
                 source = self._left.pop(0)

@@ -9,13 +9,13 @@ import numpy as np
 
 from rig.devices.protocols import Codes
 from rig.self_check.parts.linearity import Linear
-from rig.self_check.rig_under_test import FloatArray, Subject
+from rig.self_check.rig_under_test import FloatArray, RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _REPEATS = 2
 
 
-def check_additivity(subject: Subject, linear: Linear) -> Measured:
+def check_additivity(subject: RigUnderTest, linear: Linear) -> Measured:
     """White over the sum of its colours; halves over the whole."""
     colours = _white_over_colours(subject, linear)
     halves = _halves_over_whole(subject, linear)
@@ -31,13 +31,13 @@ def check_additivity(subject: Subject, linear: Linear) -> Measured:
     return Measured(rows, {}, {"white_over_colours": colours, "halves_over_whole": halves})
 
 
-def _light(subject: Subject, linear: Linear, picture: int | Codes, name: str) -> FloatArray:
+def _light(subject: RigUnderTest, linear: Linear, picture: int | Codes, name: str) -> FloatArray:
     """(H, W) linear light; all channels together on a colour camera."""
     frames = [subject.shoot(picture, name).pixels.astype(np.float64) for _ in range(_REPEATS)]
     return np.asarray(linear.light(np.mean(frames, axis=0)).mean(axis=2))
 
 
-def _white_over_colours(subject: Subject, linear: Linear) -> float:
+def _white_over_colours(subject: RigUnderTest, linear: Linear) -> float:
     colours = []
     for channel, name in enumerate(("red", "green", "blue")):
         codes = np.zeros((*subject.rig.projector.shape, 3), np.uint8)
@@ -47,7 +47,7 @@ def _white_over_colours(subject: Subject, linear: Linear) -> float:
     return float(np.median(((white - black) / (sum(colours) - 3 * black))[subject.lit]))
 
 
-def _halves_over_whole(subject: Subject, linear: Linear) -> float:
+def _halves_over_whole(subject: RigUnderTest, linear: Linear) -> float:
     left = subject.codes_of(0)
     left[:, : left.shape[1] // 2] = 255
     white, black = (_light(subject, linear, code, name) for code, name in ((255, "white"), (0, "black")))

@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.devices.protocols import Codes
 from rig.self_check.parts.linearity import Linear
-from rig.self_check.rig_under_test import BoolArray, FloatArray, Subject
+from rig.self_check.rig_under_test import BoolArray, FloatArray, RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _SIZES = (1, 2, 4)
@@ -44,7 +44,7 @@ class _Scene:
     """Variance of a single photograph of white."""
 
 
-def check_checker(subject: Subject, linear: Linear) -> Measured:
+def check_checker(subject: RigUnderTest, linear: Linear) -> Measured:
     """Sum of complements, its beating, contrast of small squares, edges."""
     scene = _scene(subject, linear)
     pairs = {size: _pair(subject, linear, size) for size in _SIZES}
@@ -78,12 +78,12 @@ def check_checker(subject: Subject, linear: Linear) -> Measured:
     return Measured(rows, {}, numbers)
 
 
-def _light(subject: Subject, linear: Linear, picture: int | Codes, name: str) -> FloatArray:
+def _light(subject: RigUnderTest, linear: Linear, picture: int | Codes, name: str) -> FloatArray:
     frames = [subject.photograph(picture, name) for _ in range(_REPEATS)]
     return linear.light(np.mean(frames, axis=0))
 
 
-def _scene(subject: Subject, linear: Linear) -> _Scene:
+def _scene(subject: RigUnderTest, linear: Linear) -> _Scene:
     inside = cv2.erode(subject.lit.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
     lit = np.asarray(inside if inside.sum() > 0.2 * subject.lit.sum() else subject.lit)
     white = _light(subject, linear, 255, "white")
@@ -91,7 +91,7 @@ def _scene(subject: Subject, linear: Linear) -> _Scene:
     return _Scene(white, _light(subject, linear, 0, "black"), lit, noise)
 
 
-def _pair(subject: Subject, linear: Linear, size_px: int) -> tuple[FloatArray, FloatArray]:
+def _pair(subject: RigUnderTest, linear: Linear, size_px: int) -> tuple[FloatArray, FloatArray]:
     """A checker, and the same shifted by one square: its complement."""
     shape = subject.rig.projector.shape
     first, second = (
@@ -117,12 +117,12 @@ def _contrast(pair: tuple[FloatArray, FloatArray], scene: _Scene) -> float:
     return float(np.sqrt(max(squared, 0.0) / np.mean(full[scene.lit] ** 2)))
 
 
-def _edges(subject: Subject, linear: Linear, scene: _Scene) -> dict[str, float]:
+def _edges(subject: RigUnderTest, linear: Linear, scene: _Scene) -> dict[str, float]:
     """Light of a strip along each side of the picture against that of an equal strip further in."""
     return {side: _edge(subject, linear, scene, side) for side in _SIDES}
 
 
-def _edge(subject: Subject, linear: Linear, scene: _Scene, side: str) -> float:
+def _edge(subject: RigUnderTest, linear: Linear, scene: _Scene, side: str) -> float:
     light = []
     for inset in (0, 2 * _EDGE):
         codes = strip(subject.rig.projector.shape, side, inset)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.self_check.rig_under_test import Subject
+from rig.self_check.rig_under_test import RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 
-def check_darkness(subject: Subject) -> Measured:
+def check_darkness(subject: RigUnderTest) -> Measured:
     """Light on black against light on white, and the contrast between the two.
 
     The camera cannot tell room light from the display's black without covering the projector's lens.

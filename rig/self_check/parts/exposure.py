@@ -7,7 +7,7 @@ import numpy as np
 from rig.capture.rig import Rig
 from rig.errors import CalibrationFailed
 from rig.profile.schema import Profile
-from rig.self_check.rig_under_test import Subject
+from rig.self_check.rig_under_test import RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _AIM = 0.8
@@ -18,17 +18,17 @@ PATIENCE_S = 0.5
 """No display known to us takes longer from its time stamp to light."""
 
 
-def patient(profile: Profile, latency_s: float = PATIENCE_S) -> Profile:
+def with_generous_latency(profile: Profile, latency_s: float = PATIENCE_S) -> Profile:
     """The profile with another latency: the promised one is to be checked, not trusted."""
     return profile.model_copy(update={"projector": profile.projector.model_copy(update={"latency_s": latency_s})})
 
 
-def find_subject(rig: Rig) -> Subject:
+def find_subject(rig: Rig) -> RigUnderTest:
     """Expose projector white at about 80 % of full scale, in whole refreshes if there is room.
 
     Raises CalibrationFailed when white is not brighter than black.
     """
-    subject = Subject(rig, rig.profile.camera.exposure_s)
+    subject = RigUnderTest(rig, rig.profile.camera.exposure_s)
     for _ in range(_TRIES):
         frame = subject.shoot(255, "white")
         subject.channel = int(np.argmax(frame.pixels.mean(axis=(0, 1))))
@@ -42,7 +42,7 @@ def find_subject(rig: Rig) -> Subject:
     return subject
 
 
-def _refuse_darkness(subject: Subject) -> None:
+def _refuse_darkness(subject: RigUnderTest) -> None:
     difference = float(np.quantile(subject.photograph(255, "white") - subject.photograph(0, "black"), 0.99))
     limit = _LEAST_SIGNAL * subject.full_scale_dn
     if difference < limit:
@@ -53,7 +53,7 @@ def _refuse_darkness(subject: Subject) -> None:
         )
 
 
-def whole_refreshes(exposure_s: float, subject: Subject) -> float:
+def whole_refreshes(exposure_s: float, subject: RigUnderTest) -> float:
     """Next exposure below that is a whole number of refreshes; as it was when that is none, or out of range."""
     count = int(exposure_s * subject.refresh_rate_hz + 0.05)
     whole_s = count / subject.refresh_rate_hz
@@ -67,7 +67,7 @@ def mismatch(exposure_s: float, refresh_rate_hz: float) -> float:
     return abs(refreshes - round(refreshes)) / refreshes
 
 
-def check_exposure(subject: Subject) -> Measured:
+def check_exposure(subject: RigUnderTest) -> Measured:
     """Signal, clipping, noise of one frame, and whole refreshes."""
     limits, lit = subject.limits, subject.lit
     signal = subject.white - subject.black
@@ -90,7 +90,7 @@ def check_exposure(subject: Subject) -> Measured:
     return Measured(rows, {"camera.exposure_s": round(subject.exposure_s, 6)}, numbers)
 
 
-def without_room_light(exposure_s: float, subject: Subject, light_hz: float) -> float | None:
+def without_room_light(exposure_s: float, subject: RigUnderTest, light_hz: float) -> float | None:
     """Shortest exposure that holds whole refreshes and whole periods of the room light; None if none is allowed."""
     shortest, longest = subject.exposure_range_s
     for count in range(1, 31):

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rig.devices.protocols import RawFrame
 from rig.self_check.parts.exposure import without_room_light
 from rig.self_check.parts.pipeline import frame_rate_hz
-from rig.self_check.rig_under_test import Subject
+from rig.self_check.rig_under_test import RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 FloatArray = NDArray[np.float64]
@@ -42,7 +42,7 @@ class Spectrum:
     """None: nothing stands out of the noise."""
 
 
-def check_flicker(subject: Subject) -> Measured:
+def check_flicker(subject: RigUnderTest) -> Measured:
     """Temporal and row-wise flicker of white, and the peak's likely source."""
     limits, lit = subject.limits, subject.lit
     white = subject.series(255, _FRAMES, "white")
@@ -83,7 +83,7 @@ def check_flicker(subject: Subject) -> Measured:
     return Measured(judged, suggested, numbers)
 
 
-def _exposure(subject: Subject, light_hz: float | None) -> dict[str, float]:
+def _exposure(subject: RigUnderTest, light_hz: float | None) -> dict[str, float]:
     """An exposure that is blind to the room light, if there is one."""
     chosen_s = without_room_light(subject.exposure_s, subject, light_hz) if light_hz else None
     return {"camera.exposure_s": round(chosen_s, 6)} if chosen_s else {}
@@ -94,14 +94,14 @@ def _straightened(times_s: FloatArray, values: FloatArray) -> FloatArray:
     return np.asarray(values - np.polyval(np.polyfit(times_s - times_s[0], values, 1), times_s - times_s[0]))
 
 
-def _row_means(subject: Subject, frames: Sequence[RawFrame]) -> FloatArray:
+def _row_means(subject: RigUnderTest, frames: Sequence[RawFrame]) -> FloatArray:
     """(N, R) means over the lit pixels of each row that has enough of them. [dn]."""
     count = subject.lit.sum(axis=1)
     rows = count > _LIT_ROW * subject.lit.shape[1]
     return np.stack([(subject.pixels(frame) * subject.lit).sum(axis=1)[rows] / count[rows] for frame in frames])
 
 
-def _pixel_noise(subject: Subject, frames: Sequence[RawFrame]) -> float:
+def _pixel_noise(subject: RigUnderTest, frames: Sequence[RawFrame]) -> float:
     """Standard deviation of one pixel over time; changes that whole rows have in common left out. [dn]."""
     variances = []
     for earlier, later in pairwise(frames[: _NOISE_PAIRS + 1]):
@@ -111,7 +111,7 @@ def _pixel_noise(subject: Subject, frames: Sequence[RawFrame]) -> float:
     return float(np.sqrt(np.mean(variances)))
 
 
-def _row_excess(subject: Subject, rows: FloatArray, noise: float) -> float:
+def _row_excess(subject: RigUnderTest, rows: FloatArray, noise: float) -> float:
     """Standard deviation over time of rows against their frame, beyond what the pixels' noise gives. [dn]."""
     count = subject.lit.sum(axis=1)
     alone = rows - rows.mean(axis=1, keepdims=True)
@@ -158,7 +158,7 @@ def aliased_hz(frequency_hz: float, rate_hz: float) -> float:
     return abs(frequency_hz - rate_hz * round(frequency_hz / rate_hz))
 
 
-def _dark_ripple(subject: Subject, peak_hz: float | None) -> float | None:
+def _dark_ripple(subject: RigUnderTest, peak_hz: float | None) -> float | None:
     """Amplitude at the peak while the projector shows black. [dn]."""
     if peak_hz is None:
         return None

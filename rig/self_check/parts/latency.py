@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from rig.devices.protocols import RawFrame
 from rig.errors import CaptureTimeout
-from rig.self_check.rig_under_test import Subject, fingerprint
+from rig.self_check.rig_under_test import RigUnderTest, fingerprint
 from rig.self_check.rows import Measured, Row
 
 FloatArray = NDArray[np.float64]
@@ -89,7 +89,7 @@ class _Trial:
         return missing_s, unseen_s
 
 
-def check_latency(subject: Subject) -> Measured:
+def check_latency(subject: RigUnderTest) -> Measured:
     """Distribution of the display's delay, and the camera's readout as far as it shows."""
     period_s = 1 / subject.rig.profile.camera.frame_rate_hz
     exposure_s = subject.rig.set_exposure(float(np.clip(_NO_GAP * period_s, *subject.exposure_range_s)))
@@ -112,7 +112,7 @@ def check_latency(subject: Subject) -> Measured:
     return _judge(subject, delays_s, numbers)
 
 
-def _levels(subject: Subject, exposure_s: float) -> _Levels:
+def _levels(subject: RigUnderTest, exposure_s: float) -> _Levels:
     """Photograph a code that does not clip at this exposure, at shares of the exposure."""
     for code in (255, 192, 128, 64):
         full = subject.photograph(code, f"level-{code:03d}", exposure_s)
@@ -140,7 +140,7 @@ def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     return lit, lit & (rows < middle), lit & (rows >= middle)
 
 
-def _run_trial(subject: Subject, levels: _Levels, number: int) -> _Trial:
+def _run_trial(subject: RigUnderTest, levels: _Levels, number: int) -> _Trial:
     """Change the picture once, and take frames until one is the new picture's alone."""
     rig = subject.rig
     brightens = number % 2 == 0
@@ -182,10 +182,10 @@ def _line_delay_s(trials: Sequence[_Trial], levels: _Levels) -> float:
     return middle if abs(middle) > 5 * uncertainty and abs(middle) * levels.masks[0].shape[0] > 5e-4 else 0.0
 
 
-def _judge(subject: Subject, delays_s: FloatArray, numbers: dict[str, Any]) -> Measured:
+def _judge(subject: RigUnderTest, delays_s: FloatArray, numbers: dict[str, Any]) -> Measured:
     refresh_s = 1 / subject.refresh_rate_hz
     smallest, median, largest = (float(f(delays_s)) for f in (np.min, np.median, np.max))
-    # what the pictures were promised with is in the profile's file; the rig itself is patient while it is checked
+    # the pictures were promised with the latency of the profile's file; while it is checked the rig has a generous one
     rows = (
         Row("latency of the display", largest, "s", subject.promised_latency_s,
             advice="give projector.latency_s the value suggested below; game mode, if the projector has one"),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import CalibrationFailed
-from rig.self_check.rig_under_test import FloatArray, Subject, line_through
+from rig.self_check.rig_under_test import FloatArray, RigUnderTest, line_through
 from rig.self_check.rows import Measured, Row
 
 _STEPS = 8
@@ -73,7 +73,7 @@ class Linear:
         return np.asarray(a + y * (2 * b + 3 * c * y))
 
 
-def measure_sweep(subject: Subject) -> Sweep:
+def measure_sweep(subject: RigUnderTest) -> Sweep:
     """Photograph the sweep. Raises CalibrationFailed when no exposure fills the pixels."""
     top_s, whole = _longest_s(subject)
     code = _filling_code(subject, top_s) if whole else 255
@@ -94,13 +94,13 @@ def measure_sweep(subject: Subject) -> Sweep:
     return Sweep(code, whole, np.array(exposures), np.array(signals), subject.full_scale_dn - subject.offset_dn)
 
 
-def _longest_s(subject: Subject) -> tuple[float, bool]:
+def _longest_s(subject: RigUnderTest) -> tuple[float, bool]:
     """Eight refreshes, if white fills less than them and the camera allows so much."""
     period_s = _STEPS / subject.refresh_rate_hz
     return period_s, period_s <= subject.exposure_range_s[1]
 
 
-def _filling_code(subject: Subject, exposure_s: float) -> int:
+def _filling_code(subject: RigUnderTest, exposure_s: float) -> int:
     """Brightest code that keeps the judged pixels below the top of the scale at an exposure."""
     low, high = 0, len(_CODES) - 1
     while low < high:
@@ -113,12 +113,12 @@ def _filling_code(subject: Subject, exposure_s: float) -> int:
     return _CODES[low]
 
 
-def linear_of(subject: Subject, sweep: Sweep) -> Linear:
+def linear_of(subject: RigUnderTest, sweep: Sweep) -> Linear:
     """What undoes the camera's curve."""
     return Linear(subject.offset_dn, sweep.full_scale_dn, sweep.coefficients())
 
 
-def check_linearity(subject: Subject, sweep: Sweep) -> Measured:
+def check_linearity(subject: RigUnderTest, sweep: Sweep) -> Measured:
     """Residual of a straight line, R²."""
     limits = subject.limits
     residual, r_squared, slope = sweep.straight()

@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.errors import CalibrationFailed
 from rig.self_check.parts.linearity import Linear
-from rig.self_check.rig_under_test import FloatArray, Subject
+from rig.self_check.rig_under_test import FloatArray, RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _CODES = (255, 224, 192, 160, 128, 96, 64)
@@ -102,7 +102,7 @@ def fit_transfer(points: Points) -> Transfer:
     )
 
 
-def check_noise(subject: Subject, linear: Linear, step_dn: float) -> Measured:
+def check_noise(subject: RigUnderTest, linear: Linear, step_dn: float) -> Measured:
     """Gain, read noise, full well."""
     usable = _usable(subject)
     lit = _pairs(subject, linear, step_dn, usable)
@@ -139,12 +139,12 @@ def check_noise(subject: Subject, linear: Linear, step_dn: float) -> Measured:
     return Measured(rows, suggested, numbers)
 
 
-def _usable(subject: Subject) -> np.ndarray:
+def _usable(subject: RigUnderTest) -> np.ndarray:
     """(H, W) pixels that do not clip on white."""
     return np.asarray(subject.white < _TOP * subject.full_scale_dn)
 
 
-def _pairs(subject: Subject, linear: Linear, step_dn: float, usable: np.ndarray) -> Points:
+def _pairs(subject: RigUnderTest, linear: Linear, step_dn: float, usable: np.ndarray) -> Points:
     parts = []
     for code in _CODES:
         first, second = (subject.photograph(code)[usable] for _ in range(2))
@@ -159,7 +159,7 @@ def _levelled(second: FloatArray, first: FloatArray, linear: Linear) -> FloatArr
     return np.asarray(linear.offset_dn + (second - linear.offset_dn) * (ratio if steady else 1.0))
 
 
-def _dark(subject: Subject, linear: Linear, step_dn: float, usable: np.ndarray) -> tuple[Points, float]:
+def _dark(subject: RigUnderTest, linear: Linear, step_dn: float, usable: np.ndarray) -> tuple[Points, float]:
     """Projector black at the shortest exposure, and the share of pixels at 0."""
     shortest_s = subject.exposure_range_s[0]
     parts, at_zero = [], 0.0

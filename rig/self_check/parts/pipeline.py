@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.devices.protocols import RawFrame
-from rig.self_check.rig_under_test import Subject, fingerprint
+from rig.self_check.rig_under_test import RigUnderTest, fingerprint
 from rig.self_check.rows import Measured, Row
 
 _CHANGES = 4
@@ -18,7 +18,7 @@ _BRIEF = 0.8
 """Of the camera's period: an exposure that cannot slow it down."""
 
 
-def check_pipeline(subject: Subject) -> Measured:
+def check_pipeline(subject: RigUnderTest) -> Measured:
     """Depth, frames in flight, frame rate, copies."""
     limits = subject.limits
     promised_hz = subject.rig.profile.camera.frame_rate_hz
@@ -53,14 +53,16 @@ def check_pipeline(subject: Subject) -> Measured:
     return Measured(rows, suggested, numbers)
 
 
-def _settled_levels(subject: Subject) -> tuple[tuple[float, float], tuple[float, float]]:
+def _settled_levels(subject: RigUnderTest) -> tuple[tuple[float, float], tuple[float, float]]:
     """(exposure, mean level) of two exposures of white."""
     both = [subject.exposure_s, max(subject.exposure_s / 2, subject.exposure_range_s[0])]
     first, second = ((s, float(subject.photograph(255, "white", s)[subject.lit].mean())) for s in both)
     return first, second
 
 
-def _change(subject: Subject, settled: tuple[tuple[float, float], tuple[float, float]], number: int) -> tuple[int, int]:
+def _change(
+    subject: RigUnderTest, settled: tuple[tuple[float, float], tuple[float, float]], number: int
+) -> tuple[int, int]:
     """Frames that a new exposure takes to be seen, and how many claim it before.
 
     A driver may wait itself until the exposure is there, so frames are counted by time.
@@ -84,7 +86,7 @@ def _change(subject: Subject, settled: tuple[tuple[float, float], tuple[float, f
     return depth, misreported
 
 
-def _queue(subject: Subject) -> tuple[int, dict[str, float]]:
+def _queue(subject: RigUnderTest) -> tuple[int, dict[str, float]]:
     """Frames that come at once after a pause, and the age at which frames are handed over. [s]."""
     rig = subject.rig
     period_s = 1 / rig.profile.camera.frame_rate_hz

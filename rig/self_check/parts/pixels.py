@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from rig.self_check.rig_under_test import FloatArray, Subject
+from rig.self_check.rig_under_test import FloatArray, RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _FRAMES = 8
@@ -16,7 +16,7 @@ _DEAD = 0.5
 _LISTED = 50
 
 
-def check_pixels(subject: Subject) -> Measured:
+def check_pixels(subject: RigUnderTest) -> Measured:
     """Hot pixels on black, dead pixels on white, each against the pixels around it."""
     black = np.mean([subject.photograph(0, "black") for _ in range(_FRAMES)], axis=0)
     over = black - _around(black)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rig.self_check.rig_under_test import FloatArray, Subject
+from rig.self_check.rig_under_test import FloatArray, RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _COARSE = tuple(range(0, 256, 16))
@@ -17,7 +17,7 @@ _DARK_REPEATS = 4
 _SIGMAS = 3.0
 
 
-def check_ramp(subject: Subject) -> Measured:
+def check_ramp(subject: RigUnderTest) -> Measured:
     """Order of all levels; single steps in the middle and at the upper end; light at both ends."""
     codes = sorted({*_COARSE, *_MIDDLE, *_UPPER, 255})
     light = {code: _mean(subject, code) for code in codes}
@@ -43,11 +43,11 @@ def check_ramp(subject: Subject) -> Measured:
     return Measured(rows, {}, numbers)
 
 
-def _mean(subject: Subject, code: int) -> float:
+def _mean(subject: RigUnderTest, code: int) -> float:
     return float(subject.photograph(code)[subject.lit].mean())
 
 
-def _sigma(subject: Subject) -> float:
+def _sigma(subject: RigUnderTest) -> float:
     """Noise of the mean over all lit pixels of a white frame. [dn]."""
     first, second = subject.photograph(255), subject.photograph(255)
     return float((first - second)[subject.lit].std() / np.sqrt(2) / np.sqrt(subject.lit.sum()))
@@ -66,7 +66,7 @@ def _steps(light: Mapping[int, float], codes: tuple[int, ...], noise: float) -> 
     return float((steps > max(enough, 0.2 * usual)).mean())
 
 
-def _dark_end_sigmas(subject: Subject) -> float:
+def _dark_end_sigmas(subject: RigUnderTest) -> float:
     """Light of code 15 over that of code 0, in standard errors; the two in turns, so that drift cancels."""
     exposure_s = min(4 * subject.exposure_s, subject.exposure_range_s[1])
     pairs: list[FloatArray] = []

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.self_check.rig_under_test import FloatArray, Subject
+from rig.self_check.rig_under_test import FloatArray, RigUnderTest
 from rig.self_check.rows import Measured, Row
 
 _OVER = (2.0, 4.0, 8.0)
@@ -12,7 +12,7 @@ _SPIKE = 0.002
 """Share of pixels that have exactly the largest value once there is clipping."""
 
 
-def check_saturation(subject: Subject) -> Measured:
+def check_saturation(subject: RigUnderTest) -> Measured:
     """Overexpose white until a spike stands at the top of the histogram."""
     limits = subject.limits
     clip_dn, over = _clip_level_dn(subject)
@@ -29,7 +29,7 @@ def check_saturation(subject: Subject) -> Measured:
     return Measured(rows, {}, {"clip_dn": clip_dn, "step_dn": step_dn})
 
 
-def _clip_level_dn(subject: Subject) -> tuple[float | None, float]:
+def _clip_level_dn(subject: RigUnderTest) -> tuple[float | None, float]:
     """Digital number at which many pixels stop, and how much more than the working exposure was tried."""
     over = 1.0
     for over in _OVER:
@@ -47,7 +47,7 @@ def _is_spike(image: FloatArray, top: float) -> bool:
     return at_top > _SPIKE and at_top > below
 
 
-def smallest_step_dn(subject: Subject) -> float:
+def smallest_step_dn(subject: RigUnderTest) -> float:
     """Greatest common divisor of the digital numbers that occur; their step."""
     values = np.unique(subject.shoot(255, "white").pixels[..., subject.channel].astype(np.int64))
     return float(np.gcd.reduce(np.diff(values))) if len(values) > 1 else 1.0

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from rig.devices.protocols import Codes
-from rig.self_check.rig_under_test import BoolArray, FloatArray, Subject, line_through
+from rig.self_check.rig_under_test import BoolArray, FloatArray, RigUnderTest, line_through
 from rig.self_check.rows import Measured, Row
 
 _FRAMES = 24
@@ -41,7 +41,7 @@ def blocks(shape: tuple[int, int]) -> Codes:
     return np.asarray(whole[: shape[0], : shape[1]], dtype=np.uint8)
 
 
-def note_landmark(subject: Subject) -> Landmark:
+def note_landmark(subject: RigUnderTest) -> Landmark:
     """Photograph the blocks."""
     codes = blocks(subject.rig.projector.shape)
     frames = [subject.photograph(codes, "blocks") for _ in range(_REFERENCE_FRAMES)]
@@ -94,10 +94,10 @@ def _slope(image: FloatArray, axis: int) -> FloatArray:
     return np.asarray((8 * near - far) / 12)
 
 
-def check_stability(subject: Subject, landmark: Landmark) -> Measured:
+def check_stability(subject: RigUnderTest, reference_image: Landmark) -> Measured:
     """Vibration within a series, shift and light since the beginning."""
-    frames = subject.series(landmark.codes, _FRAMES, "blocks")
-    shifts = np.array([shift_px(subject.pixels(frame), landmark.image) for frame in frames])
+    frames = subject.series(reference_image.codes, _FRAMES, "blocks")
+    shifts = np.array([shift_px(subject.pixels(frame), reference_image.image) for frame in frames])
     vibration = float(np.sqrt(shifts.var(axis=0).sum()))
     moved = float(np.hypot(*shifts.mean(axis=0)))
     subject.note_reference()
@@ -121,7 +121,7 @@ def check_stability(subject: Subject, landmark: Landmark) -> Measured:
     return Measured(rows, {}, numbers)
 
 
-def _drift(subject: Subject) -> tuple[float, float]:
+def _drift(subject: RigUnderTest) -> tuple[float, float]:
     """Change from first to last reference, and slope over all if it is more than scatter. [%, % a minute]."""
     times_s, light = (np.array(values) for values in zip(*subject.references, strict=True))
     change = 100 * abs(float(light[-1] / light[0]) - 1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.compensation.fixed_point import repeated
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
@@ -43,7 +43,7 @@ def block_fixed_point(
     SimulationError
         For a damping with which it diverges, or blocks of the wrong shape.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     view = task.view
     block = _checked(blocks, transport.pixel_patch)
     step, notes = damping_for(view, "block_fixed_point", damping)

@@ -7,10 +7,10 @@ from types import MappingProxyType
 
 from numpy.typing import ArrayLike
 
-from sim.compensation.adjusted_target import Goal
+from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.box_least_squares import BoxProblem, optimum
 from sim.compensation.inverse import Inverse
-from sim.compensation.result import Compensation, Task, begun
+from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.sampled_start import start_of
 from sim.compensation.split_transport import Transport
 from sim.compensation.strategies.content_scale import scaled
@@ -60,17 +60,17 @@ def bounded(
     """
     if goal not in GOALS:
         raise SimulationError(f"bounded: unknown goal {goal!r}; there are {', '.join(GOALS)}")
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     changed = GOALS[goal](task)
     problem = BoxProblem(task.view, changed.values, lower, upper)
     result = optimum(problem, start_of(problem, changed.wanted), tolerance, limit)
     return task.finished(result.p, result.steps, result.notes | changed.notes, result.held)
 
 
-def _unchanged(task: Task) -> Goal:
-    return Goal(task.target, Inverse(task.view).apply(task.target), 1)
+def _unchanged(task: Problem) -> AdjustedTarget:
+    return AdjustedTarget(task.target, Inverse(task.view).apply(task.target), 1)
 
 
-GOALS: Mapping[str, Callable[[Task], Goal]] = MappingProxyType(
+GOALS: Mapping[str, Callable[[Problem], AdjustedTarget]] = MappingProxyType(
     {"target": _unchanged, "remap": remapped, "content_scale": scaled, "smooth_attenuation": attenuated}
 )

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.adjusted_target import Goal
+from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
-from sim.compensation.result import Compensation, Task, begun
+from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.geometry.scene import FloatArray, IntArray
 
@@ -46,12 +46,12 @@ def content_scale(
     Compensation
         Its notes hold ``gain`` and the ``visible_share`` that is left.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     goal = scaled(task, visible_share)
     return task.finished(goal.wanted, goal.iterations, goal.notes)
 
 
-def scaled(task: Task, visible_share: float = 0.01) -> Goal:
+def scaled(task: Problem, visible_share: float = 0.01) -> AdjustedTarget:
     """Give the target at the largest scale at which clamping is hardly visible."""
     by_gain = Inverse(task.view).apply(task.target)
     threshold = visibility_threshold(task.target, task.view.bands[0].pixel_patch)
@@ -68,7 +68,7 @@ def scaled(task: Task, visible_share: float = 0.01) -> Goal:
         low, high = (middle, high) if visible(middle) <= visible_share else (low, middle)
     gain = max(gain, low, 2.0**-BISECTIONS)
     notes: dict[str, float | str] = {"gain": gain, "visible_share": visible(gain)}
-    return Goal(gain * task.target, gain * by_gain, BISECTIONS, notes)
+    return AdjustedTarget(gain * task.target, gain * by_gain, BISECTIONS, notes)
 
 
 def visibility_threshold(target: FloatArray, pixel_patch: IntArray) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.split_transport import Transport
 
 
@@ -16,5 +16,5 @@ def direct(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: f
 
     Limits: ignores interreflection, so in a room it is too bright; the measure that every other strategy is held to.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     return task.finished(task.view.by_direct(task.target))

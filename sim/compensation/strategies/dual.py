@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.split_transport import Transport
 from sim.compensation.strategies.paper import wanted_radiosity
 
@@ -19,7 +19,7 @@ def dual(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: flo
 
     Limits: A acts on what is seen; patches that no pixel sees count as black, so the light they return is left in.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     bounced = [
         band.view @ band.radiosity.gather(wanted_radiosity(band, task.target[:, b]))
         for b, band in enumerate(task.view.bands)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from sim.compensation.inverse import Inverse
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.split_transport import Transport
 
 
@@ -18,7 +18,7 @@ def exact(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: fl
 
     Limits: exact only where the range allows it. What is clamped away lets the light of other pixels fall short.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     inverse = Inverse(task.view)
     wanted = inverse.apply(task.target)
     return task.finished(wanted, inverse.iterations)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.split_transport import Transport
 from sim.geometry.scene import FloatArray
 
@@ -26,7 +26,7 @@ def none(
         than keeps the image in range: the median of c / (T c), each value weighted by T c. 1.0: the target itself, as
         the paper compares.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     c = task.target
     if gain is None:
         seen = task.view.forward(c)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.split_transport import Transport, divided
 from sim.geometry.scene import FloatArray
 from sim.light.transport import LightTransport
@@ -35,7 +35,7 @@ def paper(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: fl
     Limits: patches that the camera does not see get B' = 0, so the light they return is never subtracted; the
     correction of a patch multiplies, so it also changes the contrast within the patch.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     emissions = [required_emission(band, task.target[:, b]) for b, band in enumerate(task.view.bands)]
     light = [_band(band, task.target[:, b], emissions[b]) for b, band in enumerate(task.view.bands)]
     wanted = task.view.unmixed(divided(np.stack(light, axis=-1), task.view.diagonal))

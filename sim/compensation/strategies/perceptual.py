@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from sim.compensation.box_least_squares import BoxProblem, optimum
 from sim.compensation.inverse import Inverse
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.sampled_start import start_of
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
@@ -59,7 +59,7 @@ def perceptual(
     SimulationError
         For other than one or three bands, or a white that is not above 0.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     peak = float(task.target.max(initial=0.0)) if white is None else white
     if white is not None and not (np.isfinite(white) and white > 0):
         raise SimulationError(f"perceptual: white {white:g}; give the target value that is white, above 0")

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
-from sim.compensation.adjusted_target import Goal
+from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
-from sim.compensation.result import Compensation, Task, begun
+from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
 from sim.geometry.scene import FloatArray
@@ -35,12 +35,12 @@ def remap(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: fl
     Compensation
         Its notes hold ``gain``, ``offset`` in the target's unit, and ``out_of_range`` where no gain stays in range.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     goal = remapped(task)
     return task.finished(goal.wanted, goal.iterations, goal.notes)
 
 
-def remapped(task: Task) -> Goal:
+def remapped(task: Problem) -> AdjustedTarget:
     """Give the target at the largest gain, and the offset, that stay in range."""
     inverse = Inverse(task.view)
     peak = float(np.abs(task.target).max(initial=0.0)) or 1.0
@@ -49,7 +49,7 @@ def remapped(task: Task) -> Goal:
     notes: dict[str, float | str] = {"gain": gain, "offset": offset * peak}
     if slack > 1e-9:
         notes["out_of_range"] = slack
-    return Goal(gain * task.target + offset * peak, gain * by_gain + offset * by_offset, rounds, notes)
+    return AdjustedTarget(gain * task.target + offset * peak, gain * by_gain + offset * by_offset, rounds, notes)
 
 
 def _largest_gain(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from sim.compensation.fixed_point import repeated
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import Transport
 
@@ -41,7 +41,7 @@ def reverse_radiosity(
     SimulationError
         For a damping with which it diverges.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     view = task.view
     step, notes = damping_for(view, "reverse_radiosity", damping)
     wanted, taken = repeated(task, lambda p: view.by_direct(task.target - view.forward(p)), step, steps, tolerance)

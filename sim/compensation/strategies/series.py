@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.result import Compensation, begun
+from sim.compensation.result import Compensation, prepare
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
@@ -41,7 +41,7 @@ def series(
     """
     if terms < 1:
         raise SimulationError(f"series: {terms} terms; it takes at least 1")
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     view = task.view
     step, notes = damping_for(view, "series", damping)
     p = step * view.by_direct(task.target)

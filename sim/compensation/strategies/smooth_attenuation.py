@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array
 
-from sim.compensation.adjusted_target import Goal
+from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
-from sim.compensation.result import Compensation, Task, begun
+from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
 from sim.geometry.scene import FloatArray
@@ -56,12 +56,12 @@ def smooth_attenuation(
     SimulationError
         For weights that are not above 0.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     goal = attenuated(task, smoothness, in_range, limit)
     return task.finished(goal.wanted, goal.iterations, goal.notes)
 
 
-def attenuated(task: Task, smoothness: float = 0.02, in_range: float = 30.0, limit: int = 60) -> Goal:
+def attenuated(task: Problem, smoothness: float = 0.02, in_range: float = 30.0, limit: int = 60) -> AdjustedTarget:
     """Give the target dimmed smoothly."""
     if not (smoothness > 0 and in_range > 0):
         raise SimulationError(f"smooth_attenuation: smoothness {smoothness:g}, in_range {in_range:g}; both above 0")
@@ -86,7 +86,7 @@ def attenuated(task: Task, smoothness: float = 0.02, in_range: float = 30.0, lim
     s = np.clip(grid.weights @ found.x, 0.0, 1.0)
     values = s[:, None] * task.target
     notes: dict[str, float | str] = {"attenuation_mean": float(s.mean()), "attenuation_min": float(s.min())}
-    return Goal(values, inverse.apply(values), int(found.nit), notes)
+    return AdjustedTarget(values, inverse.apply(values), int(found.nit), notes)
 
 
 @dataclass(frozen=True, eq=False)

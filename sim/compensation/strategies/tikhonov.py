@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, lsqr
 
-from sim.compensation.result import Compensation, Task, begun
+from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport, direct_blocks
 from sim.errors import SimulationError
 from sim.geometry.scene import FloatArray
@@ -52,7 +52,7 @@ def tikhonov(
     SimulationError
         For noise that is not a number above 0.
     """
-    task = begun(transport, target, lower, upper)
+    task = prepare(transport, target, lower, upper)
     noise = DEFAULT_NOISE * float(np.abs(task.target).max(initial=0.0)) if noise_rms is None else noise_rms
     if noise_rms is not None and not (np.isfinite(noise_rms) and noise_rms > 0):
         raise SimulationError(f"tikhonov: noise_rms {noise_rms:g}; give the measured noise, above 0")
@@ -64,7 +64,7 @@ def tikhonov(
     return task.finished(p, iterations, {"noise_rms": noise, "regularisation": found})
 
 
-def _solver(task: Task, prior: float, limit: int, tolerance: float) -> _Solve:
+def _solver(task: Problem, prior: float, limit: int, tolerance: float) -> _Solve:
     """λ -> p, ||T p - c||, iterations; LSQR on [T; λ] M, M the inverse root of direct light's part at each pixel."""
     view, shape, size = task.view, task.target.shape, task.target.size
     blocks = direct_blocks(view)
@@ -93,7 +93,7 @@ def _solver(task: Task, prior: float, limit: int, tolerance: float) -> _Solve:
     return solve
 
 
-def _discrepancy(task: Task, solve: _Solve, wanted: float) -> tuple[FloatArray, float, int]:
+def _discrepancy(task: Problem, solve: _Solve, wanted: float) -> tuple[FloatArray, float, int]:
     """Bisect log λ for the largest that leaves ||T p - c|| within what is wanted."""
     scale = float(task.view.diagonal.max(initial=0.0)) or 1.0
     low, high = -6 * np.log(10.0), 4 * np.log(10.0)

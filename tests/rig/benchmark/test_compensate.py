@@ -1,10 +1,10 @@
-"""``rig bench compensate``: its problems, and bars that catch what they are there for."""
+"""``rig bench compensate``: its problems, and criteria that catch what they are there for."""
 
 from dataclasses import replace
 
 import pytest
 
-from rig.benchmark.benches.compensate import COLOUR, bars, colour_problem, grey_problem, measured
+from rig.benchmark.benches.compensate import COLOUR, colour_problem, criteria, grey_problem, measured
 from rig.paper.experiments import CONFIGURATIONS, paper_factors
 from sim.compensation import STRATEGIES
 
@@ -35,22 +35,28 @@ def test_every_strategy_has_seconds_and_error_on_grey_and_in_colour(points):
 
 
 def test_the_optimum_keeps_its_bars(points):
-    assert [bar.what for bar in bars(points) if not bar.met] == []
+    assert [criterion.what for criterion in criteria(points) if not criterion.met] == []
 
 
 def test_an_optimum_that_another_beats_is_found(points):
     detail = {**named(points, "reference", "exact").detail, "rms": 0.1}
     planted = with_changed(points, "reference", "exact", detail=detail)
-    assert [bar.what for bar in bars(planted) if not bar.met] == ["reference: bounded RMS over the least of all"]
+    assert [criterion.what for criterion in criteria(planted) if not criterion.met] == [
+        "reference: bounded RMS over the least of all"
+    ]
 
 
 def test_a_certificate_with_a_gap_is_found(points):
     detail = {**named(points, COLOUR, "bounded").detail, "note_gap": 2e-6}
     planted = with_changed(points, COLOUR, "bounded", detail=detail)
-    assert [bar.what for bar in bars(planted) if not bar.met] == [f"{COLOUR}: bounded, certified gap"]
+    assert [criterion.what for criterion in criteria(planted) if not criterion.met] == [
+        f"{COLOUR}: bounded, certified gap"
+    ]
 
 
 def test_an_optimum_that_is_hardly_better_than_the_papers_rule_is_found(points):
     paper = named(points, "reference", "paper")
     planted = with_changed(points, "reference", "bounded", error=0.5 * paper.error)
-    assert [bar.what for bar in bars(planted) if not bar.met] == ["reference: error of bounded over that of paper"]
+    assert [criterion.what for criterion in criteria(planted) if not criterion.met] == [
+        "reference: error of bounded over that of paper"
+    ]

@@ -11,7 +11,7 @@ import pytest
 from rig.benchmark import peers
 from rig.benchmark.benches import solve
 from rig.benchmark.checkout import data_file, script
-from rig.benchmark.records import Bar, Outcome, Point
+from rig.benchmark.records import Criterion, Outcome, Point
 from rig.benchmark.references.box import partly_occluded, uncovered_share
 from rig.benchmark.references.polygon import exchange_reference, largest_relative_error
 from rig.benchmark.references.room import errors_of, reference_blocks
@@ -115,17 +115,17 @@ def test_peak_memory_is_what_a_call_holds_beyond_what_was_held():
 
 
 def test_a_bar_is_met_on_the_right_side_only_and_never_by_no_number():
-    assert Bar("error", 1.0, 1.0).met
-    assert not Bar("error", 1.1, 1.0).met
-    assert Bar("ratio", 1.1, 1.0, at_least=True).met
-    assert not Bar("ratio", 0.9, 1.0, at_least=True).met
-    assert not Bar("error", math.nan, 1.0).met
-    assert not Bar("ratio", math.nan, 1.0, at_least=True).met
+    assert Criterion("error", 1.0, 1.0).met
+    assert not Criterion("error", 1.1, 1.0).met
+    assert Criterion("ratio", 1.1, 1.0, at_least=True).met
+    assert not Criterion("ratio", 0.9, 1.0, at_least=True).met
+    assert not Criterion("error", math.nan, 1.0).met
+    assert not Criterion("ratio", math.nan, 1.0, at_least=True).met
 
 
 @pytest.mark.parametrize(("kind", "status"), [("accuracy", 1), ("time", 0), ("memory", 0)])
 def test_only_accuracy_decides_the_exit_status(monkeypatch, capsys, kind, status):
-    outcome = Outcome((Point("a", "b", 4),), (Bar("too much", 2.0, 1.0, "s", kind),))
+    outcome = Outcome((Point("a", "b", 4),), (Criterion("too much", 2.0, 1.0, "s", kind),))
     monkeypatch.setattr(solve, "run", lambda size, on_step: outcome)
     assert run_command(["bench", "solve"]) == status
     line = next(line for line in capsys.readouterr().out.splitlines() if "too much" in line)

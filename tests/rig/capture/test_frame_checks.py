@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.capture.frame_checks import Association, Rejection, Wanted
+from rig.capture.frame_checks import FrameValidator, Rejection, Wanted
 from rig.capture.rig import Rig
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame
 from rig.devices.simulated.devices import SimulatedCamera, SimulatedProjector
-from rig.devices.simulated.settings import BenchSettings
-from rig.devices.simulated.world import Bench
+from rig.devices.simulated.settings import SimulationSettings
+from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import Profile
 
 SHAPE = (4, 8)
@@ -31,9 +31,9 @@ WRONG_DN = 130
 
 @dataclass
 class CodeBench:
-    """A bench that costs nothing: what is shown is what is seen."""
+    """A world that costs nothing: what is shown is what is seen."""
 
-    settings: BenchSettings
+    settings: SimulationSettings
     camera: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(shape=SHAPE))
     projector: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(shape=SHAPE))
     vignetting: NDArray[np.float32] = field(default_factory=lambda: np.ones(SHAPE, np.float32))
@@ -50,21 +50,21 @@ def coded(number: int) -> Codes:
 
 def make_rig(profile: Profile, camera: dict[str, Any], projector: dict[str, Any] | None = None) -> Rig:
     """A rig of few pixels, with these faults; its latency covers everything that a time stamp does not tell."""
-    assert profile.bench is not None
+    assert profile.simulation is not None
     lens = {"blur_px": 0.0, "compression": 0.0, "stale_frame_rate": 0.0}
     light = {"latency_s": LATENCY_S, "jitter_s": JITTER_S, **(projector or {})}
-    settings = profile.bench.model_copy(
+    settings = profile.simulation.model_copy(
         update={
-            "camera": profile.bench.camera.model_copy(update={**lens, **camera}),
-            "projector": profile.bench.projector.model_copy(update=light),
+            "camera": profile.simulation.camera.model_copy(update={**lens, **camera}),
+            "projector": profile.simulation.projector.model_copy(update=light),
         }
     )
     pipeline_s = camera.get("pipeline_frames", 0) / FRAME_RATE_HZ
     latency_s = LATENCY_S + JITTER_S + pipeline_s + camera.get("time_stamp_jitter_s", 0.0)
-    clock, bench = VirtualClock(), cast("Bench", CodeBench(settings))
-    shown = SimulatedProjector(bench, clock, refresh_rate_hz=60.0)
+    clock, world = VirtualClock(), cast("SimulatedWorld", CodeBench(settings))
+    shown = SimulatedProjector(world, clock, refresh_rate_hz=60.0)
     seen = SimulatedCamera(
-        (bench,), shown, clock, bit_depth=12, frame_rate_hz=FRAME_RATE_HZ, exposure_range_s=(1e-3, 1.0)
+        (world,), shown, clock, bit_depth=12, frame_rate_hz=FRAME_RATE_HZ, exposure_range_s=(1e-3, 1.0)
     )
     settled = profile.projector.model_copy(update={"latency_s": latency_s})
     return Rig(profile.model_copy(update={"projector": settled}), seen, shown, clock)
@@ -135,7 +135,7 @@ def test_each_fault_is_found_by_its_name_and_no_frame_is_wrong(tiny_profile: Pro
 def test_without_the_policy_each_fault_gives_wrong_frames(
     tiny_profile: Profile, kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Association, "rejection", lambda *_: None)
+    monkeypatch.setattr(FrameValidator, "rejection", lambda *_: None)
     assert count_wrong(make_rig(tiny_profile, FAULTS[kind]), 300) > 3
 
 
@@ -174,7 +174,7 @@ def noisy(seed: int, sequence: int, **changed: Any) -> RawFrame:
 
 
 def judge(*, live: bool = True) -> Callable[[RawFrame], Rejection | None]:
-    association = Association((*SHAPE, 1), 4095, 1 / FRAME_RATE_HZ, live=live)
+    association = FrameValidator((*SHAPE, 1), 4095, 1 / FRAME_RATE_HZ, live=live)
     return lambda frame: association.rejection(frame, WANTED, now_s=100.0)
 
 

@@ -451,7 +451,7 @@ def test_a_real_rig_runs_on_the_machines_clock_wherever_its_session_stopped(
 
 def with_faults(profile: Profile, folder: Path, *, camera: str = "", projector: str = "") -> Path:
     text = profile.raw.decode()
-    for table, line in (("bench.camera", camera), ("bench.projector", projector)):
+    for table, line in (("simulation.camera", camera), ("simulation.projector", projector)):
         text = text.replace(f"[{table}]\n", f"[{table}]\n{line}\n")
     path = folder / "faulty.toml"
     path.write_text(text)

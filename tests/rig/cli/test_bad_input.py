@@ -203,7 +203,7 @@ def photographs(tmp_path: Path, tiny_profile: Profile) -> Path:
         'white = "white.png"\n'
     )
     text = tiny_profile.raw.decode()
-    text = text[: text.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    text = text[: text.index("[simulation]")].replace('driver = "simulated"', 'driver = "replay"')
     (folder / "profile.toml").write_text(f'{text}\n[replay]\nmanifest = "replay.toml"\n')
     return folder / "profile.toml"
 

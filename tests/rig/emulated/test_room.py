@@ -8,9 +8,9 @@ import pytest
 
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes
-from rig.devices.simulated.world import Bench
+from rig.devices.simulated.world import SimulatedWorld
 from rig.emulated.commands import COMMANDS, obey
-from rig.emulated.rig import VirtualRig, camera_formats, open_display, real_time_bench, still, usb_identity
+from rig.emulated.rig import VirtualRig, camera_formats, open_display, real_time_world, still, usb_identity
 from rig.emulated.room import RoomSource, encoded
 from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import DeviceLost, ProfileError
@@ -41,10 +41,10 @@ def dark(_: float) -> Codes:
 
 
 @pytest.fixture(scope="module")
-def bench(tiny_profile: Profile) -> Bench:
-    assert tiny_profile.bench is not None
-    settings = tiny_profile.bench.model_copy(update={"cell_size_m": 0.6})
-    return Bench(settings, (240, 320), SHAPE)
+def world(tiny_profile: Profile) -> SimulatedWorld:
+    assert tiny_profile.simulation is not None
+    settings = tiny_profile.simulation.model_copy(update={"cell_size_m": 0.6})
+    return SimulatedWorld(settings, (240, 320), SHAPE)
 
 
 @pytest.fixture
@@ -62,14 +62,14 @@ def photograph(source: RoomSource, wanted: FrameRequest) -> np.ndarray:
     return np.frombuffer(frame, "<u2").reshape(240, 320).astype(float)
 
 
-def test_a_frame_is_ready_at_the_end_of_its_exposure(bench: Bench, clock: VirtualClock) -> None:
-    source = RoomSource(bench, Screen(clock, lambda _: WHITE), clock)
+def test_a_frame_is_ready_at_the_end_of_its_exposure(world: SimulatedWorld, clock: VirtualClock) -> None:
+    source = RoomSource(world, Screen(clock, lambda _: WHITE), clock)
     assert photograph(source, request(started_s=11.0, exposure_s=0.5)).mean() > 500
     assert clock.now_s() == pytest.approx(11.5)
 
 
-def test_light_follows_exposure_and_gain_above_the_black_level(bench: Bench, clock: VirtualClock) -> None:
-    source = RoomSource(bench, Screen(clock, lambda _: WHITE), clock)
+def test_light_follows_exposure_and_gain_above_the_black_level(world: SimulatedWorld, clock: VirtualClock) -> None:
+    source = RoomSource(world, Screen(clock, lambda _: WHITE), clock)
     means = [
         photograph(source, request(clock.now_s(), exposure_s, gain=gain)).mean() - 64
         for exposure_s, gain in [(0.002, 1.0), (0.004, 1.0), (0.002, 2.0)]
@@ -78,38 +78,42 @@ def test_light_follows_exposure_and_gain_above_the_black_level(bench: Bench, clo
     assert means[2] == pytest.approx(means[1], rel=0.02)
 
 
-def test_pictures_that_change_during_an_exposure_are_mixed_by_their_shares(bench: Bench, clock: VirtualClock) -> None:
-    source = RoomSource(bench, Screen(clock, lambda now_s: WHITE if now_s < 10.075 else BLACK), clock)
+def test_pictures_that_change_during_an_exposure_are_mixed_by_their_shares(
+    world: SimulatedWorld, clock: VirtualClock
+) -> None:
+    source = RoomSource(world, Screen(clock, lambda now_s: WHITE if now_s < 10.075 else BLACK), clock)
     mixed = photograph(source, request(10.0, 0.1, gain=0.05)).mean() - 64
-    white = photograph(RoomSource(bench, still(WHITE), clock), request(clock.now_s(), 0.1, gain=0.05)).mean() - 64
+    white = photograph(RoomSource(world, still(WHITE), clock), request(clock.now_s(), 0.1, gain=0.05)).mean() - 64
     assert mixed / white == pytest.approx(0.7, abs=0.15)
 
 
-def test_a_frame_that_comes_too_late_is_lost_and_the_next_one_is_prompt(bench: Bench, clock: VirtualClock) -> None:
-    slow = RoomSource(bench, Screen(clock, lambda _: WHITE, look_s=0.2), clock, prompt_s=0.1)
+def test_a_frame_that_comes_too_late_is_lost_and_the_next_one_is_prompt(
+    world: SimulatedWorld, clock: VirtualClock
+) -> None:
+    slow = RoomSource(world, Screen(clock, lambda _: WHITE, look_s=0.2), clock, prompt_s=0.1)
     assert slow.expose(request(10.0, 0.01)) is None
     assert slow.late_frames == 1
-    assert RoomSource(bench, Screen(clock, lambda _: WHITE), clock).expose(request(clock.now_s())) is not None
+    assert RoomSource(world, Screen(clock, lambda _: WHITE), clock).expose(request(clock.now_s())) is not None
 
 
-def test_a_dark_display_is_told_once_and_lights_nothing(bench: Bench, clock: VirtualClock) -> None:
+def test_a_dark_display_is_told_once_and_lights_nothing(world: SimulatedWorld, clock: VirtualClock) -> None:
     told: list[str] = []
-    source = RoomSource(bench, Screen(clock, dark), clock, note=told.append)
+    source = RoomSource(world, Screen(clock, dark), clock, note=told.append)
     frames = [photograph(source, request(clock.now_s())) for _ in range(3)]
     assert told == ["Virtual-1 is dark"]
-    lit = photograph(RoomSource(bench, still(WHITE), clock), request(clock.now_s()))
+    lit = photograph(RoomSource(world, still(WHITE), clock), request(clock.now_s()))
     assert max(frame.mean() for frame in frames) < 0.1 * lit.mean()
 
 
-def test_a_display_of_another_size_is_told(bench: Bench, clock: VirtualClock) -> None:
+def test_a_display_of_another_size_is_told(world: SimulatedWorld, clock: VirtualClock) -> None:
     told: list[str] = []
-    source = RoomSource(bench, Screen(clock, lambda _: np.zeros((4, 6, 3), np.uint8)), clock, note=told.append)
+    source = RoomSource(world, Screen(clock, lambda _: np.zeros((4, 6, 3), np.uint8)), clock, note=told.append)
     source.expose(request())
     assert told == ["the display shows 6 x 4 px, the room expects 256 x 192 px"]
 
 
-def test_two_frames_never_have_the_same_noise(bench: Bench, clock: VirtualClock) -> None:
-    source = RoomSource(bench, still(WHITE), clock)
+def test_two_frames_never_have_the_same_noise(world: SimulatedWorld, clock: VirtualClock) -> None:
+    source = RoomSource(world, still(WHITE), clock)
     first, second = (photograph(source, request(clock.now_s())) for _ in range(2))
     assert (first != second).mean() > 0.5
 
@@ -150,12 +154,12 @@ def test_a_format_that_the_camera_cannot_send_is_refused(tiny_profile: Profile) 
 
 def test_a_room_with_a_latency_of_its_own_is_refused(tiny_profile: Profile) -> None:
     with pytest.raises(ProfileError, match="latency of its real display"):
-        real_time_bench(tiny_profile)
+        real_time_world(tiny_profile)
 
 
 def test_a_profile_without_a_room_is_refused(tiny_profile: Profile) -> None:
     with pytest.raises(ProfileError, match="needs a"):
-        real_time_bench(tiny_profile.model_copy(update={"bench": None}))
+        real_time_world(tiny_profile.model_copy(update={"simulation": None}))
 
 
 def test_a_profile_without_a_kms_display_needs_to_be_told_where_to_look(tiny_profile: Profile) -> None:
@@ -166,10 +170,10 @@ def test_a_profile_without_a_kms_display_needs_to_be_told_where_to_look(tiny_pro
 class TestTypedCommands:
     @pytest.fixture
     def rig(self, tiny_profile: Profile) -> VirtualRig:
-        assert tiny_profile.bench is not None
-        lens = tiny_profile.bench.projector.model_copy(update={"latency_s": 0.0, "jitter_s": 0.0})
-        bench = tiny_profile.bench.model_copy(update={"projector": lens, "cell_size_m": 1.2})
-        return VirtualRig(virtual_profile(tiny_profile).model_copy(update={"bench": bench}), still(WHITE))
+        assert tiny_profile.simulation is not None
+        lens = tiny_profile.simulation.projector.model_copy(update={"latency_s": 0.0, "jitter_s": 0.0})
+        world = tiny_profile.simulation.model_copy(update={"projector": lens, "cell_size_m": 1.2})
+        return VirtualRig(virtual_profile(tiny_profile).model_copy(update={"simulation": world}), still(WHITE))
 
     def test_they_set_faults(self, rig: VirtualRig) -> None:
         assert [obey(rig, line) for line in ("drop 3", "short", "error 2", "repeat 4", "freeze")] == [""] * 5

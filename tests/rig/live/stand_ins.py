@@ -9,7 +9,7 @@ from rig.devices.clock import VirtualClock
 from rig.devices.simulated.display import ClockedDisplay
 from rig.live.show.controls import Controls
 from rig.live.show.frame_mailbox import LiveFrame
-from rig.live.show.loop import LiveLoop, ShownFrame, Surroundings
+from rig.live.show.loop import LiveLoop, LoopArguments, ShownFrame
 from rig.live.sources.source import Pixels
 
 SHAPE = (9, 16)
@@ -122,7 +122,7 @@ def stage(
         shown.append(frame)
         codes.append(int(frame.codes[0, 0, 0]))
 
-    surroundings = Surroundings(
+    surroundings = LoopArguments(
         display,
         feed,
         compensators,

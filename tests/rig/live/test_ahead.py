@@ -14,9 +14,9 @@ from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceLost
 from rig.live.show.controls import Controls
 from rig.live.show.frame_mailbox import LiveFrame
-from rig.live.show.loop import LiveLoop, Surroundings
+from rig.live.show.loop import LiveLoop, LoopArguments
 from rig.live.show.output import DirectOutput, Output, ThreadedOutput
-from rig.live.show.priority import ordinary, urgent
+from rig.live.show.priority import normal_priority, realtime_priority
 from rig.live.sources.source import Pixels
 from tests.rig.live.stand_ins import PERIOD_S, RATE_HZ, SHAPE, Doubler
 
@@ -84,7 +84,7 @@ def film_shown(busy_s: float, copying_s: float, *, ahead: bool) -> tuple[LiveLoo
     display.open()
     film = Film(clock, 240)
     output: Output = SlowOutput(display, clock, copying_s) if ahead else DirectOutput(display)
-    surroundings = Surroundings(display, film, {"exact": Doubler(clock, busy_s)}, clock, RATE_HZ, output=output)
+    surroundings = LoopArguments(display, film, {"exact": Doubler(clock, busy_s)}, clock, RATE_HZ, output=output)
     loop = LiveLoop(surroundings, Controls("exact"))
     while not loop.ended:
         loop.step()
@@ -113,7 +113,7 @@ def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_a
     display.open()
     film, doubler = Film(clock, 240), Doubler(clock, 0.5 * PERIOD_S)
     output = SlowOutput(display, clock, 0.1 * PERIOD_S)
-    loop = LiveLoop(Surroundings(display, film, {"exact": doubler}, clock, RATE_HZ, output=output), Controls("exact"))
+    loop = LiveLoop(LoopArguments(display, film, {"exact": doubler}, clock, RATE_HZ, output=output), Controls("exact"))
     while not loop.ended:
         doubler.busy_s = (2.0 if loop.tally.frames == 100 else 0.5) * PERIOD_S
         loop.step()
@@ -180,10 +180,10 @@ def test_a_show_comes_first_where_the_system_allows_it_and_goes_back_afterwards(
 
     def reads() -> None:
         policies.append(os.sched_getscheduler(0))
-        ordinary()
+        normal_priority()
         policies.append(os.sched_getscheduler(0))
 
-    with urgent() as is_urgent:
+    with realtime_priority() as is_urgent:
         during = os.sched_getscheduler(0)
         thread = threading.Thread(target=reads)
         thread.start()
@@ -198,8 +198,8 @@ def test_a_user_who_may_not_come_first_shows_all_the_same(monkeypatch: pytest.Mo
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
-    with urgent() as is_urgent:
-        ordinary()
+    with realtime_priority() as is_urgent:
+        normal_priority()
     assert not is_urgent
 
 
@@ -210,7 +210,7 @@ def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None
     told: list[tuple[bool, bool]] = []
     steps = iter(range(1000))
     loop = LiveLoop(
-        Surroundings(
+        LoopArguments(
             display,
             Film(clock, 60),
             {"exact": Doubler(clock)},

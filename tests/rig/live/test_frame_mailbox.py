@@ -9,7 +9,7 @@ import pytest
 
 from rig.devices.clock import SystemClock, VirtualClock
 from rig.errors import DeviceLost
-from rig.live.show.frame_mailbox import LiveFrame, Slot
+from rig.live.show.frame_mailbox import FrameMailbox, LiveFrame
 from rig.live.sources.reader import Reader, locked_rate
 from rig.live.sources.source import Picture, SourceBroken, SourceEnded
 
@@ -17,12 +17,12 @@ SHAPE = (4, 6)
 PERIOD_S = 1 / 60
 
 
-def slot_in_virtual_time() -> tuple[Slot, VirtualClock]:
+def slot_in_virtual_time() -> tuple[FrameMailbox, VirtualClock]:
     clock = VirtualClock(100.0)
-    return Slot(SHAPE, PERIOD_S, clock), clock
+    return FrameMailbox(SHAPE, PERIOD_S, clock), clock
 
 
-def put(slot: Slot, code: int, media_s: float | None = None) -> None:
+def put(slot: FrameMailbox, code: int, media_s: float | None = None) -> None:
     slot.writable()[:] = code
     slot.offer(media_s)
 
@@ -102,7 +102,7 @@ def reading(work: Callable[[], None]) -> Iterator[None]:
 
 def test_a_film_in_the_displays_pace_loses_no_frame_although_the_reader_is_ahead() -> None:
     clock = SystemClock()
-    slot = Slot(SHAPE, 0.01, clock)
+    slot = FrameMailbox(SHAPE, 0.01, clock)
     codes: list[int | None] = []
 
     def read() -> None:
@@ -123,7 +123,7 @@ def test_a_film_in_the_displays_pace_loses_no_frame_although_the_reader_is_ahead
 
 def test_a_loop_that_is_late_gets_the_frame_that_is_due_now() -> None:
     clock = SystemClock()
-    slot = Slot(SHAPE, 0.01, clock)
+    slot = FrameMailbox(SHAPE, 0.01, clock)
 
     def read() -> None:
         for k in range(3):
@@ -178,7 +178,7 @@ def play(
     *sources: Pictures, endless: bool = False, frames: int = 1000, press_after: int = -1
 ) -> tuple[list[int], Reader]:
     clock = SystemClock()
-    slot = Slot(SHAPE, 0.01, clock)
+    slot = FrameMailbox(SHAPE, 0.01, clock)
     reader = Reader(sources, slot, SHAPE, 100.0, clock, endless=endless)
     reader.start()
     codes: list[int] = []

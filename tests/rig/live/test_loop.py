@@ -8,7 +8,7 @@ import pytest
 from rig.devices.protocols import Codes, Shown
 from rig.errors import DeviceLost
 from rig.live.show.controls import Controls
-from rig.live.show.frame_pacing import DisplayClock, Lead
+from rig.live.show.frame_pacing import DisplayClock, LatchTimer
 from tests.rig.live.stand_ins import PERIOD_S, RATE_HZ, Doubler, stage
 
 
@@ -231,7 +231,7 @@ def test_a_refresh_that_was_let_pass_is_not_aimed_at_again() -> None:
 
 
 def test_work_begins_earlier_after_pictures_that_took_long_or_came_late() -> None:
-    lead = Lead(0.1)
+    lead = LatchTimer(0.1)
     idle_s = lead.lead_s
     lead.note(0.04, is_late=False)
     busy_s = lead.lead_s

@@ -166,9 +166,9 @@ def test_a_session_is_shown_with_what_it_measured(finished: Finished, witness: t
 
 def test_flashes_measure_from_memory_to_light() -> None:
     result = run_live(request(flashes=True, strategy="exact", seconds=0.1), silent, quiet)
-    bench = load_profile("ci-tiny").bench
-    assert bench is not None
-    projector = bench.projector
+    world = load_profile("ci-tiny").simulation
+    assert world is not None
+    projector = world.projector
     shortest_ms = 1000 * projector.latency_s
     longest_ms = shortest_ms + 1000 * projector.jitter_s + 2 * 1000 / 60
     assert shortest_ms - 2 < result["light_latency_ms"]["p50"] < longest_ms

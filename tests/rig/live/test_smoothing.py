@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rig.live.show.controls import Controls, pressed
-from rig.live.show.frame_statistics import Ring, Tally, resident_mb
+from rig.live.show.frame_statistics import FrameStatistics, Ring, resident_mb
 from rig.live.show.smoothing import (
     TIME_CONSTANT_S,
     GainState,
@@ -108,7 +108,7 @@ def test_a_ring_holds_the_last_numbers_only() -> None:
 
 
 def test_a_frame_that_was_never_shown_was_not_on_time() -> None:
-    tally = Tally(0.01)
+    tally = FrameStatistics(0.01)
     for k in range(1, 10):
         tally.note_frame(k, 0.01 * k, 0.001, 0.01 * k, 0.01 * k)
     assert tally.result()["on_time_share"] == 1.0

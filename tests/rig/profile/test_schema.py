@@ -50,7 +50,7 @@ def test_all_mistakes_are_reported_at_once() -> None:
         "lab.toml: camera.exposure_ms: unknown key; did you mean exposure_s (seconds)?",
         "lab.toml: timing.retries: is 2.5, should be a valid integer",
         "lab.toml: room.closed: is 'yes', should be a valid boolean",
-        "lab.toml: bench.camera.compresion: unknown key; did you mean compression?",
+        "lab.toml: simulation.camera.compresion: unknown key; did you mean compression?",
     ]
 
 
@@ -120,14 +120,16 @@ def test_a_simulated_camera_has_no_device_name() -> None:
     assert lines == ["lab.toml: camera.device_id: only for driver = 'v4l2'; remove it"]
 
 
-def test_a_simulated_rig_needs_a_bench() -> None:
-    assert problems(TINY[: TINY.index("[bench]")]) == [
-        "lab.toml: bench: missing; driver = 'simulated' needs a [bench] table"
+def test_a_simulated_rig_needs_a_simulation() -> None:
+    assert problems(TINY[: TINY.index("[simulation]")]) == [
+        "lab.toml: simulation: missing; driver = 'simulated' needs a [simulation] table"
     ]
 
 
 def test_a_recording_is_looked_for_beside_the_profile(tmp_path: Path) -> None:
-    text = TINY[: TINY.index("[bench]")].replace('"simulated"', '"replay"') + '[replay]\nmanifest = "photos/r.toml"\n'
+    text = (
+        TINY[: TINY.index("[simulation]")].replace('"simulated"', '"replay"') + '[replay]\nmanifest = "photos/r.toml"\n'
+    )
     profile = Profile.parse(text.encode(), tmp_path / "lab.toml")
     assert profile.recording == tmp_path / "photos" / "r.toml"
     assert problems(text + 'session = "x"') == [

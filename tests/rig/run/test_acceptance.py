@@ -1,6 +1,6 @@
 """A whole session on the paper's room, everything calibrated from its own captures: the promises in figures.
 
-The bench is finer than, integrated otherwise than, and has lens terms beyond the model that is fitted to it.
+The simulated world is finer than, integrated otherwise than, and has lens terms beyond the model that is fitted to it.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.capture.devices import bench_of, benches_of
+from rig.capture.devices import simulated_world_of, simulated_worlds_of
 from rig.capture.rig import open_rig
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.channels import image_of
@@ -23,13 +23,13 @@ from rig.run.session import Request, plan_session, run_part, run_session
 from rig.session import Session
 from rig.stages.compensation import wanted_light, whole_picture
 from rig.stages.linear_light import channel_codes, channel_light
-from rig.stages.model import RoomRecord, load_model
-from rig.stages.radiometry import load_photometry
+from rig.stages.model import FittedScene, load_model
+from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.target import Target, load_target
-from rig.strategies.closed_loop import Loop, Seen, corrected, plant_of
+from rig.strategies.closed_loop import Loop, Seen, controlled_scene_of, corrected
 from rig.terminal import silent
-from rig.truth.scores import true_benches
-from rig.truth.transport import true_transport
+from rig.truth.scores import ground_truth_worlds
+from rig.truth.transport import ground_truth_transport
 from sim.compensation import compensate
 from sim.frame.compensator import FrameCompensator
 from sim.light.colour import ColourTransport
@@ -66,7 +66,7 @@ class Coloured:
     profile: Path
     metrics: dict[str, Any]
 
-    def model(self) -> RoomRecord:
+    def model(self) -> FittedScene:
         with Session.open(self.folder) as session:
             return load_model(session)
 
@@ -94,19 +94,19 @@ def test_each_wall_has_its_own_colour(coloured: Coloured) -> None:
     """Means over the lit patches of each wall; the poster on the red one is a patch or two."""
     model = coloured.model()
     for name, colour in {"x1": (0.74, 0.36, 0.30), "y1": (0.34, 0.66, 0.38), "floor": (0.66,) * 3}.items():
-        face = next(face for face in model.twin.scene.faces if face.name == name)
-        found = [float(np.median(twin.scene.reflectance[face.patches])) for twin in model.room.bands]
+        face = next(face for face in model.scene_model.scene.faces if face.name == name)
+        found = [float(np.median(scene_model.scene.reflectance[face.patches])) for scene_model in model.room.bands]
         assert found == pytest.approx(colour, abs=0.04), name
     assert coloured.metrics["truth"]["reflectance_rmse_lit_and_seen"] < 0.03
 
 
 def test_each_channel_has_its_own_response_out_of_grey_pictures(coloured: Coloured) -> None:
     with Session.open(coloured.folder) as session:
-        photometry = load_photometry(session)
+        radiometric = load_radiometric_calibration(session)
         names = [name for name in session.finished("response").frame_names if name.startswith(("red", "green", "blue"))]
     code = np.array([64, 128, 192])
     x = code / 255
-    for response, gamma in zip(photometry.projector, (2.4, 2.2, 2.0), strict=True):
+    for response, gamma in zip(radiometric.projector, (2.4, 2.2, 2.0), strict=True):
         true = 0.75 * x**gamma + 0.25 * x * x * (3 - 2 * x)
         assert np.interp(code, response.levels, response.linear) == pytest.approx(true, abs=2e-3)
     assert len(names) == 6, "three more pictures at each of two exposures"
@@ -141,13 +141,13 @@ def test_every_frame_is_predicted_in_every_band(coloured: Coloured) -> None:
 
 
 def test_bleeding_colours_are_compensated_better_than_by_a_grey_model_of_the_room(coloured: Coloured) -> None:
-    """Both pictures in the bench's own light; the grey model has the green band's room for all, and no mixing."""
+    """Both pictures in the world's own light; the grey model has the green band's room for all, and no mixing."""
     model = coloured.model()
     with open_rig(load_profile(coloured.profile)) as rig:
-        truth = true_transport(true_benches(rig), model)
+        truth = ground_truth_transport(ground_truth_worlds(rig), model)
     bands = model.room.projector_transport.bands
     grey = ColourTransport([bands[1]] * 3, np.eye(3))
-    wanted = wanted_light(model, load_target(None, model.twin.projector.lens.shape, channels=3))
+    wanted = wanted_light(model, load_target(None, model.scene_model.projector.lens.shape, channels=3))
     errors = {}
     for name, known in (("colour", model.room.projector_transport), ("grey", grey)):
         shown = compensate("bounded", known, wanted).projector_image
@@ -172,21 +172,23 @@ def test_live_pictures_use_what_the_session_knows_of_colour(coloured: Coloured) 
 
 
 def test_a_live_picture_comes_as_near_to_its_target_as_the_sessions_own(coloured: Coloured) -> None:
-    """In the bench's own light, black included: live pictures leave room for it."""
+    """In the simulated world's own light, black included: live pictures leave room for it."""
     model = coloured.model()
     with open_rig(load_profile(coloured.profile)) as rig:
-        truth = true_transport(true_benches(rig), model)
+        truth = ground_truth_transport(ground_truth_worlds(rig), model)
     with Session.open(coloured.folder) as session:
-        live, photometry = session_model(session, is_linear=True), load_photometry(session)
-    target = Target("whole levels", np.rint(load_target(None, model.twin.projector.lens.shape, channels=3).levels))
+        live, radiometric = session_model(session, is_linear=True), load_radiometric_calibration(session)
+    target = Target(
+        "whole levels", np.rint(load_target(None, model.scene_model.projector.lens.shape, channels=3).levels)
+    )
     wanted = wanted_light(model, target)
     live_codes = FrameCompensator(live.frames, "bounded").frame(target.levels.astype(np.uint8))
     own = compensate("bounded", model.room.projector_transport, wanted).projector_image
-    own_codes = channel_codes(photometry.projector, whole_picture(model, own), seed=1)
-    black = black_at_pixels(model, photometry)
+    own_codes = channel_codes(radiometric.projector, whole_picture(model, own), seed=1)
+    black = black_at_pixels(model, radiometric)
     errors = []
     for codes, unavoidable in ((live_codes, black), (own_codes, 0.0)):
-        light = channel_light(photometry.projector, codes).reshape(-1, 3)[model.room.active].astype(np.float64)
+        light = channel_light(radiometric.projector, codes).reshape(-1, 3)[model.room.active].astype(np.float64)
         errors.append(float(np.abs(truth.forward(light) + unavoidable - wanted).mean()))
     assert errors[0] < 1.1 * errors[1]
 
@@ -194,7 +196,7 @@ def test_a_live_picture_comes_as_near_to_its_target_as_the_sessions_own(coloured
 def test_a_band_that_is_too_dark_gets_its_light_from_all_channels(coloured: Coloured) -> None:
     """The correction undoes the mixing: direct light changes in that band alone."""
     with Session.open(coloured.folder) as session:
-        plant = plant_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
+        plant = controlled_scene_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
     image = np.full_like(plant.wanted, 0.5)
     error = np.array([0.0, 0.02, 0.0]) * plant.operator.diagonal
     seen = Seen(image, plant.wanted - error, np.full_like(image, 1e-12))
@@ -221,7 +223,7 @@ def test_a_session_that_was_stopped_gives_the_same_numbers(coloured: Coloured, t
         run_session(request, stop_in_the_colours)
     assert run_part(request, "separate", silent)["separation"] == coloured.metrics["separation"]
     ours, theirs = (
-        json.loads((folder / "calibration" / "photometry-001.json").read_text("utf-8"))
+        json.loads((folder / "calibration" / "radiometric-001.json").read_text("utf-8"))
         for folder in (request.folder, coloured.folder)
     )
     assert ours == theirs
@@ -278,21 +280,21 @@ def test_a_camera_that_sees_no_colours_is_refused(tmp_path: Path) -> None:
         calibrated(profile, tmp_path / "session")
 
 
-# The bench
+# The simulated world
 
 
 def test_a_grey_camera_sees_the_mean_of_the_walls_colours_and_of_the_projectors(tmp_path: Path) -> None:
     profile = load_profile(profile_file(tmp_path, **{"cell_size_m = 0.2": "cell_size_m = 0.6"}))
-    grey, bands = bench_of(profile), benches_of(profile)
+    grey, bands = simulated_world_of(profile), simulated_worlds_of(profile)
     assert grey.room.reflectance == pytest.approx(np.mean([band.room.reflectance for band in bands], axis=0), abs=1e-6)
     assert grey.channel_weights == pytest.approx(MIXING.mean(axis=0))
     red = np.zeros((*profile.projector.shape, 3), np.uint8)
     red[..., 0] = 255
-    light = [float(bench.projector_linear(red).mean()) for bench in bands]
+    light = [float(world.projector_linear(red).mean()) for world in bands]
     assert light == pytest.approx(MIXING[:, 0], abs=2e-3), "and a little of what black lets through"
 
 
 @pytest.mark.parametrize("wrong", ["[0.5, 0.5]", "[0.5, 0.5, 1.5]", "-0.1", '"red"'])
 def test_a_reflectance_is_one_number_or_three_below_one(tmp_path: Path, wrong: str) -> None:
-    with pytest.raises(ProfileError, match=r"bench\.reflectance\.x1"):
+    with pytest.raises(ProfileError, match=r"simulation\.reflectance\.x1"):
         load_profile(profile_file(tmp_path, **{"x1 = 0.71": f"x1 = {wrong}"}))

@@ -17,7 +17,7 @@ from rig.profile.schema import Profile
 from rig.run.session import _Opening
 from rig.session import Session, Step
 from rig.stages.compensation import check_strategies
-from rig.stages.photograph import Shot, frame_name, photograph
+from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.target import load_target
 from rig.terminal import TerminalProgress, print_table, silent
 from sim.compensation import STRATEGIES
@@ -99,7 +99,7 @@ def restless(profile: Profile) -> Profile:
 def photograph_levels(folder: Path, profile: Profile, count: int) -> list[str]:
     """Photograph levels into a session of its own or one that goes on; returns the names of its frames."""
     patterns = [flat(profile.projector.shape, 10 * k, f"level-{10 * k:03d}") for k in range(count)]
-    shot = Shot((0.01, 0.02), repeats=2)
+    shot = ExposureBracket((0.01, 0.02), repeats=2)
     with Session.open(folder, profile) as session, open_rig(profile, resume_at_s=session.last_clock_s) as rig:
         step = session.step("levels")
         photograph(rig, session, step, patterns, shot, count, silent)
@@ -111,7 +111,7 @@ def test_every_pattern_is_photographed_at_every_exposure_as_often_as_asked(
 ) -> None:
     names = photograph_levels(tmp_path / "s", tiny_profile, 2)
     assert sorted(names) == [frame_name(f"level-{k:03d}", e, r) for k in (0, 10) for e in (0, 1) for r in (0, 1)]
-    assert Shot((0.01, 0.02), repeats=2).frames_per_pattern == 4
+    assert ExposureBracket((0.01, 0.02), repeats=2).frames_per_pattern == 4
 
 
 def test_a_pattern_begins_with_the_exposure_that_the_one_before_ended_with(

@@ -15,7 +15,7 @@ from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.profile.schema import Profile
 from rig.self_check import PARTS
-from rig.self_check.parts.exposure import patient
+from rig.self_check.parts.exposure import with_generous_latency
 from rig.self_check.run import check_rig
 from rig.terminal import silent
 
@@ -73,7 +73,7 @@ def profile_of(*changes: Change) -> Profile:
 
 
 class Checked:
-    """One check of a changed bench."""
+    """One check of a changed world."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class Checked:
         profile = profile_of(*changes)
         camera, projector, clock = make_devices(profile)
         self.projector = ChangedProjector(projector, codes)
-        with Rig(patient(profile), ChangedCamera(camera, pixels), self.projector, clock) as rig:
+        with Rig(with_generous_latency(profile), ChangedCamera(camera, pixels), self.projector, clock) as rig:
             rig.set_exposure(profile.camera.exposure_s)
             self.result = check_rig(rig, profile, silent, [part for part in PARTS if part in only] or PARTS)
         json.dumps(self.result, allow_nan=False)

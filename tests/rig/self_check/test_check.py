@@ -1,4 +1,4 @@
-"""Every number of `rig check` on a good rig against the bench's truth; latency; the command."""
+"""Every number of `rig check` on a good rig against the simulated world's truth; latency; the command."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_every_row_with_a_limit_says_what_to_do_when_it_fails(good: Checked) -> 
     assert [row["what"] for row in good.result["checks"] if row["limit"] is not None and not row["advice"]] == []
 
 
-def test_latency_is_that_of_the_bench(good: Checked) -> None:
+def test_latency_is_that_of_the_simulated_world(good: Checked) -> None:
     truth, latency = good.projector.delays_s, good.numbers("latency")
     assert len(truth) == latency["trials"] == 40
     used = [truth[trial] for trial in latency["used"]]
@@ -56,7 +56,7 @@ def test_latency_is_that_of_the_bench(good: Checked) -> None:
     assert latency["sd"] == pytest.approx(np.std(truth, ddof=1), rel=0.1)
 
 
-def test_the_sensor_is_that_of_the_bench(good: Checked) -> None:
+def test_the_sensor_is_that_of_the_simulated_world(good: Checked) -> None:
     noise = good.numbers("noise")
     assert noise["gain_e_per_dn"] == pytest.approx(32000 / (4095 - 64), rel=0.03)
     assert noise["read_noise_e"] == pytest.approx(6.0, rel=0.05)
@@ -75,7 +75,7 @@ def test_the_suggested_values_are_those_of_the_bench_and_make_a_valid_profile(go
     assert Profile.parse(text.encode(), ROOT / "hw_profiles" / "pasted.toml").projector.latency_s < 0.06
 
 
-def test_dark_level_clip_level_and_noise_are_those_of_the_bench(good: Checked) -> None:
+def test_dark_level_clip_level_and_noise_are_those_of_the_simulated_world(good: Checked) -> None:
     assert good.numbers("linearity")["dark_level_dn"] == pytest.approx(64, abs=0.1)
     assert good.numbers("saturation") == {"clip_dn": 4095, "step_dn": 1}
     assert good.numbers("pixels")["hot"] == 0
@@ -191,7 +191,7 @@ def test_an_unknown_part_is_named_with_those_that_exist(capsys: Capture) -> None
 
 
 def test_a_replay_cannot_be_checked_and_hears_why(tmp_path: Path) -> None:
-    text = TINY[: TINY.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    text = TINY[: TINY.index("[simulation]")].replace('driver = "simulated"', 'driver = "replay"')
     path = tmp_path / "replay.toml"
     path.write_text(text + '[replay]\nsession = "nowhere"\n')
     with pytest.raises(UsageError, match=r"no clock, so no latency.*cannot show the pictures"):

@@ -11,7 +11,7 @@ import pytest
 from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, RawFrame
-from rig.self_check.parts.exposure import patient
+from rig.self_check.parts.exposure import with_generous_latency
 from rig.self_check.parts.stability import shift_px
 from rig.self_check.run import check_rig
 from rig.terminal import silent
@@ -58,7 +58,7 @@ def test_half_frames_do_not_stop_the_check() -> None:
     assert checked.failed == {"frames"}
 
 
-def test_the_depth_of_the_pipeline_is_that_of_the_bench() -> None:
+def test_the_depth_of_the_pipeline_is_that_of_the_simulated_world() -> None:
     checked = Checked(("stale_frame_rate = 0.02", "exposure_delay_frames = 3"), only=["pipeline"])
     assert checked.numbers("pipeline")["depth_frames"] == [3, 3, 3, 3]
     assert checked.row("frames that claim")["value"] == 0
@@ -78,7 +78,7 @@ def test_frames_that_claim_an_exposure_that_they_do_not_have_are_found() -> None
 
     profile = profile_of(("stale_frame_rate = 0.02", "exposure_delay_frames = 2"))
     camera, projector, clock = make_devices(profile)
-    with Rig(patient(profile), Lying(camera), projector, clock) as rig:
+    with Rig(with_generous_latency(profile), Lying(camera), projector, clock) as rig:
         result = check_rig(rig, profile, silent, ["pipeline"])
     rows = {row["what"]: row for row in result["checks"]}
     assert rows["frames that claim the new exposure and show the old"]["value"] == 8
@@ -182,7 +182,7 @@ def test_room_light_that_flickers_is_found_and_named() -> None:
     assert chosen_s * 100 == pytest.approx(round(chosen_s * 100), abs=0.03)
 
 
-def test_the_flicker_of_white_is_as_large_as_that_of_the_bench() -> None:
+def test_the_flicker_of_white_is_as_large_as_that_of_the_simulated_world() -> None:
     swelling = {"rate": 0.03}
 
     def flicker(frame: RawFrame) -> RawFrame:

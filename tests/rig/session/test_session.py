@@ -25,7 +25,7 @@ class Killed(BaseException):
 
 
 def frame_at(time_s: float) -> RawFrame:
-    """What a camera sees is a function of time alone, as on the simulated bench."""
+    """What a camera sees is a function of time alone, as on the simulated world."""
     random = np.random.default_rng(round(time_s * 1e6))
     return RawFrame(random.integers(0, 4096, SHAPE, dtype=np.uint16), 0.01 / 3, time_s, round(time_s * 10))
 

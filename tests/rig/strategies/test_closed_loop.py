@@ -17,7 +17,7 @@ from rig.run.session import Request, opened_session
 from rig.session import Session
 from rig.stages.target import load_target
 from rig.strategies import closed_loop
-from rig.strategies.closed_loop import Loop, Plant, Seen, close_loop, corrected, plant_of, trusted
+from rig.strategies.closed_loop import ControlledScene, Loop, Seen, close_loop, controlled_scene_of, corrected, trusted
 from rig.terminal import silent
 
 SHAPE = (192, 256)
@@ -117,27 +117,27 @@ def test_what_cannot_be_is_refused(loop: Loop, message: str) -> None:
 
 
 @pytest.fixture
-def plant(session_folder: Path) -> Plant:
+def plant(session_folder: Path) -> ControlledScene:
     target = load_target(None, SHAPE)
     with Session.open(session_folder) as session:
-        return plant_of(session, session.finished("compensate"), target)
+        return controlled_scene_of(session, session.finished("compensate"), target)
 
 
-def test_where_nothing_was_measured_the_picture_stays(plant: Plant) -> None:
+def test_where_nothing_was_measured_the_picture_stays(plant: ControlledScene) -> None:
     image = np.full_like(plant.wanted, 0.4)
     unknown = np.full_like(plant.wanted, np.nan)
     after = corrected(plant, Loop("bounded", 2, "image"), image, Seen(image, unknown, unknown))
     assert np.array_equal(after, image)
 
 
-def test_a_model_that_predicts_what_is_seen_changes_nothing(plant: Plant) -> None:
+def test_a_model_that_predicts_what_is_seen_changes_nothing(plant: ControlledScene) -> None:
     image = plant.solved("bounded", plant.wanted).projector_image
     light = plant.transport.forward(image)
     seen = Seen(image, light, np.full_like(light, 1e-12))
     assert corrected(plant, Loop("bounded", 2, "model"), image, seen) == pytest.approx(image, abs=1e-6)
 
 
-def test_a_pixel_that_is_too_dark_gets_more_light_and_no_more_than_there_is(plant: Plant) -> None:
+def test_a_pixel_that_is_too_dark_gets_more_light_and_no_more_than_there_is(plant: ControlledScene) -> None:
     image = np.full_like(plant.wanted, 0.99)
     seen = Seen(image, plant.wanted - 0.02 * plant.operator.diagonal, np.full_like(image, 1e-12))
     after = corrected(plant, Loop("none", 2, "image"), image, seen)
@@ -145,7 +145,7 @@ def test_a_pixel_that_is_too_dark_gets_more_light_and_no_more_than_there_is(plan
     assert 0.5 < plant.damping < 1.0
 
 
-def test_a_residual_that_is_all_noise_is_not_believed_and_one_far_above_it_is(plant: Plant) -> None:
+def test_a_residual_that_is_all_noise_is_not_believed_and_one_far_above_it_is(plant: ControlledScene) -> None:
     rng = np.random.default_rng(4)
     noise = rng.normal(0, 0.01, plant.wanted.shape)
     variance = np.full_like(noise, 0.01**2)
@@ -154,7 +154,7 @@ def test_a_residual_that_is_all_noise_is_not_believed_and_one_far_above_it_is(pl
     assert trusted(plant, noise + 0.2, variance) == pytest.approx(noise + 0.2, rel=0.02, abs=0.005)
 
 
-def test_noise_is_told_to_the_strategies_that_regularise_by_it(plant: Plant) -> None:
+def test_noise_is_told_to_the_strategies_that_regularise_by_it(plant: ControlledScene) -> None:
     quiet = plant.solved("tikhonov", plant.wanted)
     loud = replace(plant, model=replace(plant.model, white_variance=plant.model.white_variance * 1e4))
     assert float(loud.solved("tikhonov", plant.wanted).notes["noise_rms"]) == pytest.approx(

@@ -1,4 +1,4 @@
-"""`rig compare-strategies`: on the smallest rig, on the paper's room, and what perfect knowledge of the bench gives."""
+"""`rig compare-strategies`: on the smallest rig, on the paper's room, and what knowing the simulated world gives."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.capture.devices import bench_of
+from rig.capture.devices import simulated_world_of
 from rig.cli.app import run_command
 from rig.errors import SessionError
 from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.model import load_model
-from rig.stages.scene_model import RoomTwin
-from rig.strategies.comparison import perfect_rows, ratios, warnings_of
+from rig.stages.scene_model import SceneModel
+from rig.strategies.comparison import oracle_rows, ratios, warnings_of
 from rig.strategies.pictures import two_walls
 from rig.terminal import silent
-from rig.truth.transport import true_transport
+from rig.truth.transport import ground_truth_transport
 
 NAMES = ("none", "direct", "bounded", "tikhonov")
 
@@ -114,15 +114,15 @@ def test_a_comparison_that_is_done_takes_no_frame_again(compared: Any, capsys: p
     assert "two-walls: one wall white, the other black" in printed
 
 
-# The truth of the bench
+# The truth of the simulated world
 
 
 def test_the_true_transport_predicts_what_the_bench_shows(finished: Any, tiny_profile: Profile) -> None:
-    """White on every steered pixel: the bench's own photograph, free of noise, against T times white."""
+    """White on every steered pixel: the simulated world's own photograph, free of noise, against T times white."""
     with Session.open(finished.folder) as session:
         model = load_model(session)
-    bench = bench_of(tiny_profile)
-    transport = true_transport((bench,), model).bands[0]
+    world = simulated_world_of(tiny_profile)
+    transport = ground_truth_transport((world,), model).bands[0]
     white = np.asarray(transport @ np.ones(transport.shape[1]))
     modelled = model.white[model.lit].mean()
     assert white.mean() == pytest.approx(modelled, rel=0.1)
@@ -134,20 +134,22 @@ def test_the_true_transport_predicts_what_the_bench_shows(finished: Any, tiny_pr
 
 def test_nobody_knows_the_truth_of_a_real_rig() -> None:
     """Refused before anything of the session is touched."""
-    real: Any = SimpleNamespace(profile=SimpleNamespace(bench=None))
+    real: Any = SimpleNamespace(profile=SimpleNamespace(world=None))
     session: Any = SimpleNamespace(path="runs/lab")
     picture: Any = None
     with pytest.raises(SessionError, match="runs/lab: only a simulated rig knows its truth; leave --perfect out"):
-        perfect_rows(real, session, picture, ("bounded",), silent)
+        oracle_rows(real, session, picture, ("bounded",), silent)
 
 
 def test_the_two_walls_are_those_that_fill_the_picture_and_not_its_floor(finished: Any) -> None:
     with Session.open(finished.folder) as session:
-        twin: RoomTwin = load_model(session).twin
-    grey = two_walls(twin).ravel()
-    face = twin.projector_look.hits.face
+        scene_model: SceneModel = load_model(session).scene_model
+    grey = two_walls(scene_model).ravel()
+    face = scene_model.projector_look.hits.face
     whiteness = {
-        each.name: (grey[face == k] == 255).mean() for k, each in enumerate(twin.scene.faces) if (face == k).any()
+        each.name: (grey[face == k] == 255).mean()
+        for k, each in enumerate(scene_model.scene.faces)
+        if (face == k).any()
     }
     assert sorted(whiteness[name] for name in ("x1", "y1")) == [0, 1]
     assert 0.2 < whiteness["floor"] < 0.8

@@ -9,7 +9,7 @@ import pytest
 from rig.capture.rig import Rig, open_rig
 from rig.errors import ProfileError
 from rig.profile.schema import Profile
-from rig.truth.scores import true_benches
+from rig.truth.scores import ground_truth_worlds
 
 
 def behind_drivers(profile: Profile) -> Rig:
@@ -21,13 +21,13 @@ def behind_drivers(profile: Profile) -> Rig:
 def test_the_truth_of_a_virtual_rig_is_that_of_the_simulated_pair(tiny_profile: Profile) -> None:
     codes = np.random.default_rng(1).integers(0, 256, tiny_profile.projector.shape, dtype=np.uint8)
     with open_rig(tiny_profile) as rig:
-        (simulated,) = true_benches(rig)
-        (virtual,) = true_benches(behind_drivers(tiny_profile))
+        (simulated,) = ground_truth_worlds(rig)
+        (virtual,) = ground_truth_worlds(behind_drivers(tiny_profile))
     assert virtual is not simulated
     np.testing.assert_array_equal(virtual.light(codes).total, simulated.light(codes).total)
     np.testing.assert_array_equal(virtual.camera.position_m, simulated.camera.position_m)
 
 
 def test_a_rig_that_is_real_has_no_truth(tiny_profile: Profile) -> None:
-    with pytest.raises(ProfileError, match="bench: missing"):
-        true_benches(behind_drivers(tiny_profile.model_copy(update={"bench": None})))
+    with pytest.raises(ProfileError, match="simulation: missing"):
+        ground_truth_worlds(behind_drivers(tiny_profile.model_copy(update={"simulation": None})))

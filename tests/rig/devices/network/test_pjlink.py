@@ -353,7 +353,7 @@ class TestProfile:
     @pytest.fixture
     def profile(self, tiny_profile: Profile, emulated: EmulatedProjector) -> Profile:
         """A rig whose projector hangs on a desktop and has a network control with a password."""
-        camera, projector = tiny_profile.raw.decode().split("[bench]")[0].split("[projector]")
+        camera, projector = tiny_profile.raw.decode().split("[simulation]")[0].split("[projector]")
         camera = camera.replace('"simulated"', '"v4l2"\ndevice_id = "any"\npixel_format = "GREY"')
         projector = projector.replace('"simulated"', '"window"\noutput = "HDMI-1"')
         control = (

@@ -39,7 +39,7 @@ def recorded(tmp_path: Path, tiny_profile: Profile) -> Path:
 
 def replay_profile(profile: Profile, folder: Path, table: str, **changed: int) -> Profile:
     text = profile.raw.decode()
-    text = text[: text.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    text = text[: text.index("[simulation]")].replace('driver = "simulated"', 'driver = "replay"')
     for key, value in changed.items():
         old = next(line for line in text.splitlines() if line.startswith(f"{key} ="))
         text = text.replace(old, f"{key} = {value}", 1)
