@@ -134,7 +134,7 @@ def _verb(
 
 @app.command
 def calibrate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
-    """RadiometricCalibration, Gray code and geometry: response curves, lenses, poses, room.
+    """Radiometric calibration, Gray code and geometry: response curves, lenses, poses, room.
 
     Example: rig calibrate runs/first -p sim-room
     """
