@@ -6,14 +6,10 @@ records. Only the places that read or write JSON see it as anything else.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
-from functools import cache
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
-
-if TYPE_CHECKING:
-    from pydantic import TypeAdapter
+from typing import TypeAlias, TypeVar
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 """What JSON knows."""
@@ -69,15 +65,9 @@ def read_record(kind: type[RecordType], value: object) -> RecordType:
     ValueError
         A field is missing, unknown in type, or of another kind; the message names it.
     """
-    record: RecordType = _adapter(kind).validate_python(value)
-    return record
-
-
-@cache
-def _adapter(kind: Hashable) -> TypeAdapter[Any]:
     from pydantic import TypeAdapter  # here, so that `rig --help` does not wait for it
 
-    return TypeAdapter(kind)
+    return TypeAdapter(kind).validate_python(value)
 
 
 @dataclass(frozen=True, kw_only=True)
