@@ -14,7 +14,7 @@ from rig.files.atomic import write_bytes
 from rig.paper.experiments import CONFIGURATIONS, SHAPE, Configuration, desired_picture, paper_factors, paper_transport
 from rig.stages.compensation import check_strategies
 from rig.stages.error_tree import one_error_tree
-from rig.stages.picture_errors import WHITE, perceived_errors, picture_errors
+from rig.stages.picture_errors import WHITE, perceived_errors
 from rig.strategies.comparison import warnings_of
 from rig.terminal import OnStep
 from sim.compensation import STRATEGIES, Compensation, compensate
@@ -90,7 +90,7 @@ def _row(name: str, solution: Compensation, desired: FloatArray, seen: NDArray[n
     predicted = solution.predicted.reshape(SHAPE)
     return {
         "strategy": name,
-        "predicted": picture_errors(predicted, desired, seen) | perceived_errors(predicted, desired, seen),
+        "predicted": perceived_errors(predicted, desired, seen).as_json(),
         "clipped_share": float(solution.clipped[seen.ravel()].mean()),
         "gain": float(solution.notes.get("gain", 1.0)),
         "seconds": solution.seconds,

@@ -61,6 +61,11 @@ class CameraProfile(_Table):
     read_noise_e: NotNegative | None = None
 
     @property
+    def name(self) -> str:
+        """By which a session calls it."""
+        return "camera"
+
+    @property
     def full_scale_dn(self) -> int:
         """The largest digital number."""
         return int(2**self.bit_depth - 1)
@@ -91,6 +96,11 @@ class ProjectorProfile(_Table):
     latency_s: NotNegative
     """From the display's time stamp to settled light, as `rig check` measured it."""
     hfov_deg: FieldOfView
+
+    @property
+    def name(self) -> str:
+        """By which a session calls it."""
+        return "projector"
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -74,7 +74,7 @@ def write_check_page(result: Mapping[str, Any], path: Path) -> Path:
         "title": f"Check of {result['profile']}",
         "subtitle": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC; {result['device_s']:.0f} s of the rig's time; "
         f"working exposure {1e3 * result['exposure_s']:.3f} ms.",
-        "passed": result["within_limits"],
+        "met": result["within_limits"],
         "verdict": f"{len(result['checks']) - failed} of {len(result['checks'])} rows without objection",
         "rows": [
             {**row, "value": number(row["value"]), "limit": limit_of(row), "failed": not row["passed"]}

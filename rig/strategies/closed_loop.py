@@ -12,22 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.structured_light.patterns import Pattern
-from rig.capture.rig import Rig
 from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
+from rig.run.session import OpenSession
 from rig.session import Session, Step
-from rig.stages.compensation import (
-    JudgedPixels,
-    check_strategies,
-    judged_pixels,
-    measured_options,
-    wanted_light,
-    whole_picture,
-)
+from rig.stages.compensation import check_strategies, measured_options
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
-from rig.stages.picture_errors import contrast, perceived_errors, picture_errors
+from rig.stages.picture_errors import contrast, perceived_errors
+from rig.stages.prediction import JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.stages.scene_model import sample_bands
 from rig.stages.target import Target
@@ -98,7 +92,7 @@ class ControlledScene:
     def judged(self, light: FloatArray) -> dict[str, Any]:
         """All errors of a camera image (H, W, B) in camera values; see :mod:`rig.stages.picture_errors`."""
         grey, target, mask = light * 255 / self.model.level, self.view.target, self.view.mask
-        errors: dict[str, Any] = picture_errors(grey, target, mask) | perceived_errors(grey, target, mask)
+        errors: dict[str, Any] = perceived_errors(grey, target, mask).as_json()
         return {**errors, "contrast": contrast(grey, target, mask)}
 
     def judged_light(self, light: LightImage) -> dict[str, Any]:
@@ -127,7 +121,7 @@ class ControlledScene:
     @cached_property
     def _camera_xy_px(self) -> FloatArray:
         scene_model = self.model.scene_model
-        return project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
+        return project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_hits.points_m)
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +134,7 @@ class Seen:
     variance: FloatArray
 
 
-def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: OnStep) -> dict[str, Any]:
+def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -> dict[str, Any]:
     """Photograph a strategy's picture, correct it by what was measured, and again; the best picture is kept.
 
     Needs `model`. Stops when the measured mean error does not fall by more than its noise. A run that was interrupted
@@ -159,7 +153,8 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
         For an unknown strategy or rule, or an impossible number of captures.
     """
     loop.checked()
-    shot = measuring_bracket(rig, session)
+    session = work.session
+    shot = measuring_bracket(session)
     settings = {
         "strategy": loop.strategy,
         "rule": loop.rule,
@@ -171,10 +166,10 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
     step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
     if not step.done:
         step.save_image("target", layers("grey", target.levels))
-        record = _closed(rig, session, step, controlled_scene_of(session, step, target), loop, shot, on_step)
+        record = _closed(work, step, controlled_scene_of(session, step, target), loop, shot, on_step)
         step.save_record(step.name, record)
         step.finish()
-    found: dict[str, Any] = step.load_record(step.name)
+    found: dict[str, Any] = step.load_record(step.name, dict)
     return found
 
 
@@ -191,7 +186,7 @@ def controlled_scene_of(session: Session, step: Step, target: Target) -> Control
 
 
 def _closed(
-    rig: Rig, session: Session, step: Step, plant: ControlledScene, loop: Loop, shot: ExposureBracket, on_step: OnStep
+    work: OpenSession, step: Step, plant: ControlledScene, loop: Loop, shot: ExposureBracket, on_step: OnStep
 ) -> dict[str, Any]:
     image = plant.solved(loop.strategy, plant.wanted).projector_image
     errors: list[dict[str, Any]] = []
@@ -200,7 +195,7 @@ def _closed(
         on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
         codes = plant.codes(image, seed=number)
         pattern = Pattern(f"{step.name}-{number}", codes)
-        photograph(rig, session, step, [pattern], shot, 1, silent)
+        photograph(work.rig(), work.session, step, [pattern], bracket=shot, n_patterns=1, on_step=silent)
         light = merge_exposures(step, pattern.name, shot, plant.radiometric)
         errors.append(plant.judged_light(light))
         if not _falls(errors, best):

@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.structured_light.patterns import Pattern
-from rig.capture.rig import Rig
 from rig.errors import SessionError
 from rig.files.channels import code_layers, codes_of, layers
-from rig.run import script as verbs
-from rig.run.session import Request, opened_session, target_of
+from rig.run.plan import plan_session
+from rig.run.request import SessionRequest
+from rig.run.session import OpenSession, opened_session
+from rig.run.steps import required
 from rig.session import Session, Step
 from rig.session.ledger import write_json
-from rig.stages.compensation import check_strategies, predict
+from rig.stages.compensation import check_strategies
 from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.prediction import predict
 from rig.stages.radiometry import measuring_bracket
 from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
 from rig.strategies.pictures import Picture, pictures_for
@@ -39,7 +41,7 @@ RECORD = "strategies"
 class Comparison:
     """What is to be compared."""
 
-    request: Request
+    request: SessionRequest
     """Its strategies are those that are projected; none: all that there are."""
     loops: tuple[str, ...] = ("bounded",)
     """Strategies whose loop is closed."""
@@ -70,15 +72,15 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> dict[str, Any]:
     started_s = time.perf_counter()
     names = check_strategies(wanted.request.strategies or tuple(STRATEGIES))
     loops = [Loop(name, wanted.captures, wanted.rule).checked() for name in wanted.loops]
-    target = target_of(wanted.request)
-    with opened_session(wanted.request) as (rig, session):
-        verbs.calibrate(rig, session, on_step)
-        verbs.separate(rig, session, on_step)
-        verbs.model(rig, session, on_step)
+    plan = plan_session(wanted.request)
+    target = required(plan.showing).target
+    with opened_session(plan) as work:
+        session = work.session
+        work.do_up_to("model", on_step)
         pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
-        compared = [_compare_picture(rig, session, picture, names, on_step) for picture in pictures]
-        closed = [close_loop(rig, session, target, loop, on_step) for loop in loops]
-        known = oracle_rows(rig, session, pictures[0], wanted.loops, on_step) if wanted.perfect else []
+        compared = [_compare_picture(work, picture, names, on_step) for picture in pictures]
+        closed = [close_loop(work, target, loop, on_step) for loop in loops]
+        known = oracle_rows(work, pictures[0], wanted.loops, on_step) if wanted.perfect else []
         result = _result(session, compared, closed, known)
         result["report"] = str(_report(session, result, on_step))
         write_json(session.path / "strategies.json", result)
@@ -91,11 +93,10 @@ def _report(session: Session, result: Mapping[str, Any], on_step: OnStep) -> Any
     return write_strategies_page(session, result, on_step)
 
 
-def _compare_picture(
-    rig: Rig, session: Session, picture: Picture, names: Sequence[str], on_step: OnStep
-) -> dict[str, Any]:
+def _compare_picture(work: OpenSession, picture: Picture, names: Sequence[str], on_step: OnStep) -> dict[str, Any]:
     """Step `strategies-PICTURE`: each strategy's picture computed, photographed and judged."""
-    shot = measuring_bracket(rig, session)
+    session = work.session
+    shot = measuring_bracket(session)
     step = picture_step(session, f"strategies-{picture.name}", picture, names, shot)
     if not step.done:
         plant = controlled_scene_of(session, step, picture.target)
@@ -105,10 +106,11 @@ def _compare_picture(
             solution = plant.solved(name, plant.wanted)
             computed[name] = keep_solution(step, plant, picture, name, solution, seed=k + 1)
         on_step(f"compute strategies: {picture.name}", len(names), len(names))
-        rows = photographed_rows(rig, session, step, plant, picture, computed, shot, on_step)
+        rows = photographed_rows(work, step, plant, picture, computed, shot, on_step)
         step.save_record(step.name, {"name": picture.name, "title": picture.target.name, "rows": rows})
         step.finish()
-    return step.load_record(step.name)
+    found: dict[str, Any] = step.load_record(step.name, dict)
+    return found
 
 
 def picture_step(session: Session, name: str, picture: Picture, names: Sequence[str], shot: ExposureBracket) -> Step:
@@ -144,8 +146,7 @@ def keep_solution(
 
 
 def photographed_rows(
-    rig: Rig,
-    session: Session,
+    work: OpenSession,
     step: Step,
     plant: ControlledScene,
     picture: Picture,
@@ -158,7 +159,15 @@ def photographed_rows(
         name: Pattern(f"{step.name}-{name}", codes_of(step.load_image(f"projector-{picture.name}-{name}")))
         for name in computed
     }
-    photograph(rig, session, step, patterns.values(), shot, len(patterns), on_step)
+    photograph(
+        work.rig(),
+        work.session,
+        step,
+        patterns.values(),
+        bracket=shot,
+        n_patterns=len(patterns),
+        on_step=on_step,
+    )
     rows = []
     for k, (name, known) in enumerate(computed.items()):
         on_step(f"judge strategies: {picture.name}", k, len(computed))
@@ -170,9 +179,7 @@ def photographed_rows(
     return rows
 
 
-def oracle_rows(
-    rig: Rig, session: Session, picture: Picture, names: Sequence[str], on_step: OnStep
-) -> list[dict[str, Any]]:
+def oracle_rows(work: OpenSession, picture: Picture, names: Sequence[str], on_step: OnStep) -> list[dict[str, Any]]:
     """Step `perfect`: strategies with the true light transport of the simulated world, photographed like all others.
 
     Raises SessionError on a rig whose truth nobody knows.
@@ -180,24 +187,25 @@ def oracle_rows(
     from rig.truth.scores import ground_truth_worlds
     from rig.truth.transport import ground_truth_transport
 
-    if rig.profile.simulation is None:
+    session = work.session
+    if session.profile.simulation is None:
         raise SessionError(f"{session.path}: only a simulated rig knows its truth; leave --perfect out")
-    shot = measuring_bracket(rig, session)
+    shot = measuring_bracket(session)
     step = picture_step(session, "perfect", picture, names, shot)
     if not step.done:
         plant = controlled_scene_of(session, step, picture.target)
         on_step("perfect knowledge", 0, len(names) + 1)
-        transport = ground_truth_transport(ground_truth_worlds(rig), plant.model)
+        transport = ground_truth_transport(ground_truth_worlds(work.rig()), plant.model)
         computed = {}
         for k, name in enumerate(names):
             on_step("perfect knowledge", k + 1, len(names) + 1)
             solution = compensate(name, transport, plant.wanted)
             computed[name] = keep_solution(step, plant, picture, name, solution, seed=k + 1)
         on_step("perfect knowledge", len(names) + 1, len(names) + 1)
-        rows = photographed_rows(rig, session, step, plant, picture, computed, shot, on_step)
+        rows = photographed_rows(work, step, plant, picture, computed, shot, on_step)
         step.save_record("perfect", {"rows": rows})
         step.finish()
-    found: list[dict[str, Any]] = step.load_record("perfect")["rows"]
+    found: list[dict[str, Any]] = step.load_record("perfect", dict)["rows"]
     return found
 
 

@@ -17,8 +17,8 @@ from rig.files.channels import codes_of, image_of
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
 from rig.session import Session, Step
-from rig.stages.compensation import JudgedPixels, judged_pixels
 from rig.stages.model import load_model
+from rig.stages.prediction import JudgedPixels, judged_pixels
 from rig.strategies.figures import errors_figure, loops_figure, speed_figure
 from rig.terminal import OnStep
 
@@ -116,7 +116,7 @@ def _frame(title: str, subtitle: str, result: Mapping[str, Any]) -> dict[str, An
     return {
         "title": title,
         "subtitle": subtitle,
-        "passed": True,
+        "met": True,
         "word": f"{len(result['pictures'][0]['rows'])} strategies",
         "verdict": f"{len(result['pictures'])} pictures; {warned} results are worse than direct light alone",
         "legend": LEGEND,
