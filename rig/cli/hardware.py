@@ -9,16 +9,10 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
+from rig.cli.options import Json, names_of, print_json
 from rig.errors import UsageError
 
 profile_app = App(name="profile", help="Write and check hardware profiles.")
-
-Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
-
-
-def print_json(value: dict[str, Any]) -> None:
-    """A result on stdout, for programs."""
-    print(json.dumps(value, indent=2, allow_nan=False))
 
 
 def devices(
@@ -41,6 +35,32 @@ def devices(
     result = list_devices(name)
     print_json(result) if as_json else print_devices(result, everything or name is not None)
     return 0
+
+
+def check(
+    *,
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
+    only: Annotated[str, Parameter(help="Parts to measure, separated by commas; default: all.")] = "",
+    report: Annotated[Path | None, Parameter(help="HTML file to write, with charts.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Open a rig and measure what every rig must keep; prints values for its profile.
+
+    Parts: latency, exposure, pipeline, flicker, linearity, noise, saturation, pixels, darkness, additivity, checker,
+    ramp, stability.
+
+    Example: rig check -p sim-room --only latency,noise --report check.html
+    """
+    from rig.self_check import run_check
+    from rig.self_check.page import print_check, write_check_page
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        result = run_check(profile, progress, names_of(only) if only else ())
+    if report is not None:
+        result["report"] = str(write_check_page(result, report))
+    print_json(result) if as_json else print_check(result)
+    return 0 if result["within_limits"] else 1
 
 
 def virtual(

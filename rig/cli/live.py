@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from rig.cli.hardware import Json, print_json
+from rig.cli.options import Json, print_json
 
 _INTERRUPTED = 130
 
