@@ -81,7 +81,7 @@ def paper(
 
     with TerminalProgress() as progress:
         result = run_paper(figures, progress)
-    print_json(result) if as_json else print_paper(result)
+    print_json(result.as_json()) if as_json else print_paper(result)
     return 0
 
 

@@ -77,10 +77,10 @@ def colour_problem(factors: FormFactors, shape: tuple[int, int]) -> tuple[Transp
 
 def measured(problem: str, transport: Transport, target: FloatArray, budget_s: float) -> list[Point]:
     """A point for each strategy; all take turns on the clock."""
-    solutions = {name: compensate(name, transport, target, 0.0, WHITE) for name in STRATEGIES}
+    solutions = {name: compensate(name, transport, target, lower=0.0, upper=WHITE) for name in STRATEGIES}
 
     def timed(name: str) -> Any:
-        return lambda: compensate(name, transport, target, 0.0, WHITE)
+        return lambda: compensate(name, transport, target, lower=0.0, upper=WHITE)
 
     seconds = {name: solution.seconds for name, solution in solutions.items()}
     if budget_s > 0:
