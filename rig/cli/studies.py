@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -117,14 +118,21 @@ def simulate(
     from rig.terminal import TerminalProgress
 
     percent = tolerance_of(tolerance, grey_levels)
-    request = Request(scene, percent, light, reflectances_of(reflectance), unit, memory_mb)
+    request = Request(
+        scene=scene,
+        tolerance=percent,
+        light=light,
+        reflectance=reflectances_of(reflectance),
+        unit=unit,
+        memory_mb=memory_mb,
+    )
     with TerminalProgress() as progress:
         planned, result = plan_simulation(request, progress)
     if not as_json:
         print_simulation_plan(result)
     with TerminalProgress() as progress:
-        result["actual"] = run_planned(planned, progress, check)
-    print_json(result) if as_json else print_simulation(result)
+        result = replace(result, actual=run_planned(planned, progress, check))
+    print_json(result.as_json()) if as_json else print_simulation(result)
     return 0
 
 
@@ -150,8 +158,8 @@ def bench(
         raise UsageError("--quick and --full exclude each other; give one")
     with TerminalProgress() as progress:
         result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
-    print_json(result) if as_json else print_bench(result)
-    return 0 if result["within_limits"] else 1
+    print_json(result.as_json()) if as_json else print_bench(result)
+    return 0 if result.within_limits else 1
 
 
 def scan(
@@ -170,5 +178,5 @@ def scan(
 
     with TerminalProgress() as progress:
         result = run_scan(manifest, output, on_step=progress)
-    print_json(result) if as_json else print_scan(result)
+    print_json(result.as_json()) if as_json else print_scan(result)
     return 0

@@ -75,7 +75,7 @@ def _compared(
     transport = paper_transport(configuration, factors, SHAPE)
     seen = (transport.pixel_patch >= 0).reshape(SHAPE)
     desired = np.where(seen, desired_picture(configuration.image, SHAPE), 0.0)
-    solutions = {name: compensate(name, transport, desired.ravel(), 0.0, WHITE) for name in names}
+    solutions = {name: compensate(name, transport, desired.ravel(), lower=0.0, upper=WHITE) for name in names}
     rows = [_row(name, solution, desired, seen) for name, solution in solutions.items()]
     shown = {
         "desired": desired,

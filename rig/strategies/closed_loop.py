@@ -171,7 +171,9 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
     step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
     if not step.done:
         step.save_image("target", layers("grey", target.levels))
-        record = _closed(rig, session, step, controlled_scene_of(session, step, target), loop, shot, on_step)
+        record = _closed(
+            rig, session, step, plant=controlled_scene_of(session, step, target), loop=loop, shot=shot, on_step=on_step
+        )
         step.save_record(step.name, record)
         step.finish()
     found: dict[str, Any] = step.load_record(step.name)
@@ -182,11 +184,11 @@ def controlled_scene_of(session: Session, step: Step, target: Target) -> Control
     """The session's room with a target, which the step has as its image ``target``."""
     model = load_model(session)
     return ControlledScene(
-        model,
-        load_radiometric_calibration(session),
-        model.room.projector_transport,
-        judged_pixels(model, step),
-        wanted_light(model, target),
+        model=model,
+        radiometric=load_radiometric_calibration(session),
+        transport=model.room.projector_transport,
+        view=judged_pixels(model, step),
+        wanted=wanted_light(model, target),
     )
 
 
@@ -200,14 +202,14 @@ def _closed(
         on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
         codes = plant.codes(image, seed=number)
         pattern = Pattern(f"{step.name}-{number}", codes)
-        photograph(rig, session, step, [pattern], shot, 1, silent)
+        photograph(rig, session, step, patterns=[pattern], shot=shot, n_patterns=1, on_step=silent)
         light = merge_exposures(step, pattern.name, shot, plant.radiometric)
         errors.append(plant.judged_light(light))
         if not _falls(errors, best):
             stopped = f"capture {number} was no better than capture {best + 1}"
             break
         best = number - 1
-        _keep(step, codes, image, plant, light)
+        _keep(step, codes, image, plant=plant, light=light)
         image = corrected(plant, loop, image, _seen(plant, codes, light))
     on_step(f"closed loop: {loop.strategy}", loop.captures, loop.captures)
     damping = plant.damping if loop.rule == "image" else 1.0

@@ -76,9 +76,9 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> dict[str, Any]:
         verbs.separate(rig, session, on_step)
         verbs.model(rig, session, on_step)
         pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
-        compared = [_compare_picture(rig, session, picture, names, on_step) for picture in pictures]
-        closed = [close_loop(rig, session, target, loop, on_step) for loop in loops]
-        known = oracle_rows(rig, session, pictures[0], wanted.loops, on_step) if wanted.perfect else []
+        compared = [_compare_picture(rig, session, picture, names=names, on_step=on_step) for picture in pictures]
+        closed = [close_loop(rig, session, target, loop=loop, on_step=on_step) for loop in loops]
+        known = oracle_rows(rig, session, pictures[0], names=wanted.loops, on_step=on_step) if wanted.perfect else []
         result = _result(session, compared, closed, known)
         result["report"] = str(_report(session, result, on_step))
         write_json(session.path / "strategies.json", result)
@@ -96,16 +96,18 @@ def _compare_picture(
 ) -> dict[str, Any]:
     """Step `strategies-PICTURE`: each strategy's picture computed, photographed and judged."""
     shot = measuring_bracket(rig, session)
-    step = picture_step(session, f"strategies-{picture.name}", picture, names, shot)
+    step = picture_step(session, f"strategies-{picture.name}", picture, names=names, shot=shot)
     if not step.done:
         plant = controlled_scene_of(session, step, picture.target)
         computed = {}
         for k, name in enumerate(names):
             on_step(f"compute strategies: {picture.name}", k, len(names))
             solution = plant.solved(name, plant.wanted)
-            computed[name] = keep_solution(step, plant, picture, name, solution, seed=k + 1)
+            computed[name] = keep_solution(step, plant, picture, name=name, solution=solution, seed=k + 1)
         on_step(f"compute strategies: {picture.name}", len(names), len(names))
-        rows = photographed_rows(rig, session, step, plant, picture, computed, shot, on_step)
+        rows = photographed_rows(
+            rig, session, step, plant=plant, picture=picture, computed=computed, shot=shot, on_step=on_step
+        )
         step.save_record(step.name, {"name": picture.name, "title": picture.target.name, "rows": rows})
         step.finish()
     return step.load_record(step.name)
@@ -158,7 +160,7 @@ def photographed_rows(
         name: Pattern(f"{step.name}-{name}", codes_of(step.load_image(f"projector-{picture.name}-{name}")))
         for name in computed
     }
-    photograph(rig, session, step, patterns.values(), shot, len(patterns), on_step)
+    photograph(rig, session, step, patterns=patterns.values(), shot=shot, n_patterns=len(patterns), on_step=on_step)
     rows = []
     for k, (name, known) in enumerate(computed.items()):
         on_step(f"judge strategies: {picture.name}", k, len(computed))
@@ -183,7 +185,7 @@ def oracle_rows(
     if rig.profile.simulation is None:
         raise SessionError(f"{session.path}: only a simulated rig knows its truth; leave --perfect out")
     shot = measuring_bracket(rig, session)
-    step = picture_step(session, "perfect", picture, names, shot)
+    step = picture_step(session, "perfect", picture, names=names, shot=shot)
     if not step.done:
         plant = controlled_scene_of(session, step, picture.target)
         on_step("perfect knowledge", 0, len(names) + 1)
@@ -192,9 +194,11 @@ def oracle_rows(
         for k, name in enumerate(names):
             on_step("perfect knowledge", k + 1, len(names) + 1)
             solution = compensate(name, transport, plant.wanted)
-            computed[name] = keep_solution(step, plant, picture, name, solution, seed=k + 1)
+            computed[name] = keep_solution(step, plant, picture, name=name, solution=solution, seed=k + 1)
         on_step("perfect knowledge", len(names) + 1, len(names) + 1)
-        rows = photographed_rows(rig, session, step, plant, picture, computed, shot, on_step)
+        rows = photographed_rows(
+            rig, session, step, plant=plant, picture=picture, computed=computed, shot=shot, on_step=on_step
+        )
         step.save_record("perfect", {"rows": rows})
         step.finish()
     found: list[dict[str, Any]] = step.load_record("perfect")["rows"]

@@ -198,7 +198,9 @@ def _picture_section(session: Session, result: Mapping[str, Any], picture: Mappi
         "title": "The target" if first else picture["name"].replace("-", " ").capitalize(),
         "text": f"{picture['title']}. All pictures as the camera sees them; outside the judged area they are dimmed.",
         "heads": ("target", "projected", "predicted", "measured", "measured - target"),
-        "rows": [_measured_row(step, picture["name"], row["strategy"], view, scale) for row in picture["rows"]],
+        "rows": [
+            _measured_row(step, picture["name"], row["strategy"], view=view, scale=scale) for row in picture["rows"]
+        ],
         "table": {"head": head, "rows": cells},
         "figures": _figures(result, rows) if first else [],
     }
