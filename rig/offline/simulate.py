@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
-from rig.offline.records import Estimate, SimulationOutcome, PlanSummary, SimulationResult
+from rig.offline.records import Estimate, PlanSummary, SimulationOutcome, SimulationResult
 from rig.terminal import OnStep
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
