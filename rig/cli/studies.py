@@ -28,9 +28,9 @@ def compare_strategies(
         Literal["image", "model"],
         Parameter(help="What a closed loop corrects: each pixel towards the target, or the model under the strategy."),
     ] = "image",
-    perfect: Annotated[
+    oracle: Annotated[
         bool,
-        Parameter(negative="", help="Simulated rigs: also what perfect knowledge of the simulated world would give."),
+        Parameter(negative="", help="Simulated rigs: also what knowing the simulated world would give."),
     ] = False,
     only_target: Annotated[
         bool, Parameter(negative="", help="Leave the two-wall picture, the dark and the bright photograph out.")
@@ -61,9 +61,16 @@ def compare_strategies(
         else:
             request = Request(session, profile, target, names_of(strategies), fit)
             loops = () if loop == "none" else names_of(loop)
-            wanted = Comparison(request, loops, captures, rule, perfect, not only_target)
+            wanted = Comparison(
+                request=request,
+                loops=loops,
+                captures=captures,
+                rule=rule,
+                oracle=oracle,
+                test_pictures=not only_target,
+            )
             result = compared(wanted, progress)
-    print_json(result) if as_json else print_strategies(result)
+    print_json(result.as_json()) if as_json else print_strategies(result)
     return 0
 
 
