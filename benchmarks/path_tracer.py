@@ -143,7 +143,14 @@ def main() -> None:
         blocks.append(block_means(picture))
         seconds.append(took)
         if seed > 1:
-            store(options, mi.__version__, deviation, np.array(blocks), seconds, pixel_noise(total, squares, seed))
+            store(
+                options,
+                mi.__version__,
+                deviation,
+                blocks=np.array(blocks),
+                seconds=seconds,
+                noise=pixel_noise(total, squares, seed),
+            )
 
 
 def pixel_noise(total: FloatArray, squares: FloatArray, runs: int) -> float:
