@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from sim.arrays import BoolArray, FloatArray
 from sim.compensation.split_transport import SplitTransport, direct_blocks
-from sim.geometry.scene import BoolArray, FloatArray
 
 ENOUGH = 0.3
 """Share of the certified gap that a good step leaves at most."""

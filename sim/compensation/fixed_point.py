@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sim.arrays import FloatArray
 from sim.compensation.result import Problem
-from sim.geometry.scene import FloatArray
 
 
 def repeated(

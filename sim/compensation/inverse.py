@@ -12,9 +12,9 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, gmres
 
+from sim.arrays import FloatArray
 from sim.compensation.split_transport import SplitTransport, divided
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.light.interreflection_operator import InterreflectionOperator
 
 DENSE_LIMIT = 4000

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sim.arrays import CodeArray, FloatArray
 from sim.compensation.result import prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 GAMMA_2_2 = np.linspace(0.0, 1.0, 256) ** 2.2
 """Light of 256 codes of a common projector."""
@@ -20,7 +20,7 @@ GAMMA_2_2 = np.linspace(0.0, 1.0, 256) ** 2.2
 class Quantised:
     """A projector image in codes, and what it gives; images are shaped as the projector image was."""
 
-    codes: NDArray[np.uint8]
+    codes: CodeArray
     light: FloatArray
     """Light of the codes."""
     predicted: FloatArray
@@ -66,7 +66,7 @@ def quantised(
     return Quantised(codes, light, seen.reshape(p.shape), residual, added)
 
 
-def codes_of(light: FloatArray, levels: ArrayLike = GAMMA_2_2, seed: int | None = None) -> NDArray[np.uint8]:
+def codes_of(light: FloatArray, levels: ArrayLike = GAMMA_2_2, seed: int | None = None) -> CodeArray:
     """Codes of linear light of any shape.
 
     With a seed, a value between two levels is rounded at random so that its mean is right: patches, which add up many

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.arrays import BoolArray, FloatArray
 from sim.compensation.split_transport import SplitTransport, Transport, split_transport_of
 from sim.errors import SimulationError
-from sim.geometry.scene import BoolArray, FloatArray
 from sim.light.colour import ColourTransport
 
 Notes = Mapping[str, float | str]

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from sim.arrays import FloatArray, IntArray
 from sim.compensation.box_least_squares import BoxProblem, pixel_optimum, solved
 from sim.compensation.split_transport import SplitTransport, divided
-from sim.geometry.scene import FloatArray, IntArray
 from sim.light.interreflection_operator import InterreflectionOperator
 
 SAMPLES = 16

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.light.colour import ColourTransport
 from sim.light.interreflection_operator import InterreflectionOperator
 from sim.light.transport import LightTransport

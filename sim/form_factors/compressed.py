@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 FINEST, COARSEST = 1e-6, 1e-1

@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 Quality = Literal["quick", "fair", "exact"]

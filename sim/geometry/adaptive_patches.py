@@ -7,7 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.geometry.scene import BoolArray, Face, FloatArray, IntArray, Scene, intersect
+from sim.arrays import BoolArray, FloatArray, IntArray
+from sim.geometry.scene import Face, Scene, intersect
 from sim.geometry.surface import Surface
 
 ON_PLANE = 1e-9

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.geometry.intersections import piercing_and_overlapping
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 from sim.geometry.topology import WELD, Topology, extent
 

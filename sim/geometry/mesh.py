@@ -10,9 +10,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.geometry.checks import checked_topology
-from sim.geometry.scene import FloatArray, IntArray
 from sim.geometry.topology import WELD, Topology
 
 

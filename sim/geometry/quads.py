@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.geometry.scene import FloatArray, IntArray
+from sim.arrays import FloatArray, IntArray
 from sim.geometry.topology import WELD, extent, weld
 
 _FLAT = 5e-7

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray
 from sim.geometry.optics import Lens, Pose, undistorted
-from sim.geometry.scene import BoolArray, FloatArray, Hits, Scene, intersect, traced
+from sim.geometry.scene import Hits, Scene, intersect, traced
 from sim.geometry.surface import Surface
 
 _tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.geometry.scene import BoolArray, FloatArray
+from sim.arrays import BoolArray, FloatArray
 from sim.light.transport import LightTransport
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from sim.geometry.scene import FloatArray
+from sim.arrays import FloatArray
 from sim.light.radiosity import Radiosity
 
 

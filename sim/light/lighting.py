@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors.occlusion import segments_blocked
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
-from sim.geometry.scene import FloatArray, IntArray
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
-from sim.geometry.scene import FloatArray
 from sim.light.solvers import TINY, Iterate, conjugate_gradients, gauss_seidel, jacobi, refined
 
 __all__ = ["Accuracy", "Exchange", "Radiosity", "Solution", "gauss_seidel", "jacobi"]

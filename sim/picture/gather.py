@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.optics import Lens, Pose, rays_at
 from sim.geometry.rays import trace, tracer_of
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 COARSEST_PX = 16
@@ -35,20 +35,6 @@ def irradiance(surface: Surface, radiosity: FloatArray, points_m: FloatArray, no
         received,
     )
     return received
-
-
-def irradiance_reference(
-    surface: Surface, radiosity: FloatArray, points_m: FloatArray, normals: FloatArray
-) -> FloatArray:
-    """Do what ``irradiance`` does in plain numpy, for convex surfaces that lie above every point's horizon."""
-    corners = surface.vertices[None] - points_m[:, None, None]
-    following = np.roll(corners, -1, axis=2)
-    across = np.cross(following, corners)
-    length = np.linalg.norm(across, axis=-1)
-    angle = np.arctan2(length, (corners * following).sum(axis=-1))
-    projected = np.einsum("npck,nk->npc", across, normals)
-    factor = np.where(length > 0, angle * projected / np.where(length > 0, length, 1.0), 0.0).sum(axis=2) / (2 * np.pi)
-    return np.asarray(np.maximum(factor, 0.0) @ radiosity)
 
 
 def gathered(

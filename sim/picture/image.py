@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
 from sim.geometry.rays import blocked, device_of, trace, tracer_of
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.light.radiosity import Radiosity
 from sim.light.transport_of_scene import Convention, EmissionRule, bilinear

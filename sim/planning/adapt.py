@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.adaptive_patches import AdaptivePatches, joined
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.light.lighting import Light, emission
 
 SOURCE_WEIGHT = 0.05

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches, whole_cells
-from sim.geometry.scene import FloatArray
 from sim.geometry.surface import Surface
 from sim.light.lighting import Light, standard_light
 from sim.planning.adapt import Probe, Refinement, even_cells
@@ -249,12 +247,6 @@ def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
         return 0
     left = tolerance_percent / 1000 * (1 - spectral_radius)
     return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1
-
-
-def distinct_channels(reflectance: ArrayLike) -> int:
-    """Solves that (P,) or (P, C) reflectances need: columns that are equal share one."""
-    values: FloatArray = np.asarray(reflectance, dtype=np.float64)
-    return 1 if values.ndim == 1 else len(np.unique(values, axis=1).T)
 
 
 def _reasons(

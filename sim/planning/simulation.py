@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import compressed_form_factors
 from sim.form_factors.factors import ClosureWarning, Method, Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches
-from sim.geometry.scene import FloatArray
 from sim.light.lighting import Light, emission
 from sim.light.radiosity import Exchange, Radiosity
 

@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import Face, FloatArray, Scene
+from sim.geometry.scene import Face, Scene
 
 ROOM_FACES = ("floor", "ceiling", "x0", "x1", "y0", "y1")
 Reflectance = float | Mapping[str, float]

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.geometry.mesh import Mesh
-from sim.geometry.scene import FloatArray
 
 ROOM_M = (4.8, 4.8, 2.4)
 HIGH_SIDE_M = 3.2

@@ -5,11 +5,12 @@ import functools
 import numpy as np
 import pytest
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
 from sim.geometry.mesh import Mesh
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.light.radiosity import Radiosity
 from sim.scenes.library import furnished_room, paper_room, parallel_plates, room_with_box
 

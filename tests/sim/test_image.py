@@ -11,12 +11,15 @@ from sim.form_factors import form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, pixel_rays
 from sim.geometry.rays import blocked, trace
-from sim.geometry.scene import intersect, intersect_reference
+from sim.geometry.scene import intersect
 from sim.light.transport_of_scene import coaxial_transport, physical_transport
 from sim.picture import image as image_module
-from sim.picture.gather import irradiance, irradiance_reference
+from sim.picture.gather import irradiance
 from sim.picture.image import simulate_image
-from sim.picture.reconstruction import fan_values, fans, quadratic_values, quadratics
+from sim.picture.reconstruction import fans, quadratics
+from sim.reference.gather import irradiance as irradiance_reference
+from sim.reference.rays import intersect as intersect_reference
+from sim.reference.reconstruction import fan_values, quadratic_values
 from sim.scenes.library import corner, paper_room, parallel_plates, room, room_with_box
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)

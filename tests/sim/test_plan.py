@@ -6,7 +6,7 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.light.lighting import standard_light
-from sim.planning.plan import bounces_needed, distinct_channels, plan
+from sim.planning.plan import bounces_needed, plan
 from sim.planning.simulation import Model, refined_check, simulate
 from sim.scenes.catalogue import SURFACES
 from sim.scenes.library import corner, paper_room
@@ -104,13 +104,6 @@ def test_equal_reflectances_share_a_solve_and_the_brightest_sets_the_patches():
     assert B.shape == (coloured.patches, 3)
     assert (B[:, 0] >= B[:, 1]).all()
     assert (B[:, 1] >= B[:, 2]).all()
-
-
-def test_distinct_columns_of_a_reflectance_are_counted():
-    rho = np.array([[0.7, 0.7, 0.5], [0.2, 0.2, 0.5]])
-    assert distinct_channels(rho) == 2
-    assert distinct_channels(rho[:, :2]) == 1
-    assert distinct_channels(rho[:, 0]) == 1
 
 
 def test_a_black_room_needs_no_bounce():

@@ -12,12 +12,12 @@ from sim.form_factors.polygon import (
     TOLERANCE_OF_SAMPLES,
     exchange_areas,
     exchange_areas_of_pairs,
-    point_to_polygon,
-    reference_exchange_area,
 )
 from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Face, Scene
 from sim.reference import closed_form
+from sim.reference.polygon import exchange_area as exchange_area_reference
+from sim.reference.polygon import point_to_polygon
 from sim.scenes.library import furnace, paper_room
 from sim.scenes.meshes import grid_of_quad, integrating_sphere, sloped_room, wedge
 
@@ -79,7 +79,7 @@ def test_samples_reach_their_bar_under_a_sloped_ceiling(samples, bar):
     first, second = np.nonzero(np.triu(found))
     for k in rng.choice(len(first), 60, replace=False):
         a, b = room.vertices[[first[k], second[k]]]
-        assert found[first[k], second[k]] == pytest.approx(reference_exchange_area(a, b, 8), rel=bar)
+        assert found[first[k], second[k]] == pytest.approx(exchange_area_reference(a, b, 8), rel=bar)
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-9])
@@ -162,7 +162,7 @@ class TestWedges:
 
     def test_plain_quadrature_agrees(self, angle_degrees):
         a, b = wedge(angle_degrees, widths_m=(0.7, 1.3)).vertices
-        assert exchange_area(a, b) == pytest.approx(reference_exchange_area(a, b, 40), rel=1e-5)
+        assert exchange_area(a, b) == pytest.approx(exchange_area_reference(a, b, 40), rel=1e-5)
 
 
 def _towards(polygon, point):
@@ -177,7 +177,7 @@ def test_any_two_triangles_agree_with_plain_quadrature(seed, distance, tolerance
     a, b = rng.normal(size=(2, 3, 3))
     b += distance * np.array([0.6, 0.0, 0.8])
     found = exchange_area(a, b, tolerance)
-    plain = [reference_exchange_area(*pair, order) for order in (24, 32) for pair in ((a, b), (b, a))]
+    plain = [exchange_area_reference(*pair, order) for order in (24, 32) for pair in ((a, b), (b, a))]
     assert found == pytest.approx(plain[-1], rel=tolerance, abs=2 * np.ptp(plain) + 1e-15)
 
 
@@ -190,7 +190,7 @@ def test_gauss_points_keep_the_error_that_their_bound_promises():
     polygons = quad @ turns.transpose(0, 2, 1)
     polygons[100:] += away[:, None]
     mesh, first, second = mesh_of(*polygons), np.arange(100), np.arange(100, 200)
-    exact = np.array([reference_exchange_area(polygons[k], polygons[100 + k], 20) for k in range(100)])
+    exact = np.array([exchange_area_reference(polygons[k], polygons[100 + k], 20) for k in range(100)])
     whole = exact > 0
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
         found = exchange_areas_of_pairs(mesh, first, second, tolerance)

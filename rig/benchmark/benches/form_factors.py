@@ -15,8 +15,9 @@ from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joine
 from rig.benchmark.references.polygon import exchange_reference, largest_relative_error
 from rig.benchmark.references.room import errors_of
 from rig.benchmark.timing import median_seconds, peak_mb
+from sim.arrays import FloatArray
 from sim.form_factors import FormFactors, closed_form, form_factors, paper, polygon
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.scenes.library import paper_room
 from sim.scenes.meshes import sloped_room

@@ -12,9 +12,9 @@ import numpy as np
 from rig.benchmark import checkout, peers
 from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
 from rig.benchmark.timing import median_seconds, peak_mb
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
-from sim.geometry.scene import FloatArray
 from sim.picture.image import Reconstruction, SimulatedImage, simulate_image
 from sim.scenes.library import paper_room
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray, IntArray
 from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
-from sim.geometry.scene import FloatArray, IntArray
 
 WEBER = 0.02
 """Just visible difference of luminance, as a share of what the eye is adapted to."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.compensation.result import Compensation, prepare
 from sim.compensation.split_transport import Transport
-from sim.geometry.scene import FloatArray
 
 
 def none(

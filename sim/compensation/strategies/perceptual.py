@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.compensation.box_least_squares import BoxProblem, optimum
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, prepare
 from sim.compensation.sampled_start import start_of
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 XYZ_FROM_LINEAR_SRGB = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]

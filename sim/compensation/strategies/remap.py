@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from sim.arrays import FloatArray
 from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 ROUNDS = 60
 """Most rounds of adding the limits that are exceeded."""

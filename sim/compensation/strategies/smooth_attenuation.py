@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array
 
+from sim.arrays import FloatArray
 from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.light.transport_of_scene import bilinear
 
 COLUMNS = 24

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator, lsqr
 
+from sim.arrays import FloatArray
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport, direct_blocks
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 DEFAULT_NOISE = 1 / 255 / 12**0.5
 """Share of the target's peak: the quantisation noise of an 8-bit camera."""
