@@ -250,7 +250,7 @@ def _by_image(plant: ControlledScene, strategy: str, image: FloatArray, seen: Se
     imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
     """
     residual = np.where(np.isfinite(seen.light), plant.wanted - seen.light, 0.0)
-    return np.asarray(np.clip(image + plant.operator.by_direct(plant.damping * residual), 0.0, 1.0))
+    return np.asarray(np.clip(image + plant.operator.divide_by_direct(plant.damping * residual), 0.0, 1.0))
 
 
 def _by_model(plant: ControlledScene, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:

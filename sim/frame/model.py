@@ -24,6 +24,7 @@ from sim.form_factors import FormFactors
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
 from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
 from sim.light.colour import ColourTransport
+from sim.light.interreflection_operator import patch_to_patch
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
@@ -361,6 +362,4 @@ def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray)
     if isinstance(radiosity.form_factors, FormFactors):
         # A factor pays for so many right-hand sides.
         radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
-    unit = np.zeros((radiosity.n_patches, len(lit)))
-    unit[lit, np.arange(len(lit))] = 1.0
-    return np.asarray((radiosity.solve(unit) - unit)[viewed])
+    return patch_to_patch(radiosity, lit, viewed)

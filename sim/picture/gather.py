@@ -12,7 +12,7 @@ from sim.geometry.rays import trace, tracer_of
 from sim.geometry.surface import Surface
 
 COARSEST_PX = 16
-"""Spacing of the first points that are gathered."""
+"""Spacing of the first points that are final_gather."""
 NUDGE = 1e-6
 """Share of the way to its patch's centroid that a point is moved, off the edges where the factor has no value."""
 
@@ -37,12 +37,12 @@ def irradiance(surface: Surface, radiosity: FloatArray, points_m: FloatArray, no
     return received
 
 
-def gathered(
+def final_gather(
     surface: Surface, radiosity: FloatArray, lens: Lens, pose: Pose, patch: NDArray[np.int32], tolerance: float
 ) -> FloatArray:
     """(H, W) irradiance of the surface points that the pixels see.
 
-    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle
+    Points are final_gather on a coarse grid of pixels. A cell that shows one flat region, and whose middle
     and sides are what its corners predict, is filled bilinearly; any other is split, down to single pixels along
     edges.
 

@@ -9,7 +9,7 @@ from sim.geometry.surface import Surface
 
 
 def irradiance(surface: Surface, radiosity: FloatArray, points_m: FloatArray, normals: FloatArray) -> FloatArray:
-    """Do what ``irradiance`` does in plain numpy, for convex surfaces that lie above every point's horizon."""
+    """Return what ``sim.picture.gather.irradiance`` finds, for convex surfaces above every point's horizon."""
     corners = surface.vertices[None] - points_m[:, None, None]
     following = np.roll(corners, -1, axis=2)
     across = np.cross(following, corners)

@@ -10,7 +10,7 @@ from sim.geometry.surface import Surface
 
 
 def exchange_areas(surface: Surface) -> FloatArray:
-    """(P, P) A_i F_ij in plain numpy: the definition, and the oracle of the native kernel [m²]."""
+    """Return (P, P) A_i F_ij of every pair of patches, occluders left out [m²]."""
     points = np.moveaxis(sample_points(surface), 0, 2)
     normals, centres = surface.normals, surface.centres
     total = np.zeros((surface.n_patches, surface.n_patches))

@@ -8,16 +8,16 @@ from sim.arrays import FloatArray
 
 
 def point_to_polygon(points: FloatArray, normals: FloatArray, polygon: FloatArray) -> FloatArray:
-    """(N,) exact factors from points with a normal to a flat polygon (Lambert 1760); the plain definition.
+    """Return (N,) exact factors from points with a normal to a flat polygon (Lambert 1760).
 
     F = 1/(2 pi) sum over edges of the angle under which an edge is seen times the cosine between the point's
     normal and that of the plane through point and edge. What lies below a point's horizon is cut off.
 
     Parameters
     ----------
-    points, normals : (N, 3)
+    points, normals : (N, 3) array
         Places [m] and unit normals.
-    polygon : (M, 3)
+    polygon : (M, 3) array
         Convex, counter-clockwise seen from its lit side, which looks at the points [m].
     """
     corners = polygon - points[:, None]
@@ -55,13 +55,13 @@ def _edge_share(begin: FloatArray, end: FloatArray, normals: FloatArray) -> Floa
 
 
 def exchange_area(first: FloatArray, second: FloatArray, order: int) -> float:
-    """A F of two convex polygons by n x n Gauss points on the first and exact factors to the second [m²].
+    """Return A F of two convex polygons by n x n Gauss points on the first and exact factors to the second [m²].
 
     Slow, and independent of the contour integral; its error falls like n^-4 where the two touch.
 
     Parameters
     ----------
-    first, second : (M, 3)
+    first, second : (M, 3) array
         Corners, counter-clockwise seen from the lit side [m].
     order : int
         Points along each side of every triangle that the first is cut into.

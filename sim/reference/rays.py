@@ -13,7 +13,7 @@ EDGE_TOLERANCE = 1e-9
 
 
 def intersect(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits:
-    """Do what ``intersect`` does in plain numpy: the definition, and the kernel's oracle."""
+    """Return what ``sim.geometry.scene.intersect`` finds; a face met from behind still stops a ray."""
     origin = np.asarray(origin_m, dtype=np.float64)
     n = len(directions)
     hit_face, patch = np.full(n, -1, dtype=np.intp), np.full(n, -1, dtype=np.intp)
@@ -26,11 +26,11 @@ def intersect(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits
     for index, face in enumerate(scene.faces):
         lit = (hit_face == index) & (cosine > 0)
         patch[lit] = face.patch_at(uv[lit])
-    return Hits(hit_face, patch, distance, uv, cosine)
+    return Hits(face=hit_face, patch=patch, distance=distance, uv=uv, cos_incidence=cosine)
 
 
 def meet(face: Face, origin: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance (infinite for a miss), face coordinates and cosine of incidence of rays on one face."""
+    """Return the distance (infinite for a miss), face coordinates and cosine of incidence of rays on one face."""
     towards = directions @ face.normal
     height = (origin - face.origin_m) @ face.normal
     moving = np.where(np.abs(towards) > 1e-15, towards, np.inf)

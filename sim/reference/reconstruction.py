@@ -9,13 +9,13 @@ from sim.picture.reconstruction import cross
 
 
 def quadratic_values(coefficients: FloatArray, patch: IntArray, place: FloatArray) -> FloatArray:
-    """(N,) values of biquadratics (P, 3, 3) at cell coordinates (N, 2): what the kernel does, in plain numpy."""
+    """Return (N,) values of biquadratics (P, 3, 3) at cell coordinates (N, 2) of patches (N,)."""
     weights = np.stack([(1 - place) ** 2, 2 * place * (1 - place), place**2], axis=-1)
     return np.asarray(np.einsum("nrc,nc,nr->n", coefficients[patch], weights[:, 0], weights[:, 1]))
 
 
 def fan_values(corners: FloatArray, values: FloatArray, patch: IntArray, place: FloatArray) -> FloatArray:
-    """(N,) values of fans at places (N, 2) about the centroid [m]: what the kernel does, in plain numpy."""
+    """Return (N,) values of fans of triangles at places (N, 2) about the centroids of patches (N,) [m]."""
     a, b = corners[patch], np.roll(corners, -1, axis=1)[patch]
     at_a, at_b = cross(place[:, None], b), cross(a, place[:, None])
     twice = cross(a, b)

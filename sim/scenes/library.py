@@ -146,7 +146,17 @@ def _faces(geometry: Mapping[str, Geometry], patch_size_m: float, first_patch: i
     faces = []
     for name, (origin, u, v) in geometry.items():
         columns, rows = (max(1, round(float(np.linalg.norm(edge)) / patch_size_m)) for edge in (u, v))
-        faces.append(Face(name, origin, u, v, rows, columns, first_patch))
+        faces.append(
+            Face(
+                name=name,
+                origin_m=origin,
+                edge_u_m=u,
+                edge_v_m=v,
+                rows=rows,
+                columns=columns,
+                first_patch=first_patch,
+            )
+        )
         first_patch += rows * columns
     return faces
 

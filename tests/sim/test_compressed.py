@@ -127,7 +127,14 @@ def test_a_mesh_of_triangles_is_the_scene_it_was_cut_from() -> None:
     scene = paper_room(patch_size_m=0.4)
     a, b, c, d = np.moveaxis(scene.vertices, 1, 0)
     triangles = np.concatenate([np.stack([a, b, c, c], axis=1), np.stack([a, c, d, d], axis=1)])
-    mesh = Mesh("triangles", triangles, np.full(len(triangles), 0.5), True, True, np.tile(scene.region, 2))
+    mesh = Mesh(
+        name="triangles",
+        vertices=triangles,
+        reflectance=np.full(len(triangles), 0.5),
+        convex=True,
+        closed=True,
+        region=np.tile(scene.region, 2),
+    )
     assert compressed_form_factors(mesh, 1e-3).row_sums == pytest.approx(1.0, abs=2e-3)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.light.lighting import standard_light
+from sim.light.lighting import make_test_lighting
 from sim.planning.plan import bounces_needed, plan
 from sim.planning.simulation import Model, refined_check, simulate
 from sim.scenes.catalogue import SURFACES
@@ -163,4 +163,4 @@ def test_a_light_that_is_not_there_is_refused():
 def test_every_standard_light_is_known():
     for entry in SURFACES.values():
         assert entry.light in ("projector", "floor", "uniform")
-    assert standard_light("uniform", planned("furnace", 1.0).cells).name == "uniform"
+    assert make_test_lighting("uniform", planned("furnace", 1.0).cells).name == "uniform"

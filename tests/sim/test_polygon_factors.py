@@ -27,7 +27,7 @@ TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 def mesh_of(*polygons, turn=TURN):
     corners = [np.asarray(polygon, dtype=float) for polygon in polygons]
     quads = [np.concatenate([p, p[-1:]]) if len(p) == 3 else p for p in corners]
-    return Mesh("polygons", np.array(quads) @ turn.T, np.zeros(len(quads)))
+    return Mesh(name="polygons", vertices=np.array(quads) @ turn.T, reflectance=np.zeros(len(quads)))
 
 
 def exchange_area(first, second, tolerance=1e-9):
@@ -40,13 +40,18 @@ def rectangle(origin, u, v):
 
 
 def closed_exchange_area(first, second):
-    faces = [Face(str(k), r[0], r[1] - r[0], r[3] - r[0], 1, 1, k) for k, r in enumerate((first, second))]
+    faces = [
+        Face(name=str(k), origin_m=r[0], edge_u_m=r[1] - r[0], edge_v_m=r[3] - r[0], rows=1, columns=1, first_patch=k)
+        for k, r in enumerate((first, second))
+    ]
     return closed_form.exchange_areas(Scene("pair", tuple(faces), np.zeros(2), convex=True))[0, 1]
 
 
 def turned_paper_room():
     scene = paper_room()
-    return Mesh("turned", scene.vertices @ TURN.T, scene.reflectance), closed_form.exchange_areas(scene)
+    return Mesh(
+        name="turned", vertices=scene.vertices @ TURN.T, reflectance=scene.reflectance
+    ), closed_form.exchange_areas(scene)
 
 
 def relative_errors(found, exact):
@@ -56,7 +61,7 @@ def relative_errors(found, exact):
 
 
 def test_the_turned_unit_cube_has_its_known_factors():
-    cube = Mesh("cube", furnace(patch_size_m=1.0).vertices @ TURN.T, np.zeros(6))
+    cube = Mesh(name="cube", vertices=furnace(patch_size_m=1.0).vertices @ TURN.T, reflectance=np.zeros(6))
     factors = exchange_areas(cube, tolerance=1e-11)
     assert factors[0, 1] == pytest.approx(0.199824895698, abs=1e-12)
     assert np.allclose(factors[0, 2:], 0.200043776075, atol=1e-12, rtol=0)

@@ -77,7 +77,13 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     """Build the paper's room in colour, a painted pattern on its walls, and a projector of 100 degrees."""
     room = paper_room(patch_size_m=patch_size_m)
     ideal = Lens.from_horizontal_field_of_view(width_px, height_px, 100.0)
-    lens = Lens(width_px, height_px, ideal.focal_px, ideal.principal_point_px, (-0.02, 0.003, 2e-4, -1e-4, 0.0))
+    lens = Lens(
+        width_px=width_px,
+        height_px=height_px,
+        focal_px=ideal.focal_px,
+        principal_point_px=ideal.principal_point_px,
+        distortion=(-0.02, 0.003, 2e-4, -1e-4, 0.0),
+    )
     pose = Pose.look_at(POSITION_M, AIM_M)
     rays = rays_at(lens, pose, lens.pixel_grid())
     hits = intersect(room, pose.position_m, rays)

@@ -128,7 +128,7 @@ def test_the_true_transport_predicts_what_the_bench_shows(finished: Any, tiny_pr
     assert white.mean() == pytest.approx(modelled, rel=0.1)
     rng = np.random.default_rng(0)
     p, c = rng.uniform(size=transport.shape[1]), rng.uniform(size=transport.shape[0])
-    assert c @ transport.coupling.apply(p) == pytest.approx(p @ transport.coupling.adjoint(c), rel=1e-9)
+    assert c @ transport.interreflection.apply(p) == pytest.approx(p @ transport.interreflection.adjoint(c), rel=1e-9)
     assert c @ (transport @ p) == pytest.approx(p @ transport.rmatvec(c), rel=1e-4)
 
 
