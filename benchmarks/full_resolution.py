@@ -75,8 +75,8 @@ def main() -> None:
     bands = [transport_of(lens, options.patch, reflectance) for reflectance in REFLECTANCES]
     for band in bands:
         # Made once a scene, not once a picture.
-        _ = band.coupling
-    lit, viewed = bands[0].coupling.interreflection.shape[::-1]
+        _ = band.interreflection
+    lit, viewed = bands[0].interreflection.patch_to_patch.shape[::-1]
     print(f"{width} x {height}, {bands[0].radiosity.n_patches} patches, {lit} lit, {viewed} viewed")
     white = bands[0] @ np.ones(lens.n_pixels)
     report("grey", bands[0], picture.mean(axis=1) * TARGET_WHITE_SHARE * np.median(white), options.names)

@@ -57,7 +57,13 @@ class PosedLens:
 
 def optic(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> PosedLens:
     """The simulator's lens and pose for a calibrated device."""
-    lens = Lens(model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion)
+    lens = Lens(
+        width_px=model.width_px,
+        height_px=model.height_px,
+        focal_px=model.focal_px,
+        principal_point_px=model.principal_point_px,
+        distortion=model.distortion,
+    )
     return PosedLens(lens, Pose(model.rotation, model.translation_m), vignetting)
 
 

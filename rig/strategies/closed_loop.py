@@ -258,7 +258,7 @@ def _by_image(room: ControlledScene, _strategy: str, image: FloatArray, seen: Ca
     imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
     """
     residual = np.where(np.isfinite(seen.light), room.wanted - seen.light, 0.0)
-    return np.asarray(np.clip(image + room.operator.by_direct(room.damping * residual), 0.0, 1.0))
+    return np.asarray(np.clip(image + room.operator.divide_by_direct(room.damping * residual), 0.0, 1.0))
 
 
 def _by_model(room: ControlledScene, strategy: str, _image: FloatArray, seen: CapturedLight) -> FloatArray:

@@ -3,7 +3,7 @@
 Patches are sorted into a tree of clusters. The exchange areas K = A F between two clusters that are apart form a
 matrix of low rank, u vᵀ, found from a few of its rows and columns by adaptive cross approximation (Bebendorf,
 "Approximation of boundary element matrices", Numer. Math. 86, 2000) and cut back to the smallest rank. Blocks
-partly hidden are compressed too where that pays, or divided; what is left is kept whole. Which occluders may
+partly hidden are compressed too where that pays, or divide_where_lit; what is left is kept whole. Which occluders may
 stand between two clusters is found with planes (Haines, "Shaft culling for efficient ray-cast radiosity", 1991)
 and handed down the tree. Each unordered pair of clusters is kept once, so that K is exactly symmetric.
 
@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 FINEST, COARSEST = 1e-6, 1e-1
 """Tolerances taken: numbers are kept in single precision, and above 0.1 nothing is left of the light."""
 LEAF_PATCHES = 32
-"""Largest cluster that is not divided."""
+"""Largest cluster that is not divide_where_lit."""
 SAMPLED_ROWS = 100
 """Rows evaluated again for the estimate of the error."""
 

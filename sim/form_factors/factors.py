@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import Quality, visible_fraction
 from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
-from sim.geometry.scene import FloatArray
 from sim.geometry.surface import Surface
 
 Method = Literal["auto", "closed_form", "polygon", "paper"]

@@ -1,4 +1,4 @@
-"""Visible share of pairs of patches by exact clipping: what light between them passes the occluders.
+"""VisibleFractions share of pairs of patches by exact clipping: what light between them passes the occluders.
 
 Three steps, native (``sim/kernel/occlusion*``). The shaft of two patches, the hull of both, is tested against
 the occluders; most pairs keep 1 and some are surely 0. For the others Gauss points on the patch that looks
@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 Quality = Literal["quick", "fair", "exact"]
@@ -30,7 +30,7 @@ POINTS = {"quick": 1, "fair": 2, "exact": 6}
 
 
 @dataclass(frozen=True, eq=False)
-class Visible:
+class VisibleFractions:
     """The pairs that an occluder parts, each once; all others see each other fully."""
 
     first: IntArray
@@ -49,14 +49,14 @@ class Visible:
 
 def visible_fraction(
     surface: Surface, exchange: FloatArray, quality: Quality = "exact", points: int | None = None
-) -> Visible:
+) -> VisibleFractions:
     """Find the visible share of all pairs that exchange light.
 
     Parameters
     ----------
     surface : Surface
     exchange : (P, P)
-        Exchange areas without occluders; pairs with 0 are left out. Only the upper triangle is read. [m²]
+        FormFactorOperator areas without occluders; pairs with 0 are left out. Only the upper triangle is read. [m²]
     quality : {"quick", "fair", "exact"}
         1, 2 or 6 Gauss points along each side of the outer patch: the rms of partly hidden pairs of the box
         scene, as a share of theirs, is below 3 %, 1 % and 0.15 %.
@@ -74,9 +74,9 @@ def visible_fraction(
     vertices, occluders = _geometry(surface)
     if not len(occluders):
         nothing = np.zeros(0, dtype=np.intp)
-        return Visible(nothing, nothing, np.zeros(0))
+        return VisibleFractions(nothing, nothing, np.zeros(0))
     given = np.ascontiguousarray(exchange, dtype=np.float64)
-    return Visible(*_kernel.visible_of_matrix(vertices, occluders, given, nodes, weights))
+    return VisibleFractions(*_kernel.visible_of_matrix(vertices, occluders, given, nodes, weights))
 
 
 def visible_fraction_of_pairs(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.geometry.surface import Surface
 
 SAMPLES = 3
@@ -41,22 +41,3 @@ def sample_points(surface: Surface) -> FloatArray:
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
     points = [(1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d for v in offsets for u in offsets]
     return np.ascontiguousarray(np.moveaxis(np.stack(points), 2, 0))
-
-
-def reference_exchange_areas(surface: Surface) -> FloatArray:
-    """(P, P) A_i F_ij in plain numpy: the definition, and the oracle of the native kernel [m²]."""
-    points = np.moveaxis(sample_points(surface), 0, 2)
-    normals, centres = surface.normals, surface.centres
-    total = np.zeros((surface.n_patches, surface.n_patches))
-    # Patches are flat, so r cos is the height of one sample over the other patch's plane: over[k, i, j] of
-    # sample k of patch j over patch i.
-    over = np.einsum("kjx,ix->kij", points, normals) - np.einsum("ix,ix->i", centres, normals)[:, None]
-    over = np.where(over > 1e-9, over, 0.0)
-    for of_first, first in enumerate(points):
-        for of_second, second in enumerate(points):
-            squared = ((first[:, None] - second[None]) ** 2).sum(axis=2)
-            np.fill_diagonal(squared, 1.0)
-            squared[squared == 0] = 1.0
-            total += over[of_second] * over[of_first].T / squared**2
-    areas = surface.areas
-    return np.asarray(total * np.outer(areas, areas) / (np.pi * SAMPLES**4))

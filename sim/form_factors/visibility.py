@@ -1,4 +1,4 @@
-"""Visible share of two patches by segments between low-discrepancy samples: the readable reference.
+"""VisibleFractions share of two patches by segments between low-discrepancy samples: the readable reference.
 
 ``sim.form_factors.occlusion`` finds the same numbers by clipping, thousands of times faster.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 CHUNK = 1 << 16

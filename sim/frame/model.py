@@ -17,13 +17,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array, diags_array
 
+from sim.arrays import BoolArray, CodeArray, FloatArray, IntArray
 from sim.compensation.split_transport import diagonal_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
 from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.light.colour import ColourTransport
+from sim.light.interreflection_operator import patch_to_patch
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
@@ -71,7 +72,7 @@ class FrameModel:
     """(256,) linear light of a target's codes; 1 is full scale."""
     response: FloatArray
     """(3, 256) linear light of the projector's codes, a channel each."""
-    dither: NDArray[np.uint8]
+    dither: CodeArray
     """(3, 64, 64) share of a code, in 256ths, that is added before rounding down: 128 rounds to the nearest."""
 
     @property
@@ -256,7 +257,7 @@ def _response(response: ArrayLike | None) -> FloatArray:
     return table
 
 
-def _dither(seed: int | None) -> NDArray[np.uint8]:
+def _dither(seed: int | None) -> CodeArray:
     """Every 256th share equally often in each channel's tile."""
     shape = (CHANNELS, DITHER_PX, DITHER_PX)
     if seed is None:
@@ -361,6 +362,4 @@ def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray)
     if isinstance(radiosity.form_factors, FormFactors):
         # A factor pays for so many right-hand sides.
         radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
-    unit = np.zeros((radiosity.n_patches, len(lit)))
-    unit[lit, np.arange(len(lit))] = 1.0
-    return np.asarray((radiosity.solve(unit) - unit)[viewed])
+    return patch_to_patch(radiosity, lit, viewed)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry.scene import FloatArray
+from sim.arrays import FloatArray
 
 SHIFT = 11
 """Bits of a single-precision number that are dropped."""

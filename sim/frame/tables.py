@@ -8,9 +8,9 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
+from sim.arrays import FloatArray
+from sim.frame.codes import fractional_code
 from sim.frame.model import CHANNELS, FrameModel
-from sim.geometry.scene import FloatArray
-from sim.reference.frame import fractional_code
 
 OCTAVES, STEPS = 15, 128
 TOE = 2.0**-OCTAVES

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 from sim.light.transport import LightTransport
 
 CONDITION_LIMIT = 1e4

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors.occlusion import segments_blocked
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
-from sim.geometry.scene import FloatArray, IntArray
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
@@ -23,7 +23,7 @@ Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Light:
+class Lighting:
     """A light by name."""
 
     name: str
@@ -31,11 +31,11 @@ class Light:
     irradiance: Irradiance
 
 
-LIGHTS = ("projector", "floor", "uniform")
+TEST_LIGHTINGS = ("projector", "floor", "uniform")
 
 
-def standard_light(name: str, cells: AdaptivePatches) -> Light:
-    """Build one of ``LIGHTS`` for a scene.
+def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
+    """Build one of ``TEST_LIGHTINGS`` for a scene.
 
     ``projector``: white from a 640 x 480 projector with a horizontal field of view of 100 degrees, standing at
     5/24 of the scene's length and width and half its height, aimed level at the far corner: cos(theta) without
@@ -47,13 +47,13 @@ def standard_light(name: str, cells: AdaptivePatches) -> Light:
     SimulationError
         For an unknown name, or a projector that lights nothing.
     """
-    if name not in LIGHTS:
-        raise SimulationError(f"unknown light {name!r}; there are {', '.join(LIGHTS)}")
+    if name not in TEST_LIGHTINGS:
+        raise SimulationError(f"unknown light {name!r}; there are {', '.join(TEST_LIGHTINGS)}")
     if name == "uniform":
-        return Light(name, "white light 1 on every surface", lambda points, normals, region: np.ones(len(points)))
+        return Lighting(name, "white light 1 on every surface", lambda points, normals, region: np.ones(len(points)))
     if name == "floor":
         lit = _floor(cells)
-        return Light(name, "white light 1 on the floor", lambda points, normals, region: (region == lit) * 1.0)
+        return Lighting(name, "white light 1 on the floor", lambda points, normals, region: (region == lit) * 1.0)
     light = _projector(cells)
     if not emission(cells.quarters().quarters(), light).irradiance.any():
         raise SimulationError(f"{cells.name}: the standard projector lights nothing; use the light 'floor'")
@@ -66,7 +66,7 @@ def _floor(cells: AdaptivePatches) -> int:
     return int(cells.region[lowest])
 
 
-def _projector(cells: AdaptivePatches) -> Light:
+def _projector(cells: AdaptivePatches) -> Lighting:
     corners = cells.vertices.reshape(-1, 3)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
@@ -83,7 +83,9 @@ def _projector(cells: AdaptivePatches) -> Light:
         return np.where(lit, cosine, 0.0)
 
     x, y, z = pose.position_m
-    return Light("projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance)
+    return Lighting(
+        "projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +98,7 @@ class Emission:
     """(P,) of the irradiance within each cell."""
 
 
-def emission(cells: AdaptivePatches, light: Light) -> Emission:
+def emission(cells: AdaptivePatches, light: Lighting) -> Emission:
     """Mean and variance of a light over each cell."""
     mean, variance = _sampled(cells, light, SAMPLES)
     varies = variance > 1e-12
@@ -105,7 +107,7 @@ def emission(cells: AdaptivePatches, light: Light) -> Emission:
     return Emission(mean, variance)
 
 
-def _sampled(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+def _sampled(cells: AdaptivePatches, light: Lighting, n: int) -> tuple[FloatArray, FloatArray]:
     step = max(1, POINTS_AT_A_TIME // n**2)
     starts = range(0, cells.n_patches, step)
     parts = [_moments(cells.chosen(np.arange(k, min(k + step, cells.n_patches))), light, n) for k in starts]
@@ -113,7 +115,7 @@ def _sampled(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, 
     return mean, variance
 
 
-def _moments(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+def _moments(cells: AdaptivePatches, light: Lighting, n: int) -> tuple[FloatArray, FloatArray]:
     """(P,) means and variances over n x n points."""
     points, weights = sample_points(cells, n)
     normals, region = np.repeat(cells.normals, n * n, axis=0), np.repeat(cells.region, n * n)

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
-from sim.geometry.scene import FloatArray
 from sim.light.solvers import TINY, Iterate, conjugate_gradients, gauss_seidel, jacobi, refined
 
-__all__ = ["Accuracy", "Exchange", "Radiosity", "Solution", "gauss_seidel", "jacobi"]
+__all__ = ["Accuracy", "FormFactorOperator", "Radiosity", "Solution", "gauss_seidel", "jacobi"]
 
 Solver = Literal["auto", "repeated", "conjugate_gradients", "direct"]
 Precision = Literal["double", "mixed"]
@@ -25,7 +25,7 @@ RIGHT_HAND_SIDES = 96
 """Beyond P / 96 columns in one call the factor costs less than a few products with F for each."""
 
 
-class Exchange(Protocol):
+class FormFactorOperator(Protocol):
     """Form factors as the solver needs them: dense or compressed."""
 
     @property
@@ -91,7 +91,7 @@ class Radiosity:
 
     Parameters
     ----------
-    form_factors : FormFactors or any :class:`Exchange`
+    form_factors : FormFactors or any :class:`FormFactorOperator`
     reflectance : float or (P,)
     tolerance : float
         Residual of the iterations over the norm of the right-hand side.
@@ -110,7 +110,7 @@ class Radiosity:
 
     def __init__(
         self,
-        form_factors: Exchange,
+        form_factors: FormFactorOperator,
         reflectance: ArrayLike,
         tolerance: float = 1e-12,
         solver: Solver = "auto",

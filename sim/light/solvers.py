@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 Product = Callable[[FloatArray], FloatArray]
 TINY = float(np.finfo(float).tiny)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
-from sim.light.interreflection_operator import InterreflectionOperator, coupling_of
+from sim.light.interreflection_operator import InterreflectionOperator, interreflection_of
 from sim.light.radiosity import Radiosity
 
 
@@ -79,9 +79,9 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         return _operator(self.shape, self._global, self._global_adjoint)
 
     @cached_property
-    def coupling(self) -> InterreflectionOperator:
+    def interreflection(self) -> InterreflectionOperator:
         """The interreflection as a dense matrix between lit and viewed patches, made on first use."""
-        return coupling_of(self.radiosity, self.emission, self.view)
+        return interreflection_of(self.radiosity, self.emission, self.view)
 
     def radiosity_of(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Emission E = S p and radiosity B of the patches, (P,) each, for a projector image."""

@@ -15,10 +15,11 @@ from typing import Literal
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
-from sim.geometry.scene import BoolArray, FloatArray, Hits, IntArray, Scene, intersect
+from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 

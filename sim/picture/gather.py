@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.optics import Lens, Pose, rays_at
 from sim.geometry.rays import trace, tracer_of
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 COARSEST_PX = 16
-"""Spacing of the first points that are gathered."""
+"""Spacing of the first points that are final_gather."""
 NUDGE = 1e-6
 """Share of the way to its patch's centroid that a point is moved, off the edges where the factor has no value."""
 
@@ -37,26 +37,12 @@ def irradiance(surface: Surface, radiosity: FloatArray, points_m: FloatArray, no
     return received
 
 
-def irradiance_reference(
-    surface: Surface, radiosity: FloatArray, points_m: FloatArray, normals: FloatArray
-) -> FloatArray:
-    """Do what ``irradiance`` does in plain numpy, for convex surfaces that lie above every point's horizon."""
-    corners = surface.vertices[None] - points_m[:, None, None]
-    following = np.roll(corners, -1, axis=2)
-    across = np.cross(following, corners)
-    length = np.linalg.norm(across, axis=-1)
-    angle = np.arctan2(length, (corners * following).sum(axis=-1))
-    projected = np.einsum("npck,nk->npc", across, normals)
-    factor = np.where(length > 0, angle * projected / np.where(length > 0, length, 1.0), 0.0).sum(axis=2) / (2 * np.pi)
-    return np.asarray(np.maximum(factor, 0.0) @ radiosity)
-
-
-def gathered(
+def final_gather(
     surface: Surface, radiosity: FloatArray, lens: Lens, pose: Pose, patch: NDArray[np.int32], tolerance: float
 ) -> FloatArray:
     """(H, W) irradiance of the surface points that the pixels see.
 
-    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle
+    Points are final_gather on a coarse grid of pixels. A cell that shows one flat region, and whose middle
     and sides are what its corners predict, is filled bilinearly; any other is split, down to single pixels along
     edges.
 

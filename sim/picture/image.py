@@ -1,7 +1,7 @@
 """The picture that a camera takes of a scene while a projector lights it, from geometry to pixels.
 
 c = rho cos(theta) p + rho H (eq. 9): direct light by the pixel, the light H that arrives from all patches by the
-patch, smoothly between patches, or gathered at the pixel. No matrix but the form factors is made; to apply the
+patch, smoothly between patches, or final_gather at the pixel. No matrix but the form factors is made; to apply the
 same transport many times see ``sim.light.transport_of_scene``. Units and conventions are those of that module.
 """
 
@@ -16,15 +16,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
 from sim.geometry.rays import blocked, device_of, trace, tracer_of
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.light.radiosity import Radiosity
 from sim.light.transport_of_scene import Convention, EmissionRule, bilinear
-from sim.picture.gather import gathered
+from sim.picture.gather import final_gather
 from sim.picture.reconstruction import fans, quadratics
 
 Reconstruction = Literal["patch", "smooth", "gather"]
@@ -87,12 +88,12 @@ def simulate_image(
         that reach the patch, which takes half-lit patches for lit.
     reconstruction : {"smooth", "patch", "gather"}
         Of the indirect light: continuous within each flat region and true to the patches' means; constant a
-        patch (eq. 9); or gathered from all patches at the pixels (slow: 0.1 to 10 s).
+        patch (eq. 9); or final_gather from all patches at the pixels (slow: 0.1 to 10 s).
     subsamples : int, optional
         ``area``: each pixel is split into subsamples x subsamples parts; from 2 to 8 by itself, so that about a
         hundred parts fall on a patch.
     gather_tolerance : float
-        ``gather``: what interpolation between gathered pixels may cost, as a share.
+        ``gather``: what interpolation between final_gather pixels may cost, as a share.
     camera_lens, camera_pose : optional
         A camera apart from the projector: its direct light is bilinear between projector pixels, and shadowed.
 
@@ -119,7 +120,7 @@ def simulate_image(
     B = Radiosity(form_factors, surface.reflectance).solve(E)
     marks.append(time.perf_counter())
     if reconstruction == "gather":
-        H = gathered(surface, B, camera_lens, camera_pose, seen.patch, gather_tolerance)
+        H = final_gather(surface, B, camera_lens, camera_pose, seen.patch, gather_tolerance)
         indirect = np.where(seen.patch >= 0, surface.reflectance[seen.patch], 0.0) * H
     else:
         indirect = _indirect(surface, _received(surface, form_factors, E, B), seen, reconstruction)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.adaptive_patches import AdaptivePatches, joined
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
-from sim.light.lighting import Light, emission
+from sim.light.lighting import Lighting, emission
 
 SOURCE_WEIGHT = 0.05
 """Squared error of the irradiance at a half-lit contact cell, over the light's variance; chosen, not measured."""
@@ -33,7 +33,7 @@ MOST_PLANES = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Probe:
+class SolvedPatches:
     """A solved model, and how its irradiance varies."""
 
     cells: AdaptivePatches
@@ -47,7 +47,7 @@ class Probe:
     """(P,) integral of its squared variation within each cell [m²]."""
 
     @classmethod
-    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> Probe:
+    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> SolvedPatches:
         """Find the gradients from neighbours in the same region."""
         gradient, roughness = gradients(cells, irradiance)
         within = cells.variation(gradient) + roughness * cells.polar_moments
@@ -90,7 +90,7 @@ def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tupl
     return slope @ basis, left
 
 
-def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
+def uniform_patches(whole: AdaptivePatches, count: int) -> AdaptivePatches:
     """Patches of about equal size: halved along longer edges until there are ``count``, quartered at least once."""
     cells = whole.quarters()
     size_m = float(np.sqrt(cells.areas.sum() / count))
@@ -106,8 +106,8 @@ def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
 class Refinement:
     """AdaptivePatches on the way from the whole faces to the fewest that meet a goal."""
 
-    probe: Probe
-    light: Light
+    probe: SolvedPatches
+    light: Lighting
     cells: AdaptivePatches
     owner: IntArray
     """(cells of the probe,) the cell that each one's centre lies in."""
@@ -119,7 +119,7 @@ class Refinement:
     """(P,) which way to halve each cell next."""
 
     @classmethod
-    def start(cls, whole: AdaptivePatches, probe: Probe, light: Light) -> Refinement:
+    def start(cls, whole: AdaptivePatches, probe: SolvedPatches, light: Lighting) -> Refinement:
         """Begin with the whole faces."""
         owner = probe.cells.whole.copy()
         example = np.zeros(whole.n_patches, dtype=np.intp)

@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
-from sim.geometry.adaptive_patches import AdaptivePatches, whole_cells
-from sim.geometry.scene import FloatArray
+from sim.geometry.adaptive_patches import AdaptivePatches, coarsest_patches
 from sim.geometry.surface import Surface
-from sim.light.lighting import Light, standard_light
-from sim.planning.adapt import Probe, Refinement, even_cells
+from sim.light.lighting import Lighting, make_test_lighting
+from sim.planning.adapt import Refinement, SolvedPatches, uniform_patches
 from sim.planning.cost import (
     Cost,
     Timing,
@@ -56,7 +54,7 @@ class Plan:
     """The cheapest model that meets a tolerance, and what it is expected to cost."""
 
     cells: AdaptivePatches
-    light: Light
+    light: Lighting
     model: Model
     solver: str
     channels: int
@@ -90,7 +88,7 @@ def plan(
     tolerance_percent : float
         Error allowed, RMS over the surface. [% of white]
     light : str
-        One of ``sim.light.lighting.LIGHTS``.
+        One of ``sim.light.lighting.TEST_LIGHTINGS``.
     memory_limit_mb : float
         What may be used.
     reflectances : tuple of float, optional
@@ -103,12 +101,12 @@ def plan(
     """
     if not tolerance_percent > 0:
         raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
-    whole = whole_cells(surface)
+    whole = coarsest_patches(surface)
     colours = None
     if reflectances is not None:
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
-    chosen_light = standard_light(light, whole)
+    chosen_light = make_test_lighting(light, whole)
     model = Model(
         "closed_form" if closed_form.applies(whole) else "polygon",
         _visibility(whole, tolerance_percent),
@@ -141,7 +139,7 @@ class _Search:
     """From solution to finer solution, until one is fine enough to tell the cells that a tolerance needs."""
 
     def __init__(
-        self, whole: AdaptivePatches, light: Light, model: Model, tolerance: float, memory_limit_mb: float
+        self, whole: AdaptivePatches, light: Lighting, model: Model, tolerance: float, memory_limit_mb: float
     ) -> None:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
@@ -151,7 +149,7 @@ class _Search:
 
     def run(self) -> None:
         """Find the cells."""
-        probe_cells, adapted = even_cells(self.whole, FIRST_PROBE), False
+        probe_cells, adapted = uniform_patches(self.whole, FIRST_PROBE), False
         while True:
             probe = self._solve(probe_cells)
             self.refinement = Refinement.start(self.whole, probe, self.light)
@@ -186,15 +184,15 @@ class _Search:
             return replace(self.model, compression=compression)
         return self.model
 
-    def _solve(self, cells: AdaptivePatches) -> Probe:
+    def _solve(self, cells: AdaptivePatches) -> SolvedPatches:
         model = self.model_for(cells)
         self.solved = simulate(cells, self.light, model)
         self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
         if model.compression is None:
             self.dense_timing = self.timing
-        return Probe.of(cells, self.solved.irradiance[:, 0])
+        return SolvedPatches.of(cells, self.solved.irradiance[:, 0])
 
-    def _missed(self, probe: Probe) -> float:
+    def _missed(self, probe: SolvedPatches) -> float:
         """Error that a plan of a quarter of the probe's cells shows against the probe, over what it expected."""
         coarse = Refinement.start(self.whole, probe, self.light)
         coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
@@ -206,7 +204,7 @@ class _Search:
         model = self.model_for(refinement.cells)
         return refinement.measured_error(simulate(refinement.cells, self.light, model).irradiance[:, 0])
 
-    def _meet_tolerance(self, probe: Probe) -> None:
+    def _meet_tolerance(self, probe: SolvedPatches) -> None:
         goal = self.tolerance / SAFETY
         most = 2 * REACH * probe.cells.n_patches
         self.refinement.refine(goal / self.correction, most)
@@ -249,12 +247,6 @@ def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
         return 0
     left = tolerance_percent / 1000 * (1 - spectral_radius)
     return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1
-
-
-def distinct_channels(reflectance: ArrayLike) -> int:
-    """Solves that (P,) or (P, C) reflectances need: columns that are equal share one."""
-    values: FloatArray = np.asarray(reflectance, dtype=np.float64)
-    return 1 if values.ndim == 1 else len(np.unique(values, axis=1).T)
 
 
 def _reasons(

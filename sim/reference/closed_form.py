@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import Face, FloatArray, Scene
+from sim.geometry.scene import Face, Scene
 
 ALIGNMENT_TOLERANCE = 1e-9
 """Sine of the angle up to which faces count as parallel or perpendicular."""
@@ -50,7 +50,7 @@ class _SharedAxis:
     """(M,) distinct differences of the grid lines of a and b [m]."""
     uniform: bool
     """True if both grids have the same pitch, so that M = lines a + lines b - 1."""
-    index: NDArray[np.intp]
+    index: IntArray
     """(cells a, cells b) place of each pair of cells after :meth:`difference`."""
 
     def difference(self, table: FloatArray, axis: int) -> FloatArray:

@@ -3,40 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sim.errors import SimulationError
+from sim.arrays import CodeArray, FloatArray
+from sim.frame.codes import checked_frame, fractional_code
 from sim.frame.model import CHANNELS, DITHER_PX, FrameModel
 from sim.frame.packed import Packed
-from sim.geometry.scene import FloatArray
 
 
-def checked_frame(model: FrameModel, codes: NDArray[np.uint8], what: str = "frame") -> NDArray[np.uint8]:
-    """Return the frame if the kernel can read, or write, it.
-
-    Raises
-    ------
-    SimulationError
-        If it is not (H, W, 3) uint8 in one piece, with the model's H and W.
-    """
-    wanted = (*model.shape, CHANNELS)
-    if not isinstance(codes, np.ndarray) or codes.dtype != np.uint8:
-        kind = getattr(codes, "dtype", type(codes).__name__)
-        raise SimulationError(f"{what}: {kind} instead of uint8; give codes 0 ... 255")
-    if codes.shape != wanted:
-        raise SimulationError(f"{what} of shape {codes.shape}; the model's pictures are {wanted}")
-    if not codes.flags.c_contiguous:
-        raise SimulationError(f"{what}: strides {codes.strides} are not those of one piece; give a contiguous copy")
-    return codes
-
-
-def reference_frame(model: FrameModel, codes: NDArray[np.uint8], gain: float = 1.0) -> NDArray[np.uint8]:
+def reference_frame(model: FrameModel, codes: CodeArray, gain: float = 1.0) -> CodeArray:
     """The projector's codes (H, W, 3) for a target's codes (H, W, 3) by the exact strategy, clamped."""
     checked_frame(model, codes)
     return coded(model, wanted_light(model, codes, gain))
 
 
-def wanted_light(model: FrameModel, codes: NDArray[np.uint8], gain: float = 1.0) -> FloatArray:
+def wanted_light(model: FrameModel, codes: CodeArray, gain: float = 1.0) -> FloatArray:
     """(3, H, W) light of the projector's channels that gives the target exactly; not clamped."""
     target = (gain * model.target_scale[:, None] * model.eotf)[
         np.arange(CHANNELS)[:, None, None], np.moveaxis(codes, 2, 0)
@@ -68,7 +48,7 @@ def seen(model: FrameModel, irradiance: FloatArray) -> FloatArray:
     )
 
 
-def coded(model: FrameModel, light: FloatArray) -> NDArray[np.uint8]:
+def coded(model: FrameModel, light: FloatArray) -> CodeArray:
     """(H, W, 3) codes of linear light (3, H, W), clamped to the projector's range; 0 where nothing is steered."""
     height, width = model.shape
     codes = np.empty((height, width, CHANNELS), dtype=np.uint8)
@@ -78,13 +58,6 @@ def coded(model: FrameModel, light: FloatArray) -> NDArray[np.uint8]:
         codes[..., channel] = np.minimum(np.floor(code + model.dither[channel][rows, columns] / 256), 255)
     codes[~model.active] = 0
     return codes
-
-
-def fractional_code(response: FloatArray, light: FloatArray) -> FloatArray:
-    """Code between two codes whose light is the wanted one, linear between them; light beyond the ends is clamped."""
-    highest = np.maximum.accumulate(response)
-    rises = np.concatenate([[True], response[1:] > highest[:-1]])
-    return np.asarray(np.interp(light, response[rises], np.flatnonzero(rises)))
 
 
 def layers(numbers: Packed) -> FloatArray:

@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import Face, FloatArray, Scene
+from sim.geometry.scene import Face, Scene
 
 ROOM_FACES = ("floor", "ceiling", "x0", "x1", "y0", "y1")
 Reflectance = float | Mapping[str, float]
@@ -145,7 +146,17 @@ def _faces(geometry: Mapping[str, Geometry], patch_size_m: float, first_patch: i
     faces = []
     for name, (origin, u, v) in geometry.items():
         columns, rows = (max(1, round(float(np.linalg.norm(edge)) / patch_size_m)) for edge in (u, v))
-        faces.append(Face(name, origin, u, v, rows, columns, first_patch))
+        faces.append(
+            Face(
+                name=name,
+                origin_m=origin,
+                edge_u_m=u,
+                edge_v_m=v,
+                rows=rows,
+                columns=columns,
+                first_patch=first_patch,
+            )
+        )
         first_patch += rows * columns
     return faces
 

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.geometry.mesh import Mesh
-from sim.geometry.scene import FloatArray
 
 ROOM_M = (4.8, 4.8, 2.4)
 HIGH_SIDE_M = 3.2
@@ -47,7 +47,7 @@ def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, re
     region = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
     vertices = np.concatenate(grids) @ turn.T
     shares = np.full(len(vertices), float(reflectance))
-    return Mesh("sloped-room", vertices, shares, convex=True, closed=True, region=region)
+    return Mesh(name="sloped-room", vertices=vertices, reflectance=shares, convex=True, closed=True, region=region)
 
 
 def grid_of_quad(corners: ArrayLike, columns: int, rows: int) -> FloatArray:
@@ -81,7 +81,7 @@ def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance
     inside = radius_m * triangles[:, [0, 2, 1, 1]]
     shares = np.full(len(inside), float(reflectance))
     region = np.arange(len(inside))
-    return Mesh("integrating-sphere", inside, shares, convex=True, closed=True, region=region)
+    return Mesh(name="integrating-sphere", vertices=inside, reflectance=shares, convex=True, closed=True, region=region)
 
 
 def wedge(angle_degrees: float, length_m: float = 1.0, widths_m: Sequence[float] = (1.0, 1.0)) -> Mesh:
@@ -100,7 +100,7 @@ def wedge(angle_degrees: float, length_m: float = 1.0, widths_m: Sequence[float]
     start, end = np.zeros(3), np.array([length_m, 0.0, 0.0])
     out = [widths_m[0] * np.array([0.0, 1.0, 0.0]), widths_m[1] * np.array([0.0, np.cos(angle), np.sin(angle)])]
     vertices = np.stack([[start, end, end + out[0], start + out[0]], [end, start, start + out[1], end + out[1]]])
-    return Mesh("wedge", vertices, np.full(2, 0.5), convex=True, region=np.arange(2))
+    return Mesh(name="wedge", vertices=vertices, reflectance=np.full(2, 0.5), convex=True, region=np.arange(2))
 
 
 def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:

@@ -10,7 +10,8 @@ from sim import _kernel
 from sim.compensation import compensate
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.frame.compensator import FrameCompensator, frame_model, reference_frame
+from sim.frame.codes import fractional_code
+from sim.frame.compensator import FrameCompensator, frame_model
 from sim.frame.packed import packed
 from sim.frame.tables import response_cubics
 from sim.geometry.optics import Lens, Pose, rays_at
@@ -19,7 +20,7 @@ from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
-from sim.reference.frame import fractional_code
+from sim.reference.frame import reference_frame
 from sim.scenes.library import ROOM_FACES, room
 
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))

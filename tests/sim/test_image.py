@@ -11,16 +11,25 @@ from sim.form_factors import form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, pixel_rays
 from sim.geometry.rays import blocked, trace
-from sim.geometry.scene import intersect, intersect_reference
+from sim.geometry.scene import intersect
 from sim.light.transport_of_scene import coaxial_transport, physical_transport
 from sim.picture import image as image_module
-from sim.picture.gather import irradiance, irradiance_reference
+from sim.picture.gather import irradiance
 from sim.picture.image import simulate_image
-from sim.picture.reconstruction import fan_values, fans, quadratic_values, quadratics
+from sim.picture.reconstruction import fans, quadratics
+from sim.reference.gather import irradiance as irradiance_reference
+from sim.reference.rays import intersect as intersect_reference
+from sim.reference.reconstruction import fan_values, quadratic_values
 from sim.scenes.library import corner, paper_room, parallel_plates, room, room_with_box
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
-BENT = Lens(64, 48, (28.0, 27.0), (30.0, 25.0), (-0.1, 0.02, 1e-3, -2e-3, 0.0))
+BENT = Lens(
+    width_px=64,
+    height_px=48,
+    focal_px=(28.0, 27.0),
+    principal_point_px=(30.0, 25.0),
+    distortion=(-0.1, 0.02, 1e-3, -2e-3, 0.0),
+)
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.3, 1.1))
 TRACED = Path(__file__).parents[1] / "data" / "path_tracer_blocks.npz"
 
@@ -30,14 +39,28 @@ def _picture(lens=LENS, seed=0):
 
 
 def _as_mesh(scene):
-    return Mesh(scene.name, scene.vertices, scene.reflectance, scene.convex, scene.closed, scene.region)
+    return Mesh(
+        name=scene.name,
+        vertices=scene.vertices,
+        reflectance=scene.reflectance,
+        convex=scene.convex,
+        closed=scene.closed,
+        region=scene.region,
+    )
 
 
 def _triangles(scene):
     a, b, c, d = np.moveaxis(scene.vertices, 1, 0)
     vertices = np.stack([np.stack([a, b, c, c], axis=1), np.stack([a, c, d, d], axis=1)], axis=1).reshape(-1, 4, 3)
     twice = [np.repeat(values, 2) for values in (scene.reflectance, scene.region)]
-    return Mesh("triangles", vertices, twice[0], scene.convex, scene.closed, twice[1])
+    return Mesh(
+        name="triangles",
+        vertices=vertices,
+        reflectance=twice[0],
+        convex=scene.convex,
+        closed=scene.closed,
+        region=twice[1],
+    )
 
 
 # Rays
@@ -308,7 +331,14 @@ def test_nothing_is_gathered_through_a_plate():
     plates = parallel_plates(patch_size_m=0.5)
     between = np.array([[-9, -9, 0.5], [9, -9, 0.5], [9, 9, 0.5], [-9, 9, 0.5]])[None]
     vertices = np.concatenate([plates.vertices, between])
-    mesh = Mesh("plates", vertices, np.full(9, 0.5), False, False, np.r_[plates.region, 2])
+    mesh = Mesh(
+        name="plates",
+        vertices=vertices,
+        reflectance=np.full(9, 0.5),
+        convex=False,
+        closed=False,
+        region=np.r_[plates.region, 2],
+    )
     bright = np.where(mesh.region == 1, 1.0, 0.0)
     points, up = np.array([[0.3, 0.4, 0.0]]), np.array([[0.0, 0.0, 1.0]])
     assert irradiance(plates, bright[:8], points, up)[0] > 0.2
@@ -321,11 +351,11 @@ def test_gathered_and_smooth_pictures_meet_as_patches_shrink():
     for size_m in (0.8, 0.4, 0.2):
         scene = paper_room(patch_size_m=size_m)
         factors = form_factors(scene)
-        gathered, smooth = (
+        final_gather, smooth = (
             simulate_image(scene, factors, lens, POSE, np.ones(lens.shape), reconstruction=kind).indirect
             for kind in ("gather", "smooth")
         )
-        differences.append(np.sqrt(((gathered / smooth - 1) ** 2).mean()))
+        differences.append(np.sqrt(((final_gather / smooth - 1) ** 2).mean()))
     assert differences[0] > 1.3 * differences[1] > 1.3**2 * differences[2]
     assert differences[2] < 0.005
 
@@ -334,7 +364,7 @@ def test_gathered_and_smooth_pictures_meet_as_patches_shrink():
 
 
 @pytest.fixture(scope="module")
-def traced():
+def hits_of_tracer():
     with np.load(TRACED) as file:
         return dict(file)
 
@@ -351,13 +381,13 @@ def _blocks(image):
         (0.1, 0.001, {"patch": 0.0025, "smooth": 0.0015}),
     ],
 )
-def test_the_picture_is_the_path_tracers(traced, patch_size_m, bias_limit, rms_limits):
-    means = traced["block_mean"]
+def test_the_picture_is_the_path_tracers(hits_of_tracer, patch_size_m, bias_limit, rms_limits):
+    means = hits_of_tracer["block_mean"]
     # The room, the pose and the white picture are symmetric, so that four blocks tell of one.
     means = (means + means[::-1] + means[:, ::-1] + means[::-1, ::-1]) / 4
-    lens = Lens.from_horizontal_field_of_view(640, 480, float(traced["horizontal_field_of_view_deg"]))
-    pose = Pose.look_at(traced["position_m"], traced["target_m"])
-    scene = paper_room(reflectance=float(traced["reflectance"]), patch_size_m=patch_size_m)
+    lens = Lens.from_horizontal_field_of_view(640, 480, float(hits_of_tracer["horizontal_field_of_view_deg"]))
+    pose = Pose.look_at(hits_of_tracer["position_m"], hits_of_tracer["target_m"])
+    scene = paper_room(reflectance=float(hits_of_tracer["reflectance"]), patch_size_m=patch_size_m)
     factors, picture = form_factors(scene), np.ones(lens.shape)
     for reconstruction, rms_limit in rms_limits.items():
         image = simulate_image(scene, factors, lens, pose, picture, reconstruction=reconstruction)
@@ -366,10 +396,10 @@ def test_the_picture_is_the_path_tracers(traced, patch_size_m, bias_limit, rms_l
         assert np.sqrt((error**2).mean()) < rms_limit
 
 
-def test_the_path_tracers_blocks_are_quiet_enough_to_judge_by(traced):
-    relative = traced["block_standard_error"] / traced["block_mean"]
+def test_the_path_tracers_blocks_are_quiet_enough_to_judge_by(hits_of_tracer):
+    relative = hits_of_tracer["block_standard_error"] / hits_of_tracer["block_mean"]
     assert np.sqrt((relative**2).mean()) < 0.001
-    assert traced["direct_deviation"] < 0.01
+    assert hits_of_tracer["direct_deviation"] < 0.01
 
 
 # Bad input
@@ -388,6 +418,12 @@ def test_wrong_choices_and_pictures_are_refused():
         simulate_image(paper_room(), factors, LENS, POSE, white)
     with pytest.raises(SimulationError, match="directions"):
         intersect(scene, (1, 1, 1), np.ones((3, 2)))
-    folding = Lens(64, 48, (28.0, 28.0), (31.5, 23.5), (-0.9, 0.0, 0.0, 0.0, 0.0))
+    folding = Lens(
+        width_px=64,
+        height_px=48,
+        focal_px=(28.0, 28.0),
+        principal_point_px=(31.5, 23.5),
+        distortion=(-0.9, 0.0, 0.0, 0.0, 0.0),
+    )
     with pytest.raises(SimulationError, match="fold the image over"):
         simulate_image(scene, factors, folding, POSE, white)

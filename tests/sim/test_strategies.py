@@ -17,7 +17,7 @@ G, D = 0.4, 0.5
 BRIGHT = np.array([0.3, 0.05])
 """A first patch so bright that the second would have to swallow light."""
 DIVERGING = 0.6
-"""Exchange at which the global light is 1.5 times the direct."""
+"""FormFactorOperator at which the global light is 1.5 times the direct."""
 
 
 def two_patches(g: float, d: float = 0.5) -> LightTransport:

@@ -54,13 +54,19 @@ def test_direct_and_global_add_up(paper_transport):
 def test_the_coupling_is_the_global_part(paper_transport):
     rng = np.random.default_rng(2)
     p, c = rng.random(LENS.n_pixels), rng.random(LENS.n_pixels)
-    assert np.allclose(paper_transport.coupling.apply(p), paper_transport.global_ @ p)
-    assert np.allclose(paper_transport.coupling.adjoint(c), paper_transport.global_.T @ c)
+    assert np.allclose(paper_transport.interreflection.apply(p), paper_transport.global_ @ p)
+    assert np.allclose(paper_transport.interreflection.adjoint(c), paper_transport.global_.T @ c)
 
 
 def test_each_pixels_flux_reaches_the_room_times_reflectance():
     scene = room((4.8, 4.8, 2.4), 0.4, {"floor": 0.2, "ceiling": 0.9, "x0": 0.5, "x1": 0.6, "y0": 0.5, "y1": 0.6})
-    lens = Lens(48, 36, (40.0, 41.0), (23.0, 18.0), (-0.05, 0.01, 0.001, 0.0, 0.0))
+    lens = Lens(
+        width_px=48,
+        height_px=36,
+        focal_px=(40.0, 41.0),
+        principal_point_px=(23.0, 18.0),
+        distortion=(-0.05, 0.01, 0.001, 0.0, 0.0),
+    )
     transport = coaxial_transport(scene, form_factors(scene), lens, POSE, "physical", "area", subsamples=1)
     received = scene.areas @ transport.emission
     assert np.allclose(received, scene.reflectance[transport.pixel_patch] / (40.0 * 41.0), rtol=1e-12)

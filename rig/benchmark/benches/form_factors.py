@@ -16,8 +16,9 @@ from rig.benchmark.references.polygon import exchange_reference, largest_relativ
 from rig.benchmark.references.room import errors_of
 from rig.benchmark.timing import median_seconds, peak_mb
 from rig.terminal import OnStep
+from sim.arrays import FloatArray
 from sim.form_factors import FormFactors, closed_form, form_factors, paper, polygon
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.scenes.library import paper_room
 from sim.scenes.meshes import sloped_room

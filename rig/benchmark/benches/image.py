@@ -12,9 +12,9 @@ from rig.benchmark import checkout, peers
 from rig.benchmark.records import Criterion, Detail, Outcome, Point, Size
 from rig.benchmark.timing import median_seconds, peak_mb
 from rig.terminal import OnStep
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
-from sim.geometry.scene import FloatArray
 from sim.picture.image import Reconstruction, SimulatedImage, simulate_image
 from sim.scenes.library import paper_room
 

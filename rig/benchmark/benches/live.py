@@ -15,7 +15,8 @@ from rig.benchmark.references.live_scene import LiveScene, live_scene, panning_f
 from rig.benchmark.timing import Work, median_seconds
 from rig.terminal import OnStep
 from sim.compensation import compensate
-from sim.frame.compensator import FrameCompensator, FrameModel, reference_frame
+from sim.frame.compensator import FrameCompensator, FrameModel
+from sim.reference.frame import reference_frame
 from sim.threads import threads
 
 Codes = NDArray[np.uint8]

@@ -11,9 +11,10 @@ from rig.benchmark import peers
 from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.benchmark.references.box import VisibleShares, partly_occluded, uncovered_share
 from rig.benchmark.timing import median_seconds, peak_mb
+from sim.arrays import FloatArray, IntArray
 from sim.form_factors import form_factors
 from sim.form_factors.factors import Visibility
-from sim.geometry.scene import FloatArray, IntArray, Scene
+from sim.geometry.scene import Scene
 from sim.scenes.library import room_with_box
 
 SEGMENTS = {"quick": 1 << 9, "default": 1 << 15, "full": 1 << 18}

@@ -14,9 +14,10 @@ from scipy.sparse.linalg import LinearOperator, bicgstab, gmres
 from rig.benchmark.records import Criterion, Detail, Outcome, Point, Size, joined
 from rig.benchmark.timing import median_seconds, peak_mb
 from rig.terminal import OnStep
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors, form_factors
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.light.radiosity import Precision, Radiosity, Solver, gauss_seidel, jacobi
 from sim.scenes.library import paper_room
 

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray, Scene
+from sim.arrays import BoolArray, FloatArray, IntArray
+from sim.geometry.scene import Scene
 
 _CLASSIFYING = 1 << 8
 """Segments that tell pairs that the box parts from those that it does not touch."""

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from skimage.transform import resize
 
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.frame.compensator import FrameModel, frame_model
 from sim.geometry.optics import Lens, Pose, rays_at
-from sim.geometry.scene import FloatArray, Hits, Scene, intersect
+from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry.scene import Face, FloatArray, IntArray, Scene
+from sim.arrays import FloatArray, IntArray
+from sim.geometry.scene import Face, Scene
 
 LongArray = NDArray[np.longdouble]
 _TAU = 8 * np.arctan(np.longdouble(1))

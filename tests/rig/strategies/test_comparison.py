@@ -129,7 +129,7 @@ def test_the_true_transport_predicts_what_the_simulated_world_shows(finished: An
     assert white.mean() == pytest.approx(modelled, rel=0.1)
     rng = np.random.default_rng(0)
     p, c = rng.uniform(size=transport.shape[1]), rng.uniform(size=transport.shape[0])
-    assert c @ transport.coupling.apply(p) == pytest.approx(p @ transport.coupling.adjoint(c), rel=1e-9)
+    assert c @ transport.interreflection.apply(p) == pytest.approx(p @ transport.interreflection.adjoint(c), rel=1e-9)
     assert c @ (transport @ p) == pytest.approx(p @ transport.rmatvec(c), rel=1e-4)
 
 

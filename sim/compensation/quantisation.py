@@ -5,22 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from sim.arrays import CodeArray, FloatArray
 from sim.compensation.result import prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 GAMMA_2_2 = np.linspace(0.0, 1.0, 256) ** 2.2
 """Light of 256 codes of a common projector."""
 
 
-@dataclass(frozen=True, eq=False)
-class Quantised:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class QuantisedImage:
     """A projector image in codes, and what it gives; images are shaped as the projector image was."""
 
-    codes: NDArray[np.uint8]
+    codes: CodeArray
     light: FloatArray
     """Light of the codes."""
     predicted: FloatArray
@@ -31,23 +31,32 @@ class Quantised:
     """Root mean square of T light - T p: what the levels add."""
 
 
-def quantised(
+def quantise(
     transport: Transport,
     target: ArrayLike,
     projector_image: ArrayLike,
+    *,
     levels: ArrayLike = GAMMA_2_2,
     seed: int | None = None,
-) -> Quantised:
+) -> QuantisedImage:
     """Put a projector image into codes and predict the camera image of these.
 
     Parameters
     ----------
-    target, projector_image
-        (n,) or (n, C), of one shape; what a strategy took and gave.
-    levels
-        (256,) light of each code, not falling.
-    seed
-        As in :func:`codes_of`.
+    transport : LightTransport or ColourTransport
+        Of the projector's view.
+    target : (n,) or (n, C) array
+        Camera image wanted.
+    projector_image : (n,) or (n, C) array
+        What a strategy gave for it.
+    levels : (256,) array
+        Light of each code, not falling.
+    seed : int, optional
+        As in :func:`to_codes`.
+
+    Returns
+    -------
+    QuantisedImage
 
     Raises
     ------
@@ -56,21 +65,37 @@ def quantised(
     """
     table = _checked(levels)
     p = np.asarray(projector_image, dtype=np.float64)
-    task = prepare(transport, target, float(table[0]), float(table[-1]))
-    if p.size != task.target.size:
-        raise SimulationError(f"projector image of shape {p.shape} for a target of {task.target.size} values")
-    codes = codes_of(p, table, seed)
+    problem = prepare(transport, target, float(table[0]), float(table[-1]))
+    if p.size != problem.target.size:
+        raise SimulationError(f"projector image of shape {p.shape} for a target of {problem.target.size} values")
+    codes = to_codes(p, table, seed)
     light = table[codes]
-    seen, ideal = (task.view.forward(image.reshape(task.target.shape)) for image in (light, p))
-    residual, added = (float(np.sqrt(np.mean((seen - other) ** 2))) for other in (task.target, ideal))
-    return Quantised(codes, light, seen.reshape(p.shape), residual, added)
+    seen, ideal = (problem.transport.forward(image.reshape(problem.target.shape)) for image in (light, p))
+    residual, added = (float(np.sqrt(np.mean((seen - other) ** 2))) for other in (problem.target, ideal))
+    return QuantisedImage(
+        codes=codes, light=light, predicted=seen.reshape(p.shape), residual_rms=residual, added_rms=added
+    )
 
 
-def codes_of(light: FloatArray, levels: ArrayLike = GAMMA_2_2, seed: int | None = None) -> NDArray[np.uint8]:
-    """Codes of linear light of any shape.
+def to_codes(light: FloatArray, levels: ArrayLike = GAMMA_2_2, seed: int | None = None) -> CodeArray:
+    """Return the codes of linear light.
 
     With a seed, a value between two levels is rounded at random so that its mean is right: patches, which add up many
     pixels, then get the light that was computed. Without, to the nearest level.
+
+    Parameters
+    ----------
+    light : array of any shape
+        Linear light in the unit of the levels; what lies beyond them is clamped.
+    levels : (256,) array
+        Light of each code, not falling.
+    seed : int, optional
+        Of the random rounding.
+
+    Returns
+    -------
+    array of uint8
+        Shaped as the light.
 
     Raises
     ------
