@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.gray import CodeName
-from calibration.structured_light.patterns import flat, gray_code_patterns
+from calibration.structured_light.gray import CodeName, gray_code_patterns
+from calibration.structured_light.patterns import flat
 from rig import Rig, open_rig
 from rig.devices.simulated.devices import SimulatedCamera
 from rig.devices.simulated.optics import directions, pixels_of

@@ -166,7 +166,7 @@ def test_the_layers_are_kept(copied_tree: Path) -> None:
     ("file", "line"),
     [
         ("sim/geometry/scene.py", "import rig.errors"),
-        ("sim/geometry/scene.py", "import calibration.records"),
+        ("sim/geometry/scene.py", "import calibration.errors"),
         ("calibration/structured_light/decode.py", "import sim.errors"),
         ("calibration/structured_light/decode.py", "import os"),
         ("rig/devices/clock.py", "import rig.capture.rig"),
@@ -174,6 +174,8 @@ def test_the_layers_are_kept(copied_tree: Path) -> None:
         ("rig/files/atomic.py", "import rig.profile.schema"),
         ("rig/truth/scores.py", "import rig.report.page"),
         ("sim/geometry/surface.py", "import sim.light.radiosity"),
+        ("calibration/radiometry/mixing.py", "import calibration.structured_light.decode"),
+        ("calibration/geometry/pinhole.py", "import calibration.light.separation"),
     ],
 )
 def test_a_planted_wrong_import_is_found(copied_tree: Path, file: str, line: str) -> None:

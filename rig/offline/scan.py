@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import (
     PixelPairs,
     Triangulation,
@@ -15,7 +18,7 @@ from calibration.geometry.triangulation import (
     stands_alone,
     triangulate,
 )
-from calibration.records import CalibrationError, Correspondence, FloatArray, PinholeModel, PixelReason
+from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.decode import decode_gray
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError

@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate
-from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
+from calibration.structured_light.correspondence import Correspondence, PixelReason
 
 
 def device(
@@ -37,7 +39,7 @@ def seen_by(model: PinholeModel, points_m: np.ndarray) -> np.ndarray:
     cx, cy = model.principal_point_px
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     vector = cv2.Rodrigues(model.rotation)[0]
-    image = cv2.projectPoints(points_m, vector, model.translation_m, matrix, np.array(model.distortion))[0]
+    image = cv2.projectPoints(points_m, vector, model.translation_m, matrix, distCoeffs=np.array(model.distortion))[0]
     return np.asarray(image).reshape(-1, 2)
 
 

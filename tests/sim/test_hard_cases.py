@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.structured_light.decode import PixelReason, decode_gray
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.correspondence import PixelReason
+from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.gray import gray_code_patterns
 from sim.compensation import STRATEGIES, compensate
 from sim.errors import SimulationError
 from sim.form_factors import form_factors

@@ -13,7 +13,7 @@ import OpenImageIO as oiio  # noqa: N813 - the library's own documentation calls
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from calibration.records import PinholeModel
+from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.gray import bits_for
 from rig.errors import DeviceLost, ProfileError
 from rig.files.toml import parse_toml, validate

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.gray import gray_code_patterns
 from rig.errors import CalibrationFailed, DeviceLost, ProfileError
 from rig.files.ply import read_ply, write_ply
 from rig.offline.scan import run_scan

@@ -5,15 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from calibration.errors import CalibrationError
+from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
 from calibration.radiometry.response import (
+    Response,
     codes_from_linear,
     fit_camera_response,
     fit_channel_responses,
-    fit_noise_model,
     fit_projector_response,
     linear_from_codes,
 )
-from calibration.records import CalibrationError, Response
 
 FULL_SCALE_DN = 4031.0
 FULL_WELL_E = 32000.0
@@ -86,9 +87,10 @@ def test_exposures_that_the_camera_did_not_make_are_noticed() -> None:
         fit_camera_response(first, SWEEP**0.2, FULL_SCALE_DN)
 
 
-def test_gain_and_read_noise_come_from_two_frames_of_the_same_light() -> None:
+@pytest.mark.parametrize("rounds", [0, 5])
+def test_gain_and_read_noise_come_from_two_frames_of_the_same_light(rounds: int) -> None:
     first, second = exposed(linear, SWEEP, n=40000)
-    noise = fit_noise_model(first, second, 0.9 * FULL_SCALE_DN)
+    noise = fit_photon_transfer(transfer_points(first, second, range_dn=(0, 0.9 * FULL_SCALE_DN)), rounds=rounds)
     assert noise.gain_e_per_dn == pytest.approx(FULL_WELL_E / FULL_SCALE_DN, rel=0.02)
     # Rounding adds 1/12 dn² to each frame.
     expected_dn = np.sqrt((READ_NOISE_E * FULL_SCALE_DN / FULL_WELL_E) ** 2 + 1 / 12)
@@ -100,7 +102,7 @@ def test_frames_without_shot_noise_are_named() -> None:
     light = rng.uniform(100, 3000, (1, 20000))
     frames = light + rng.normal(size=(2, *light.shape)) * (5 - light / 1000)
     with pytest.raises(CalibrationError, match="noise does not grow"):
-        fit_noise_model(frames[0], frames[1], 3900)
+        fit_photon_transfer(transfer_points(frames[0], frames[1], range_dn=(0, 3900)))
 
 
 def projector(codes: np.ndarray) -> np.ndarray:
