@@ -140,10 +140,10 @@ def test_a_recording_has_every_file_its_journal_names_and_how_it_ended(tmp_path:
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(path: Path, data: bytes) -> None:
+    def refuse(*_: object) -> None:
         raise SessionError("the disk is full")
 
-    monkeypatch.setattr(record, "write_bytes", refuse)
+    monkeypatch.setattr(record, "write_png", refuse)
     result = run_live(request(record=tmp_path / "record"), silent, quiet)
     assert result["ended_by"] == "time"
     assert result["recorded"]["frames"] == 0
