@@ -93,5 +93,10 @@ def light_latency(profile: Profile, compensators: Mapping[str, Compensator], con
     rig = Rig(with_generous_latency(profile), *make_devices(profile))
     rate_hz = profile.projector.refresh_rate_hz
     slot = FrameMailbox(rig.projector.shape, 1 / rate_hz, rig.clock)
-    loop = LiveLoop(LoopArguments(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
+    loop = LiveLoop(
+        LoopArguments(
+            projector=rig.projector, feed=slot, compensators=compensators, clock=rig.clock, refresh_rate_hz=rate_hz
+        ),
+        controls,
+    )
     return measure_light_latency(rig, LivePath(rig.projector, slot, loop, rig.clock))

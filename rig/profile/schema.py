@@ -214,7 +214,7 @@ class Profile(_Table):
     pjlink: Pjlink | None = None
     lightcrafter: LightCrafter | None = None
     simulation: SimulationSettings | None = None
-    """The simulated truth; only the simulated pair, the virtual rig and the scoring of results may look at it."""
+    """The simulated truth; only the simulated pair, the emulated rig and the scoring of results may look at it."""
 
     _raw: bytes = PrivateAttr(default=b"")
     _path: Path = PrivateAttr(default=Path())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibration.structured_light.gray import gray_code_patterns
-from rig.files.images import write_png
+from rig.files.pictures import write_png
 from rig.profile.schema import load_profile
 
 ROOT = Path(__file__).parents[2]

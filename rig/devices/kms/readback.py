@@ -26,7 +26,7 @@ _TO_RGB = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Shown:
     """Which part of which framebuffer is on screen."""
 
@@ -151,7 +151,13 @@ class Readback:
         if not (controller.mode_valid and controller.framebuffer and self._is_active(card, controller_id)):
             return None
         mode = controller.mode
-        return _Shown(controller.framebuffer, controller.x, controller.y, mode.width, mode.height)
+        return _Shown(
+            framebuffer=controller.framebuffer,
+            x_px=controller.x,
+            y_px=controller.y,
+            width_px=mode.width,
+            height_px=mode.height,
+        )
 
     def _is_active(self, card: Card, controller_id: int) -> bool:
         if controller_id not in self._active:

@@ -17,7 +17,7 @@ from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame, Shown, signature_of
 from rig.devices.replay.photographs import Manifest, grey, read_photograph
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
-from rig.files.images import read_exr
+from rig.files.exr import read_exr
 from rig.files.journal import JOURNAL_NAME, corrupt_line, read_events
 
 Pixels = NDArray[np.uint16]

@@ -36,7 +36,7 @@ _LEAST_INTERVAL = 0.85
 """Of the exposure, between frames whose time stamps jitter."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Opened:
     """Everything that exists while the camera is open."""
 
@@ -134,7 +134,11 @@ class V4l2Camera:
         channels = self._shape[2]
         known_format = pixel_format(self._format_name, channels=channels, bit_depth=self._bit_depth)
         wishes = RequestedSettings(
-            self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls
+            shape=self._shape,
+            pixel_format=known_format,
+            frame_rate_hz=self._frame_rate_hz,
+            exposure_range_s=self._exposure_range_s,
+            controls=self._controls,
         )
         self._opened = self._set_up(find_camera(self.device_id), wishes)
         with ExitStack() as undo:
@@ -165,7 +169,16 @@ class V4l2Camera:
                 clock=self._clock,
             )
             stream.start()
-            return _Opened(node, stream, frames, period_s, settings, exposure, exposure_s, undo.pop_all())
+            return _Opened(
+                node=node,
+                stream=stream,
+                frames=frames,
+                period_s=period_s,
+                settings=settings,
+                exposure=exposure,
+                exposure_s=exposure_s,
+                undo=undo.pop_all(),
+            )
 
     def _see_first_frames(self, opened: _Opened) -> None:
         for _ in range(_FIRST_FRAMES):
@@ -215,7 +228,9 @@ class V4l2Camera:
         opened.valid_from_s = self._clock.now_s()
         ratio = got / opened.steps if opened.is_settled else 1.0
         opened.exposure_s, opened.is_settled = got * EXPOSURE_STEP_S, False
-        settling = Settling(before.pixels, ratio, self.full_scale_dn, opened.slowest_frames)
+        settling = Settling(
+            before=before.pixels, ratio=ratio, full_scale_dn=self.full_scale_dn, unmeasured_frames=opened.slowest_frames
+        )
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)

@@ -20,7 +20,7 @@ _JITTER_SHARE = 0.75
 """Of a frame period."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Seen:
     """What came while a frame was waited for."""
 

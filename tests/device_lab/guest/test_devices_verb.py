@@ -16,11 +16,11 @@ from rig.devices.clock import SystemClock
 from rig.devices.kms.master import master_is_free
 from rig.devices.usb.permissions import udev_rule
 from rig.devices.v4l2.find import find_cameras
-from rig.emulated.test_pictures import PatternSource
 from rig.emulated.usbip.attach import attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.profile.schema import load_profile
 from tests.device_lab.guest.rights import as_nobody
+from tests.rig.emulated.numbered_pictures import PatternSource
 
 Capture = pytest.CaptureFixture[str]
 CLOCK = SystemClock()

@@ -6,16 +6,16 @@ from pathlib import Path
 from uuid import UUID
 
 import pytest
+import usb.core
 
 from rig.devices.clock import SystemClock
 from rig.devices.lightcrafter.controller import LightCrafter, open_lightcrafter
 from rig.devices.lightcrafter.protocol import PRODUCT_ID, VENDOR_ID, DisplayMode, Pattern, Run
 from rig.devices.usb.extension_unit import VendorControls, extension_units_of, vendor_controls
 from rig.devices.usb.find import FoundUsbDevice, find_usb_devices
-from rig.devices.usb.handle import open_usb_device, places_by_libusb
-from rig.devices.usb.hid import HidrawTransport, LibusbTransport, find_hid_device, hidraw_node
+from rig.devices.usb.handle import libusb, open_usb_device
+from rig.devices.usb.hid import LibusbTransport, find_hid_device, hidraw_node, open_hid
 from rig.devices.usb.reset import reset_usb_device
-from rig.emulated.test_pictures import PatternSource
 from rig.emulated.usbip.attach import Attachment, attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.emulated.uvc.descriptors import EXTENSION_GUID
@@ -23,6 +23,7 @@ from rig.errors import DeviceBusy, DeviceForbidden, DeviceLost, SettingRefused
 from tests.device_lab.guest.rights import as_nobody
 from tests.rig.devices.lightcrafter.emulated_controller import LightCrafterEmulation
 from tests.rig.devices.lightcrafter.emulated_usb import LightCrafterUsb
+from tests.rig.emulated.numbered_pictures import PatternSource
 
 REGISTER, FIRMWARE = 1, 2
 CLOCK = SystemClock()
@@ -103,7 +104,8 @@ def test_libusb_sees_what_sysfs_sees_and_can_take_a_hid_interface(
     places = {
         (int(each.node.parent.name), int(each.node.name), each.vendor_id, each.product_id) for each in devices.values()
     }
-    assert places <= places_by_libusb()
+    listed = usb.core.find(find_all=True, backend=libusb())
+    assert places <= {(each.bus, each.address, each.idVendor, each.idProduct) for each in listed}
     assert open_usb_device(devices["LAB1"]).serial_number == "LAB1"
     with as_nobody(), pytest.raises(DeviceForbidden, match=r"70-procam-rig-1209-0001\.rules"):
         open_usb_device(devices["LAB1"])
@@ -174,7 +176,7 @@ def test_a_lightcrafter_is_set_up_whole_over_hidraw(
     lightcrafter.prepare_video((80, 90, 100))
     assert (registers.gamma, registers.led_currents) == (0, bytes([175, 165, 155]))
     lightcrafter.set_trigger_out_1(0.0, 1e-6)
-    patterns = [Pattern(number, 1) for number in range(24)]
+    patterns = [Pattern(number=number, bit_depth=1) for number in range(24)]
     lightcrafter.set_up_patterns(patterns, exposure_us=400, frame_period_us=690, refresh_rate_hz=60.0)
     lightcrafter.run(Run.START)
     assert (registers.mode, registers.running) == (1, 2)
@@ -221,5 +223,5 @@ def test_a_second_program_is_told_that_the_first_holds_it(
 
 def test_another_user_is_told_the_rule_for_hidraw(controller: tuple[LightCrafterEmulation, Attachment]) -> None:
     with as_nobody(), pytest.raises(DeviceForbidden, match="hidraw") as caught:
-        HidrawTransport(find_hid_device(VENDOR_ID, PRODUCT_ID))
+        open_hid(find_hid_device(VENDOR_ID, PRODUCT_ID))
     assert "70-procam-rig-0451-6401.rules" in str(caught.value)

@@ -9,9 +9,9 @@ import pytest
 import usb.core
 
 from rig.devices.v4l2.find import find_cameras
-from rig.emulated.test_pictures import FULL_SCALES, MEDIUM_EXPOSURE_S, PatternSource, encode_picture, read_number
 from rig.emulated.usbip.attach import attach
-from rig.emulated.uvc.camera import FrameRequest, Transport, UvcCamera
+from rig.emulated.uvc.camera import FrameRequest, UvcCamera
+from rig.emulated.uvc.descriptors import Transport
 from rig.errors import DeviceError, DeviceForbidden
 from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.guest.virtual_camera import (
@@ -24,6 +24,13 @@ from tests.device_lab.guest.virtual_camera import (
     plugging,
     run,
     wait_for,
+)
+from tests.rig.emulated.numbered_pictures import (
+    FULL_SCALES,
+    MEDIUM_EXPOSURE_S,
+    PatternSource,
+    encode_picture,
+    read_number,
 )
 
 ALL_FORMATS = tuple(FULL_SCALES)
@@ -96,7 +103,11 @@ def test_frames_of_every_format_arrive_with_exactly_their_bytes(
     numbers = [read_number(picture_of(frame, fourcc)) for frame in frames]
     assert numbers == sorted(set(numbers))
     for number, frame in zip(numbers, frames, strict=True):
-        expected = PatternSource().picture(FrameRequest(fourcc, WIDTH, HEIGHT, 0.0, 0.01, 1.0, number))
+        expected = PatternSource().picture(
+            FrameRequest(
+                fourcc=fourcc, width_px=WIDTH, height_px=HEIGHT, started_s=0.0, exposure_s=0.01, gain=1.0, number=number
+            )
+        )
         assert frame == encode_picture(expected, fourcc)
 
 

@@ -13,9 +13,9 @@ import pytest
 from rig.devices.protocols import RawFrame
 from rig.devices.v4l2.camera import V4l2Camera
 from rig.devices.v4l2.find import find_cameras
-from rig.emulated.test_pictures import MEDIUM_EXPOSURE_S, read_number
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, SettingRefused
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging, run, wait_for
+from tests.rig.emulated.numbered_pictures import MEDIUM_EXPOSURE_S, read_number
 
 pytestmark = pytest.mark.timeout(60)
 EXPOSURE_MODE, EXPOSURE, GAIN = (1, 2), (1, 4), (2, 4)

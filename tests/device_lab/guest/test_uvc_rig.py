@@ -13,11 +13,11 @@ import pytest
 from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.devices.v4l2.camera import V4l2Camera
-from rig.emulated.test_pictures import PatternSource, encode_picture, read_number
 from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.profile.schema import load_profile
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
+from tests.rig.emulated.numbered_pictures import PatternSource, encode_picture, read_number
 
 pytestmark = pytest.mark.timeout(90)
 LAMP_SHAPE = (12, 16)

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from rig.devices.clock import SystemClock
 from rig.emulated.faults import Faults
-from rig.emulated.test_pictures import PatternSource
 from rig.emulated.usbip.attach import Attachment, attach
-from rig.emulated.uvc.camera import UvcCamera, video_formats
+from rig.emulated.uvc.camera import UvcCamera
+from rig.emulated.uvc.descriptors import video_formats
+from tests.rig.emulated.numbered_pictures import PatternSource
 
 CLOCK = SystemClock()
 WIDTH, HEIGHT = 320, 240

@@ -10,8 +10,9 @@ from scipy.spatial import cKDTree
 
 from calibration.structured_light.gray import gray_code_patterns
 from rig.errors import CalibrationFailed, DeviceLost, ProfileError
-from rig.files.ply import read_ply, write_ply
+from rig.files.ply import write_ply
 from rig.offline.scan import run_scan
+from tests.point_clouds import read_ply
 
 ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("PROCAM_RIG_DATA", ROOT.parent / "shared" / "data"))

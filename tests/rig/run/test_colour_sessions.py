@@ -15,7 +15,7 @@ from rig.capture.devices import simulated_world_of, simulated_worlds_of
 from rig.capture.rig import open_rig
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.channels import image_of
-from rig.files.images import write_png
+from rig.files.pictures import write_png
 from rig.live.model import black_at_pixels, session_model
 from rig.profile.schema import load_profile
 from rig.run import script as verbs

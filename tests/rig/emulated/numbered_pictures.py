@@ -11,6 +11,7 @@ from rig.devices.protocols import Clock
 from rig.emulated.uvc.camera import FrameRequest
 
 FULL_SCALES = {"GREY": 255, "RGGB": 255, "YUYV": 255, "MJPG": 255, "Y10 ": 1023, "Y12 ": 4095, "Y16 ": 65535}
+"""Written out, and not read from the drivers' table of pixel formats, which these pictures are to hold to account."""
 NUMBER_BITS = 16
 SQUARE_PX = 16
 """Side of a square that stands for one bit of the frame's number, at the picture's top left, lowest bit first."""

@@ -10,7 +10,8 @@ import pytest
 
 from rig.errors import SessionError, UsageError
 from rig.files import atomic
-from rig.files.images import read_exr, read_picture, write_exr, write_png
+from rig.files.exr import read_exr, write_exr
+from rig.files.pictures import cover, read_codes, read_picture, write_png
 
 
 def random_generator() -> np.random.Generator:
@@ -151,3 +152,22 @@ def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(SessionError, match=r"cannot write .*p\.png"):
         write_png(tmp_path / "file" / "p.png", np.zeros((2, 2), np.uint8))
+
+
+def test_codes_for_a_display_are_the_upper_eight_bits_in_three_channels(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "p.png"), np.array([[0, 257 * 100 + 3, 65535]], dtype=np.uint16))
+    np.testing.assert_array_equal(read_codes(tmp_path / "p.png"), [[[0] * 3, [100] * 3, [255] * 3]])
+    write_exr(tmp_path / "p.exr", {"Y": np.ones((2, 2), np.float32)})
+    with pytest.raises(UsageError, match="8 or 16 bits"):
+        read_codes(tmp_path / "p.exr")
+
+
+@pytest.mark.parametrize("shape", [(30, 40), (8, 90), (90, 8), (5, 5)])
+def test_a_picture_of_any_size_covers_a_shape_and_its_middle_stays_in_the_middle(shape: tuple[int, int]) -> None:
+    picture = np.zeros((*shape, 3), np.uint8)
+    picture[shape[0] // 2 - 1 : shape[0] // 2 + 2, shape[1] // 2 - 1 : shape[1] // 2 + 2] = 255
+    fitted = cover(picture, (30, 40), cv2.INTER_LINEAR)
+    assert fitted.shape == (30, 40, 3)
+    y, x = np.nonzero(fitted[..., 0])
+    assert abs(y.mean() - 15) < 3
+    assert abs(x.mean() - 20) < 3
