@@ -18,8 +18,8 @@ from rig.profile import load_profile
 from rig.virtual.test_source import PatternSource, encode_picture, read_number
 from rig.virtual.uvc_camera import FrameRequest
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
+from tests.device_lab.waiting import GENEROUS_S
 
-pytestmark = pytest.mark.timeout(90)
 LAMP_SHAPE = (12, 16)
 EXPOSURE_S = 0.01
 PROFILE = """
@@ -192,7 +192,7 @@ def test_a_sequence_goes_on_at_the_missing_frame_when_the_camera_returns_under_a
     lab.lamp.on_show = pull_the_cable
     with before.node.open("rb"), lab.rig() as rig:
         seen = shoot_levels(rig)
-        replugging.join(30)
+        replugging.join(GENEROUS_S)
         assert seen == pytest.approx(LEVELS, abs=1)
         assert {"unplugged", "replugged"} <= set(kinds_of(rig))
     assert after[0].node != before.node
