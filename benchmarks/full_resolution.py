@@ -14,15 +14,15 @@ from scipy.sparse import csr_array, diags_array
 from skimage.data import astronaut
 from skimage.transform import resize
 
-from sim.colour import ColourTransport
 from sim.compensation import compensate
 from sim.form_factors import form_factors
-from sim.light_transport import LightTransport
-from sim.optics import Lens, Pose, rays_at
-from sim.radiosity import Radiosity
-from sim.scene import intersect
-from sim.scenes import room
-from sim.transport import coaxial_transport, smooth_view
+from sim.geometry.optics import Lens, Pose, rays_at
+from sim.geometry.scene import intersect
+from sim.light.colour import ColourTransport
+from sim.light.radiosity import Radiosity
+from sim.light.transport import LightTransport
+from sim.light.transport_of_scene import coaxial_transport, smooth_view
+from sim.scenes.library import room
 
 POSE = Pose.look_at((1.15, 1.15, 1.25), (2.15, 2.15, 1.0))
 REFLECTANCES = (0.7, 0.65, 0.55)

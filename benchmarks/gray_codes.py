@@ -1,7 +1,8 @@
 """How often each Gray code is misread in the closed, bright simulated room: python benchmarks/gray_codes.py [PROFILE].
 
 Both codes are photographed on the same simulated rig (noise, blur, interreflection) and decoded with the same
-limits; every pixel that the decoder calls valid is compared with the projector pixel that the bench's geometry says.
+limits; every pixel that the decoder calls valid is compared with the projector pixel that the
+simulated world's geometry says.
 """
 
 from __future__ import annotations
@@ -12,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.decode import decode_gray
-from calibration.gray import CodeName
-from calibration.patterns import flat, gray_code_patterns
+from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.gray import CodeName
+from calibration.structured_light.patterns import flat, gray_code_patterns
 from rig import Rig, open_rig
-from rig.devices.bench import Bench
-from rig.devices.bench_optics import directions, pixels_of
-from rig.devices.bench_room import trace
-from rig.devices.simulated import SimulatedCamera
+from rig.devices.simulated.devices import SimulatedCamera
+from rig.devices.simulated.optics import directions, pixels_of
+from rig.devices.simulated.room import trace
+from rig.devices.simulated.world import SimulatedWorld
 
 FloatArray = NDArray[np.float64]
 _SIGMAS = 2.0
@@ -40,8 +41,8 @@ class Reading:
 
 
 def read_code(rig: Rig, code: CodeName) -> Reading:
-    """Photograph, decode, compare with the bench."""
-    bench = bench_of(rig)
+    """Photograph, decode, compare with the simulated world."""
+    world = simulated_world_of(rig)
     shape = rig.projector.shape
     frames = {
         pattern.name: rig.shoot(pattern.codes, name=pattern.name).pixels[..., 0]
@@ -50,30 +51,30 @@ def read_code(rig: Rig, code: CodeName) -> Reading:
     white, black = (rig.shoot(flat(shape, c).codes, name=f"flat-{c}").pixels[..., 0] for c in (255, 0))
     limit = _SIGMAS * np.sqrt(2) * _noise_dn(rig, white, black)
     found = decode_gray(frames, shape, white=white, black=black, contrast_limit=limit, bit_limit=limit, code=code)
-    error = np.linalg.norm(found.projector_xy_px - true_projector_xy(bench), axis=-1)[found.valid]
+    error = np.linalg.norm(found.projector_xy_px - true_projector_xy(world), axis=-1)[found.valid]
     wrong = error > _WRONG_PX
     median = float(np.median(error[wrong])) if wrong.any() else 0.0
     return Reading(code, float(found.valid.mean()), float(wrong.mean()), median, float(error.max()))
 
 
-def bench_of(rig: Rig) -> Bench:
+def simulated_world_of(rig: Rig) -> SimulatedWorld:
     """The truth behind a simulated rig."""
     if not isinstance(rig.camera, SimulatedCamera):
         raise SystemExit("only a simulated rig knows the truth; give a profile with driver = 'simulated'")
-    return rig.camera.bench
+    return rig.camera.world
 
 
-def true_projector_xy(bench: Bench) -> FloatArray:
-    """(H, W, 2) projector pixel that each camera pixel's centre sees, by the bench's own geometry."""
-    height, width = bench.camera.shape
+def true_projector_xy(world: SimulatedWorld) -> FloatArray:
+    """(H, W, 2) projector pixel that each camera pixel's centre sees, by the simulated world's own geometry."""
+    height, width = world.camera.shape
     grid = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float64)
-    surface = trace(bench.room, bench.camera.position_m, directions(bench.camera, grid))
-    return np.asarray(pixels_of(bench.projector, surface.points_m))
+    surface = trace(world.room, world.camera.position_m, directions(world.camera, grid))
+    return np.asarray(pixels_of(world.projector, surface.points_m))
 
 
 def _noise_dn(rig: Rig, white: NDArray[np.uint16], black: NDArray[np.uint16]) -> FloatArray:
-    """(H, W) standard deviation of a half-lit frame, from the bench's sensor."""
-    sensor = bench_of(rig).settings.camera
+    """(H, W) standard deviation of a half-lit frame, from the simulated world's sensor."""
+    sensor = simulated_world_of(rig).settings.camera
     gain = sensor.full_well_e / (rig.camera.full_scale_dn - sensor.black_level_dn)
     level = np.maximum((white / 2 + black / 2) - sensor.black_level_dn, 0)
     return np.asarray(np.sqrt(level / gain + (sensor.read_noise_e / gain) ** 2 + 1 / 12))

@@ -24,9 +24,9 @@ from rich.console import Console
 from rich.progress import Progress
 
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
-from sim.radiosity import Radiosity
-from sim.scene import FloatArray, Scene
-from sim.scenes import furnished_room
+from sim.geometry.scene import FloatArray, Scene
+from sim.light.radiosity import Radiosity
+from sim.scenes.library import furnished_room
 
 Row = dict[str, float]
 SIZES = (12_500, 25_000, 50_000, 100_000)

@@ -1,6 +1,6 @@
 """What a path tracer makes of the paper's room: python benchmarks/path_tracer.py [--runs 16] [--spp 256] [--out FILE].
 
-Mitsuba 3 renders the coaxial picture that ``sim.image`` computes (paper convention, white image, rho 0.7) and
+Mitsuba 3 renders the coaxial picture that ``sim.picture.image`` computes (paper convention, white image, rho 0.7) and
 leaves the means of its 16 x 16-pixel blocks, their standard error from the spread of the runs, and its times in a
 small file: tests/data/path_tracer_blocks.npz came from here.
 
@@ -25,9 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.optics import Lens, Pose, pixel_rays
-from sim.scene import intersect
-from sim.scenes import paper_room
+from sim.geometry.optics import Lens, Pose, pixel_rays
+from sim.geometry.scene import intersect
+from sim.scenes.library import paper_room
 
 FloatArray = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 
 import sys
 
+from rig.offline.simulate import Request, run_simulate
 from rig.terminal import silent
-from rig.workflows.simulate import Request, run_simulate
-from sim.catalogue import SURFACES
+from sim.scenes.catalogue import SURFACES
 
 COLUMNS = "scene          tol %  patches  error est  actual    max   s est  actual   MB est  actual  verdict"
 

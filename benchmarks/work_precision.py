@@ -24,8 +24,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from rig.report.bench import duration
-from rig.workflows.bench import BENCHES, run_bench
+from rig.benchmark import BENCHES, run_bench
+from rig.benchmark.tables import duration
 
 Record = Mapping[str, Any]
 FOLDER = Path(__file__).parents[1] / "docs" / "benchmarks"

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.patterns import Codes
 from calibration.records import BoolArray, CalibrationError, Correspondence, Float32Array
+from calibration.structured_light.patterns import Codes
 
 MARGIN_PX = 2
 """Projector pixels next to a check's edge that count as neither fully lit nor fully unlit."""

@@ -8,6 +8,7 @@ A script opens a session and a rig and calls the verbs of the command line one a
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rig.capture.rig import Rig, open_rig
     from rig.errors import (
         CalibrationFailed,
         CaptureTimeout,
@@ -21,10 +22,9 @@ if TYPE_CHECKING:
         SettingRefused,
         UsageError,
     )
-    from rig.pair import Rig, open_rig
-    from rig.profile import load_profile
+    from rig.profile.schema import load_profile
+    from rig.run.script import calibrate, compare, compensate, model, separate, write_report
     from rig.session import Session
-    from rig.workflows.verbs import calibrate, compare, compensate, model, separate, write_report
 
 __all__ = [
     "CalibrationFailed",

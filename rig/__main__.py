@@ -16,7 +16,7 @@ def main() -> None:
 
 def _status(arguments: list[str]) -> int:
     try:
-        from rig.cli import run_command  # here, so that Ctrl-C during the import is quiet too
+        from rig.cli.app import run_command  # here, so that Ctrl-C during the import is quiet too
 
         status = run_command(arguments)
         sys.stdout.flush()

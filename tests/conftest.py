@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.profile import Profile, load_profile
+from rig.profile.schema import Profile, load_profile
 
 ROOT = Path(__file__).parents[1]
 

@@ -95,11 +95,15 @@ def test_the_layers_are_kept(copied_tree: Path) -> None:
 @pytest.mark.parametrize(
     ("file", "line"),
     [
-        ("sim/scene.py", "import rig.errors"),
-        ("sim/scene.py", "import calibration.records"),
-        ("calibration/decode.py", "import sim.errors"),
-        ("calibration/decode.py", "import os"),
-        ("rig/devices/clock.py", "import rig.pair"),
+        ("sim/geometry/scene.py", "import rig.errors"),
+        ("sim/geometry/scene.py", "import calibration.records"),
+        ("calibration/structured_light/decode.py", "import sim.errors"),
+        ("calibration/structured_light/decode.py", "import os"),
+        ("rig/devices/clock.py", "import rig.capture.rig"),
+        ("rig/stages/target.py", "import rig.run.session"),
+        ("rig/files/atomic.py", "import rig.profile.schema"),
+        ("rig/truth/scores.py", "import rig.report.page"),
+        ("sim/geometry/surface.py", "import sim.light.radiosity"),
     ],
 )
 def test_a_planted_wrong_import_is_found(copied_tree: Path, file: str, line: str) -> None:

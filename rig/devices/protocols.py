@@ -1,7 +1,7 @@
 """What a camera, a projector and a clock are to this product: protocols, not base classes.
 
 Back ends speak device units (digital numbers, codes) and know no policy: limits, validation, retries and the
-rejection of stale frames sit once, above all of them, in :class:`rig.pair.Rig`.
+rejection of stale frames sit once, above all of them, in :class:`rig.capture.rig.Rig`.
 """
 
 from __future__ import annotations

@@ -7,18 +7,18 @@ from typing import Any
 
 import numpy as np
 
-from rig.back_ends import make_devices
+from rig.capture.devices import make_devices
+from rig.capture.rig import Rig
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.errors import UsageError
-from rig.live.compensator import Compensator
-from rig.live.controls import Controls
-from rig.live.loop import LiveLoop, Surroundings
-from rig.live.slot import Slot
-from rig.live.source import Pixels
-from rig.pair import Rig
-from rig.profile import Profile
-from rig.workflows.check.exposure import find_subject, patient
-from rig.workflows.check.latency import check_latency
+from rig.live.show.compensator import Compensator
+from rig.live.show.controls import Controls
+from rig.live.show.frame_mailbox import FrameMailbox
+from rig.live.show.loop import LiveLoop, LoopArguments
+from rig.live.sources.source import Pixels
+from rig.profile.schema import Profile
+from rig.self_check.parts.exposure import find_subject, with_generous_latency
+from rig.self_check.parts.latency import check_latency
 
 
 class LivePath:
@@ -34,7 +34,7 @@ class LivePath:
         Stepped here, in the caller's thread.
     """
 
-    def __init__(self, projector: Projector, slot: Slot, loop: LiveLoop, clock: Clock):
+    def __init__(self, projector: Projector, slot: FrameMailbox, loop: LiveLoop, clock: Clock):
         self._projector = projector
         self._slot = slot
         self._loop = loop
@@ -66,9 +66,9 @@ class LivePath:
 
 
 def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
-    """From a picture in memory to its light, over many flashes, in milliseconds; ``rig`` is closed and patient.
+    """From a picture in memory to its light, over many flashes, in milliseconds.
 
-    Raises CalibrationFailed when the camera sees nothing, DeviceError.
+    ``rig`` is closed and has a generous latency. Raises CalibrationFailed when the camera sees nothing, DeviceError.
     """
     flashing = Rig(rig.profile, rig.camera, path, rig.clock)
     with flashing:
@@ -90,8 +90,8 @@ def light_latency(profile: Profile, compensators: Mapping[str, Compensator], con
     """
     if profile.camera.driver == "replay":
         raise UsageError(f"{profile.path}: a recording has no latency; give a profile of a real or simulated rig")
-    rig = Rig(patient(profile), *make_devices(profile))
+    rig = Rig(with_generous_latency(profile), *make_devices(profile))
     rate_hz = profile.projector.refresh_rate_hz
-    slot = Slot(rig.projector.shape, 1 / rate_hz, rig.clock)
-    loop = LiveLoop(Surroundings(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
+    slot = FrameMailbox(rig.projector.shape, 1 / rate_hz, rig.clock)
+    loop = LiveLoop(LoopArguments(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
     return measure_light_latency(rig, LivePath(rig.projector, slot, loop, rig.clock))

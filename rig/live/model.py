@@ -9,20 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from rig.images import linear_of_srgb
-from rig.profile import Profile
+from rig.files.images import linear_of_srgb
+from rig.profile.schema import Profile
 from rig.session import Session
-from rig.twin import LEAST_GAIN, sample_bands
-from rig.workflows.light import Photometry
-from rig.workflows.model import RoomRecord, load_model
-from rig.workflows.photometric import load_photometry
+from rig.stages.linear_light import RadiometricCalibration
+from rig.stages.model import FittedScene, load_model
+from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.scene_model import LEAST_GAIN, sample_bands
 from sim.form_factors import form_factors
-from sim.frame import FrameModel, frame_model
-from sim.light_transport import LightTransport
-from sim.optics import Lens, Pose, project, rays_at
-from sim.scene import intersect
-from sim.scenes import room
-from sim.transport import coaxial_transport, smooth_view
+from sim.frame.compensator import FrameModel, frame_model
+from sim.geometry.optics import Lens, Pose, project, rays_at
+from sim.geometry.scene import intersect
+from sim.light.transport import LightTransport
+from sim.light.transport_of_scene import coaxial_transport, smooth_view
+from sim.scenes.library import room
 
 FloatArray = NDArray[np.float64]
 
@@ -52,13 +52,13 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     a grey camera each colour gets the same light transport, and colours are taken not to mix.
     Raises SessionError when the session's model is not finished.
     """
-    model, photometry = load_model(session), load_photometry(session)
-    transport, black = model.room.projector_transport, black_at_pixels(model, photometry)
-    tables = np.stack([np.interp(np.arange(256), each.levels, each.linear) for each in photometry.projector])
+    model, radiometric = load_model(session), load_radiometric_calibration(session)
+    transport, black = model.room.projector_transport, black_at_pixels(model, radiometric)
+    tables = np.stack([np.interp(np.arange(256), each.levels, each.linear) for each in radiometric.projector])
     grey = model.channels == 1
     frames = frame_model(
         transport.bands[0] if grey else transport,
-        model.twin.projector.lens.shape,
+        model.scene_model.projector.lens.shape,
         model.room.active,
         target_scale=model.level,
         black=black,
@@ -70,14 +70,14 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     return LiveModel(frames, f"session {session.path}", (note,) if grey else ())
 
 
-def black_at_pixels(model: RoomRecord, photometry: Photometry) -> FloatArray:
+def black_at_pixels(model: FittedScene, radiometric: RadiometricCalibration) -> FloatArray:
     """(n active, B) what the camera sees at each projector pixel while the projector shows black."""
-    twin, exposure_s = model.twin, max(photometry.black)
-    ratio = np.float32(exposure_s / photometry.reference_exposure_s)
-    black = photometry.black[exposure_s] / ratio * photometry.balance.astype(np.float32)
+    scene_model, exposure_s = model.scene_model, max(radiometric.black)
+    ratio = np.float32(exposure_s / radiometric.reference_exposure_s)
+    black = radiometric.black[exposure_s] / ratio * radiometric.balance.astype(np.float32)
     sigma = max(_BLACK_BLUR_SHARE * black.shape[1], 0.5)
     smooth = cv2.GaussianBlur(black, (0, 0), sigma).reshape(black.shape).astype(np.float64)
-    where = project(twin.camera.lens, twin.camera.pose, twin.projector_look.points_m)
+    where = project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
     # `sample` takes 0 for missing
     seen = sample_bands(np.maximum(smooth, 0.0) + 1.0, where)[model.room.active] - 1.0
     return np.where(np.isfinite(seen), seen, np.nanmedian(seen, axis=0))

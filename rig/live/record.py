@@ -12,13 +12,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from rig.atomic import write_bytes
 from rig.devices.protocols import Camera, Clock
 from rig.errors import CaptureTimeout, DeviceError, RigError, SessionError, UsageError
-from rig.images import write_exr
-from rig.journal import JOURNAL_NAME, Journal
-from rig.live.loop import ShownFrame
-from rig.live.priority import ordinary
+from rig.files.atomic import write_bytes
+from rig.files.images import write_exr
+from rig.files.journal import JOURNAL_NAME, Journal
+from rig.live.show.loop import ShownFrame
+from rig.live.show.priority import normal_priority
 
 RECORD_RATE_HZ = 5.0
 """Pictures a second that are kept, at most."""
@@ -97,7 +97,7 @@ class Recorder:
         self._journal.close()
 
     def _run(self) -> None:
-        ordinary()
+        normal_priority()
         try:
             while self._wait():
                 self._write_frame()

@@ -13,31 +13,31 @@ from typing import Any
 
 import numpy as np
 
-from rig.back_ends import make_devices
+from rig.capture.devices import make_devices
+from rig.capture.recovery import close_quietly
 from rig.devices.clock import SystemClock
 from rig.devices.protocols import Camera, Clock, Projector
+from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceError, UsageError
-from rig.live.compensator import Compensator
-from rig.live.controls import Controls
-from rig.live.display import ClockedDisplay
-from rig.live.keys import Keyboard
 from rig.live.latency import light_latency
-from rig.live.loop import LiveLoop, ShownFrame, Surroundings
 from rig.live.model import LiveModel, guessed_model, session_model
-from rig.live.output import ThreadedOutput
-from rig.live.priority import urgent
-from rig.live.reader import Reader
 from rig.live.record import Recorder
-from rig.live.signals import EndSignals, Interrupted
-from rig.live.slot import Slot
-from rig.live.sources import SourceSettings, make_source
-from rig.live.tally import resident_mb
-from rig.profile import Profile, load_profile
-from rig.recovery import close_quietly
+from rig.live.show.compensator import Compensator
+from rig.live.show.controls import Controls
+from rig.live.show.frame_mailbox import FrameMailbox
+from rig.live.show.frame_statistics import resident_mb
+from rig.live.show.keys import Keyboard
+from rig.live.show.loop import LiveLoop, LoopArguments, ShownFrame
+from rig.live.show.output import ThreadedOutput
+from rig.live.show.priority import realtime_priority
+from rig.live.show.signals import EndSignals, Interrupted
+from rig.live.sources.choose import SourceSettings, make_source
+from rig.live.sources.reader import Reader
+from rig.profile.schema import Profile, load_profile
 from rig.session import Session
+from rig.stages.error_tree import one_error_tree
 from rig.terminal import OnStep
-from rig.workflows.error_tree import one_error_tree
-from sim.frame import FrameCompensator
+from sim.frame.compensator import FrameCompensator
 
 STRATEGIES = ("exact", "bounded")
 _STATUS_S = 0.5
@@ -85,7 +85,7 @@ class _Show:
     """A show that runs."""
 
     loop: LiveLoop
-    slot: Slot
+    slot: FrameMailbox
     reader: Reader
     recorder: Recorder | None
     signals: EndSignals
@@ -112,7 +112,7 @@ def run_live(request: Request, on_step: OnStep, on_status: OnStatus) -> dict[str
     check_request(request)
     with one_error_tree():
         profile, model = _profile_and_model(request, on_step)
-        with urgent() as is_urgent:
+        with realtime_priority() as is_urgent:
             return {**_shown(request, profile, model, on_step, on_status), "real_time": is_urgent}
 
 
@@ -239,7 +239,7 @@ def _prepare(
     shape, rate_hz, clock = profile.projector.shape, profile.projector.refresh_rate_hz, devices.clock
     settings = SourceSettings(shape, request.size, request.rate_hz)
     sources = [make_source(word, settings, clock) for word in request.sources]
-    slot = Slot(shape, 1 / rate_hz, clock)
+    slot = FrameMailbox(shape, 1 / rate_hz, clock)
     reader = Reader(sources, slot, shape, rate_hz, clock, endless=request.endless)
     with signals.interrupting():
         stack.callback(close_quietly, devices.projector)  # black, whatever happens
@@ -250,7 +250,7 @@ def _prepare(
     stack.callback(reader.close)
     output = ThreadedOutput(devices.projector)
     stack.callback(output.close)
-    surroundings = Surroundings(
+    surroundings = LoopArguments(
         devices.projector,
         slot,
         compensators,

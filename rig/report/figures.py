@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from calibration.records import Response
-from rig.bands import PRIMARIES
+from rig.files.channels import PRIMARIES
 from rig.report.pictures import ERROR_RANGE, png_figure, svg
-from rig.twin import Optic, RoomTwin
-from sim.optics import rays_at
+from rig.stages.scene_model import PosedLens, SceneModel
+from sim.geometry.optics import rays_at
 
 _INK, _SOFT, _CAMERA, _PROJECTOR = "#1d2330", "#5d6678", "#2557a7", "#c4561c"
 
@@ -67,18 +67,21 @@ def timing_figure(seconds: Mapping[str, float]) -> str:
     return svg(figure)
 
 
-def room_figure(twin: RoomTwin) -> str:
+def room_figure(scene_model: SceneModel) -> str:
     """Plan from above and a view into the room, patches coloured by reflectance."""
     figure = Figure(figsize=(12, 4.6))
-    _draw_plan(figure.add_subplot(1, 2, 1), twin)
-    _draw_view(figure.add_subplot(1, 2, 2, projection="3d"), twin)
+    _draw_plan(figure.add_subplot(1, 2, 1), scene_model)
+    _draw_view(figure.add_subplot(1, 2, 2, projection="3d"), scene_model)
     return png_figure(figure)
 
 
-def _draw_plan(axes: Axes, twin: RoomTwin) -> None:
-    low, high = twin.scene.vertices.min(axis=(0, 1)), twin.scene.vertices.max(axis=(0, 1))
+def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
+    low, high = scene_model.scene.vertices.min(axis=(0, 1)), scene_model.scene.vertices.max(axis=(0, 1))
     axes.plot([low[0], high[0], high[0], low[0], low[0]], [low[1], low[1], high[1], high[1], low[1]], color=_INK, lw=2)
-    for name, device, colour in (("camera", twin.camera, _CAMERA), ("projector", twin.projector, _PROJECTOR)):
+    for name, device, colour in (
+        ("camera", scene_model.camera, _CAMERA),
+        ("projector", scene_model.projector, _PROJECTOR),
+    ):
         position = device.pose.position_m
         for x in (-0.5, device.lens.width_px - 0.5):
             ray = _edge_ray(device, x)
@@ -96,7 +99,7 @@ def _draw_plan(axes: Axes, twin: RoomTwin) -> None:
     style(axes, "x, m", "y, m")
 
 
-def _edge_ray(device: Optic, x_px: float) -> Any:
+def _edge_ray(device: PosedLens, x_px: float) -> Any:
     return rays_at(device.lens, device.pose, np.array([[x_px, (device.lens.height_px - 1) / 2]]))[0]
 
 
@@ -107,19 +110,19 @@ def _reach(position: Any, ray: Any, low: Any, high: Any) -> float:
     return float(np.min(ahead))
 
 
-def _draw_view(axes: Any, twin: RoomTwin) -> None:
+def _draw_view(axes: Any, scene_model: SceneModel) -> None:
     from matplotlib import colormaps
     from matplotlib.colors import Normalize
 
-    reflectance, vertices = twin.scene.reflectance, twin.scene.vertices
+    reflectance, vertices = scene_model.scene.reflectance, scene_model.scene.vertices
     scale = Normalize(float(reflectance.min()), float(reflectance.max()))
     colours = colormaps["viridis"](scale(reflectance))
     # Faces that look towards the viewer would hide the room.
-    behind = twin.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
+    behind = scene_model.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
     axes.add_collection3d(
         Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4)
     )
-    for device, colour in ((twin.camera, _CAMERA), (twin.projector, _PROJECTOR)):
+    for device, colour in ((scene_model.camera, _CAMERA), (scene_model.projector, _PROJECTOR)):
         position, size = device.pose.position_m, 0.9
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (device.lens.width_px - 1, device.lens.height_px - 1)
         ends = position + size * rays_at(device.lens, device.pose, corners.astype(np.float64))

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from rig.bands import PRIMARIES, codes_of, image_of
 from rig.errors import SessionError
+from rig.files.channels import PRIMARIES, codes_of, image_of
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
 from rig.report.timing import seconds_by_step
 from rig.session import Session
+from rig.stages.comparison import strategies_of
+from rig.stages.model import FittedScene, load_model
+from rig.stages.radiometry import load_radiometric_calibration
 from rig.terminal import OnStep
-from rig.workflows.compare import strategies_of
-from rig.workflows.model import RoomRecord, load_model
-from rig.workflows.photometric import load_photometry
 
 _SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
 _TITLES = {"direct": "direct only", "exact": "exact inverse"}
@@ -35,19 +35,19 @@ def write_report(session: Session, metrics: Mapping[str, Any], on_step: OnStep) 
     on_step("write report", 1, 3)
     context |= _strategies(session, metrics, model)
     on_step("write report", 2, 3)
-    photometry = load_photometry(session)
+    radiometric = load_radiometric_calibration(session)
     context |= {
-        "room_figure": figures.room_figure(model.twin),
-        "response_figure": figures.response_figure(photometry.camera, photometry.projector),
+        "room_figure": figures.room_figure(model.scene_model),
+        "response_figure": figures.response_figure(radiometric.camera, radiometric.projector),
         "timing_figure": figures.timing_figure(seconds_by_step(session)),
         "error_scale": figures.error_scale(),
     }
-    path = session.write_report(rendered("template.html", context))
+    path = session.write_report(rendered("report/session.html", context))
     on_step("write report", 3, 3)
     return path
 
 
-def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> dict[str, Any]:
+def _words(session: Session, metrics: Mapping[str, Any], model: FittedScene) -> dict[str, Any]:
     """Texts and tables."""
     measured, geometry, comparison = metrics["measured"], metrics["geometry"], metrics["comparison"]
     profile = session.profile
@@ -82,7 +82,8 @@ def _words(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> d
         f"{100 * comparison['within_3_sigma']:.1f} % of the pixels within three standard deviations of the noise. "
         "None of these frames was used to fit the model.",
         "geometry_text": f"Baseline {1000 * geometry['baseline_m']:.0f} mm. Room {room_size} m; "
-        f"seen: {', '.join(geometry['faces_seen'])}. {len(model.twin.scene.reflectance)} patches, mean reflectance "
+        f"seen: {', '.join(geometry['faces_seen'])}. {len(model.scene_model.scene.reflectance)} patches, "
+        "mean reflectance "
         f"{_numbers(metrics['model']['reflectance_mean'])}. {geometry['room_notes']}{_colour_words(metrics['model'])}",
         "limits": [
             {"what": r["what"], "value": f"{r['value']:.4g}", "limit": f"{r['limit']:g}", "passed": r["passed"]}
@@ -134,7 +135,7 @@ def _comparison_table(frames: Mapping[str, Mapping[str, float]]) -> dict[str, An
     return {"head": head, "rows": rows}
 
 
-def _strategies(session: Session, metrics: Mapping[str, Any], model: RoomRecord) -> dict[str, Any]:
+def _strategies(session: Session, metrics: Mapping[str, Any], model: FittedScene) -> dict[str, Any]:
     """Rows of pictures and the table of errors."""
     compensated, compared = session.finished("compensate"), session.finished("compare")
     judged = compared.load_image("judged")
@@ -171,7 +172,7 @@ def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, A
     return {"head": head, "rows": rows}
 
 
-def _separation(session: Session, model: RoomRecord) -> dict[str, Any]:
+def _separation(session: Session, model: FittedScene) -> dict[str, Any]:
     image, simulation = (
         session.finished(step).load_image(name)
         for step, name in (("separation", "separation"), ("compare", "simulated-white"))

@@ -16,7 +16,7 @@ matplotlib.use("Agg")
 from matplotlib import colormaps
 from matplotlib.figure import Figure
 
-from rig.bands import one_or_all
+from rig.files.channels import one_or_all
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

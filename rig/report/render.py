@@ -10,7 +10,7 @@ from jinja2 import Environment, FunctionLoader
 
 
 def rendered(template: str, context: Mapping[str, Any]) -> str:
-    """A page of the folder's templates; what it includes comes from there, too."""
+    """A page from a template, named by the room and the file it lies in: ``report/session.html``."""
     environment = Environment(autoescape=True, loader=FunctionLoader(_text_of))
     return environment.get_template(template).render(context)
 
@@ -21,4 +21,4 @@ def headline_of(value: float, unit: str, text: str) -> dict[str, str]:
 
 
 def _text_of(name: str) -> str:
-    return files("rig.report").joinpath(name).read_text(encoding="utf-8")
+    return files("rig").joinpath(name).read_text(encoding="utf-8")

@@ -1,14 +1,10 @@
-"""Results as tables on the terminal."""
+"""What a session has measured, as tables on the terminal."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from rich.console import Console
-
 from rig.terminal import print_table
-
-_PAPER_WIDTH = 128
 
 
 def print_plan(plan: dict[str, Any]) -> None:
@@ -31,7 +27,7 @@ def print_run(result: dict[str, Any]) -> None:
     limits = [(r["what"], r["value"], r["limit"], "ok" if r["passed"] else "OUTSIDE") for r in result["limits"]]
     print_table("Limits", ["what", "value", "limit", ""], limits)
     if result.get("truth"):
-        print_table("Error against the simulated bench", ["what", "error"], list(result["truth"].items()))
+        print_table("Error against the simulated world", ["what", "error"], list(result["truth"].items()))
     print(f"report: {result['report']}")
 
 
@@ -43,38 +39,3 @@ def print_part(verb: str, result: dict[str, Any]) -> None:
             if isinstance(value, int | float | str):
                 rows.append((f"{section}: {key}", value))
     print_table(f"rig {verb}: done", ["what", "value"], rows)
-
-
-def print_paper(result: dict[str, Any]) -> None:
-    """The six configurations, the published figures under each; not narrower than it can be read."""
-    from rig.workflows.paper import paper_table
-    from rig.workflows.paper_strategies import strategies_table
-
-    console = Console(width=max(Console().width, _PAPER_WIDTH))
-    console.print(paper_table(result))
-    console.print(strategies_table(result["configurations"]))
-    for name, text in result["conventions"].items():
-        print(f"{name}: {text}")
-    for text in result["exceptions"]:
-        print(f"exception: {text}")
-
-
-def print_simulation_plan(result: dict[str, Any]) -> None:
-    """What is going to be done, why, and what it is expected to cost."""
-    for reason in result["plan"]["reasons"]:
-        print(f"- {reason}")
-    estimated = result["estimated"]
-    print(
-        f"expected: {estimated['error']:.2g} %, {estimated['seconds']:.2g} s, {estimated['peak_mb']:.3g} MB", flush=True
-    )
-
-
-def print_simulation(result: dict[str, Any]) -> None:
-    """Estimate and outcome."""
-    rows = [(key, result["estimated"].get(key), value) for key, value in result["actual"].items()]
-    print_table(f"{result['scene']} within {result['tolerance']:.3g} %", ["what", "estimated", "actual"], rows)
-
-
-def print_scan(result: dict[str, Any]) -> None:
-    """Point count, validity, epipolar distance."""
-    print_table("Scan", ["what", "value"], list(result.items()))

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from rig.atomic import sha256_of, write_bytes
-from rig.journal import JOURNAL_NAME, Event, Journal, corrupt_line
+from rig.files.atomic import sha256_of, write_bytes
+from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line
 
 FileKind = Literal["frame", "image", "record"]
 

@@ -9,8 +9,8 @@ import socket
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rig.atomic import session_error
 from rig.errors import SessionLocked
+from rig.files.atomic import session_error
 
 
 class SessionLock:

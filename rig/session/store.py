@@ -17,10 +17,10 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813 - the library's own documentation calls it so
 import scipy
 
-from rig.atomic import PART_SUFFIX, session_error, write_bytes
 from rig.errors import SessionCorrupt, SessionError
-from rig.journal import JOURNAL_NAME, Event
-from rig.profile import Profile
+from rig.files.atomic import PART_SUFFIX, session_error, write_bytes
+from rig.files.journal import JOURNAL_NAME, Event
+from rig.profile.schema import Profile
 from rig.session.ledger import Ledger, hash_json, write_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name, plain

@@ -8,22 +8,22 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from sim.compensation.block_fixed_point import block_fixed_point
-from sim.compensation.bounded import bounded
-from sim.compensation.content_scale import content_scale
-from sim.compensation.direct import direct
-from sim.compensation.dual import dual
-from sim.compensation.exact import exact
-from sim.compensation.none import none
-from sim.compensation.paper import paper
-from sim.compensation.perceptual import perceptual
-from sim.compensation.remap import remap
 from sim.compensation.result import Compensation
-from sim.compensation.reverse_radiosity import reverse_radiosity
-from sim.compensation.series import series
-from sim.compensation.smooth_attenuation import smooth_attenuation
-from sim.compensation.tikhonov import tikhonov
-from sim.compensation.view import Transport
+from sim.compensation.split_transport import Transport
+from sim.compensation.strategies.block_fixed_point import block_fixed_point
+from sim.compensation.strategies.bounded import bounded
+from sim.compensation.strategies.content_scale import content_scale
+from sim.compensation.strategies.direct import direct
+from sim.compensation.strategies.dual import dual
+from sim.compensation.strategies.exact import exact
+from sim.compensation.strategies.none import none
+from sim.compensation.strategies.paper import paper
+from sim.compensation.strategies.perceptual import perceptual
+from sim.compensation.strategies.remap import remap
+from sim.compensation.strategies.reverse_radiosity import reverse_radiosity
+from sim.compensation.strategies.series import series
+from sim.compensation.strategies.smooth_attenuation import smooth_attenuation
+from sim.compensation.strategies.tikhonov import tikhonov
 from sim.errors import SimulationError
 
 __all__ = ["STRATEGIES", "Compensation", "Transport", "compensate"]

@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.compensation.view import View, direct_blocks
-from sim.scene import BoolArray, FloatArray
+from sim.compensation.split_transport import SplitTransport, direct_blocks
+from sim.geometry.scene import BoolArray, FloatArray
 
 ENOUGH = 0.3
 """Share of the certified gap that a good step leaves at most."""
@@ -46,7 +46,7 @@ class State:
 class BoxProblem:
     """The problem; images are (n, C)."""
 
-    view: View
+    view: SplitTransport
     target: FloatArray
     lower: float
     upper: float

@@ -6,12 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from sim.compensation.result import Task
-from sim.scene import FloatArray
+from sim.compensation.result import Problem
+from sim.geometry.scene import FloatArray
 
 
 def repeated(
-    task: Task, correction: Callable[[FloatArray], FloatArray], damping: float, steps: int, tolerance: float
+    task: Problem, correction: Callable[[FloatArray], FloatArray], damping: float, steps: int, tolerance: float
 ) -> tuple[FloatArray, int]:
     """Repeat p <- clamp(p + damping x correction(p)) from the clamped direct image on.
 

@@ -12,10 +12,10 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from sim.compensation.view import View, divided
-from sim.coupling import Coupling
+from sim.compensation.split_transport import SplitTransport, divided
 from sim.errors import SimulationError
-from sim.scene import FloatArray
+from sim.geometry.scene import FloatArray
+from sim.light.interreflection_operator import InterreflectionOperator
 
 DENSE_LIMIT = 4000
 """Viewed patches up to which I + L is factorised."""
@@ -25,7 +25,7 @@ DENSE_LIMIT = 4000
 class Inverse:
     """T⁻¹ without limits; pixels without direct light stay at 0."""
 
-    view: View
+    view: SplitTransport
     steps: list[int] = field(default_factory=list)
     """Iterations of each patch solve so far; 1 for a factorised one."""
 
@@ -53,7 +53,7 @@ class Inverse:
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    coupling: Coupling
+    coupling: InterreflectionOperator
     reciprocal: FloatArray
     """(n,) 1 / D."""
     steps: list[int]

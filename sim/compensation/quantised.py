@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.compensation.result import begun
-from sim.compensation.view import Transport
+from sim.compensation.result import prepare
+from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.scene import FloatArray
+from sim.geometry.scene import FloatArray
 
 GAMMA_2_2 = np.linspace(0.0, 1.0, 256) ** 2.2
 """Light of 256 codes of a common projector."""
@@ -56,7 +56,7 @@ def quantised(
     """
     table = _checked(levels)
     p = np.asarray(projector_image, dtype=np.float64)
-    task = begun(transport, target, float(table[0]), float(table[-1]))
+    task = prepare(transport, target, float(table[0]), float(table[-1]))
     if p.size != task.target.size:
         raise SimulationError(f"projector image of shape {p.shape} for a target of {task.target.size} values")
     codes = codes_of(p, table, seed)

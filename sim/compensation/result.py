@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.colour import ColourTransport
-from sim.compensation.view import Transport, View, view_of
+from sim.compensation.split_transport import SplitTransport, Transport, split_transport_of
 from sim.errors import SimulationError
-from sim.scene import BoolArray, FloatArray
+from sim.geometry.scene import BoolArray, FloatArray
+from sim.light.colour import ColourTransport
 
 Notes = Mapping[str, float | str]
 WORSE = 1 + 1e-6
@@ -41,10 +41,10 @@ class Compensation:
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class Problem:
     """A checked request: a transport, a target and the projector's range."""
 
-    view: View
+    view: SplitTransport
     target: FloatArray
     """(n, C)."""
     lower: float
@@ -96,7 +96,7 @@ class Task:
         return values[:, 0] if self.grey else np.ascontiguousarray(values)
 
 
-def begun(transport: Transport, target: ArrayLike, lower: float, upper: float) -> Task:
+def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float) -> Problem:
     """Check what a strategy is asked.
 
     Raises
@@ -116,6 +116,11 @@ def begun(transport: Transport, target: ArrayLike, lower: float, upper: float) -
         raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
     if not lower < upper:
         raise SimulationError(f"projector range {lower:g} ... {upper:g} is empty; lower must be below upper")
-    return Task(
-        view_of(transport), np.asfortranarray(values.reshape(pixels, channels)), lower, upper, not colour, started_s
+    return Problem(
+        split_transport_of(transport),
+        np.asfortranarray(values.reshape(pixels, channels)),
+        lower,
+        upper,
+        not colour,
+        started_s,
     )

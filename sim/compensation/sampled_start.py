@@ -11,9 +11,9 @@ import numpy as np
 from scipy.sparse import csr_array, diags_array
 
 from sim.compensation.box_least_squares import BoxProblem, pixel_optimum, solved
-from sim.compensation.view import View, divided
-from sim.coupling import Coupling
-from sim.scene import FloatArray, IntArray
+from sim.compensation.split_transport import SplitTransport, divided
+from sim.geometry.scene import FloatArray, IntArray
+from sim.light.interreflection_operator import InterreflectionOperator
 
 SAMPLES = 16
 """Pixels of the sample for each lit patch; pictures of up to four times as many are solved whole."""
@@ -42,18 +42,18 @@ def _stratified(count: int, stride: int) -> IntArray:
     return np.asarray(first + np.random.default_rng(0).integers(0, stride, len(first)))
 
 
-def _sampled(view: View, chosen: IntArray) -> View:
+def _sampled(view: SplitTransport, chosen: IntArray) -> SplitTransport:
     couplings = tuple(_sampled_coupling(coupling, chosen) for coupling in view.couplings)
-    return View(view.bands, view.mixing, view.diagonal[chosen], couplings)
+    return SplitTransport(view.bands, view.mixing, view.diagonal[chosen], couplings)
 
 
-def _sampled_coupling(coupling: Coupling, chosen: IntArray) -> Coupling:
+def _sampled_coupling(coupling: InterreflectionOperator, chosen: IntArray) -> InterreflectionOperator:
     """The same patches, lit by the sample as by all pixels."""
     adjoint = csr_array(coupling.emission_adjoint[chosen])
     whole, part = (np.asarray(matrix.sum(axis=0)).ravel() for matrix in (coupling.emission_adjoint, adjoint))
     adjoint = csr_array(adjoint @ diags_array(divided(whole, part)))
     view = csr_array(coupling.view[chosen])
-    return Coupling(csr_array(adjoint.T), coupling.interreflection, view, adjoint, csr_array(view.T))
+    return InterreflectionOperator(csr_array(adjoint.T), coupling.interreflection, view, adjoint, csr_array(view.T))
 
 
 def _extended(problem: BoxProblem, small: BoxProblem, p: FloatArray, weighted: FloatArray, scale: float) -> FloatArray:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.compensation.view import View, divided
+from sim.compensation.split_transport import SplitTransport, divided
 from sim.errors import SimulationError
 
 
-def spectral_radius(view: View, tolerance: float = 1e-6, limit: int = 500) -> float:
+def spectral_radius(view: SplitTransport, tolerance: float = 1e-6, limit: int = 500) -> float:
     """Spectral radius of R D⁻¹, R the global light: that of H S D⁻¹ V, patch to patch, the largest of the bands.
 
     Power iteration; the matrix has no negative entry, so the largest eigenvalue is real and its vector positive.
@@ -16,7 +16,7 @@ def spectral_radius(view: View, tolerance: float = 1e-6, limit: int = 500) -> fl
     return max(_band_radius(view, b, tolerance, limit) for b in range(len(view.bands)))
 
 
-def _band_radius(view: View, band: int, tolerance: float, limit: int) -> float:
+def _band_radius(view: SplitTransport, band: int, tolerance: float, limit: int) -> float:
     coupling = view.couplings[band]
     D = view.diagonal[:, band]
     reciprocal = divided(np.ones_like(D), D)
@@ -30,7 +30,7 @@ def _band_radius(view: View, band: int, tolerance: float, limit: int) -> float:
     return radius
 
 
-def damping_for(view: View, strategy: str, damping: float | None) -> tuple[float, dict[str, float | str]]:
+def damping_for(view: SplitTransport, strategy: str, damping: float | None) -> tuple[float, dict[str, float | str]]:
     """Step w for u <- u + w D⁻¹ (c - T u), and the notes that say why.
 
     The error of such a step shrinks by |1 - w (1 + m)| for each eigenvalue m of R D⁻¹. They lie in -1 ... r, r the

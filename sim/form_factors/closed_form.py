@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from sim import _kernel
 from sim.errors import SimulationError
-from sim.scene import FloatArray, Scene
-from sim.surface import Surface
+from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.surface import Surface
 
 ALIGNMENT_TOLERANCE = 1e-9
 """Sine of the angle up to which faces count as parallel or perpendicular."""

@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike
 
 from sim import _kernel
 from sim.errors import SimulationError
-from sim.scene import FloatArray, IntArray
-from sim.surface import Surface
+from sim.geometry.scene import FloatArray, IntArray
+from sim.geometry.surface import Surface
 
 FINEST, COARSEST = 1e-6, 1e-1
 """Tolerances taken: numbers are kept in single precision, and above 0.1 nothing is left of the light."""

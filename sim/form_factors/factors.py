@@ -17,8 +17,8 @@ from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import Quality, visible_fraction
 from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
-from sim.scene import FloatArray
-from sim.surface import Surface
+from sim.geometry.scene import FloatArray
+from sim.geometry.surface import Surface
 
 Method = Literal["auto", "closed_form", "polygon", "paper"]
 Visibility = Literal["auto", "none", "exact", "fair", "quick", "rays"]

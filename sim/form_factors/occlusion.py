@@ -20,8 +20,8 @@ import numpy as np
 
 from sim import _kernel
 from sim.errors import SimulationError
-from sim.scene import BoolArray, FloatArray, IntArray
-from sim.surface import Surface
+from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.geometry.surface import Surface
 
 Quality = Literal["quick", "fair", "exact"]
 

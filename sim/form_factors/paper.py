@@ -6,8 +6,8 @@ import numpy as np
 
 from sim import _kernel
 from sim.errors import SimulationError
-from sim.scene import FloatArray
-from sim.surface import Surface
+from sim.geometry.scene import FloatArray
+from sim.geometry.surface import Surface
 
 SAMPLES = 3
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.scene import BoolArray, FloatArray, IntArray
-from sim.surface import Surface
+from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.geometry.surface import Surface
 
 CHUNK = 1 << 16
 """Segments tested at a time: their arrays stay in the processor's cache."""

@@ -17,7 +17,7 @@ struct Run {
     double ay0[RUN], ay1[RUN], by0[RUN], by1[RUN];
 };
 
-// Relative error of the far rules and roundoff of the near ones are both below 1e-9 (tests/physics).
+// Relative error of the far rules and roundoff of the near ones are both below 1e-9 (tests/sim).
 KERNEL_DECLARE(void exchange_areas(const Run &run, double *out))
 
 }  // namespace kernel

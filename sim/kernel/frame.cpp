@@ -38,7 +38,7 @@ Runs runs_of(const nb::object &runs) {
             array_of<std::int32_t, 2>(runs, "value").data()};
 }
 
-// A sim.frame_model.FrameModel, whose arrays it keeps: nobody may change them meanwhile. One frame at a time.
+// A sim.frame.model.FrameModel, whose arrays it keeps: nobody may change them meanwhile. One frame at a time.
 class Kernel {
   public:
     // response: (1 or 3, RESPONSE) codes by light; cubics: (0, 1 or 3, 4, 32), 0 where none would follow the response;

@@ -1,4 +1,4 @@
-// A frame's rows: target codes in, sums over patches or projector codes out. sim/frame_reference.py defines them.
+// A frame's rows: target codes in, sums over patches or projector codes out. sim/reference/frame.py defines them.
 #pragma once
 #include <cstdint>
 
@@ -11,13 +11,13 @@ constexpr int BANDS = 3, SEGMENT = 256, BLOCK = 16, DITHER = 64;
 // What the largest packed number is, over the number of single precision whose upper bits after the sign it is.
 constexpr float PACKED_ONE = 0x1p111f;
 
-// Packed numbers of each band (sim/frame_packed.py), and what 1 stands for.
+// Packed numbers of each band (sim/frame/packed.py), and what 1 stands for.
 struct Layers {
     const std::uint16_t *band[BANDS];
     float unit[BANDS];
 };
 
-// Runs of pixels of a row (sim/frame_runs.py).
+// Runs of pixels of a row (sim/frame/runs.py).
 struct Runs {
     const std::int32_t *row, *start, *value;
 };
@@ -86,7 +86,7 @@ KERNEL_DECLARE(void sum_row(const Pixels &pixels, const Frame &frame, std::int64
 KERNEL_DECLARE(void step_row(const Pixels &pixels, const Frame &frame, std::int64_t row, Sums &sums))
 // The projector's codes; returns how many channels lie beyond the span.
 KERNEL_DECLARE(std::int64_t code_row(const Pixels &pixels, const Frame &frame, bool bounded, std::int64_t row))
-// Rows of 16-bit numbers, each in units of its own (sim/frame_packed.py).
+// Rows of 16-bit numbers, each in units of its own (sim/frame/packed.py).
 struct Matrix {
     const std::int16_t *entries;
     const float *unit;

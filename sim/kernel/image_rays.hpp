@@ -9,7 +9,7 @@ namespace kernel::image {
 
 constexpr int BLOCK = 256;
 
-// A pinhole with distortion (sim.optics.Lens) and where it stands (sim.optics.Pose).
+// A pinhole with distortion (sim.geometry.optics.Lens) and where it stands (sim.geometry.optics.Pose).
 struct Device {
     std::int64_t width, height;
     double fx, fy, cx, cy;
@@ -40,7 +40,7 @@ struct Hits {
     double towards[BLOCK];      // minus direction . normal: above 0 on the lit side
 };
 
-// A rectangle gridded into patches (sim.scene.Face).
+// A rectangle gridded into patches (sim.geometry.scene.Face).
 struct Rectangle {
     Vec origin, u, v, normal;  // u and v: unit axis over the edge's length
     double columns, rows, first;

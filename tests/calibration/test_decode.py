@@ -6,10 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.decode import decode_gray
-from calibration.patterns import gray_code_patterns
 from calibration.records import CalibrationError, Correspondence, PixelReason
-from calibration.subpixel import refine_subpixel
+from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.subpixel import refine_subpixel
 
 PROJECTOR = (96, 128)
 CAMERA = (90, 120)

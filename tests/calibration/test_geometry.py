@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from calibration.geometry import (
-    calibrate_pair,
+from calibration.geometry.stereo import (
+    calibrate_stereo,
     points_of_projector_pixels,
     scale_from_baseline,
     scale_from_spots,
@@ -14,7 +14,7 @@ from calibration.records import CalibrationError
 
 def calibrated(room, step_px=4, **options):
     camera_xy, projector_xy = room.correspondences(step_px)
-    return calibrate_pair(
+    return calibrate_stereo(
         camera_xy,
         projector_xy,
         room.camera.shape,
@@ -160,13 +160,13 @@ def test_no_baseline_is_refused_with_the_parallax_and_its_limit(room):
 def test_a_flat_scene_is_refused(room):
     camera_xy, projector_xy = flat_wall(room)
     with pytest.raises(CalibrationError, match="flat scene does not determine"):
-        calibrate_pair(camera_xy, projector_xy, room.camera.shape, room.projector.shape, 100, 98)
+        calibrate_stereo(camera_xy, projector_xy, room.camera.shape, room.projector.shape, 100, 98)
 
 
 def test_few_correspondences_are_refused(room):
     camera_xy, projector_xy = room.correspondences(40)
     with pytest.raises(CalibrationError, match="at least 500 are needed"):
-        calibrate_pair(camera_xy[:400], projector_xy[:400], room.camera.shape, room.projector.shape, 100, 98)
+        calibrate_stereo(camera_xy[:400], projector_xy[:400], room.camera.shape, room.projector.shape, 100, 98)
 
 
 def test_a_map_of_nonsense_is_refused(room):
@@ -174,4 +174,4 @@ def test_a_map_of_nonsense_is_refused(room):
     camera_xy = random.uniform(0, 900, (3000, 2))
     projector_xy = random.uniform(0, 700, (3000, 2))
     with pytest.raises(CalibrationError):
-        calibrate_pair(camera_xy, projector_xy, room.camera.shape, room.projector.shape, 100, 98)
+        calibrate_stereo(camera_xy, projector_xy, room.camera.shape, room.projector.shape, 100, 98)

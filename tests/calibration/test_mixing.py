@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from calibration.mixing import fit_mixing
+from calibration.radiometry.mixing import fit_mixing
 from calibration.records import CalibrationError
 
 FloatArray = NDArray[np.float64]

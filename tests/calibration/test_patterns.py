@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.gray import bits_for, positions, words
-from calibration.patterns import checker_patterns, flat, gray_code_patterns, level_patterns
 from calibration.records import CalibrationError
+from calibration.structured_light.gray import bits_for, positions, words
+from calibration.structured_light.patterns import checker_patterns, flat, gray_code_patterns, level_patterns
 
 
 def test_gray_code_has_columns_first_and_the_most_significant_bit_first() -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from calibration.photometry import (
+from calibration.radiometry.response import (
     codes_from_linear,
     fit_camera_response,
     fit_channel_responses,

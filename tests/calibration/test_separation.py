@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.patterns import checker_patterns
 from calibration.records import CalibrationError, Correspondence, PixelReason
 from calibration.separation import separate, separate_by_pattern
+from calibration.structured_light.patterns import checker_patterns
 
 PROJECTOR = (128, 160)
 CAMERA = (140, 180)

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.geometry import PairCalibration
-from calibration.planes import assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.room import room_from_stereo
+from calibration.geometry.stereo import StereoCalibration
 from calibration.records import CalibrationError, PinholeModel
-from calibration.room import room_from_pair
 
 SIZE_M = (4.8, 4.8, 2.4)
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
@@ -33,11 +33,11 @@ def true_pair(room, faces):
         position = 0.0 if face in ("x0", "y0", "floor") else room.size_m[WALLS[face]]
         planes.append(turn @ normal / (position - normal @ at))
     axes = tuple(WALLS[face] for face in faces)
-    return PairCalibration(camera, projector, np.array(planes), axes, turn.T, 0.1, 0.1, 0.1, {}, 1.0)
+    return StereoCalibration(camera, projector, np.array(planes), axes, turn.T, 0.1, 0.1, 0.1, {}, 1.0)
 
 
-def test_the_room_of_the_bench_comes_out_in_the_frame_of_the_bench(room):
-    box = room_from_pair(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
+def test_the_room_of_the_bench_comes_out_in_the_frame_of_the_simulated_world(room):
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
     assert box.size_m == pytest.approx(SIZE_M)
     assert box.seen == ("x1", "y1", "floor", "ceiling")
     assert np.allclose(box.camera.position_m, room.camera.position_m)
@@ -47,13 +47,13 @@ def test_the_room_of_the_bench_comes_out_in_the_frame_of_the_bench(room):
 
 
 def test_a_seen_wall_stands_where_it_was_measured_whatever_the_tape_says(room):
-    box = room_from_pair(true_pair(room, ("x1", "y1", "floor", "ceiling")), (5.0, 4.8, 9.9))
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), (5.0, 4.8, 9.9))
     assert box.size_m == pytest.approx((5.0, 4.8, 2.4))
     assert box.camera.position_m[0] == pytest.approx(room.camera.position_m[0] + 0.2)
 
 
 def test_without_a_tape_measure_unseen_walls_stand_half_a_metre_behind(room):
-    box = room_from_pair(true_pair(room, ("x1", "y1", "floor", "ceiling")), None)
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), None)
     behind = min(room.camera.position_m[0], room.projector.position_m[0]) - 0.5
     assert box.size_m[0] == pytest.approx(4.8 - behind)
     assert "0.5 m behind" in box.notes
@@ -61,7 +61,7 @@ def test_without_a_tape_measure_unseen_walls_stand_half_a_metre_behind(room):
 
 
 def test_an_open_room_has_only_the_faces_that_were_seen(room):
-    box = room_from_pair(true_pair(room, ("x1", "y1", "floor")), SIZE_M, closed=False)
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor")), SIZE_M, closed=False)
     assert box.faces == box.seen == ("x1", "y1", "floor")
 
 
@@ -74,7 +74,7 @@ def test_any_corner_gives_a_room_that_is_turned_by_quarters_and_not_mirrored(roo
         camera={"position_m": (2.2, 2.6, 1.4), "look_at_m": (x, y, 1.1)},
         projector={"position_m": (2.5, 2.3, 1.2), "look_at_m": (x, y, 1.2)},
     )
-    box = room_from_pair(true_pair(other, seen), SIZE_M)
+    box = room_from_stereo(true_pair(other, seen), SIZE_M)
     turn = box.camera.rotation.T @ other.camera.rotation
     assert np.allclose(np.abs(turn).max(axis=1), 1)
     assert np.linalg.det(turn) == pytest.approx(1)
@@ -86,13 +86,13 @@ def test_any_corner_gives_a_room_that_is_turned_by_quarters_and_not_mirrored(roo
 
 def test_two_walls_on_one_axis_make_no_room(room):
     with pytest.raises(CalibrationError, match="aim at a corner"):
-        room_from_pair(true_pair(room, ("floor", "ceiling")), SIZE_M)
+        room_from_stereo(true_pair(room, ("floor", "ceiling")), SIZE_M)
 
 
 def test_planes_that_fit_no_axis_make_no_room(room):
     pair = replace(true_pair(room, ("x1", "y1")), axes=(-1, -1))
     with pytest.raises(CalibrationError, match="right angles"):
-        room_from_pair(pair, SIZE_M)
+        room_from_stereo(pair, SIZE_M)
 
 
 def straight(x1, plane):

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate
 from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
-from calibration.triangulation import average_by_projector_pixel, stands_alone, triangulate
 
 
 def device(

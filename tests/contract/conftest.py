@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 import pytest
 
+from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
-from rig.pair import Rig, open_rig
-from rig.profile import Profile
+from rig.profile.schema import Profile
 from rig.session import Session
 
 LEVELS = {"white": 255, "black": 0, "level-128": 128}
@@ -29,7 +29,7 @@ def flat_codes(rig: Rig, name: str) -> Codes:
 def replaying(profile: Profile, table: str, folder: Path) -> Profile:
     """The same devices, from a recording."""
     text = profile.raw.decode()
-    text = text[: text.index("[bench]")].replace('driver = "simulated"', 'driver = "replay"')
+    text = text[: text.index("[simulation]")].replace('driver = "simulated"', 'driver = "replay"')
     path = folder / "replay-profile.toml"
     path.write_text(f"{text}\n[replay]\n{table}\n")
     return Profile.parse(path.read_bytes(), path)

@@ -7,17 +7,17 @@ from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
-from rig.back_ends import make_devices
+from rig.capture.devices import make_devices
+from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import SystemClock
 from rig.devices.kms.find import list_outputs
 from rig.devices.kms.projector import KmsProjector
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.devices.window.projector import WindowProjector
-from rig.pair import Rig, open_rig
-from rig.profile import Profile, load_profile
-from rig.virtual.rig import VirtualRig, wait_for_camera
-from rig.virtual.rig import open_display as open_display_of
+from rig.emulated.rig import VirtualRig, wait_for_camera
+from rig.emulated.rig import open_display as open_display_of
+from rig.profile.schema import Profile, load_profile
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
 from tests.device_lab.waiting import GENEROUS_S
@@ -47,7 +47,7 @@ def display_output(module: str) -> str:
 def display_profile(driver: str, output: str) -> Profile:
     """The tiny rig, on an output of 640 x 480 pixels."""
     tiny = load_profile(ROOT / "hw_profiles" / "ci-tiny.toml")
-    camera, projector = tiny.raw.decode().split("[bench]")[0].split("[projector]")
+    camera, projector = tiny.raw.decode().split("[simulation]")[0].split("[projector]")
     camera = camera.replace('"simulated"', '"v4l2"\ndevice_id = "readback"\npixel_format = "Y12"')
     projector = projector.replace('"simulated"', f'"{driver}"\noutput = "{output}"').replace("0.06 ", "0.005 ")
     projector = projector.replace("width_px = 256", "width_px = 640").replace("height_px = 192", "height_px = 480")
@@ -92,7 +92,7 @@ def camera_profile(device_id: str) -> Profile:
         f'driver = "v4l2"\ndevice_id = "{device_id}"\npixel_format = "GREY"\nwidth_px = 320\nheight_px = 180\n'
         "bit_depth = 8\nframe_rate_hz = 25.0\nexposure_range_s = [0.04, 0.04]\nexposure_s = 0.04\nhfov_deg = 60.0\n"
     )
-    head, rest = tiny.raw.decode().split("[bench]")[0].split("[camera]")
+    head, rest = tiny.raw.decode().split("[simulation]")[0].split("[camera]")
     projector = rest.split("[projector]")[1].replace('"simulated"', '"kms"\noutput = "none"')
     return Profile.parse(f"{head}[camera]\n{camera}[projector]{projector}".encode(), tiny.path)
 

@@ -6,9 +6,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from rig.capture.rig import Rig
 from rig.devices.protocols import Camera
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
-from rig.pair import Rig
 
 Show = Callable[[str], float]
 

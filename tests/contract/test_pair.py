@@ -6,10 +6,10 @@ from itertools import cycle, islice
 import numpy as np
 import pytest
 
+from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
 from rig.errors import DeviceLost, SettingRefused
-from rig.pair import Rig, open_rig
-from rig.profile import Profile
+from rig.profile.schema import Profile
 
 Open = Callable[[], Rig]
 Flat = Callable[[Rig, str], Codes]

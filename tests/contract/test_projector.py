@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, Projector, Watched
 from rig.errors import DeviceLost, SettingRefused
-from rig.pair import Rig
 
 Flat = Callable[[Rig, str], Codes]
 

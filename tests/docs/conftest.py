@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.patterns import gray_code_patterns
-from rig.images import write_png
-from rig.profile import load_profile
+from calibration.structured_light.patterns import gray_code_patterns
+from rig.files.images import write_png
+from rig.profile.schema import load_profile
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,9 +14,9 @@ from sybil.evaluators.python import PythonEvaluator
 from sybil.parsers.markdown import CodeBlockParser
 
 from rig import open_rig
-from rig.cli import run_command
-from rig.devices.manifest import load_manifest
-from rig.profile import Profile
+from rig.cli.app import run_command
+from rig.devices.replay.photographs import load_manifest
+from rig.profile.schema import Profile
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -166,7 +166,7 @@ def overlaid(base: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
         merges = isinstance(value, dict) and isinstance(own, dict) and key not in {"scale", "replay"}
         result[key] = overlaid(own, value) if merges and own is not None else value
     if result.get("driver") is None and result.get("camera", {}).get("driver") == "replay":
-        result.pop("bench", None)
+        result.pop("simulation", None)
     return result
 
 

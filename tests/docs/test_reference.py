@@ -10,17 +10,17 @@ import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from rig.cli import app
-from rig.devices import bench_settings
-from rig.profile import Profile
-from rig.workflows.whole import STEPS
+from rig.cli.app import app
+from rig.devices.simulated.devices import settings as simulation_settings
+from rig.profile.schema import Profile
+from rig.run.session import STEPS
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\| `([a-z_0-9]+)` \| (.+?) \| (.+) \|$", re.MULTILINE)
 PARTS_OF_BENCH = {
-    "[[bench.posters]]": bench_settings.Poster,
-    "[bench.camera]": bench_settings.BenchCamera,
-    "[bench.projector]": bench_settings.BenchProjector,
+    "[[simulation.posters]]": simulation_settings.Poster,
+    "[simulation.camera]": simulation_settings.SimulatedCameraSettings,
+    "[simulation.projector]": simulation_settings.SimulatedProjectorSettings,
 }
 
 

@@ -17,7 +17,7 @@ from rig.devices.v4l2.frames import Frames, Seen
 from rig.devices.v4l2.node import STALLED, Node
 from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
 from rig.devices.v4l2.setup import (
-    Wishes,
+    RequestedSettings,
     check_exposure_range,
     check_identity,
     hold_controls,
@@ -133,7 +133,9 @@ class V4l2Camera:
             return
         channels = self._shape[2]
         known_format = pixel_format(self._format_name, channels=channels, bit_depth=self._bit_depth)
-        wishes = Wishes(self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls)
+        wishes = RequestedSettings(
+            self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls
+        )
         self._opened = self._set_up(find_camera(self.device_id), wishes)
         with ExitStack() as undo:
             undo.callback(self.close)
@@ -141,7 +143,7 @@ class V4l2Camera:
             hold_controls(self._opened.node, self._opened.settings)
             undo.pop_all()
 
-    def _set_up(self, found: FoundCamera, wishes: Wishes) -> _Opened:
+    def _set_up(self, found: FoundCamera, wishes: RequestedSettings) -> _Opened:
         with ExitStack() as undo:
             node = Node(found.node, self._clock)
             undo.callback(node.close)

@@ -28,7 +28,7 @@ _SAME_RATE = 0.005
 
 
 @dataclass(frozen=True, slots=True)
-class Wishes:
+class RequestedSettings:
     """What a profile asks of a camera."""
 
     shape: tuple[int, int, int]
@@ -45,7 +45,7 @@ def check_identity(node: Node, bus_path: str) -> None:
         raise DeviceLost(f"{node.path} is {found.bus_info.decode()} now, not {bus_path}; plug the camera in again")
 
 
-def set_format(node: Node, wishes: Wishes) -> abi.PixFormat:
+def set_format(node: Node, wishes: RequestedSettings) -> abi.PixFormat:
     """Set pixel format and size. Raises SettingRefused, with what there is, when the camera chose another."""
     height_px, width_px, _ = wishes.shape
     wanted = abi.Format(type=abi.VIDEO_CAPTURE)
@@ -62,7 +62,7 @@ def set_format(node: Node, wishes: Wishes) -> abi.PixFormat:
     return set_to
 
 
-def _offers(node: Node, wishes: Wishes) -> str:
+def _offers(node: Node, wishes: RequestedSettings) -> str:
     """Sizes of the wanted format, or the formats when there is none of it."""
     formats = list(list_formats(node))
     sizes = [f"{one.width_px} x {one.height_px}" for one in formats if one.pixel_format == wishes.pixel_format.name]
@@ -71,7 +71,7 @@ def _offers(node: Node, wishes: Wishes) -> str:
     return ", ".join(dict.fromkeys(one.pixel_format for one in formats)) or "no format"
 
 
-def set_frame_rate(node: Node, wishes: Wishes) -> float:
+def set_frame_rate(node: Node, wishes: RequestedSettings) -> float:
     """Set the frame rate, and return its period in s. Raises SettingRefused, with what there is.
 
     Where a driver knows no frame rates, the profile is believed.
@@ -92,12 +92,12 @@ def set_frame_rate(node: Node, wishes: Wishes) -> float:
     return period_s
 
 
-def _same_mode(node: Node, wishes: Wishes) -> list[tuple[float, ...]]:
+def _same_mode(node: Node, wishes: RequestedSettings) -> list[tuple[float, ...]]:
     mode = (wishes.pixel_format.name, wishes.shape[1], wishes.shape[0])
     return [f.frame_rates_hz for f in list_formats(node) if (f.pixel_format, f.width_px, f.height_px) == mode]
 
 
-def set_controls(node: Node, wishes: Wishes) -> tuple[list[Setting], ControlAbility | None]:
+def set_controls(node: Node, wishes: RequestedSettings) -> tuple[list[Setting], ControlAbility | None]:
     """Automatics off, the profile's controls; returns all of them, and the exposure control if there is one.
 
     What the camera does not keep before it streams, :func:`hold_controls` insists on.
@@ -118,7 +118,9 @@ def hold_controls(node: Node, settings: list[Setting]) -> None:
         raise mismatch(setting.control, setting.value, read_control(node, setting.control))
 
 
-def check_exposure_range(node: Node, exposure: ControlAbility | None, wishes: Wishes, period_s: float) -> None:
+def check_exposure_range(
+    node: Node, exposure: ControlAbility | None, wishes: RequestedSettings, period_s: float
+) -> None:
     """Raise SettingRefused unless the camera has the profile's exposures."""
     shortest_s, longest_s = wishes.exposure_range_s
     if exposure is not None:

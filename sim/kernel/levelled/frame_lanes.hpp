@@ -10,7 +10,7 @@ namespace kernel::frame::KERNEL_LEVEL {
 
 namespace {
 
-// Packed numbers (sim/frame_packed.py), in units of PACKED_ONE of their layer: no more than a shift.
+// Packed numbers (sim/frame/packed.py), in units of PACKED_ONE of their layer: no more than a shift.
 inline Floats packed(const std::uint16_t *bits, int n) { return as_floats(widened(bits, n) << 11); }
 
 // The same in units of their layer.

@@ -1,4 +1,4 @@
-// A row's pixels in segments, in blocks of sixteen, and in runs that have something in common (sim/frame_runs.py).
+// A row's pixels in segments, in blocks of sixteen, and in runs that have something in common (sim/frame/runs.py).
 #pragma once
 #include <algorithm>
 #include <cstdint>

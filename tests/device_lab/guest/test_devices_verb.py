@@ -8,14 +8,14 @@ from typing import Any
 import pytest
 
 from rig import open_rig
-from rig.cli import run_command
+from rig.cli.app import run_command
 from rig.devices.kms.master import master_is_free
 from rig.devices.usb.permissions import udev_rule
 from rig.devices.v4l2.find import find_cameras
-from rig.profile import load_profile
-from rig.virtual.test_source import PatternSource
-from rig.virtual.usbip import attach
-from rig.virtual.uvc_camera import UvcCamera
+from rig.emulated.test_pictures import PatternSource
+from rig.emulated.usbip.attach import attach
+from rig.emulated.uvc.camera import UvcCamera
+from rig.profile.schema import load_profile
 from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.programs import output_of
 from tests.device_lab.waiting import wait_until

@@ -12,7 +12,7 @@ from rig.devices.clock import SystemClock
 from rig.devices.kms.find import choose_output, list_outputs
 from rig.devices.kms.readback import Readback
 from rig.errors import DeviceError
-from rig.live.camera_source import CameraSource
+from rig.live.sources.camera import CameraSource
 from tests.contract.lab import display_output, load_module
 from tests.device_lab.guest.test_vivid import ID, MODULE
 from tests.device_lab.live_show import live_show

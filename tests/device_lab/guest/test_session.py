@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rig.devices.kms.readback import Readback
-from rig.journal import JOURNAL_NAME
+from rig.files.journal import JOURNAL_NAME
 from tests.contract.lab import load_module
 
 pytestmark = pytest.mark.timeout(1700)

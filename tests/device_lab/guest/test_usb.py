@@ -7,23 +7,23 @@ from uuid import UUID
 import pytest
 
 from rig.devices.clock import SystemClock
+from rig.devices.lightcrafter.controller import LightCrafter, open_lightcrafter
+from rig.devices.lightcrafter.protocol import PRODUCT_ID, VENDOR_ID, DisplayMode, Pattern, Run
 from rig.devices.usb.extension_unit import VendorControls, extension_units_of, vendor_controls
 from rig.devices.usb.find import FoundUsbDevice, find_usb_devices
 from rig.devices.usb.handle import open_usb_device, places_by_libusb
 from rig.devices.usb.hid import HidrawTransport, LibusbTransport, find_hid_device, hidraw_node
-from rig.devices.usb.lightcrafter import LightCrafter, open_lightcrafter
-from rig.devices.usb.lightcrafter_protocol import PRODUCT_ID, VENDOR_ID, DisplayMode, Pattern, Run
 from rig.devices.usb.reset import reset_usb_device
+from rig.emulated.test_pictures import PatternSource
+from rig.emulated.usbip.attach import Attachment, attach
+from rig.emulated.uvc.camera import UvcCamera
+from rig.emulated.uvc.descriptors import EXTENSION_GUID
 from rig.errors import DeviceBusy, DeviceForbidden, DeviceLost, SettingRefused
-from rig.virtual.lightcrafter import LightCrafterEmulation
-from rig.virtual.lightcrafter_usb import LightCrafterUsb
-from rig.virtual.test_source import PatternSource
-from rig.virtual.usbip import Attachment, attach
-from rig.virtual.uvc_camera import UvcCamera
-from rig.virtual.uvc_descriptors import EXTENSION_GUID
 from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.programs import output_of
 from tests.device_lab.waiting import wait_until
+from tests.rig.devices.lightcrafter.emulated_controller import LightCrafterEmulation
+from tests.rig.devices.lightcrafter.emulated_usb import LightCrafterUsb
 
 REGISTER, FIRMWARE = 1, 2
 CLOCK = SystemClock()

@@ -9,10 +9,10 @@ import pytest
 import usb.core
 
 from rig.devices.v4l2.find import find_cameras
+from rig.emulated.test_pictures import FULL_SCALES, MEDIUM_EXPOSURE_S, PatternSource, encode_picture, read_number
+from rig.emulated.usbip.attach import attach
+from rig.emulated.uvc.camera import FrameRequest, Transport, UvcCamera
 from rig.errors import DeviceError, DeviceForbidden
-from rig.virtual.test_source import FULL_SCALES, MEDIUM_EXPOSURE_S, PatternSource, encode_picture, read_number
-from rig.virtual.usbip import attach
-from rig.virtual.uvc_camera import FrameRequest, Transport, UvcCamera
 from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.guest.virtual_camera import HEIGHT, NODES, WIDTH, Plugged, load_drivers, plug_in, plugging
 from tests.device_lab.programs import output_of

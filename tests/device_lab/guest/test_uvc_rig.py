@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.devices.v4l2.camera import V4l2Camera
+from rig.emulated.test_pictures import PatternSource, encode_picture, read_number
+from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
-from rig.pair import Rig
-from rig.profile import load_profile
-from rig.virtual.test_source import PatternSource, encode_picture, read_number
-from rig.virtual.uvc_camera import FrameRequest
+from rig.profile.schema import load_profile
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
 from tests.device_lab.waiting import GENEROUS_S
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
-from rig.pair import Rig, open_rig
 from tests.contract.lab import open_virtual, virtual_rig
 
 BITS = 9

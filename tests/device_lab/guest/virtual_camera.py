@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.devices.clock import SystemClock
-from rig.virtual.faults import Faults
-from rig.virtual.test_source import PatternSource
-from rig.virtual.usbip import Attachment, attach
-from rig.virtual.uvc_camera import UvcCamera, video_formats
+from rig.emulated.faults import Faults
+from rig.emulated.test_pictures import PatternSource
+from rig.emulated.usbip.attach import Attachment, attach
+from rig.emulated.uvc.camera import UvcCamera, video_formats
 from tests.device_lab.programs import output_of
 from tests.device_lab.waiting import wait_until
 

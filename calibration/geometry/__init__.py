@@ -1,0 +1,1 @@
+"""Lenses, poses, points and walls."""

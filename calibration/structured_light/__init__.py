@@ -1,0 +1,1 @@
+"""Patterns, and how pixels are read back from photographs of them."""

@@ -1,0 +1,134 @@
+"""``rig bench live``: one frame of live compensation, its seconds beside OpenCV's and numpy's, and its error."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.references.live_peers import NumpyFrame, OpenCvFrame
+from rig.benchmark.references.live_scene import LiveScene, live_scene, panning_frames
+from rig.benchmark.timing import Work, median_seconds
+from sim.compensation import compensate
+from sim.frame.compensator import FrameCompensator, FrameModel, reference_frame
+from sim.threads import threads
+
+Codes = NDArray[np.uint8]
+Method = Callable[[Codes], Codes]
+
+PICTURES: dict[str, tuple[tuple[int, int, float], ...]] = {
+    "quick": ((320, 180, 0.4),),
+    "default": ((1920, 1080, 0.2),),
+    "full": ((1920, 1080, 0.2), (3840, 2160, 0.2)),
+}
+"""Width, height [px], patch size [m]."""
+CERTIFIED: dict[str, tuple[int, int, int]] = {"quick": (96, 54, 4), "default": (320, 180, 8), "full": (480, 270, 12)}
+"""Width, height, frames of the pictures whose optimum is certified."""
+FRAMES = 6
+LIMITS_S = {"exact": 5e-3, "bounded": 1 / 60}
+FASTER = {"opencv": 7.0, "numpy": 15.0}
+PEERS_UP_TO_PX = 1080
+"""Height of the largest picture that the peers take part in."""
+BARS_FOR = "1920x1080"
+LARGEST_LSB = 1.0
+OVER_OPTIMUM = 1.05
+ERROR_OF = "predicted - wanted camera image, rms grey levels"
+
+
+def run(size: Size, on_step: OnStep) -> Outcome:
+    """Measure all that ``rig bench live`` shows."""
+    pictures = PICTURES[size]
+    found = []
+    for number, (width, height, patch_size_m) in enumerate(pictures):
+        on_step(f"frames of {width} x {height}", number, len(pictures) + 1)
+        found.append(_picture(width, height, patch_size_m, size))
+    on_step("certified optimum", len(pictures), len(pictures) + 1)
+    found.append(_certified(*CERTIFIED[size]))
+    on_step("certified optimum", len(pictures) + 1, len(pictures) + 1)
+    return joined(found)
+
+
+def _picture(width: int, height: int, patch_size_m: float, size: Size) -> Outcome:
+    live = live_scene(width, height, patch_size_m)
+    model = live.model()
+    frames = panning_frames(live.lens.shape, FRAMES)
+    methods = _methods(live, model)
+    works = {name: _endless(method, frames) for name, method in methods.items()}
+    seconds = median_seconds(works, budget_s=0.2 if size == "quick" else 20.0, repeats=25)
+    definition = reference_frame(model, frames[-1]).astype(int)
+    problem, points = f"{width}x{height}", []
+    for name, method in methods.items():
+        shown = [method(frame) for frame in frames][-1]
+        detail = {"threads": threads(), "lit": model.n_lit, "frames_per_second": 1 / seconds[name]}
+        if name != "bounded":
+            detail["largest_lsb"] = float(np.abs(shown - definition).max())
+        error = live.error(frames[-1], shown)
+        points.append(Point(problem, name, live.scene.n_patches, seconds[name], error, None, ERROR_OF, detail))
+    return Outcome(tuple(points), tuple(_bars(problem, points)))
+
+
+def _methods(live: LiveScene, model: FrameModel) -> dict[str, Method]:
+    """Each one's codes for a frame's; OpenCV and numpy only where their tables fit the memory."""
+    out = np.empty((*model.shape, 3), dtype=np.uint8)
+    methods: dict[str, Method] = {
+        "exact": partial(FrameCompensator(model, "exact", threads()).frame, out=out),
+        "bounded": partial(FrameCompensator(model, "bounded", threads()).frame, out=out),
+    }
+    if model.shape[0] <= PEERS_UP_TO_PX:
+        cv2.setNumThreads(threads())
+        methods |= {"opencv": OpenCvFrame(live, model), "numpy": NumpyFrame(model)}
+    return methods
+
+
+def _endless(work: Method, frames: Sequence[Codes]) -> Work:
+    """One frame a call, forwards and backwards, so that no frame follows itself."""
+    order = [*frames, *frames[-2:0:-1]]
+    turn = iter(range(1 << 62))
+    return lambda: work(order[next(turn) % len(order)])
+
+
+def _bars(problem: str, points: Sequence[Point]) -> list[Criterion]:
+    by_name = {point.method: point for point in points}
+    lsb = by_name["exact"].detail["largest_lsb"]
+    criteria = [Criterion(f"{problem}: exact against its definition", lsb, LARGEST_LSB, "codes")]
+    if problem != BARS_FOR:
+        return criteria
+    seconds = {name: point.seconds or np.nan for name, point in by_name.items()}
+    for name, limit_s in LIMITS_S.items():
+        criteria.append(Criterion(f"{problem}: {name}, a frame", 1e3 * seconds[name], 1e3 * limit_s, "ms", "time"))
+    for peer, times in FASTER.items():
+        ratio = seconds[peer] / seconds["exact"]
+        criteria.append(Criterion(f"{problem}: exact over {peer}", ratio, times, "x faster", "time", at_least=True))
+    return criteria
+
+
+def _certified(width: int, height: int, count: int) -> Outcome:
+    """Each frame of a pan against the least-squares optimum that its strategy certifies."""
+    live = live_scene(width, height, 0.4)
+    model = live.model()
+    compensators = {"exact": FrameCompensator(model, "exact"), "bounded": FrameCompensator(model, "bounded")}
+    errors: dict[str, list[float]] = {name: [] for name in ("certified", *compensators)}
+    for frame in panning_frames(live.lens.shape, count):
+        errors["certified"].append(_optimum(live, frame))
+        for name, compensator in compensators.items():
+            errors[name].append(live.error(frame, compensator.frame(frame)))
+    problem = f"{width}x{height} pan"
+    points = [
+        Point(problem, name, live.scene.n_patches, None, float(np.median(values)), None, ERROR_OF, {"frames": count})
+        for name, values in errors.items()
+    ]
+    worst = float(np.max(np.divide(errors["bounded"], errors["certified"])))
+    return Outcome(
+        tuple(points), (Criterion(f"{problem}: bounded over certified, worst frame", worst, OVER_OPTIMUM, "x"),)
+    )
+
+
+def _optimum(live: LiveScene, frame: Codes) -> float:
+    """The certified optimum's error in grey levels; the bands count alike, as in a live frame."""
+    wanted = live.curve[frame.reshape(-1, 3)] * live.target_scale - live.black
+    best = compensate("bounded", live.transport, wanted, tolerance=1e-3)
+    return 255 * float(np.sqrt(np.mean(((best.predicted - wanted) / live.target_scale) ** 2)))

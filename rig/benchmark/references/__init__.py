@@ -1,0 +1,1 @@
+"""What the benches are held against: exact references and other programs."""

@@ -1,0 +1,124 @@
+"""What ``rig bench live`` runs on: a coloured room, a projector that distorts and vignettes, a photograph that pans."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import skimage.data
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
+from skimage.transform import resize
+
+from sim.form_factors import form_factors
+from sim.frame.compensator import FrameModel, frame_model
+from sim.geometry.optics import Lens, Pose, rays_at
+from sim.geometry.scene import FloatArray, Hits, Scene, intersect
+from sim.light.colour import ColourTransport
+from sim.light.radiosity import Radiosity
+from sim.light.transport import LightTransport
+from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
+from sim.scenes.library import paper_room
+
+GAMMA = 2.2
+TARGET_SHARE = 0.7
+"""Full scale of a target, of the median camera value of white."""
+BLACK_SHARE = 0.01
+"""Camera value at the projector's black, of the same."""
+PAINT = {
+    "floor": (0.45, 0.40, 0.35),
+    "ceiling": (0.80, 0.80, 0.80),
+    "x0": (0.70, 0.68, 0.62),
+    "x1": (0.70, 0.70, 0.70),
+    "y0": (0.65, 0.70, 0.72),
+    "y1": (0.70, 0.70, 0.70),
+}
+"""Reflectance of each face in the three bands."""
+MIXING = np.array([[1.0, 0.08, 0.01], [0.06, 1.0, 0.07], [0.01, 0.05, 1.0]])
+POSITION_M, AIM_M = (1.2, 1.2, 1.2), (2.2, 2.2, 1.2)
+PAN_PX = 8
+
+
+@dataclass(frozen=True, eq=False)
+class LiveScene:
+    """One room seen by one projector."""
+
+    scene: Scene
+    lens: Lens
+    hits: Hits
+    transport: ColourTransport
+    target_scale: FloatArray
+    """(3,) camera value of a target's full scale."""
+    black: FloatArray
+    """(n, 3)."""
+    curve: FloatArray
+    """(256,) linear light of codes, of target and projector."""
+
+    def model(self) -> FrameModel:
+        """Prepare it for frames."""
+        return frame_model(
+            self.transport,
+            self.lens.shape,
+            target_scale=self.target_scale,
+            black=self.black,
+            eotf=self.curve,
+            response=self.curve,
+        )
+
+    def error(self, target: NDArray[np.uint8], shown: NDArray[np.uint8]) -> float:
+        """Root mean square of predicted minus wanted camera image, in grey levels, by the transport itself."""
+        light, wanted = (self.curve[codes.reshape(-1, 3)] for codes in (shown, target))
+        predicted = (self.transport.forward(light) + self.black) / self.target_scale
+        return 255 * float(np.sqrt(np.mean((predicted - wanted) ** 2)))
+
+
+def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
+    """Build the paper's room in colour, a painted pattern on its walls, and a projector of 100 degrees."""
+    room = paper_room(patch_size_m=patch_size_m)
+    ideal = Lens.from_horizontal_field_of_view(width_px, height_px, 100.0)
+    lens = Lens(width_px, height_px, ideal.focal_px, ideal.principal_point_px, (-0.02, 0.003, 2e-4, -1e-4, 0.0))
+    pose = Pose.look_at(POSITION_M, AIM_M)
+    rays = rays_at(lens, pose, lens.pixel_grid())
+    hits = intersect(room, pose.position_m, rays)
+    points = pose.position_m + hits.distance[:, None] * rays
+    vignetting = _vignetting(lens)
+    light = irradiance_at(room, lens, pose, points, hits.patch) * vignetting
+    del rays
+    emission = area_emission(room.with_reflectance(1.0), lens, pose, 2, "physical") @ diags_array(vignetting)
+    view = smooth_view(room.with_reflectance(1.0), hits, np.ones(lens.n_pixels))
+    factors = form_factors(room)
+    pattern = 1 + 0.08 * np.sin(9 * points[:, 0] + 5 * points[:, 2]) * np.sin(7 * points[:, 1])
+    bands = []
+    for band in range(3):
+        rho = np.concatenate([np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces])
+        seen = rho[hits.patch] * pattern
+        bands.append(
+            LightTransport(
+                csr_array(diags_array(seen * light)),
+                csr_array(diags_array(rho) @ emission),
+                Radiosity(factors, rho, solver="repeated"),
+                csr_array(diags_array(seen) @ view @ diags_array(1 / rho)),
+                hits.patch,
+            )
+        )
+    transport = ColourTransport(bands, MIXING)
+    white = np.median(transport.forward(np.ones((lens.n_pixels, 3))), axis=0)
+    black = np.tile(BLACK_SHARE * white, (lens.n_pixels, 1)) * (seen / np.median(seen))[:, None]
+    curve = (np.arange(256) / 255) ** GAMMA
+    return LiveScene(room, lens, hits, transport, TARGET_SHARE * white, black, curve)
+
+
+def _vignetting(lens: Lens) -> FloatArray:
+    radius = np.linalg.norm(lens.pixel_grid() - np.array(lens.principal_point_px), axis=1)
+    return np.asarray(1 - 0.3 * (radius / np.hypot(*lens.shape) * 2) ** 2)
+
+
+def panning_frames(shape: tuple[int, int], count: int) -> list[NDArray[np.uint8]]:
+    """``count`` frames (H, W, 3) of a photograph that moves to the left by 8 pixels of 1920 a frame."""
+    height, width = shape
+    step = max(1, round(PAN_PX * width / 1920))
+    whole = (height, width + step * (count - 1), 3)
+    picture = np.asarray(skimage.data.coffee())  # type: ignore[no-untyped-call]
+    large = resize(picture, whole, order=1, anti_aliasing=True)  # type: ignore[no-untyped-call]
+    codes = np.rint(255 * np.clip(large, 0, 1)).astype(np.uint8)
+    return [np.ascontiguousarray(codes[:, step * k : step * k + width]) for k in range(count)]

@@ -1,0 +1,133 @@
+"""The verbs of the command line about what is plugged in, virtual rigs and profiles; no logic."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from rig.cli.options import Json, names_of, print_json
+from rig.errors import UsageError
+
+profile_app = App(name="profile", help="Write and check hardware profiles.")
+
+
+def devices(
+    name: Annotated[
+        str | None, Parameter(help="Only devices that this names: device id, node, connector, part of the name.")
+    ] = None,
+    *,
+    everything: Annotated[
+        bool, Parameter(name="--all", negative="", help="All formats, controls and modes; a name does so too.")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """List what is plugged in: cameras, display outputs, monitors, controllers, and their lines for a profile.
+
+    Example: rig devices --json
+    """
+    from rig.inventory.list import list_devices
+    from rig.inventory.tables import print_devices
+
+    result = list_devices(name)
+    print_json(result) if as_json else print_devices(result, everything or name is not None)
+    return 0
+
+
+def check(
+    *,
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
+    only: Annotated[str, Parameter(help="Parts to measure, separated by commas; default: all.")] = "",
+    report: Annotated[Path | None, Parameter(help="HTML file to write, with charts.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Open a rig and measure what every rig must keep; prints values for its profile.
+
+    Parts: latency, exposure, pipeline, flicker, linearity, noise, saturation, pixels, darkness, additivity, checker,
+    ramp, stability.
+
+    Example: rig check -p sim-room --only latency,noise --report check.html
+    """
+    from rig.self_check import run_check
+    from rig.self_check.page import print_check, write_check_page
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        result = run_check(profile, progress, names_of(only) if only else ())
+    if report is not None:
+        result["report"] = str(write_check_page(result, report))
+    print_json(result) if as_json else print_check(result)
+    return 0 if result["within_limits"] else 1
+
+
+def virtual(
+    *,
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile with a [simulation]: the room.")] = (
+        "virtual-rig"
+    ),
+    display: Annotated[
+        str | None, Parameter(help="Display output to look at, e.g. HDMI-A-1; default: the profile's.")
+    ] = None,
+    picture: Annotated[Path | None, Parameter(help="Still picture to look at instead of a display.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Plug a simulated USB camera into this machine, for any program; it sees a display in a simulated room.
+
+    Needs root, and Linux with the modules vhci-hcd and uvcvideo. Ends with "quit" or Ctrl-C.
+
+    Example: sudo rig virtual --picture photograph.png
+    """
+    from rig.emulated.commands import run_virtual
+
+    def ready(found: dict[str, Any]) -> None:
+        text = "{node} is a virtual camera, {device_id}; it sees {display}. Type help or quit.".format(**found)
+        print(json.dumps(found) if as_json else text, flush=True)
+
+    run_virtual(profile, display, picture, ready, lambda text: print(text, file=sys.stderr, flush=True))
+    return 0
+
+
+@profile_app.command(name="check")
+def profile_check(*files: str, as_json: Json = False) -> int:
+    """Validate profiles, and files of facts about hardware: every problem of every file, a line each.
+
+    Example: rig profile check hw_profiles/*.toml
+    """
+    from rig.inventory.check_files import check_files
+
+    if not files:
+        raise UsageError("rig profile check needs at least one file, e.g. hw_profiles/sim-room.toml")
+    checked = check_files(list(files))
+    if as_json:
+        print_json({"files": [{"path": c.path, "ok": c.ok, "problems": list(c.problems)} for c in checked]})
+    else:
+        for one in checked:
+            print("\n".join(one.problems) if one.problems else one.summary)
+    return 0 if all(one.ok for one in checked) else 2
+
+
+@profile_app.command(name="new")
+def profile_new(
+    path: Annotated[Path, Parameter(help="Profile to write (.toml).")],
+    *,
+    camera: Annotated[str | None, Parameter(help="Device id, if there are several; see rig devices.")] = None,
+    output: Annotated[str | None, Parameter(help="Connector or monitor, if there are several.")] = None,
+    camera_model: Annotated[str | None, Parameter(help="Model in hw_profiles/cameras; default: by USB ids.")] = None,
+    projector_model: Annotated[str | None, Parameter(help="Model in hw_profiles/projectors.")] = None,
+    name: Annotated[str | None, Parameter(help="The profile's name; default: the file's.")] = None,
+    force: Annotated[bool, Parameter(negative="", help="Replace a file that is there.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Write a profile from what is plugged in and what is publicly known of it; says what is left to measure.
+
+    Example: rig profile new lab.toml --projector-model PW800
+    """
+    from rig.inventory.new_profile import Request, write_profile
+    from rig.inventory.tables import print_new_profile
+
+    result = write_profile(Request(path, camera, output, camera_model, projector_model, name, force))
+    print_json(result) if as_json else print_new_profile(result)
+    return 0

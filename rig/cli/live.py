@@ -1,0 +1,64 @@
+"""The verb of the command line for live pictures; no logic."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+
+from rig.cli.options import Json, print_json
+
+_INTERRUPTED = 130
+
+
+def live(
+    session: Annotated[Path | None, Parameter(help="Session with a model (rig model); without one give -p.")] = None,
+    *,
+    profile: Annotated[
+        str | None, Parameter(name=["--profile", "-p"], help="Profile file or name; default: the session's.")
+    ] = None,
+    source: Annotated[
+        tuple[str, ...],
+        Parameter(
+            help="Video file, folder, named pipe, pipe:PATH, - (standard input), shm:NAME, camera:ID or pattern; "
+            "may be given several times.",
+            negative="",
+            allow_leading_hyphen=True,
+        ),
+    ] = ("pattern",),
+    strategy: Annotated[str, Parameter(help="exact, bounded, or none.")] = "bounded",
+    seconds: Annotated[float | None, Parameter(help="How long; default: until q, or the sources' end.")] = None,
+    size: Annotated[str, Parameter(help="WIDTHxHEIGHT of raw RGB24 pictures; default: PPM headers tell.")] = "",
+    rate: Annotated[float | None, Parameter(help="Pictures a second of a folder or the pattern.")] = None,
+    loop: Annotated[bool, Parameter(negative="", help="Begin again after the last source.")] = False,
+    gain: Annotated[float, Parameter(help="Times the target's brightness.")] = 1.0,
+    auto_gain: Annotated[bool, Parameter(negative="", help="Darken slowly what would clip at white.")] = False,
+    linear: Annotated[bool, Parameter(negative="", help="Codes are linear light; default: sRGB.")] = False,
+    record: Annotated[Path | None, Parameter(help="New folder: what was shown and photographed.")] = None,
+    flashes: Annotated[bool, Parameter(negative="", help="First measure the latency to light, with flashes.")] = False,
+    threads: Annotated[int, Parameter(help="Of the frame kernel.")] = 2,
+    as_json: Json = False,
+) -> int:
+    """Show live pictures, each compensated, at the display's pace; black at the end.
+
+    Keys: n next source, c compensation on or off, s next strategy, + - gain, a automatic gain, f freeze, b black,
+    q quit.
+
+    Example: rig live runs/first --source film.mp4
+    """
+    from rig.live.run import Request, run_live
+    from rig.live.sources.choose import parse_size
+    from rig.live.status import StatusLine, print_live
+    from rig.terminal import TerminalProgress
+
+    request = Request(
+        session, profile, source, strategy, seconds, parse_size(size), rate, loop, gain, auto_gain, linear, record,
+        flashes, threads,
+    )  # fmt: skip
+    with TerminalProgress() as progress:
+        on_step = progress
+        with StatusLine() as status:
+            result = run_live(request, on_step, status)
+    print_json(result) if as_json else print_live(result)
+    return _INTERRUPTED if result["signal"] == "SIGINT" else 0

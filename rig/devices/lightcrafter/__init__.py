@@ -1,0 +1,1 @@
+"""The DLP LightCrafter 4500 over USB HID."""

@@ -1,0 +1,1 @@
+"""Projectors that are controlled over the network (PJLink)."""

@@ -1,0 +1,1 @@
+"""The simulated world and the camera and the projector in it."""

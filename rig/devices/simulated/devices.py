@@ -1,0 +1,255 @@
+"""The simulated pair: a camera and a projector on one simulated world, in virtual time.
+
+Every random event is drawn from the simulated world's seed and the time at which it happens, so it is a function of
+time alone: a session that is killed and resumed at the time of its last frame sees what it would have seen. Only
+``exposure_delay_frames`` and ``frozen_s`` depend on when the camera was opened or set.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.devices.protocols import Clock, Codes, RawFrame, Shown
+from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
+from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
+from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld
+from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
+
+FloatArray = NDArray[np.float64]
+
+_KEPT_PICTURES = 16
+_KEPT_LIGHT = 4
+_SHORT_SHARE = 2
+"""A short frame has the upper half of the rows."""
+
+
+@dataclass(frozen=True, slots=True)
+class LitPicture:
+    """A picture, and from when to when its light was there."""
+
+    codes: Codes
+    light_s: float
+    dark_s: float = math.inf
+
+
+class SimulatedProjector:
+    """Shows codes on the simulated world at the next refresh, with latency and jitter until the light comes."""
+
+    def __init__(self, world: SimulatedWorld, clock: Clock, *, refresh_rate_hz: float):
+        self._world = world
+        self._clock = clock
+        self._period_s = 1.0 / refresh_rate_hz
+        self._opened_s: float | None = None
+        self._pictures: list[LitPicture] = []
+        self._black = np.zeros(self.shape, dtype=np.uint8)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width), in pixels."""
+        return self._world.projector.shape
+
+    def open(self) -> None:
+        """Switch on; shows black. Raises DeviceLost while unplugged."""
+        if self._opened_s is None:
+            now_s = self._clock.now_s()
+            _refuse_unplugged("projector", self._world.settings.projector.unplugged_s, now_s, now_s)
+            self._opened_s = now_s
+            self._pictures = [LitPicture(self._black, -math.inf)]
+
+    def close(self) -> None:
+        """Go black."""
+        self._opened_s = None
+        self._pictures = [LitPicture(self._black, -math.inf)]
+
+    def check_on_screen(self) -> None:
+        """Raise DeviceLost when closed, or unplugged since it was opened."""
+        if self._opened_s is None:
+            raise DeviceLost("the simulated projector is closed: open the rig before showing a picture")
+        _refuse_unplugged("projector", self._world.settings.projector.unplugged_s, self._opened_s, self._clock.now_s())
+
+    def show(self, codes: Codes, *, name: str) -> Shown:
+        """Show codes of exactly its shape, (H, W) or (H, W, 3), at the next refresh."""
+        self.check_on_screen()
+        if codes.dtype != np.uint8 or codes.shape not in (self.shape, (*self.shape, 3)):
+            raise SettingRefused(
+                f"the projector shows uint8 codes of shape {self.shape}, not {codes.dtype} of {codes.shape}"
+            )
+        on_screen_s = math.ceil(self._clock.now_s() / self._period_s + 1e-9) * self._period_s
+        self._clock.wait_until_s(on_screen_s)
+        projector = self._world.settings.projector
+        jitter = self._bench_random(on_screen_s).uniform(0, projector.jitter_s)
+        self._pictures.append(LitPicture(codes.copy(), on_screen_s + projector.latency_s + jitter))
+        del self._pictures[:-_KEPT_PICTURES]
+        return Shown(on_screen_s, name)
+
+    def lit_pictures(self) -> list[LitPicture]:
+        """The last pictures, in their order; all is dark from the moment on at which it was unplugged."""
+        opened_s = math.inf if self._opened_s is None else self._opened_s
+        lost_s = first_in(self._world.settings.projector.unplugged_s, opened_s, math.inf)
+        ends = [min(p.light_s, lost_s) for p in self._pictures[1:]] + [lost_s]
+        return [LitPicture(p.codes, p.light_s, end_s) for p, end_s in zip(self._pictures, ends, strict=True)]
+
+    def _bench_random(self, time_s: float) -> np.random.Generator:
+        return np.random.default_rng((self._world.settings.seed, 1, round(time_s * 1e6)))
+
+
+class SimulatedCamera:
+    """Photographs the world: exposure, lens, shot and read noise, response, quantisation, late or lost frames."""
+
+    def __init__(
+        self,
+        bands: tuple[SimulatedWorld, ...],
+        projector: SimulatedProjector,
+        clock: Clock,
+        *,
+        bit_depth: int,
+        frame_rate_hz: float,
+        exposure_range_s: tuple[float, float],
+    ):
+        self.bands = bands
+        self.world = bands[0]
+        self._projector = projector
+        self._clock = clock
+        self._bit_depth = bit_depth
+        self._period_s = 1.0 / frame_rate_hz
+        self._exposure_range_s = exposure_range_s
+        self._exposure_s = exposure_range_s[0]
+        self._earlier_exposure_s, self._set_s = self._exposure_s, -math.inf
+        self._opened_s: float | None = None
+        self._sequence = 0
+        self._faults = FrameFaults(self.world.settings.camera, self.world.settings.seed, self._period_s)
+        self._seen = [SeenLight(world, _KEPT_LIGHT) for world in bands]
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, channels), in pixels; three channels are red, green and blue at every pixel."""
+        return (*self.world.camera.shape, len(self.bands))
+
+    @property
+    def full_scale_dn(self) -> int:
+        """Largest digital number."""
+        return int(2**self._bit_depth - 1)
+
+    @property
+    def exposure_range_s(self) -> tuple[float, float]:
+        """Shortest and longest exposure."""
+        return self._exposure_range_s
+
+    def open(self) -> None:
+        """Make ready, with the shortest exposure. Raises DeviceLost while unplugged."""
+        if self._opened_s is None:
+            now_s = self._clock.now_s()
+            _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, now_s, now_s)
+            self._opened_s = now_s
+            self._exposure_s = self._earlier_exposure_s = self._exposure_range_s[0]
+
+    def close(self) -> None:
+        """Let go."""
+        self._opened_s = None
+
+    def set_exposure(self, exposure_s: float) -> float:
+        """Choose the nearest multiple of 10 µs."""
+        self._check_open()
+        shortest, longest = self._exposure_range_s
+        if not shortest <= exposure_s <= longest:
+            raise SettingRefused(f"exposure {exposure_s:.6g} s is outside the camera's {shortest:g} … {longest:g} s")
+        chosen_s = round(exposure_s * 1e5) / 1e5
+        if chosen_s != self._exposure_s:
+            self._earlier_exposure_s, self._set_s = self._exposure_s, self._clock.now_s()
+        self._exposure_s = chosen_s
+        return chosen_s
+
+    def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+        """Next frame on the camera's grid of start times; now and then an old one, as real drivers deliver."""
+        opened_s = self._check_open()
+        settings = self.world.settings.camera
+        now_s = self._clock.now_s()
+        slot = self._slot_from(max(after_s, now_s))
+        slot = self._slot_from(end_of(settings.frozen_s, opened_s, slot * self._period_s))
+        while self._faults.is_dropped(slot) and slot * self._period_s < now_s + timeout_s:
+            slot += 1
+        exposure_s = self._exposure_at(slot)
+        end_s = slot * self._period_s + exposure_s + settings.readout_s
+        self._wait(min(end_s, now_s + timeout_s), opened_s)
+        if end_s - now_s > timeout_s:
+            raise CaptureTimeout(f"no frame within {timeout_s:g} s: the exposure would end later; allow more time")
+        return self._frame(slot, exposure_s)
+
+    def _slot_from(self, time_s: float) -> int:
+        return math.ceil(time_s / self._period_s - 1e-9)
+
+    def _exposure_at(self, slot: int) -> float:
+        settled_s = self._set_s + self.world.settings.camera.exposure_delay_frames * self._period_s
+        return self._exposure_s if slot * self._period_s >= settled_s else self._earlier_exposure_s
+
+    def _wait(self, until_s: float, opened_s: float) -> None:
+        """Wait; raises DeviceLost at the moment of an unplugging."""
+        unplugged_s = self.world.settings.camera.unplugged_s
+        self._clock.wait_until_s(min(until_s, first_in(unplugged_s, opened_s, until_s)))
+        _refuse_unplugged("camera", unplugged_s, opened_s, self._clock.now_s())
+
+    def _frame(self, slot: int, exposure_s: float) -> RawFrame:
+        fate, lost = self._faults.fate(slot), self._faults.lost_before(slot)
+        self._sequence = 1 if fate.restarts_count else self._sequence + 1 + lost
+        pixels = self._expose(fate.content_slot * self._period_s, exposure_s)
+        if fate.is_short:
+            pixels = pixels[: len(pixels) // _SHORT_SHARE]
+        started_s = fate.stamp_slot * self._period_s + fate.stamp_error_s
+        return RawFrame(pixels, exposure_s, started_s, self._sequence, lost, fate.repeats and not lost)
+
+    def _expose(self, start_s: float, exposure_s: float) -> NDArray[np.uint16]:
+        """Rows are exposed one after the other when the shutter rolls."""
+        settings = self.world.settings.camera
+        height = self.world.camera.shape[0]
+        starts_s = start_s + settings.readout_s * np.arange(height)[:, None] / height
+        light = np.zeros(self.shape, dtype=np.float32)
+        for picture in self._projector.lit_pictures():
+            share = _lit_share(picture, starts_s, starts_s + exposure_s)
+            if share.any():
+                for band, seen in enumerate(self._seen):
+                    light[..., band] += share.astype(np.float32) * seen.of(picture.codes)
+        if self.world.settings.ambient_flicker:
+            swell = self.world.ambient_swell(starts_s, exposure_s)
+            for band, (world, seen) in enumerate(zip(self.bands, self._seen, strict=True)):
+                light[..., band] += swell.astype(np.float32) * seen.through_lens(world.ambient)
+        random = random_at(self.world.settings.seed, 3, start_s)
+        noise = random.standard_normal(light.shape, dtype=np.float32)
+        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise)
+
+    def _check_open(self) -> float:
+        """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
+        if self._opened_s is None:
+            raise DeviceLost("the simulated camera is closed: open the rig before using it")
+        _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, self._opened_s, self._clock.now_s())
+        return self._opened_s
+
+
+def _refuse_unplugged(kind: str, unplugged_s: tuple[Interval, ...], opened_s: float, now_s: float) -> None:
+    lost_s = first_in(unplugged_s, opened_s, now_s)
+    if lost_s <= now_s:
+        raise DeviceLost(f"the simulated {kind} was away at {lost_s:.3f} s, as simulation.{kind}.unplugged_s says")
+
+
+def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) -> FloatArray:
+    """Share of each exposure that a picture lit."""
+    lit_s = np.minimum(ends_s, picture.dark_s) - np.maximum(starts_s, picture.light_s)
+    return np.asarray(np.maximum(lit_s, 0.0) / (ends_s - starts_s))
+
+
+def sensor_response(
+    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, noise: Float32Array
+) -> NDArray[np.uint16]:
+    """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip.
+
+    ``noise`` is standard normal, in the shape of the light.
+    """
+    electrons = light * np.float32(camera.sensitivity_e_per_s * exposure_s)
+    electrons += noise * np.sqrt(electrons + np.float32(camera.read_noise_e**2))
+    y = np.clip(electrons / np.float32(camera.full_well_e), -0.05, 1.0)
+    y *= (1 + camera.compression) / (1 + camera.compression * y)
+    digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y
+    return np.asarray(np.clip(np.rint(digital), 0, full_scale_dn), dtype=np.uint16)

@@ -1,0 +1,105 @@
+"""Lenses of the simulated world: where a pixel looks, and how bright the projector's light is where it lands."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.devices.simulated.settings import SimulatedLensSettings
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedOptics:
+    """One device's pinhole with distortion and vignetting."""
+
+    lens: SimulatedLensSettings
+    shape: tuple[int, int]
+    rotation: FloatArray
+    """(3, 3) device_from_world."""
+
+    @property
+    def position_m(self) -> FloatArray:
+        """(3,) centre of projection."""
+        return np.array(self.lens.position_m)
+
+
+def make_optics(lens: SimulatedLensSettings, shape: tuple[int, int]) -> SimulatedOptics:
+    """Aim a lens: camera z forward, x right, y down, room z up; roll turns the picture clockwise."""
+    forward = np.array(lens.look_at_m) - np.array(lens.position_m)
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    c, s = np.cos(np.radians(lens.roll_deg)), np.sin(np.radians(lens.roll_deg))
+    return SimulatedOptics(lens, shape, np.stack([c * right + s * down, c * down - s * right, forward]))
+
+
+def distort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:
+    """Ideal to real image coordinates, focal length 1 (Brown's model in OpenCV's order)."""
+    k1, k2, p1, p2, k3 = lens.distortion
+    x, y = xy[..., 0], xy[..., 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    real = np.empty_like(xy)
+    real[..., 0] = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+    real[..., 1] = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+    return real
+
+
+def undistort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:
+    """Inverse of :func:`distort` by fixed-point iteration (converges for the mild lenses of a simulated world)."""
+    ideal = xy.copy()
+    for _ in range(50):
+        correction = xy - distort(lens, ideal)
+        ideal += correction
+        if np.abs(correction).max(initial=0.0) < 1e-11:
+            break
+    return ideal
+
+
+def directions(optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
+    """(..., 3) unit world directions of pixel coordinates (..., 2)."""
+    lens = optics.lens
+    xy = undistort(lens, (xy_px - np.array(lens.principal_point_px)) / lens.focal_px)
+    rays = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    return np.asarray(rays @ optics.rotation)
+
+
+def pixels_of(optics: SimulatedOptics, points_m: FloatArray) -> FloatArray:
+    """(..., 2) pixel coordinates of world points; NaN behind the lens."""
+    local = (points_m - optics.position_m) @ optics.rotation.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        xy = np.where(local[..., 2:] > 1e-6, local[..., :2] / local[..., 2:], np.nan)
+    return np.asarray(distort(optics.lens, xy) * optics.lens.focal_px + optics.lens.principal_point_px)
+
+
+def relative_illumination(optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
+    """Vignetting 1 + v2 r² + v4 r⁴ with r = distance from the axis / half diagonal."""
+    v2, v4 = optics.lens.vignetting
+    half_diagonal = np.hypot(*optics.shape) / 2
+    r2 = ((xy_px - np.array(optics.lens.principal_point_px)) ** 2).sum(axis=-1) / half_diagonal**2
+    return np.asarray(1 + r2 * (v2 + r2 * v4))
+
+
+def flux_density(optics: SimulatedOptics, points_m: FloatArray, cos_incidence: FloatArray) -> FloatArray:
+    """Pixels per square metre of surface at points that the projector reaches.
+
+    A pixel of an ideal lens covers the solid angle cos³γ / f²; distortion stretches the pixel grid by the
+    determinant of its Jacobian, taken by finite differences.
+    """
+    local = (points_m - optics.position_m) @ optics.rotation.T
+    r2 = (local**2).sum(axis=-1)
+    cos_axis = local[..., 2] / np.sqrt(r2)
+    xy = local[..., :2] / local[..., 2:]
+    step = 1e-4
+    dx, dy = (
+        (distort(optics.lens, xy + d) - distort(optics.lens, xy - d)) / (2 * step)
+        for d in (np.array([step, 0.0]), np.array([0.0, step]))
+    )
+    stretch = dx[..., 0] * dy[..., 1] - dx[..., 1] * dy[..., 0]
+    return np.asarray(stretch * optics.lens.focal_px**2 * cos_incidence / (r2 * cos_axis**3))

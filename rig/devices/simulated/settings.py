@@ -1,0 +1,166 @@
+"""The `[simulation]` table of a simulated rig's profile: the truth that calibration has to find out.
+
+Nothing outside the simulated pair and the scoring of its results may read these numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+
+Vector3 = tuple[float, float, float]
+FaceName = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Reflectance = Annotated[float, Field(ge=0.0, lt=1.0)]
+NotNegative = Annotated[float, Field(ge=0.0)]
+FrameCount = Annotated[int, Field(ge=0)]
+BANDS = 3
+"""Of a colour camera: red, green, blue."""
+
+
+def _listed(value: Any) -> Any:
+    if isinstance(value, list):
+        return tuple(value)
+    return (value,) if isinstance(value, int | float) else value
+
+
+def _one_or_three(values: tuple[float, ...]) -> tuple[float, ...]:
+    if len(values) not in (1, BANDS):
+        raise ValueError(f"has {len(values)} numbers; give one, or {BANDS} for red, green and blue")
+    return values
+
+
+Colour = Annotated[tuple[Reflectance, ...], BeforeValidator(_listed), AfterValidator(_one_or_three)]
+"""Reflectance: one number, or one each for red, green and blue."""
+Gamma = Annotated[tuple[Annotated[float, Field(gt=0)], ...], BeforeValidator(_listed), AfterValidator(_one_or_three)]
+MixingRow = tuple[NotNegative, NotNegative, NotNegative]
+
+
+def in_band(values: tuple[float, ...], band: int | None) -> float:
+    """What a band (0 red, 1 green, 2 blue) sees of one number or three; None: a grey camera, their mean."""
+    if len(values) == 1:
+        return values[0]
+    return sum(values) / len(values) if band is None else values[band]
+
+
+def _forward(interval: tuple[float, float]) -> tuple[float, float]:
+    if interval[0] >= interval[1]:
+        raise ValueError(f"{interval[0]:g} … {interval[1]:g} s does not end after its beginning; swap the two times")
+    return interval
+
+
+Interval = Annotated[tuple[float, float], AfterValidator(_forward)]
+"""Begin and end on the rig's clock, seconds."""
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SimulatedLensSettings(_Table):
+    """Pose and lens of one device of the simulated world."""
+
+    position_m: Vector3
+    look_at_m: Vector3
+    roll_deg: float = 0.0
+    focal_px: Annotated[float, Field(gt=0)]
+    principal_point_px: tuple[float, float]
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 in OpenCV's order."""
+    vignetting: tuple[float, float] = (0.0, 0.0)
+    """v2, v4: relative illumination 1 + v2 r² + v4 r⁴, r = distance from the axis / half diagonal."""
+    blur_px: Annotated[float, Field(ge=0.0)] = 0.0
+    """Standard deviation of the lens's Gaussian blur in the device's own pixels."""
+
+
+class SimulatedCameraSettings(SimulatedLensSettings):
+    """What the simulated camera really is."""
+
+    sensitivity_e_per_s: Annotated[float, Field(gt=0)]
+    """Electrons a second for a radiosity of 1."""
+    full_well_e: Annotated[float, Field(gt=0)] = 32000.0
+    read_noise_e: Annotated[float, Field(ge=0)] = 6.0
+    black_level_dn: Annotated[float, Field(ge=0)] = 64.0
+    compression: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Response y (1 + c) / (1 + c y): 0 is linear."""
+    stale_frame_rate: Share = 0.0
+    """Frames that are old, and say so by their time stamps."""
+    dropped_frame_rate: Share = 0.0
+    duplicate_frame_rate: Share = 0.0
+    """Frames that are copies of the one before, with a new time stamp and number."""
+    short_frame_rate: Share = 0.0
+    """Frames of which the lower half is missing."""
+    sequence_restart_rate: Share = 0.0
+    """Frames at which the counter begins anew."""
+    time_stamp_jitter_s: NotNegative = 0.0
+    """Largest error of a time stamp, either way."""
+    pipeline_frames: FrameCount = 0
+    """Frame periods by which what a frame shows is older than its time stamp."""
+    exposure_delay_frames: FrameCount = 0
+    """Frames for which a new exposure is not yet in force; they say so."""
+    readout_s: NotNegative = 0.0
+    """Rolling shutter: by how much the last row is exposed later than the first."""
+    unplugged_s: tuple[Interval, ...] = ()
+    frozen_s: tuple[Interval, ...] = ()
+    """No frame comes, unless the camera is opened again."""
+
+
+class SimulatedProjectorSettings(SimulatedLensSettings):
+    """What the simulated projector really is."""
+
+    flux: Annotated[float, Field(gt=0)] = 10.0
+    """Power of all pixels together at white; relative."""
+    contrast: Annotated[float, Field(gt=1)] = 1500.0
+    """White over black, the whole picture black."""
+    gamma: Gamma = (2.2,)
+    """Of all channels, or of red, green and blue."""
+    s_shape: Share = 0.0
+    """Share of a smooth step in the response, the rest a power law."""
+    latency_s: Annotated[float, Field(ge=0)] = 0.0
+    """From the time stamp of the display to light."""
+    jitter_s: Annotated[float, Field(ge=0)] = 0.0
+    white_boost: Annotated[float, Field(ge=0)] = 0.0
+    """A white segment's part: white is brighter by this share than red, green and blue together."""
+    mixing: tuple[MixingRow, MixingRow, MixingRow] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    """Light that each band (row) of a colour camera gets from red, green and blue; a grey one sees the rows' mean."""
+    unplugged_s: tuple[Interval, ...] = ()
+
+
+class Poster(_Table):
+    """A rectangle of other reflectance on a face, in shares of the face's two edges."""
+
+    face: FaceName
+    lower: tuple[Share, Share]
+    upper: tuple[Share, Share]
+    reflectance: Colour
+
+
+class SimulationSettings(_Table):
+    """The whole truth of a simulated rig."""
+
+    seed: int = 1
+    size_m: Vector3
+    reflectance: dict[FaceName, Colour]
+    """Mean reflectance of each face; a face that is not named is open."""
+    texture: Share = 0.0
+    """Half range of the smooth variation on each face."""
+    posters: tuple[Poster, ...] = ()
+    cell_size_m: Annotated[float, Field(gt=0)] = 0.12
+    pixel_samples: Annotated[int, Field(ge=1, le=4)] = 2
+    """Samples of a pixel along each axis, of camera and projector."""
+    ambient: Annotated[float, Field(ge=0)] = 0.0
+    """Irradiance of room light on every surface; relative, as the projector's."""
+    ambient_flicker_hz: Annotated[float, Field(ge=0)] = 0.0
+    """How often a second the room light swells; mains lamps do twice a period: 100 or 120."""
+    ambient_flicker: Share = 0.0
+    """By how much, share of its mean."""
+    camera: SimulatedCameraSettings
+    projector: SimulatedProjectorSettings
+
+    @model_validator(mode="after")
+    def _devices_are_inside(self) -> SimulationSettings:
+        for name, lens in (("camera", self.camera), ("projector", self.projector)):
+            if not all(0.0 < p < s for p, s in zip(lens.position_m, self.size_m, strict=True)):
+                raise ValueError(f"{name}.position_m {lens.position_m} is outside size_m {self.size_m}")
+        return self

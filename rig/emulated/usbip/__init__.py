@@ -1,0 +1,1 @@
+"""An emulated USB device, plugged into this machine's own kernel."""

@@ -1,0 +1,183 @@
+"""Rooms from files: OBJ, PLY, glTF and GLB, read by trimesh, held to the mesh's checks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from rig.errors import UsageError
+from rig.files.images import linear_of_srgb
+from sim.errors import SimulationError
+from sim.geometry.checks import problems, refuse
+from sim.geometry.mesh import Mesh
+from sim.geometry.quads import joined
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+Unit = Literal["m", "cm", "mm", "in", "ft"]
+
+UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+"""Metres of each unit."""
+FORMATS = (".obj", ".ply", ".gltf", ".glb")
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Share of linear red, green and blue in luminance (ITU-R BT.709)."""
+
+
+def read_mesh(
+    path: str | Path,
+    *,
+    reflectance: float | None = None,
+    unit: Unit = "m",
+    up: Literal["y", "z"] | None = None,
+    colours: bool = True,
+    join_quads: bool = True,
+    thorough: bool = True,
+    convex: bool | None = None,
+    closed: bool | None = None,
+) -> Mesh:
+    """Read a mesh.
+
+    Reflectance is the luminance (BT.709) of a patch's colour: the diffuse factor of its material (``Kd``,
+    ``baseColorFactor``; taken as linear), else the colours of its corners or face (sRGB; linear in glTF), averaged.
+    Materials with a picture have no colour here. glTF factors come in steps of 1/255.
+
+    Parameters
+    ----------
+    reflectance : float, optional
+        For patches without a colour. None: each needs one.
+    unit : {"m", "cm", "mm", "in", "ft"}
+        What the file's numbers are.
+    up : {"y", "z"}, optional
+        The file's axis that points up. None: y for glTF, as its standard says, else z.
+    colours : bool
+        False: ignore the file's colours; ``reflectance`` holds for all.
+    join_quads : bool
+        Join triangles of one plane and colour to quads. The reader cuts all polygons into triangles.
+    thorough : bool
+        Also refuse patches that pierce or cover each other.
+    convex, closed : bool, optional
+        None: found out.
+
+    Raises
+    ------
+    UsageError
+        If the file is missing, of another format, broken, or its geometry is bad; names file and patches. A
+        patch's number is its place in the mesh, which is not always the file's.
+    """
+    path = Path(path)
+    if unit not in UNITS_M:
+        raise UsageError(f"{path}: unknown unit {unit!r}; there are {', '.join(UNITS_M)}")
+    is_gltf = path.suffix.lower() in (".gltf", ".glb")
+    soup = _soup(_loaded(path), linear_colours=is_gltf)
+    if not len(soup.triangles):
+        raise UsageError(f"{path}: no faces in it; export surfaces, not points or lines")
+    points = soup.points * UNITS_M[unit]
+    if (up or ("y" if is_gltf else "z")) == "y":
+        points = points[:, [0, 2, 1]] * (1, -1, 1)
+    rho = _reflectances(path, soup.luminance, reflectance, colours)
+    try:
+        polygons, rho = _polygons(points, soup.triangles, rho, join_quads)
+        mesh = Mesh.from_arrays(path.stem, points, polygons, rho, convex=convex, closed=closed)
+        if thorough:
+            refuse(mesh.name, problems(mesh, thorough=True))
+    except SimulationError as error:
+        raise UsageError(f"{path} (read as {unit}): {error}") from error
+    return mesh
+
+
+@dataclass(frozen=True, eq=False)
+class _Soup:
+    """All triangles of a file, in its unit and axes."""
+
+    points: FloatArray
+    """(V, 3)."""
+    triangles: IntArray
+    """(T, 3) into points."""
+    luminance: FloatArray
+    """(T,) of each triangle's colour; NaN where it has none."""
+
+
+def _loaded(path: Path) -> Any:
+    """The reader's scene."""
+    if path.suffix.lower() not in FORMATS:
+        raise UsageError(f"{path}: unknown mesh format {path.suffix!r}; there are {', '.join(FORMATS)}")
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file")
+    try:
+        return trimesh.load_scene(path, process=False)
+    except Exception as error:
+        raise UsageError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {error}; export it again") from error
+
+
+def _soup(scene: Any, linear_colours: bool) -> _Soup:
+    points, triangles, luminance = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0)]
+    count = 0
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        geometry = scene.geometry[name]
+        if not isinstance(geometry, trimesh.Trimesh):
+            continue
+        faces = np.asarray(geometry.faces, dtype=np.intp)
+        mirrored = np.linalg.det(transform[:3, :3]) < 0
+        points.append(np.asarray(geometry.vertices) @ transform[:3, :3].T + transform[:3, 3])
+        triangles.append(count + (faces[:, ::-1] if mirrored else faces))
+        luminance.append(_luminance(geometry.visual, faces, linear_colours))
+        count += len(geometry.vertices)
+    return _Soup(np.concatenate(points), np.concatenate(triangles), np.concatenate(luminance))
+
+
+def _luminance(visual: Any, faces: IntArray, linear_colours: bool) -> FloatArray:
+    """(T,) luminance of each triangle's colour; NaN where the file gives none."""
+    material = getattr(visual, "material", None)
+    if material is not None:
+        return np.full(len(faces), _material_luminance(material))
+    if not visual.defined:
+        return np.full(len(faces), np.nan)
+    if visual.kind == "face":
+        shades = np.asarray(_linear(visual.face_colors, linear_colours) @ LUMINANCE)
+        # The reader may cut a face into two triangles and leave it one colour: which is whose is not known.
+        return shades if len(shades) == len(faces) else np.full(len(faces), np.nan)
+    return np.asarray((_linear(visual.vertex_colors, linear_colours) @ LUMINANCE)[faces].mean(axis=1))
+
+
+def _material_luminance(material: Any) -> float:
+    pictures = [getattr(material, name, None) for name in ("image", "baseColorTexture")]
+    if any(picture is not None for picture in pictures):
+        return np.nan
+    exact = getattr(material, "kwargs", {}).get("kd")
+    if exact is not None and np.size(exact) == 3:
+        return float(np.asarray(exact) @ LUMINANCE)
+    factor = getattr(material, "baseColorFactor", None)
+    return np.nan if factor is None else float(np.asarray(factor)[:3] / 255 @ LUMINANCE)
+
+
+def _linear(colours: NDArray[np.uint8], already: bool) -> FloatArray:
+    """(N, 3) linear light of (N, 4) 8-bit colours, by the curve of sRGB unless they are linear already."""
+    share = np.asarray(colours, dtype=np.float64)[:, :3] / 255
+    return share if already else linear_of_srgb(share)
+
+
+def _reflectances(path: Path, luminance: FloatArray, reflectance: float | None, colours: bool) -> FloatArray:
+    """(T,) reflectance: the colour's, else the one given."""
+    missing = np.isnan(luminance) if colours else np.ones(len(luminance), dtype=bool)
+    if missing.any() and reflectance is None:
+        raise UsageError(
+            f"{path}: {int(missing.sum())} of {len(missing)} triangles have no colour that can be used; "
+            "give reflectance=..."
+        )
+    return np.where(missing, np.nan if reflectance is None else reflectance, luminance)
+
+
+def _polygons(
+    points: FloatArray, triangles: IntArray, rho: FloatArray, join_quads: bool
+) -> tuple[IntArray, FloatArray]:
+    """Corner numbers and reflectance of each patch."""
+    if not join_quads or not np.isfinite(points).all():
+        return triangles, rho
+    polygons, first = joined(points, triangles, rho)
+    return polygons, rho[first]

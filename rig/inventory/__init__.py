@@ -1,0 +1,1 @@
+"""What is plugged in, and the profile that it makes."""

@@ -1,0 +1,123 @@
+"""Which of the things that a device can do a rig wants: pixel format, size, rate, exposure, display mode."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
+
+if TYPE_CHECKING:
+    from rig.devices.kms.find import OutputMode
+    from rig.devices.v4l2.describe import ControlAbility, FormatAbility
+
+BIT_DEPTHS = {
+    **{"Y16": 16, "Y14": 14, "Y12": 12, "Y12P": 12, "Y10": 10, "Y10P": 10, "Y10B": 10, "GREY": 8},
+    **dict.fromkeys(("YUYV", "UYVY", "YVYU", "VYUY", "NV12"), 8),
+    **{"RG16": 16, "GB16": 16, "GR16": 16, "BYR2": 16, "RG12": 12, "GB12": 12, "BA12": 12, "BG12": 12},
+    **{"RG10": 10, "GB10": 10, "BA10": 10, "BG10": 10, "RGGB": 8, "GRBG": 8, "GBRG": 8, "BA81": 8},
+    **{"MJPG": 8, "JPEG": 8},
+}
+"""Pixel formats that a rig can use, best first: raw grey, brightness beside colour, mosaic, compressed; their bits."""
+EXPOSURE_CONTROL = 0x009A0902
+"""V4L2's exposure time, in steps of 100 µs."""
+EXPOSURE_UNIT_S = 1e-4
+LEAST_RATE_HZ = 5.0
+"""A larger picture is not worth waiting longer than this for."""
+MOST_RATE_HZ = 60.0
+"""More frames a second than a projector shows are thrown away."""
+AT_MINIMUM = frozenset({"gain", "sharpness", "backlight_compensation", "power_line_frequency"})
+"""Controls that add noise or process pictures: least of them."""
+AT_DEFAULT = frozenset({"brightness", "contrast", "saturation", "hue", "zoom_absolute"})
+LINEAR_GAMMA = 100
+"""UVC counts gamma in hundredths."""
+AS_THEY_ARE = frozenset({"focus_absolute", "white_balance_temperature"})
+"""Controls whose right value depends on the scene."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMode:
+    """A way to run a camera."""
+
+    pixel_format: str
+    bit_depth: int
+    width_px: int
+    height_px: int
+    frame_rate_hz: float | None
+    """None when the driver names no rate."""
+
+
+def best_camera_mode(formats: Iterable[FormatAbility], facts: CameraFacts | None = None) -> CameraMode | None:
+    """The best format first, then the largest size that comes at a usable rate; None when none can be used."""
+    modes = [_camera_mode(one, facts) for one in formats if one.pixel_format.strip() in BIT_DEPTHS]
+    ranks = list(BIT_DEPTHS)
+    return max(
+        modes,
+        key=lambda mode: (
+            -ranks.index(mode.pixel_format),
+            mode.frame_rate_hz is None or mode.frame_rate_hz >= LEAST_RATE_HZ,
+            mode.width_px * mode.height_px,
+        ),
+        default=None,
+    )
+
+
+def _camera_mode(one: FormatAbility, facts: CameraFacts | None) -> CameraMode:
+    name = one.pixel_format.strip()
+    slow = [rate for rate in one.frame_rates_hz if rate <= MOST_RATE_HZ + 0.5]
+    rate = max(slow) if slow else min(one.frame_rates_hz, default=None)
+    bits = BIT_DEPTHS[name]
+    if bits == 16 and facts is not None and facts.bit_depth is not None:
+        bits = facts.bit_depth.value
+    return CameraMode(name, bits, one.width_px, one.height_px, rate)
+
+
+def exposure_range_s(controls: Iterable[ControlAbility]) -> tuple[float, float] | None:
+    """Shortest and longest exposure that the control takes; None when it has none in seconds."""
+    for control in controls:
+        if control.id == EXPOSURE_CONTROL:
+            return max(control.minimum, 1) * EXPOSURE_UNIT_S, control.maximum * EXPOSURE_UNIT_S
+    return None
+
+
+def fixed_controls(controls: Iterable[ControlAbility]) -> dict[str, tuple[int, str]]:
+    """Values, and why, for controls that change the picture, so that they are the same in every session."""
+    fixed: dict[str, tuple[int, str]] = {}
+    for control in (one for one in controls if one.is_settable):
+        if control.name == "gamma":
+            fixed[control.name] = (_nearest(control, LINEAR_GAMMA), "linear, or nearest to it")
+        elif control.name in AT_MINIMUM:
+            fixed[control.name] = (control.minimum, "the least")
+        elif control.name in AT_DEFAULT:
+            fixed[control.name] = (control.default, "the camera's default")
+        elif control.name in AS_THEY_ARE and control.value is not None:
+            fixed[control.name] = (control.value, "as it is now; set it for your scene")
+    return fixed
+
+
+def _nearest(control: ControlAbility, value: int) -> int:
+    """The value that a control takes which is nearest to one, from below."""
+    inside = min(max(value, control.minimum), control.maximum)
+    return inside - (inside - control.minimum) % max(1, control.step)
+
+
+def best_output_mode(modes: Iterable[OutputMode], facts: ProjectorFacts | None = None) -> OutputMode | None:
+    """The projector's native mode: its data sheet's, else the one the display prefers, else the first."""
+    known = list(modes)
+    if facts is not None and facts.width_px is not None and facts.height_px is not None:
+        size = (facts.width_px.value, facts.height_px.value)
+        known = [mode for mode in known if (mode.width_px, mode.height_px) == size] or known
+    return next((mode for mode in known if mode.preferred), known[0] if known else None)
+
+
+def toml_value(value: Any) -> str:
+    """A number, text, truth value or list of numbers as TOML."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_value(one) for one in value) + "]"
+    return f"{value:.9g}" if isinstance(value, float) and not value.is_integer() else repr(value)

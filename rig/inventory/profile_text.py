@@ -1,0 +1,211 @@
+"""A profile as text, each number with a word of where it comes from."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from rig.inventory.choose import BIT_DEPTHS, CameraMode, exposure_range_s, fixed_controls, toml_value
+from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
+
+if TYPE_CHECKING:
+    from rig.devices.v4l2.describe import ControlAbility
+    from rig.devices.v4l2.find import FoundCamera
+
+DEVICE = "device"
+MEASURE = "MEASURE"
+_COMMENT_COLUMN = 44
+_QUOTE_WIDTH = 60
+_HEAD = """\
+# Written by `rig profile new` from what was plugged in. Beside each number stands where it comes from:
+#   device     what the driver or the display says
+#   cited      public documents, named in hw_profiles/cameras and hw_profiles/projectors
+#   chosen     by this program, because it is a sensible start
+#   MEASURE    only a guess: replace it. docs/how-to/run-a-real-rig.md says how.
+"""
+_GUESSED_RATE_HZ = 30.0
+_GUESSED_REFRESH_HZ = 60.0
+_GUESSED_LATENCY_S = 0.1
+_GUESSED_RANGE_S = (1e-4, 0.2)
+_GUESSED_CAMERA_DEG = 60.0
+_GUESSED_PROJECTOR_DEG = 40.0
+
+
+class Entry(NamedTuple):
+    """A line of a profile."""
+
+    key: str
+    value: Any
+    origin: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCamera:
+    """A camera, and how it is going to be run."""
+
+    found: FoundCamera
+    mode: CameraMode
+    controls: tuple[ControlAbility, ...]
+    facts: CameraFacts
+    facts_of: str
+    """Maker and model of the facts; empty when none are known."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedDisplay:
+    """A display, and the mode it is going to show."""
+
+    driver: str
+    output: str
+    mode: Any
+    """Has width_px, height_px, refresh_rate_hz."""
+    facts: ProjectorFacts
+    facts_of: str
+
+
+def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> str:
+    """The whole file."""
+    controls = fixed_controls(camera.controls)
+    parts = [
+        _HEAD,
+        _section(
+            "", [Entry("schema", 1, ""), Entry("name", name, ""), Entry("description", _about(camera, display), "")]
+        ),
+        _section("camera", _camera_entries(camera, display)),
+        _section("camera.controls", [Entry(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]),
+        _section("projector", _projector_entries(display)),
+        _section("scale", [Entry("baseline_m", 0.5, f"{MEASURE}: lens to lens, or better two spots, by tape")]),
+        _section("room", [Entry("closed", False, f"{MEASURE}: true if light comes back from all sides")]),
+    ]
+    return "\n".join(part for part in parts if part)
+
+
+def measures_in(text: str) -> list[str]:
+    """Keys, ``table.key``, of the guesses in a profile's text."""
+    table, keys = "", []
+    for line in text.splitlines():
+        if line.startswith("["):
+            table = line.strip("[]")
+        elif f"# {MEASURE}" in line and " = " in line:
+            keys.append(f"{table}.{line.partition(' = ')[0]}")
+    return keys
+
+
+def _about(camera: PlannedCamera, display: PlannedDisplay) -> str:
+    return f"{camera.facts_of or camera.found.name} with {display.facts_of or display.output}"
+
+
+def _section(table: str, entries: Iterable[Entry]) -> str:
+    lines = [_line(entry) for entry in entries]
+    return "\n".join([*([f"[{table}]"] if table else []), *lines, ""]) if lines else ""
+
+
+def _line(entry: Entry) -> str:
+    text = f"{entry.key} = {toml_value(entry.value)}"
+    origin = " ".join(word for word in entry.origin.split() if word.isprintable())
+    return f"{text:<{_COMMENT_COLUMN}}  # {origin}" if origin else text
+
+
+def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Entry]:
+    mode, facts = camera.mode, camera.facts
+    range_s, range_origin = _exposure_range(camera)
+    start_s = min(max(1 / (_refresh_hz(display)[0]), range_s[0]), range_s[1])
+    rate = Entry("frame_rate_hz", mode.frame_rate_hz, DEVICE)
+    if mode.frame_rate_hz is None:
+        rate = Entry("frame_rate_hz", _GUESSED_RATE_HZ, f"{MEASURE}: the driver names none")
+    entries = [
+        Entry("driver", "v4l2", ""),
+        Entry("device_id", camera.found.device_id, f"{DEVICE}: {camera.found.name}"),
+        Entry("pixel_format", mode.pixel_format, f"{DEVICE}; chosen: the rawest that a rig can use"),
+        Entry("width_px", mode.width_px, DEVICE),
+        Entry("height_px", mode.height_px, DEVICE),
+        Entry("bit_depth", mode.bit_depth, _bit_depth_origin(camera)),
+        rate,
+        Entry("exposure_range_s", range_s, range_origin),
+        Entry("exposure_s", round(start_s, 7), "chosen: one whole picture of the projector, where the search begins"),
+        _camera_angle(camera),
+    ]
+    for key in ("full_well_e", "read_noise_e"):
+        fact = getattr(facts, key)
+        if fact is not None:
+            entries.append(Entry(key, fact.value, _cited(camera.facts_of, fact)))
+    return entries
+
+
+def _cited(model: str, fact: Any) -> str:
+    words = textwrap.shorten(fact.quote, _QUOTE_WIDTH, placeholder=" …")
+    return f"cited: {model}, “{words}”"
+
+
+def _bit_depth_origin(camera: PlannedCamera) -> str:
+    if BIT_DEPTHS[camera.mode.pixel_format] < 16:
+        return f"{DEVICE}: of {camera.mode.pixel_format}"
+    if camera.facts.bit_depth is not None:
+        return _cited(camera.facts_of, camera.facts.bit_depth)
+    return f"{MEASURE}: there is room for 16 bits, many cameras fill fewer; see where white saturates"
+
+
+def _exposure_range(camera: PlannedCamera) -> tuple[tuple[float, float], str]:
+    asked = exposure_range_s(camera.controls)
+    if asked is not None:
+        period_s = 1 / (camera.mode.frame_rate_hz or _GUESSED_RATE_HZ)
+        too_long = asked[1] > period_s
+        return asked, f"{DEVICE}; many cameras stop at a frame's {period_s:.3g} s" if too_long else DEVICE
+    fact = camera.facts.exposure_range_s
+    if fact is not None:
+        return fact.value, _cited(camera.facts_of, fact)
+    return _GUESSED_RANGE_S, f"{MEASURE}: the camera has no control of its exposure time"
+
+
+def _camera_angle(camera: PlannedCamera) -> Entry:
+    facts = camera.facts
+    if facts.hfov_deg is not None:
+        return Entry("hfov_deg", facts.hfov_deg.value, _cited(camera.facts_of, facts.hfov_deg))
+    if facts.dfov_deg is not None:
+        share = camera.mode.width_px / math.hypot(camera.mode.width_px, camera.mode.height_px)
+        wide = 2 * math.degrees(math.atan(share * math.tan(math.radians(facts.dfov_deg.value / 2))))
+        return Entry("hfov_deg", round(wide, 1), f"{MEASURE}: {_cited(camera.facts_of, facts.dfov_deg)}")
+    return Entry("hfov_deg", _GUESSED_CAMERA_DEG, f"{MEASURE}: 2 atan(width seen / (2 distance))")
+
+
+def _projector_entries(display: PlannedDisplay) -> list[Entry]:
+    refresh_hz, refresh_origin = _refresh_hz(display)
+    return [
+        Entry("driver", display.driver, ""),
+        Entry("output", display.output, DEVICE),
+        Entry("width_px", display.mode.width_px, _size_origin(display)),
+        Entry("height_px", display.mode.height_px, _size_origin(display)),
+        Entry("refresh_rate_hz", refresh_hz, refresh_origin),
+        Entry("latency_s", _GUESSED_LATENCY_S, f"{MEASURE}: `rig check` suggests it"),
+        _projector_angle(display),
+    ]
+
+
+def _size_origin(display: PlannedDisplay) -> str:
+    facts, mode = display.facts, display.mode
+    if facts.width_px is None or facts.height_px is None:
+        return f"{DEVICE}; is it the projector's own resolution?"
+    own = (facts.width_px.value, facts.height_px.value)
+    if own == (mode.width_px, mode.height_px):
+        return f"{DEVICE}; cited: the own resolution of {display.facts_of}"
+    return f"{MEASURE}: {display.facts_of} has {own[0]} x {own[1]}, which this output does not offer"
+
+
+def _refresh_hz(display: PlannedDisplay) -> tuple[float, str]:
+    if display.mode.refresh_rate_hz:
+        return round(display.mode.refresh_rate_hz, 6), DEVICE
+    return _GUESSED_REFRESH_HZ, f"{MEASURE}: it could not be asked"
+
+
+def _projector_angle(display: PlannedDisplay) -> Entry:
+    facts = display.facts
+    for fact in (facts.throw_example_m, facts.throw_ratio):
+        if fact is None:
+            continue
+        distance, width = fact.value if fact is facts.throw_example_m else (sum(fact.value) / 2, 1.0)
+        angle = 2 * math.degrees(math.atan(width / (2 * distance)))
+        return Entry("hfov_deg", round(angle, 1), f"{MEASURE}, zoom changes it: {_cited(display.facts_of, fact)}")
+    return Entry("hfov_deg", _GUESSED_PROJECTOR_DEG, f"{MEASURE}: 2 atan(picture's width / (2 distance))")

@@ -1,0 +1,1 @@
+"""The show: frames from the mailbox, compensated, on screen on time."""

@@ -1,0 +1,69 @@
+"""Which source a word of the command line means."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rig.devices.protocols import Clock
+from rig.errors import UsageError
+from rig.live.sources.files import FolderSource, PatternSource, VideoSource
+from rig.live.sources.raw import SharedMemorySource, StreamSource
+from rig.live.sources.source import Source
+
+_FOLDER_RATE_HZ = 1.0
+_PATTERN_RATE_HZ = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class SourceSettings:
+    """What sources need to know beside their name."""
+
+    shape: tuple[int, int]
+    """(height, width) of the projector."""
+    size: tuple[int, int] | None = None
+    """(height, width) of raw pictures without header."""
+    rate_hz: float | None = None
+    """Pace of a folder or of the test pattern; default: 1 picture a second, and 60."""
+
+
+def make_source(word: str, settings: SourceSettings, clock: Clock) -> Source:
+    """Make a source, closed.
+
+    ``pattern`` · ``-`` (standard input) · ``camera:ID`` · ``shm:NAME`` · ``pipe:PATH`` · a named pipe · a folder · a
+    video file. Raises UsageError for what is none of these.
+    """
+    kind, _, rest = word.partition(":")
+    path = Path(word)
+    if word == "pattern":
+        return PatternSource(settings.shape, settings.rate_hz or _PATTERN_RATE_HZ)
+    if word == "-":
+        return StreamSource(None, settings.size, clock)
+    if kind == "camera" and rest:
+        from rig.live.sources.camera import CameraSource  # opens kernel interfaces that only Linux has
+
+        return CameraSource(rest, settings.shape, clock)
+    if kind == "shm" and rest:
+        return SharedMemorySource(rest, clock)
+    if kind == "pipe" and rest:
+        return StreamSource(Path(rest), settings.size, clock)
+    if path.is_fifo():
+        return StreamSource(path, settings.size, clock)
+    if path.is_dir():
+        return FolderSource(path, settings.rate_hz or _FOLDER_RATE_HZ)
+    if path.is_file():
+        return VideoSource(path)
+    raise UsageError(
+        f"{word}: no such source; give a video file, a folder of pictures, a named pipe, pipe:PATH, -, shm:NAME, "
+        "camera:ID (rig devices lists them) or pattern"
+    )
+
+
+def parse_size(text: str) -> tuple[int, int] | None:
+    """(height, width) of ``WIDTHxHEIGHT``; None for an empty text. Raises UsageError."""
+    if not text:
+        return None
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+        raise UsageError(f"--size {text}: not a size; give WIDTHxHEIGHT, e.g. 1920x1080")
+    return int(height), int(width)

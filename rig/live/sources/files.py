@@ -1,0 +1,184 @@
+"""Sources that are read at their own pace: video files, folders of pictures, a moving test picture."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from rig.live.sources.source import Picture, Pixels, SourceBroken, SourceEnded
+
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
+_USUAL_RATE_HZ = 25.0
+"""Of a video that does not say."""
+_WHOLE = 0.95
+"""Share of the pictures that a video announces; with fewer it broke off. Announcements are estimates."""
+_PAN_PX = 4
+
+
+class VideoSource:
+    """A video file, in the pace that it names; sound is ignored."""
+
+    def __init__(self, path: Path):
+        self._path = path
+        self._video: cv2.VideoCapture | None = None
+        self._rate_hz = _USUAL_RATE_HZ
+        self._announced = 0
+        self._count = 0
+        self._pixels: Pixels | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return self._path.name
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """As the file says."""
+        return self._rate_hz
+
+    def open(self) -> None:
+        """Begin with the first picture. Raises SourceBroken."""
+        self.close()
+        os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what is wrong is said here, once
+        if not self._path.is_file():
+            raise SourceBroken(f"{self._path}: no such file; check the name")
+        video = cv2.VideoCapture(str(self._path))
+        if not video.isOpened():
+            raise SourceBroken(f"{self._path}: is no video that can be read; convert it to MP4 or MKV")
+        rate_hz, announced = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
+        self._rate_hz = rate_hz if math.isfinite(rate_hz) and rate_hz > 0 else _USUAL_RATE_HZ
+        self._announced = int(announced) if math.isfinite(announced) and announced > 0 else 0
+        self._video, self._count = video, 0
+
+    def read(self, timeout_s: float) -> Picture | None:
+        """Decode the next picture. Raises SourceEnded, SourceBroken when there are fewer than announced."""
+        if self._video is None:
+            raise SourceBroken(f"{self._path}: is closed")
+        there, pixels = self._video.read(self._pixels)
+        if there and pixels is not None:
+            self._pixels = np.asarray(pixels, dtype=np.uint8)
+            self._count += 1
+            return Picture(self._pixels, is_bgr=True)
+        if self._count == 0 or self._count < _WHOLE * self._announced:
+            raise SourceBroken(
+                f"{self._path}: breaks off after {self._count} of {self._announced} pictures; copy or convert it again"
+            )
+        raise SourceEnded
+
+    def close(self) -> None:
+        """Let the file go."""
+        if self._video is not None:
+            self._video.release()
+            self._video = None
+
+
+class FolderSource:
+    """The pictures of a folder in the order of their names, in a given pace; unreadable ones are passed over."""
+
+    def __init__(self, folder: Path, rate_hz: float):
+        self._folder = folder
+        self._rate_hz = rate_hz
+        self._left: list[Path] = []
+        self._good = 0
+
+    @property
+    def name(self) -> str:
+        """The folder's name."""
+        return self._folder.name
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """As given."""
+        return self._rate_hz
+
+    def open(self) -> None:
+        """Begin with the first picture. Raises SourceBroken."""
+        try:
+            files = sorted(path for path in self._folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+        except OSError as error:
+            raise SourceBroken(f"{self._folder}: cannot be read: {error.strerror}; check the name") from error
+        if not files:
+            raise SourceBroken(f"{self._folder}: has no pictures ({', '.join(sorted(_SUFFIXES))}); check the name")
+        self._left, self._good = files[::-1], 0
+
+    def read(self, timeout_s: float) -> Picture | None:
+        """Decode the next picture. Raises SourceEnded, SourceBroken when none can be read."""
+        while self._left:
+            pixels = _read_picture(self._left.pop())
+            if pixels is not None:
+                self._good += 1
+                return Picture(pixels, is_bgr=True)
+        if self._good == 0:
+            raise SourceBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
+        raise SourceEnded
+
+    def close(self) -> None:
+        """Forget what is left."""
+        self._left = []
+
+
+def _read_picture(path: Path) -> Pixels | None:
+    """(H, W, 3), blue first; None when it cannot be read."""
+    try:
+        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    except cv2.error:  # larger than the library allows
+        return None
+    return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
+
+
+class PatternSource:
+    """A test picture that pans without end: ramps, blocks, fields of colour, black and white."""
+
+    def __init__(self, shape: tuple[int, int], rate_hz: float):
+        self._width_px = shape[1]
+        self._rate_hz = rate_hz
+        once = test_picture(shape)
+        self._round = np.concatenate([once, once], axis=1)
+        self._count = 0
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+        return "test pattern"
+
+    @property
+    def frame_rate_hz(self) -> float:
+        """As given."""
+        return self._rate_hz
+
+    def open(self) -> None:
+        """Begin at the left."""
+        self._count = 0
+
+    def read(self, timeout_s: float) -> Picture | None:
+        """Pan by a few pixels."""
+        left = self._count * _PAN_PX % self._width_px
+        self._count += 1
+        return Picture(self._round[:, left : left + self._width_px])
+
+    def close(self) -> None:
+        """Nothing to let go."""
+
+
+def test_picture(shape: tuple[int, int]) -> Pixels:
+    """(H, W, 3) codes whose right side goes on at its left: soft colours, ramps, a checker, black and white fields."""
+    height, width = shape
+    y, x = np.mgrid[:height, :width].astype(np.float32) / np.float32(height)
+    turn = 2 * np.pi * x * height / width
+    colours = [
+        128 + 70 * np.sin(turn * k + phase) * np.cos(np.pi * y * k) for k, phase in ((1.0, 0.0), (2.0, 2.1), (3.0, 4.2))
+    ]
+    picture = np.stack(colours, axis=-1)
+    band = height // 5
+    picture[:band] = (255 * np.abs(2 * (x[:band] * height / width) - 1))[..., None]
+    checker = (np.floor(8 * y) + np.floor(8 * x)) % 2
+    lower = slice(height - band, height)
+    picture[lower] = (40 + 175 * checker[lower])[..., None]
+    third, quarter = height // 3, width // 4
+    picture[third : 2 * third, : quarter // 2] = 0
+    picture[third : 2 * third, 2 * quarter : 2 * quarter + quarter // 2] = 255
+    return np.asarray(np.clip(np.rint(picture), 0, 255), dtype=np.uint8)

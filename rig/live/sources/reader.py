@@ -1,0 +1,135 @@
+"""The thread that reads sources, one after the other, into the slot; whatever happens to a source, it goes on."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+from rig.devices.protocols import Clock
+from rig.errors import RigError
+from rig.live.show.frame_mailbox import FrameMailbox
+from rig.live.show.priority import normal_priority
+from rig.live.sources.source import Fitter, Source, SourceEnded
+
+_READ_S = 0.1
+"""How long a source may make the reader deaf to requests."""
+_SAME_RATE = 0.01
+"""A source whose pace is that close to the display's, or to an n-th of it, is played in the display's."""
+_KEPT_NOTES = 50
+_PAUSE_S = 0.5
+"""After a failure, before the next try."""
+
+
+def locked_rate(rate_hz: float, refresh_rate_hz: float) -> float:
+    """The pace to play a source in: the display's n-th where that is near enough to be invisible."""
+    divisor = max(round(refresh_rate_hz / rate_hz), 1)
+    near_hz = refresh_rate_hz / divisor
+    return near_hz if abs(rate_hz / near_hz - 1) <= _SAME_RATE else rate_hz
+
+
+class Reader:
+    """Reads sources in a thread of its own.
+
+    Parameters
+    ----------
+    sources
+        Played one after the other, each to its end.
+    slot
+        Where the pictures go.
+    shape
+        (height, width) that they are scaled to.
+    refresh_rate_hz
+        Of the display.
+    endless
+        Begin again after the last source; one that gave no picture is given up.
+    clock
+        The machine's.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        slot: FrameMailbox,
+        shape: tuple[int, int],
+        refresh_rate_hz: float,
+        clock: Clock,
+        *,
+        endless: bool,
+    ):
+        self.notes: list[str] = []
+        """What went wrong with sources, the first of it."""
+        self._left = list(sources)
+        self._slot = slot
+        self._fitter = Fitter(shape)
+        self._refresh_rate_hz = refresh_rate_hz
+        self._clock = clock
+        self._endless = endless
+        self._next = threading.Event()
+        self._stop = threading.Event()
+        self._name = ""
+        self._count = 0
+        self._thread = threading.Thread(target=self._run, name="live source", daemon=True)
+
+    @property
+    def name(self) -> str:
+        """Of the source that is being read."""
+        return self._name
+
+    def start(self) -> None:
+        """Begin to read."""
+        self._thread.start()
+
+    def next_source(self) -> None:
+        """Leave the current source; its turn comes again after the others."""
+        self._next.set()
+        self._slot.restart()
+
+    def close(self) -> None:
+        """Stop, and wait for the thread as long as a source may be deaf."""
+        self._stop.set()
+        self._slot.close()
+        if self._thread.ident is not None:
+            self._thread.join(20 * _READ_S)
+
+    def _run(self) -> None:
+        normal_priority()
+        try:
+            while self._left and not self._stop.is_set():
+                source = self._left.pop(0)
+                self._play(source)
+                if self._next.is_set() or (self._endless and self._count):
+                    self._left.append(source)
+        finally:
+            self._slot.finish()
+
+    def _play(self, source: Source) -> None:
+        """Read a source to its end."""
+        self._name, self._count = source.name, 0
+        self._next.clear()
+        self._slot.restart()
+        try:
+            source.open()
+            self._read_all(source)
+        except RigError as error:
+            self._note(str(error))
+            self._stop.wait(_PAUSE_S if self._endless else 0.0)
+        finally:
+            source.close()
+
+    def _read_all(self, source: Source) -> None:
+        rate_hz = source.frame_rate_hz
+        period_s = None if rate_hz is None else 1 / locked_rate(rate_hz, self._refresh_rate_hz)
+        while not (self._stop.is_set() or self._next.is_set()):
+            try:
+                picture = source.read(_READ_S)
+            except SourceEnded:
+                self._slot.hold(self._count * (period_s or 0.0))
+                return
+            if picture is not None:
+                self._fitter.fit(picture, self._slot.writable())
+                self._slot.offer(None if period_s is None else self._count * period_s)
+                self._count += 1
+
+    def _note(self, text: str) -> None:
+        if len(self.notes) < _KEPT_NOTES:
+            self.notes.append(text)

@@ -1,0 +1,1 @@
+"""Work without any rig: simulations of scenes, and scans from photographs."""

@@ -1,0 +1,160 @@
+"""Gray-code photographs and known lenses to a point cloud: `rig scan`."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.triangulation import (
+    PixelPairs,
+    Triangulation,
+    average_by_projector_pixel,
+    stands_alone,
+    triangulate,
+)
+from calibration.records import CalibrationError, Correspondence, FloatArray, PinholeModel, PixelReason
+from calibration.structured_light.decode import decode_gray
+from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
+from rig.errors import CalibrationFailed, ProfileError
+from rig.files.ply import write_ply
+from rig.terminal import OnStep, silent
+
+_BIT_LIMIT = 4.5 / 255
+"""Share of full scale by which a pattern and its inverse have to differ: above the noise of a good JPEG."""
+_PER_METRE = {"m": 1.0, "mm": 1000.0}
+_FRAME_COMMENT = "axes of the camera: x right, y down, z forward"
+
+
+def run_scan(
+    manifest_path: Path,
+    output_path: Path,
+    *,
+    bit_limit_dn: float | None = None,
+    epipolar_limit_px: float = 4.0,
+    on_step: OnStep = silent,
+) -> dict[str, Any]:
+    """Write one point for each projector pixel that the camera sees, in the manifest's unit of length.
+
+    Parameters
+    ----------
+    bit_limit_dn : float, optional
+        A pixel counts when each pattern differs from its inverse by at least this; default 4.5 of 255.
+    epipolar_limit_px : float
+        Points whose projector pixel is further from its epipolar line are left out: wrong codes.
+
+    Returns
+    -------
+    dict
+        ``points``, ``unit``, ``valid_share`` (camera pixels with a code), ``epipolar_median_px`` (before the
+        limit), ``left_out`` (points beyond the limit or alone), ``seconds``, ``output``.
+
+    Raises
+    ------
+    ProfileError
+        The manifest is wrong, or lacks what a scan needs.
+    DeviceLost
+        Photographs cannot be used.
+    CalibrationFailed
+        No point is left, most pixels are beyond the epipolar limit, or camera and projector coincide.
+    """
+    started_s = time.perf_counter()
+    manifest = load_manifest(manifest_path)
+    camera, projector = _lenses(manifest)
+    frames = load_photographs(manifest, lambda done, total: on_step("read photographs", done, total))
+    limit_dn = _BIT_LIMIT * manifest.full_scale_dn if bit_limit_dn is None else bit_limit_dn
+    on_step("decode and triangulate", 0, 1)
+    try:
+        correspondence = _decode(manifest, frames, limit_dn)
+        pairs = average_by_projector_pixel(correspondence)
+        found = triangulate(pairs.camera_xy_px, pairs.projector_xy_px, camera, projector)
+    except CalibrationError as error:
+        raise CalibrationFailed(f"{manifest_path}: {error}") from error
+    epipolar_median_px = _agreement_px(manifest_path, found, epipolar_limit_px)
+    kept = _kept(pairs, found, correspondence.projector_shape, epipolar_limit_px)
+    _refuse_nothing(manifest_path, correspondence, kept, limit_dn)
+    points = found.points_m[kept] * _PER_METRE[manifest.unit]
+    comments = (f"unit {manifest.unit}", _FRAME_COMMENT)
+    write_ply(output_path, points, _colours(manifest, pairs.camera_xy_px[kept]), comments)
+    on_step("decode and triangulate", 1, 1)
+    return {
+        "points": int(kept.sum()),
+        "unit": manifest.unit,
+        "valid_share": float(correspondence.valid.mean()),
+        "epipolar_median_px": epipolar_median_px,
+        "left_out": int((~kept).sum()),
+        "seconds": time.perf_counter() - started_s,
+        "output": str(output_path),
+    }
+
+
+def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:
+    camera, projector = manifest.camera, manifest.projector
+    coded = any(name.startswith("gray-column-") for name in manifest.frames)
+    needs = {
+        "camera.lens": camera,
+        "projector.lens and projector_from_camera": projector,
+        "gray_code": coded or None,
+    }
+    missing = [name for name, value in needs.items() if value is None]
+    if camera is None or projector is None or missing:
+        lines = [f"{manifest.path}: {name}: missing; a scan needs it" for name in missing]
+        raise ProfileError("\n".join(lines))
+    return camera, projector
+
+
+def _decode(manifest: Manifest, frames: dict[str, Photograph], limit_dn: float) -> Correspondence:
+    return decode_gray(
+        {name: frame for name, frame in frames.items() if name.startswith("gray-")},
+        manifest.projector_shape,
+        white=frames.get("white"),
+        black=frames.get("black"),
+        contrast_limit=limit_dn,
+        bit_limit=limit_dn,
+        first_code=manifest.first_code,
+    )
+
+
+def _agreement_px(path: Path, found: Triangulation, limit_px: float) -> float:
+    """Median epipolar distance; nan when nothing was seen."""
+    if not len(found.epipolar_px):
+        return float("nan")
+    median_px = float(np.median(found.epipolar_px))
+    if median_px > limit_px:
+        raise CalibrationFailed(
+            f"{path}: projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit "
+            f"is {limit_px:g} px: check lenses, pose, [projector.crop] and first_code"
+        )
+    return median_px
+
+
+def _kept(
+    pairs: PixelPairs, found: Triangulation, projector_shape: tuple[int, int], epipolar_limit_px: float
+) -> NDArray[np.bool_]:
+    kept = np.isfinite(found.points_m).all(axis=1) & (found.epipolar_px <= epipolar_limit_px)
+    distance_m = np.linalg.norm(found.points_m[kept], axis=1)
+    kept[kept] = ~stands_alone(pairs.projector_xy_px[kept], distance_m, projector_shape)
+    return np.asarray(kept)
+
+
+def _refuse_nothing(path: Path, correspondence: Correspondence, kept: NDArray[np.bool_], limit_dn: float) -> None:
+    if kept.any():
+        return
+    share = {reason.name: 100 * float((correspondence.reason == reason).mean()) for reason in PixelReason}
+    shares = ", ".join(f"{value:.1f} % {name.lower().replace('_', ' ')}" for name, value in share.items())
+    raise CalibrationFailed(
+        f"{path}: no point is left of {len(kept)} projector pixels seen (camera pixels: {shares}; bit limit "
+        f"{limit_dn:.3g} dn): check the order of the photographs, first_code, the lenses and the pose"
+    )
+
+
+def _colours(manifest: Manifest, camera_xy_px: FloatArray) -> NDArray[np.uint8]:
+    """Colour of the nearest camera pixel: of white, or the larger of a pattern and its inverse."""
+    lit = ("white",) if "white" in manifest.frames else ("gray-column-00", "gray-column-00-inverse")
+    column, row = np.rint(camera_xy_px).astype(np.int64).T
+    seen = [read_photograph(manifest.frames[name])[row, column] for name in lit if name in manifest.frames]
+    brightest = np.max(seen, axis=0).astype(np.float64) * (255 / manifest.full_scale_dn)
+    return np.broadcast_to(brightest, (len(row), 3)).astype(np.uint8)

@@ -1,0 +1,193 @@
+"""``rig simulate``: plan a scene for a tolerance, say what it will cost, do it, and say what it did cost."""
+
+from __future__ import annotations
+
+import os
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rig.errors import UsageError
+from sim.errors import SimulationError
+from sim.form_factors.compressed import CompressedFormFactors
+from sim.geometry.surface import Surface
+from sim.planning.cost import largest_dense
+from sim.planning.plan import Plan, plan
+from sim.planning.simulation import Simulation, refined_check, simulate
+from sim.scenes.catalogue import SURFACES
+
+if TYPE_CHECKING:
+    from rig.files.mesh import Unit
+
+OnStep = Callable[[str, int, int], None]
+WHITE = 255
+"""Grey levels of white."""
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb")
+MOST_REFINED_PATCHES = 16_000
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is to be simulated."""
+
+    scene: str
+    """A name of ``sim.scenes.catalogue.SURFACES`` or a mesh file."""
+    tolerance: float
+    """Error allowed, RMS over the surface. [% of white]"""
+    light: str | None = None
+    """One of ``sim.light.lighting.LIGHTS``; None: the scene's standard."""
+    reflectance: tuple[float, ...] = ()
+    """One number, or one for each colour; empty: the scene's."""
+    unit: Unit = "m"
+    """Of a mesh file."""
+    memory_mb: float | None = None
+    """What may be used; None: half of what is free."""
+
+
+def tolerance_of(percent: float | None, grey_levels: float | None) -> float:
+    """Tolerance in percent of white from either.
+
+    Raises
+    ------
+    UsageError
+        If both are given.
+    """
+    if percent is not None and grey_levels is not None:
+        raise UsageError("--tolerance and --grey-levels say the same thing; give one")
+    if grey_levels is not None:
+        return 100 * grey_levels / WHITE
+    return 1.0 if percent is None else percent
+
+
+def reflectances_of(text: str) -> tuple[float, ...]:
+    """Reflectances from numbers separated by commas.
+
+    Raises
+    ------
+    UsageError
+        For what is no number in 0 ... 1.
+    """
+    try:
+        values = tuple(float(part) for part in text.split(",")) if text else ()
+    except ValueError as error:
+        raise UsageError(f"--reflectance {text}: give numbers separated by commas, e.g. 0.7 or 0.7,0.6,0.5") from error
+    if not all(0 <= value <= 1 for value in values):
+        raise UsageError(f"--reflectance {text}: a reflectance lies in 0 ... 1")
+    return values
+
+
+def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, dict[str, Any]]:
+    """Plan and estimate.
+
+    Returns
+    -------
+    Plan, dict
+        The dictionary has ``scene``, ``tolerance``, ``plan`` and ``estimated``, JSON-able.
+
+    Raises
+    ------
+    UsageError
+        For an unknown scene, a tolerance not above 0, or one that does not fit in memory.
+    """
+    on_step("plan", 0, 1)
+    started = time.perf_counter()
+    surface, light = _surface(request)
+    memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
+    try:
+        planned = plan(surface, request.tolerance, light, memory_mb, request.reflectance or None)
+    except SimulationError as error:
+        raise UsageError(str(error)) from error
+    on_step("plan", 1, 1)
+    described = _described(planned, light, time.perf_counter() - started)
+    return planned, {"scene": request.scene, "tolerance": request.tolerance, **described}
+
+
+def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> dict[str, Any]:
+    """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution."""
+    on_step("simulate", 0, 1)
+    started = time.perf_counter()
+    tracemalloc.start()
+    try:
+        simulation = simulate(planned.cells, planned.light, planned.model)
+        seconds = time.perf_counter() - started
+        peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
+    except SimulationError as error:
+        raise UsageError(str(error)) from error
+    finally:
+        tracemalloc.stop()
+    if isinstance(simulation.factors, CompressedFormFactors):
+        peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
+    on_step("simulate", 1, 1)
+    actual = _measured(simulation, seconds, peak_mb)
+    return {**actual, **_checked(planned, simulation, on_step)} if check else actual
+
+
+def run_simulate(request: Request, on_step: OnStep, check: bool = False) -> dict[str, Any]:
+    """Plan, estimate, simulate, measure: ``plan``, ``estimated`` and ``actual``, JSON-able."""
+    planned, result = plan_simulation(request, on_step)
+    return {**result, "actual": run_planned(planned, on_step, check)}
+
+
+def available_mb() -> float:
+    """Memory free for use now [MB]."""
+    return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _surface(request: Request) -> tuple[Surface, str]:
+    """The surface and the name of its light."""
+    if request.scene in SURFACES:
+        entry = SURFACES[request.scene]
+        return entry.build(), request.light or entry.light
+    if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
+        raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
+    from rig.files.mesh import read_mesh
+
+    reflectance = max(request.reflectance) if request.reflectance else None
+    return read_mesh(request.scene, reflectance=reflectance, unit=request.unit), request.light or "floor"
+
+
+def _described(planned: Plan, light: str, plan_s: float) -> dict[str, Any]:
+    sizes_m = planned.cells.areas**0.5
+    return {
+        "plan": {
+            "patches": planned.patches,
+            "smallest_patch_m": float(sizes_m.min()),
+            "largest_patch_m": float(sizes_m.max()),
+            "light": light,
+            "method": planned.model.method if planned.model.compression is None else "compressed",
+            "visibility": planned.model.visibility_done,
+            "solver": planned.solver,
+            "channels": planned.channels,
+            "bounces": planned.bounces,
+            "reasons": list(planned.reasons),
+            "seconds": plan_s,
+        },
+        "estimated": {"error": planned.error_percent, "seconds": planned.seconds, "peak_mb": planned.peak_mb},
+    }
+
+
+def _measured(simulation: Simulation, seconds: float, peak_mb: float) -> dict[str, Any]:
+    return {
+        "seconds": seconds,
+        "peak_mb": peak_mb,
+        "residual": simulation.residual,
+        "closure_max": simulation.factors.closure_max,
+        "energy_balance": simulation.energy_balance,
+        "products": simulation.products,
+    }
+
+
+def _checked(planned: Plan, simulation: Simulation, on_step: OnStep) -> dict[str, float]:
+    on_step("check against a refined solution", 0, 1)
+    most = min(MOST_REFINED_PATCHES, largest_dense(available_mb() / 2))
+    if 4 * planned.patches > largest_dense(available_mb() / 2):
+        raise UsageError(
+            f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
+            "leave --check out, or raise the tolerance"
+        )
+    check = refined_check(simulation, planned.light, planned.model, most)
+    on_step("check against a refined solution", 1, 1)
+    return {"error": 100 * check.rms, "error_max": 100 * check.max, "refined_patches": check.patches}

@@ -1,0 +1,1 @@
+"""The experiments of Dehos et al. 2014 again."""

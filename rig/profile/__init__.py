@@ -1,0 +1,1 @@
+"""Hardware profiles, and what public documents say of cameras and projectors."""

@@ -1,0 +1,1 @@
+"""The one orchestration of a session, used by the command line and by scripts."""

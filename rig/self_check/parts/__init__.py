@@ -1,0 +1,1 @@
+"""The parts of the self-check, one file each."""

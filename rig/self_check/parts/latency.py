@@ -1,0 +1,207 @@
+"""How long light takes after the display says that a picture is on screen, from frames that the change cuts.
+
+The camera's frames are taken without waiting for the profile's latency. The share of an exposure that a change
+leaves to the new picture tells when it came, far finer than the camera's period; photographs at shares of the
+exposure turn brightness into such shares, so that the camera's curve does not matter.
+
+Rolling shutter: a time stamp is the first row's. Where the two halves of the frames differ, the delay of a row is
+found from them, and the delays are corrected by it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.devices.protocols import RawFrame
+from rig.errors import CaptureTimeout
+from rig.self_check.rig_under_test import RigUnderTest, fingerprint
+from rig.self_check.rows import Measured, Row
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+TRIALS = 40
+_FRAMES_WAITED = 200
+_CHANGED = 0.02
+"""Share of a change by which a frame shows it; noise of a frame's mean is far below."""
+_NO_GAP = 0.998
+"""Of the camera's period: nothing falls between two frames, and the frame rate stays."""
+_FRACTIONS = (0.2, 0.4, 0.6, 0.8)
+_GOLDEN = 0.618
+"""Waits before a change, in periods, that fill the phases evenly."""
+_LEAST_SHARP = 5
+"""So many trials without a gap at the change are better than all trials with it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Levels:
+    """How bright frames are that the bright picture lights for a share of the exposure."""
+
+    code: int
+    shares: FloatArray
+    """(N,) of the exposure, rising from 0 to 1."""
+    masks: tuple[BoolArray, BoolArray, BoolArray]
+    """(H, W) lit pixels: all, those of the upper half, those of the lower."""
+    means_dn: FloatArray
+    """(3, N) mean of each mask at each share."""
+
+    def share_of(self, image: FloatArray, mask: int) -> float:
+        """Share of the exposure that the bright picture had, seen in one of the masks."""
+        return float(np.interp(image[self.masks[mask]].mean(), self.means_dn[mask], self.shares))
+
+
+@dataclass(frozen=True, slots=True)
+class _Sight:
+    """One frame after a change: the new picture's share of it, and of its upper and lower half."""
+
+    started_s: float
+    exposure_s: float
+    share: float
+    upper: float
+    lower: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Trial:
+    """One change of the picture."""
+
+    on_screen_s: float
+    sights: tuple[_Sight, ...]
+
+    def delay(self) -> tuple[float, float]:
+        """Delay of the change as if it were a step, and how much of that no frame has seen. [s].
+
+        What is missing of the new picture is added up over exposures and the gaps between them.
+        """
+        missing_s = unseen_s = 0.0
+        time_s, before = self.on_screen_s, 0.0
+        for sight in self.sights:
+            gap_s = max(sight.started_s - time_s, 0.0)
+            after = float(sight.share > 1 - _CHANGED)
+            missing_s += gap_s * (1 - (before + after) / 2) + sight.exposure_s * (1 - sight.share)
+            unseen_s += gap_s if before != after else 0.0
+            time_s, before = sight.started_s + sight.exposure_s, float(sight.share > _CHANGED)
+        return missing_s, unseen_s
+
+
+def check_latency(subject: RigUnderTest) -> Measured:
+    """Distribution of the display's delay, and the camera's readout as far as it shows."""
+    period_s = 1 / subject.rig.profile.camera.frame_rate_hz
+    exposure_s = subject.rig.set_exposure(float(np.clip(_NO_GAP * period_s, *subject.exposure_range_s)))
+    levels = _levels(subject, exposure_s)
+    trials = [_run_trial(subject, levels, number) for number in range(TRIALS)]
+    line_s = _line_delay_s(trials, levels)
+    middle_row = float(np.nonzero(levels.masks[0])[0].mean())
+    found = np.array([trial.delay() for trial in trials])
+    sharp = found[:, 1] < 0.25 / subject.refresh_rate_hz
+    chosen = sharp if sharp.sum() >= _LEAST_SHARP else np.ones(len(found), bool)
+    delays_s = found[chosen, 0] + line_s * middle_row
+    numbers = {
+        "code": levels.code,
+        "exposure_s": exposure_s,
+        "trials": TRIALS,
+        "used": [int(number) for number in np.flatnonzero(chosen)],
+        "unseen_s": float(found[chosen, 1].max()),
+        "readout_s": line_s * levels.masks[0].shape[0],
+    }
+    return _judge(subject, delays_s, numbers)
+
+
+def _levels(subject: RigUnderTest, exposure_s: float) -> _Levels:
+    """Photograph a code that does not clip at this exposure, at shares of the exposure."""
+    for code in (255, 192, 128, 64):
+        full = subject.photograph(code, f"level-{code:03d}", exposure_s)
+        if np.quantile(full, 0.999) < 0.9 * subject.full_scale_dn:
+            break
+    shares, images = [], []
+    for fraction in _FRACTIONS:
+        if fraction * exposure_s >= subject.exposure_range_s[0]:
+            frame = subject.shoot(code, f"level-{code:03d}", fraction * exposure_s)
+            shares.append(frame.exposure_s / exposure_s)
+            images.append(subject.pixels(frame))
+    offset_dn = subject.offset_dn
+    black = subject.photograph(0, "black", exposure_s)
+    lit = full - black > 0.3 * np.quantile(full - black, 0.99)
+    masks = _halves(lit)
+    images = [image + (1 - share) * (black - offset_dn) for image, share in zip(images, shares, strict=True)]
+    means = np.array([[image[mask].mean() for image in (black, *images, full)] for mask in masks])
+    return _Levels(code, np.array([0.0, *shares, 1.0]), masks, np.maximum.accumulate(means, axis=1))
+
+
+def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
+    """All lit pixels, and two halves of them, upper rows and lower rows."""
+    rows = np.arange(lit.shape[0])[:, None]
+    middle = np.median(np.nonzero(lit)[0])
+    return lit, lit & (rows < middle), lit & (rows >= middle)
+
+
+def _run_trial(subject: RigUnderTest, levels: _Levels, number: int) -> _Trial:
+    """Change the picture once, and take frames until one is the new picture's alone."""
+    rig = subject.rig
+    brightens = number % 2 == 0
+    period_s = 1 / rig.profile.camera.frame_rate_hz
+    rig.clock.wait_until_s(rig.clock.now_s() + period_s * ((number * _GOLDEN) % 1))
+    shown = rig.projector.show(subject.codes_of(levels.code if brightens else 0), name=f"latency-{number}")
+    sights: list[_Sight] = []
+    seen: set[int] = set()
+    after_s = shown.on_screen_s
+    for _ in range(_FRAMES_WAITED):
+        frame = subject.take(after_s)
+        if frame is None or frame.started_s < after_s or (mark := fingerprint(frame)) in seen:
+            continue
+        seen.add(mark)
+        after_s = frame.started_s + frame.exposure_s / 2
+        sights.append(_sight(subject.pixels(frame), frame, levels, brightens))
+        if sights[-1].share > 1 - _CHANGED:
+            return _Trial(shown.on_screen_s, tuple(sights))
+    raise CaptureTimeout(
+        f"a new picture was not seen in {_FRAMES_WAITED} frames after it was shown; does the camera see the projector?"
+    )
+
+
+def _sight(image: FloatArray, frame: RawFrame, levels: _Levels, brightens: bool) -> _Sight:
+    bright = [levels.share_of(image, mask) for mask in range(3)]
+    share, upper, lower = bright if brightens else (1 - b for b in bright)
+    return _Sight(frame.started_s, frame.exposure_s, share, upper, lower)
+
+
+def _line_delay_s(trials: Sequence[_Trial], levels: _Levels) -> float:
+    """Delay of each row against the row above, where it is more than noise; else 0."""
+    upper, lower = (float(np.nonzero(mask)[0].mean()) for mask in levels.masks[1:])
+    cut = [s for trial in trials for s in trial.sights if 0.1 < min(s.upper, s.lower) <= max(s.upper, s.lower) < 0.9]
+    if len(cut) < _LEAST_SHARP or lower <= upper:
+        return 0.0
+    delays = np.array([(s.lower - s.upper) * s.exposure_s / (lower - upper) for s in cut])
+    uncertainty = 1.25 * float(delays.std()) / np.sqrt(len(delays))
+    middle = float(np.median(delays))
+    return middle if abs(middle) > 5 * uncertainty and abs(middle) * levels.masks[0].shape[0] > 5e-4 else 0.0
+
+
+def _judge(subject: RigUnderTest, delays_s: FloatArray, numbers: dict[str, Any]) -> Measured:
+    refresh_s = 1 / subject.refresh_rate_hz
+    smallest, median, largest = (float(f(delays_s)) for f in (np.min, np.median, np.max))
+    # the pictures were promised with the latency of the profile's file; while it is checked the rig has a generous one
+    rows = (
+        Row("latency of the display", largest, "s", subject.promised_latency_s,
+            advice="give projector.latency_s the value suggested below; game mode, if the projector has one"),
+        Row("latency of the display, median", median, "s"),
+        Row("jitter of the latency, largest - smallest", (largest - smallest) / refresh_s, "refreshes",
+            subject.limits.jitter_refreshes,
+            advice="frame interpolation and noise reduction of the projector off; no compositor; native refresh rate"),
+        Row("readout of the camera, first to last row", numbers["readout_s"], "s"),
+    )  # fmt: skip
+    distribution = {
+        "mean": float(delays_s.mean()),
+        "min": smallest,
+        "median": median,
+        "max": largest,
+        "sd": float(delays_s.std(ddof=1)) if len(delays_s) > 1 else 0.0,
+        "values_s": [float(d) for d in delays_s],
+    }
+    safe_s = largest + 0.25 * refresh_s
+    return Measured(rows, {"projector.latency_s": round(safe_s, 4)}, {**distribution, **numbers, "safe_s": safe_s})

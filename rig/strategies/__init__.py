@@ -1,0 +1,1 @@
+"""Every strategy beside the others, measured on the rig."""

@@ -1,0 +1,290 @@
+"""Close the loop over a strategy: show, photograph, correct, until the measured error no longer falls."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.structured_light.patterns import Pattern
+from rig.capture.rig import Rig
+from rig.errors import UsageError
+from rig.files.channels import code_layers, layers
+from rig.session import Session, Step
+from rig.stages.compensation import (
+    JudgedPixels,
+    check_strategies,
+    judged_pixels,
+    measured_options,
+    wanted_light,
+    whole_picture,
+)
+from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
+from rig.stages.model import FittedScene, load_model
+from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.picture_errors import contrast, perceived_errors, picture_errors
+from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.scene_model import sample_bands
+from rig.stages.target import Target
+from rig.terminal import OnStep, silent
+from sim.compensation import Compensation, compensate
+from sim.compensation.spectrum import damping_for
+from sim.compensation.split_transport import SplitTransport as Operator
+from sim.compensation.split_transport import split_transport_of
+from sim.geometry.optics import project
+from sim.light.colour import ColourTransport
+
+FloatArray = NDArray[np.float64]
+Codes = NDArray[np.uint8]
+
+MOST_CAPTURES = 64
+NEIGHBOURHOOD_PX = 9
+"""Side of the square over which a residual is held against its noise."""
+SIGMAS = 2.0
+"""The error has fallen when it is lower by so many standard deviations of its noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """What is to be closed, and how."""
+
+    strategy: str
+    captures: int = 4
+    """Most pictures that are photographed, the uncorrected one included."""
+    rule: str = "image"
+    """A key of ``RULES``."""
+
+    def checked(self) -> Loop:
+        """Itself. Raises UsageError for a strategy or rule that is not known, or an impossible number."""
+        check_strategies((self.strategy,))
+        if self.rule not in RULES:
+            raise UsageError(f"unknown rule {self.rule!r} of the closed loop; there are {', '.join(RULES)}")
+        if not 1 <= self.captures <= MOST_CAPTURES:
+            raise UsageError(f"{self.captures} captures; a closed loop takes 1 ... {MOST_CAPTURES}")
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class ControlledScene:
+    """The room as the model knows it, in the projector's view: n steered pixels, light in camera values."""
+
+    model: FittedScene
+    radiometric: RadiometricCalibration
+    transport: ColourTransport
+    view: JudgedPixels
+    wanted: FloatArray
+    """(n, B) the target."""
+
+    @cached_property
+    def operator(self) -> Operator:
+        """T taken apart."""
+        return split_transport_of(self.transport)
+
+    @cached_property
+    def damping(self) -> float:
+        """2 / (2 + r), r the spectral radius of the global light over the direct: as fast as is safe."""
+        return damping_for(self.operator, "closed loop", None)[0]
+
+    def solved(self, strategy: str, wanted: FloatArray) -> Compensation:
+        """A strategy for a target (n, B), told what the session has measured of noise and brightness."""
+        options = measured_options(self.model).get(strategy, {})
+        return compensate(strategy, self.transport, wanted, **options)
+
+    def judged(self, light: FloatArray) -> dict[str, Any]:
+        """All errors of a camera image (H, W, B) in camera values; see :mod:`rig.stages.picture_errors`."""
+        grey, target, mask = light * 255 / self.model.level, self.view.target, self.view.mask
+        errors: dict[str, Any] = picture_errors(grey, target, mask) | perceived_errors(grey, target, mask)
+        return {**errors, "contrast": contrast(grey, target, mask)}
+
+    def judged_light(self, light: LightImage) -> dict[str, Any]:
+        """All errors of a photograph, the camera's noise in it (rms), and that of the mean error; grey levels."""
+        mask, scale = self.view.mask, 255 / self.model.level
+        noise = float(np.sqrt(light.variance[mask].mean(dtype=np.float64))) * scale
+        found = self.judged(light.value.astype(np.float64))
+        n_values = mask.sum() * self.model.channels
+        return {**found, "noise_rms": noise, "mean_sigma": noise / float(np.sqrt(n_values))}
+
+    def codes(self, image: FloatArray, seed: int) -> Codes:
+        """Codes of n projector values a channel, (n, B); pixels that are not steered stay black."""
+        return channel_codes(self.radiometric.projector, whole_picture(self.model, image), seed)
+
+    def linear(self, codes: Codes) -> FloatArray:
+        """(n, B) light of codes."""
+        light = channel_light(self.radiometric.projector, codes).reshape(-1, self.model.channels)
+        return light[self.model.room.active].astype(np.float64)
+
+    def seen(self, image: FloatArray) -> FloatArray:
+        """(n, B) a camera image (H, W, B) at the steered pixels; NaN where it is not judged."""
+        # Light may be 0 or, by noise, below: shift so that `sample` does not take it for missing.
+        shifted = sample_bands(np.where(self.view.mask[..., None], image + 1.0, 0.0), self._camera_xy_px) - 1.0
+        return np.asarray(shifted[self.model.room.active])
+
+    @cached_property
+    def _camera_xy_px(self) -> FloatArray:
+        scene_model = self.model.scene_model
+        return project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """One capture, at the steered pixels, (n, B) each."""
+
+    projected: FloatArray
+    light: FloatArray
+    """NaN where it is not judged."""
+    variance: FloatArray
+
+
+def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: OnStep) -> dict[str, Any]:
+    """Photograph a strategy's picture, correct it by what was measured, and again; the best picture is kept.
+
+    Needs `model`. Stops when the measured mean error does not fall by more than its noise. A run that was interrupted
+    goes on with the first missing frame.
+
+    Returns
+    -------
+    dict
+        ``strategy rule damping captures`` (one dict of errors each, as :func:`picture_errors`), ``best`` (its number,
+        from 1), ``stopped`` (why). The step's images begin with its name: ``…-best`` (``codes``, ``linear``),
+        ``…-measured`` (``light``, ``variance``).
+
+    Raises
+    ------
+    UsageError
+        For an unknown strategy or rule, or an impossible number of captures.
+    """
+    loop.checked()
+    shot = measuring_bracket(rig, session)
+    settings = {
+        "strategy": loop.strategy,
+        "rule": loop.rule,
+        "captures": loop.captures,
+        "target_sha256": target.sha256,
+        "exposures_s": shot.exposures_s,
+        "repeats": shot.repeats,
+    }
+    step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
+    if not step.done:
+        step.save_image("target", layers("grey", target.levels))
+        record = _closed(rig, session, step, controlled_scene_of(session, step, target), loop, shot, on_step)
+        step.save_record(step.name, record)
+        step.finish()
+    found: dict[str, Any] = step.load_record(step.name)
+    return found
+
+
+def controlled_scene_of(session: Session, step: Step, target: Target) -> ControlledScene:
+    """The session's room with a target, which the step has as its image ``target``."""
+    model = load_model(session)
+    return ControlledScene(
+        model,
+        load_radiometric_calibration(session),
+        model.room.projector_transport,
+        judged_pixels(model, step),
+        wanted_light(model, target),
+    )
+
+
+def _closed(
+    rig: Rig, session: Session, step: Step, plant: ControlledScene, loop: Loop, shot: ExposureBracket, on_step: OnStep
+) -> dict[str, Any]:
+    image = plant.solved(loop.strategy, plant.wanted).projector_image
+    errors: list[dict[str, Any]] = []
+    best, stopped = 0, f"all {loop.captures} captures were used"
+    for number in range(1, loop.captures + 1):
+        on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
+        codes = plant.codes(image, seed=number)
+        pattern = Pattern(f"{step.name}-{number}", codes)
+        photograph(rig, session, step, [pattern], shot, 1, silent)
+        light = merge_exposures(step, pattern.name, shot, plant.radiometric)
+        errors.append(plant.judged_light(light))
+        if not _falls(errors, best):
+            stopped = f"capture {number} was no better than capture {best + 1}"
+            break
+        best = number - 1
+        _keep(step, codes, image, plant, light)
+        image = corrected(plant, loop, image, _seen(plant, codes, light))
+    on_step(f"closed loop: {loop.strategy}", loop.captures, loop.captures)
+    damping = plant.damping if loop.rule == "image" else 1.0
+    return {
+        "strategy": loop.strategy,
+        "rule": loop.rule,
+        "damping": damping,
+        "captures": errors,
+        "best": best + 1,
+        "stopped": stopped,
+    }
+
+
+def _falls(errors: list[dict[str, Any]], best: int) -> bool:
+    """Tell if the last capture is better than the best before it, beyond the noise of both; the first always is."""
+    last, before = errors[-1], errors[best]
+    noise = np.hypot(last["mean_sigma"], before["mean_sigma"])
+    return len(errors) == 1 or last["mean"] < before["mean"] - SIGMAS * noise
+
+
+def _keep(step: Step, codes: Codes, image: FloatArray, plant: ControlledScene, light: LightImage) -> None:
+    step.save_image(f"{step.name}-best", layers("linear", whole_picture(plant.model, image)) | code_layers(codes))
+    step.save_image(f"{step.name}-measured", light.channels)
+
+
+def _seen(plant: ControlledScene, codes: Codes, light: LightImage) -> Seen:
+    usable = np.where(light.saturated, np.nan, light.value.astype(np.float64))
+    return Seen(plant.linear(codes), plant.seen(usable), plant.seen(light.variance.astype(np.float64)))
+
+
+def corrected(plant: ControlledScene, loop: Loop, image: FloatArray, seen: Seen) -> FloatArray:
+    """(n, B) the next projector image."""
+    return RULES[loop.rule](plant, loop.strategy, image, seen)
+
+
+def _by_image(plant: ControlledScene, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
+    """Move each pixel towards its own target: p <- clamp(p + w K⁻¹ D⁻¹ (c - measured)).
+
+    References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
+    imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
+    """
+    residual = np.where(np.isfinite(seen.light), plant.wanted - seen.light, 0.0)
+    return np.asarray(np.clip(image + plant.operator.by_direct(plant.damping * residual), 0.0, 1.0))
+
+
+def _by_model(plant: ControlledScene, strategy: str, image: FloatArray, seen: Seen) -> FloatArray:
+    """Ask the strategy again for the target less the model's error: c - (measured - T p).
+
+    What the range clips is predicted as clipped, so it is no error of the model and does not wind up.
+    """
+    expected = plant.transport.forward(seen.projected)
+    error = trusted(plant, seen.light - expected, seen.variance)
+    return plant.solved(strategy, plant.wanted - error).projector_image
+
+
+RULES: Mapping[str, Callable[[ControlledScene, str, FloatArray, Seen], FloatArray]] = {
+    "image": _by_image,
+    "model": _by_model,
+}
+"""``image``: to the target, pixel by pixel. ``model``: the strategy again, by a model that is put right."""
+
+
+def trusted(plant: ControlledScene, residual: FloatArray, variance: FloatArray) -> FloatArray:
+    """(n, B) the part of a residual that its noise does not explain, 0 where nothing was measured.
+
+    Wiener's factor 1 - σ² / <r²>, at least 0, with the mean over the neighbourhood and σ² the measured variance
+    (J.-S. Lee, IEEE Trans. PAMI 2, 1980): where a residual is all noise it is left alone.
+    """
+    known = np.isfinite(residual) & np.isfinite(variance)
+    energy = _local_sum(plant, np.where(known, residual, 0.0) ** 2)
+    noise = _local_sum(plant, np.where(known, variance, 0.0))
+    share = np.clip(1 - noise / np.maximum(energy, 1e-30), 0.0, 1.0)
+    return np.where(known, share * residual, 0.0)
+
+
+def _local_sum(plant: ControlledScene, values: FloatArray) -> FloatArray:
+    """(n, B) sums over each pixel's neighbourhood, up to a common factor."""
+    whole = whole_picture(plant.model, values)
+    smooth = cv2.boxFilter(whole, -1, (NEIGHBOURHOOD_PX, NEIGHBOURHOOD_PX))
+    return np.asarray(smooth.reshape(-1, plant.model.channels)[plant.model.room.active])

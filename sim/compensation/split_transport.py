@@ -1,0 +1,118 @@
+"""A grey or colour transport as the strategies use it: images (n, C), direct light by pixel, the rest by patch."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.sparse import csr_array
+
+from sim.errors import SimulationError
+from sim.geometry.scene import FloatArray
+from sim.light.colour import ColourTransport
+from sim.light.interreflection_operator import InterreflectionOperator
+from sim.light.transport import LightTransport
+
+Transport = LightTransport | ColourTransport
+"""What every strategy takes; its bands are square with diagonal direct light (the projector's view)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SplitTransport:
+    """T p = D K p + V H S K p, band by band; a grey transport has one band and K = 1.
+
+    Images (n, C) are kept band after band in memory, for the sparse products take one band at a time.
+    """
+
+    bands: tuple[LightTransport, ...]
+    mixing: FloatArray
+    """(C, C) K."""
+    diagonal: FloatArray
+    """(n, C) D."""
+    couplings: tuple[InterreflectionOperator, ...]
+    """The interreflection of each band."""
+
+    @cached_property
+    def unmixing(self) -> FloatArray:
+        """(C, C) inverse of K."""
+        return np.asarray(np.linalg.inv(self.mixing))
+
+    def mixed(self, p: FloatArray) -> FloatArray:
+        """K p: the light of each band, (n, C), of a projector image."""
+        return np.asarray((self.mixing @ p.T).T)
+
+    def unmixed(self, light: FloatArray) -> FloatArray:
+        """Inverse of :meth:`mixed`."""
+        return np.asarray((self.unmixing @ light.T).T)
+
+    def indirect(self, light: FloatArray) -> FloatArray:
+        """V H S of each band's light: what comes back from the patches, (n, C)."""
+        return self._by_band([coupling.apply(light[:, b]) for b, coupling in enumerate(self.couplings)])
+
+    def indirect_adjoint(self, c: FloatArray) -> FloatArray:
+        """Sᵀ Hᵀ Vᵀ c of each band, (n, C)."""
+        return self._by_band([coupling.adjoint(c[:, b]) for b, coupling in enumerate(self.couplings)])
+
+    def forward(self, p: FloatArray) -> FloatArray:
+        """Camera image T p, (n, C)."""
+        light = self.mixed(p)
+        return np.asarray(self.diagonal * light + self.indirect(light))
+
+    def adjoint(self, c: FloatArray) -> FloatArray:
+        """Tᵀ c, (n, C)."""
+        return np.asarray((self.mixing.T @ (self.diagonal * c + self.indirect_adjoint(c)).T).T)
+
+    def by_direct(self, c: FloatArray) -> FloatArray:
+        """K⁻¹ c / D: the projector image whose direct light is c; no light where no direct light goes."""
+        return self.unmixed(divided(c, self.diagonal))
+
+    @staticmethod
+    def _by_band(columns: list[FloatArray]) -> FloatArray:
+        return np.stack(columns).T
+
+
+def split_transport_of(transport: Transport) -> SplitTransport:
+    """Take a transport apart.
+
+    Raises
+    ------
+    SimulationError
+        If a band is not square with a diagonal D.
+    """
+    colour = isinstance(transport, ColourTransport)
+    bands = transport.bands if isinstance(transport, ColourTransport) else (transport,)
+    mixing = transport.mixing if colour else np.eye(1)
+    diagonal = np.stack([diagonal_of(band) for band in bands]).T
+    return SplitTransport(bands, mixing, diagonal, tuple(band.coupling for band in bands))
+
+
+def direct_blocks(view: SplitTransport, metric: FloatArray | None = None) -> FloatArray:
+    """(n, C, C) Kᵀ D Ω D K, direct light's part of TᵀΩT; the metric Ω (n, C, C) is the identity unless given."""
+    scaled = view.diagonal[:, :, None] * view.mixing
+    return np.asarray(scaled.transpose(0, 2, 1) @ (scaled if metric is None else metric @ scaled))
+
+
+def diagonal_of(transport: LightTransport) -> FloatArray:
+    """(n,) diagonal of D.
+
+    Raises
+    ------
+    SimulationError
+        If the transport is not square with a diagonal D (the projector's view).
+    """
+    matrix: csr_array = transport.direct_matrix
+    diagonal = np.asarray(matrix.diagonal())
+    off_diagonal = matrix.shape[0] != matrix.shape[1] or matrix.count_nonzero() != np.count_nonzero(diagonal)
+    if off_diagonal:
+        raise SimulationError(
+            f"compensation needs one camera value a projector pixel; this transport is {matrix.shape[0]} x "
+            f"{matrix.shape[1]} with direct light off the diagonal: "
+            "resample the camera to the projector's view first"
+        )
+    return diagonal
+
+
+def divided(numerator: FloatArray, diagonal: FloatArray) -> FloatArray:
+    """Numerator / diagonal; 0 where no direct light goes."""
+    return np.divide(numerator, diagonal, out=np.zeros_like(numerator), where=diagonal > 0)

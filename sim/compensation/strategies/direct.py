@@ -1,0 +1,20 @@
+"""Direct light only: every pixel by its own brightness (Nayar et al. 2003; Grossberg et al. 2004)."""
+
+from __future__ import annotations
+
+from numpy.typing import ArrayLike
+
+from sim.compensation.result import Compensation, prepare
+from sim.compensation.split_transport import Transport
+
+
+def direct(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
+    """Project K⁻¹ c / D, clamped.
+
+    References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
+    imperfections, PROCAMS 2003; Grossberg, Peri, Nayar and Belhumeur, Making one object look like another, CVPR 2004.
+
+    Limits: ignores interreflection, so in a room it is too bright; the measure that every other strategy is held to.
+    """
+    task = prepare(transport, target, lower, upper)
+    return task.finished(task.view.by_direct(task.target))

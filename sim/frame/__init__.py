@@ -1,0 +1,1 @@
+"""Frames of a live show, compensated in one native call."""

@@ -1,0 +1,1 @@
+"""Scenes, meshes and rays: flat patches and where they lie."""

@@ -1,0 +1,230 @@
+"""AdaptivePatches: a surface's faces cut into quads and triangles of unequal size, split where a plan asks for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from sim.geometry.scene import BoolArray, Face, FloatArray, IntArray, Scene, intersect
+from sim.geometry.surface import Surface
+
+ON_PLANE = 1e-9
+"""Distance from a plane, over the scene's size, up to which an edge lies in it."""
+PER_CELL = ("vertices", "reflectance", "region", "whole")
+
+
+@dataclass(frozen=True, eq=False)
+class AdaptivePatches:
+    """Patches of unequal size; a ``sim.geometry.surface.Surface``. Corners of one may lie within another's edge."""
+
+    name: str
+    vertices: FloatArray
+    """(P, 4, 3) corners, counter-clockwise seen from the lit side; a triangle repeats its last [m]."""
+    reflectance: FloatArray
+    """(P,) share of the light that a cell sends back."""
+    region: IntArray
+    """(P,) number of the flat region that each cell was cut from."""
+    whole: IntArray
+    """(P,) number of the whole, uncut cell that each cell was cut from."""
+    occluders: FloatArray
+    """(M, 4, 3) polygons that may stand between two cells, uncut [m]."""
+    convex: bool
+    closed: bool
+
+    @property
+    def n_patches(self) -> int:
+        """Number of cells, P."""
+        return len(self.vertices)
+
+    @cached_property
+    def _area_vectors(self) -> FloatArray:
+        corners = self.vertices
+        return np.asarray(np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]) / 2)
+
+    @cached_property
+    def areas(self) -> FloatArray:
+        """(P,) areas [m²]."""
+        return np.asarray(np.linalg.norm(self._area_vectors, axis=1))
+
+    @cached_property
+    def normals(self) -> FloatArray:
+        """(P, 3) unit normals."""
+        return np.asarray(self._area_vectors / self.areas[:, None])
+
+    @cached_property
+    def centres(self) -> FloatArray:
+        """(P, 3) centroids [m]."""
+        areas, centres = triangles(self.vertices)
+        return np.asarray((areas[..., None] * centres).sum(axis=1) / areas.sum(axis=1)[:, None])
+
+    @cached_property
+    def edges(self) -> FloatArray:
+        """(P, 2, 3) mean edge vectors along u (first to second corner) and v [m]."""
+        a, b, c, d = np.moveaxis(self.vertices, 1, 0)
+        return np.stack([(b - a + c - d) / 2, (d - a + c - b) / 2], axis=1)
+
+    @cached_property
+    def triangular(self) -> BoolArray:
+        """(P,) True where the last corner repeats the third."""
+        return np.asarray((self.vertices[:, 2] == self.vertices[:, 3]).all(axis=1))
+
+    def variation(self, gradient: FloatArray) -> FloatArray:
+        """(P,) integral over each cell of (g . (x - centre))² for (P, 3) gradients g [unit² m²]."""
+        a, b, c, d = np.moveaxis(self.vertices - self.centres[:, None], 1, 0)
+        total = np.zeros(self.n_patches)
+        for corners in ((a, b, c), (a, c, d)):
+            area = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1) / 2
+            heights = np.stack([np.einsum("pk,pk->p", corner, gradient) for corner in corners])
+            total += area / 12 * ((heights**2).sum(axis=0) + heights.sum(axis=0) ** 2)
+        return total
+
+    @cached_property
+    def polar_moments(self) -> FloatArray:
+        """(P,) integral over each cell of |x - centre|² [m⁴]."""
+        return np.asarray(sum(self.variation(np.tile(axis, (self.n_patches, 1))) for axis in np.eye(3)))
+
+    def chosen(self, cells: BoolArray | IntArray) -> AdaptivePatches:
+        """Some of the cells."""
+        vertices, reflectance, region, whole = (getattr(self, key)[cells] for key in PER_CELL)
+        return replace(self, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
+
+    def halves(self, along: IntArray) -> AdaptivePatches:
+        """(2 P) cells, first halves before second ones: quads across u (0) or v (1).
+
+        Parameters
+        ----------
+        along : (P,) int
+            Triangles are cut at their longest edge, whatever it says.
+        """
+        first, second = _halves(self.vertices, along, self.triangular)
+        return joined(replace(self, vertices=first), replace(self, vertices=second))
+
+    def quarters(self) -> AdaptivePatches:
+        """(4 P) cells: each cut twice; cell i becomes i, i + P, i + 2 P, i + 3 P."""
+        once = self.halves(np.zeros(self.n_patches, dtype=np.intp))
+        return once.halves(np.ones(once.n_patches, dtype=np.intp))
+
+
+def joined(first: AdaptivePatches, second: AdaptivePatches) -> AdaptivePatches:
+    """AdaptivePatches of one scene together."""
+    parts = (np.concatenate([getattr(first, key), getattr(second, key)]) for key in PER_CELL)
+    vertices, reflectance, region, whole = parts
+    return replace(first, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
+
+
+def triangles(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Areas (P, 2) and centroids (P, 2, 3) of the two triangles of each cell."""
+    a, b, c, d = np.moveaxis(vertices, 1, 0)
+    areas = [np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, np.linalg.norm(np.cross(c - a, d - a), axis=1) / 2]
+    return np.stack(areas, axis=1), np.stack([(a + b + c) / 3, (a + c + d) / 3], axis=1)
+
+
+def _halves(vertices: FloatArray, along: IntArray, triangular: BoolArray) -> tuple[FloatArray, FloatArray]:
+    # Turned so that the edge to cut is the first; a triangle's longest edge is.
+    turn = np.where(triangular, _longest_edge(vertices), along)
+    count = np.where(triangular, 3, 4)
+    order = (np.arange(4) + turn[:, None]) % count[:, None]
+    order[triangular, 3] = order[triangular, 2]
+    a, b, c, d = np.moveaxis(np.take_along_axis(vertices, order[:, :, None], axis=1), 1, 0)
+    low = (a + b) / 2
+    high = np.where(triangular[:, None], c, (c + d) / 2)
+    return np.stack([a, low, high, d], axis=1), np.stack([low, b, c, high], axis=1)
+
+
+def _longest_edge(vertices: FloatArray) -> IntArray:
+    lengths = [np.linalg.norm(vertices[:, (k + 1) % 3] - vertices[:, k], axis=1) for k in range(3)]
+    return np.asarray(np.argmax(lengths, axis=0))
+
+
+def whole_cells(surface: Surface) -> AdaptivePatches:
+    """The fewest cells: a scene's faces, cut where others stand on them; a mesh's patches as they are.
+
+    What another object covers (the floor under a box) is left out: no light gets there. A face whose
+    reflectance varies keeps its patches.
+    """
+    if isinstance(surface, Scene):
+        return _cells_of_scene(surface)
+    return AdaptivePatches(
+        surface.name,
+        surface.vertices,
+        surface.reflectance,
+        surface.region,
+        np.arange(surface.n_patches),
+        surface.occluders,
+        surface.convex,
+        surface.closed,
+    )
+
+
+def _cells_of_scene(scene: Scene) -> AdaptivePatches:
+    corners = np.stack([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in scene.faces])
+    pieces, reflectance, region = [], [], []
+    for index, face in enumerate(scene.faces):
+        rho = scene.reflectance[face.patches]
+        if np.ptp(rho) == 0:
+            vertices = _grid(face, *_contact_lines(face, np.delete(corners, index, axis=0)))
+            vertices = vertices if scene.convex else vertices[~_covered(scene, face, vertices)]
+            rho = np.full(len(vertices), rho[0])
+        else:
+            vertices = scene.vertices[face.patches]
+        pieces.append(vertices)
+        reflectance.append(rho)
+        region.append(np.full(len(vertices), index))
+    vertices = np.concatenate(pieces)
+    vectors = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1]) / 2
+    closed = len(scene.faces) > 3 and bool(np.abs(vectors.sum(axis=0)).max() < 1e-9 * np.abs(vectors).sum())
+    return AdaptivePatches(
+        scene.name,
+        vertices,
+        np.concatenate(reflectance),
+        np.concatenate(region),
+        np.arange(len(vertices)),
+        scene.occluders,
+        scene.convex,
+        closed,
+    )
+
+
+def _contact_lines(face: Face, others: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Where along u and v edges of other faces lie on this one and run along it, 0 and 1 included."""
+    local = others - face.origin_m
+    u, v = (local @ axis / size for axis, size in zip(face.axes[:2], face.size_m, strict=True))
+    on_plane = np.abs(local @ face.normal) <= ON_PLANE * max(face.size_m)
+    lines: list[list[float]] = [[0.0, 1.0], [0.0, 1.0]]
+    for k in range(4):
+        ends = (slice(None), [k, (k + 1) % 4])
+        lies = on_plane[ends].all(axis=1)
+        for axis, (across, beside) in enumerate(((u, v), (v, u))):
+            low, high = beside[ends].min(axis=1), beside[ends].max(axis=1)
+            runs = lies & (np.abs(np.diff(across[ends], axis=1)[:, 0]) < 1e-9) & (low < 1 - 1e-9) & (high > 1e-9)
+            lines[axis] += [float(x) for x in across[runs, k] if 1e-6 < x < 1 - 1e-6]
+    first, second = (_distinct(np.sort(np.array(values))) for values in lines)
+    return first, second
+
+
+def _distinct(values: FloatArray) -> FloatArray:
+    return np.asarray(values[np.concatenate([[True], np.diff(values) > 1e-9])])
+
+
+def _grid(face: Face, u: FloatArray, v: FloatArray) -> FloatArray:
+    """(cells, 4, 3) corners of the rectangles between lines."""
+    low_u, low_v = (grid.ravel() for grid in np.meshgrid(u[:-1], v[:-1]))
+    high_u, high_v = (grid.ravel() for grid in np.meshgrid(u[1:], v[1:]))
+    pairs = ((low_u, low_v), (high_u, low_v), (high_u, high_v), (low_u, high_v))
+    return np.stack([face.points(*pair) for pair in pairs], axis=1)
+
+
+def _covered(scene: Scene, face: Face, vertices: FloatArray) -> BoolArray:
+    """(cells,) True where the middle of a cell sees mostly backs of faces: it lies inside an object."""
+    u, v, normal = face.axes
+    size = float(np.ptp(scene.vertices.reshape(-1, 3), axis=0).max())
+    origin = vertices.mean(axis=1) + 1e-6 * size * normal
+    backs = np.zeros(len(origin))
+    directions = (normal, *(normal + 0.7 * tilt for tilt in (u, -u, v, -v)))
+    for direction in directions:
+        rays = np.tile(direction / np.linalg.norm(direction), (len(origin), 1))
+        hits = intersect(scene, origin, rays)
+        backs += (hits.face >= 0) & (hits.cos_incidence < 0)
+    return np.asarray(backs > len(directions) / 2)

@@ -1,0 +1,177 @@
+"""Pinhole with distortion (OpenCV's convention), for cameras and for projectors as inverse cameras."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.errors import SimulationError
+from sim.geometry.scene import FloatArray
+
+Distortion = tuple[float, float, float, float, float]
+UNDISTORT_STEPS = 50
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Image size and projection of a pinhole with radial and tangential distortion."""
+
+    width_px: int
+    height_px: int
+    focal_px: tuple[float, float]
+    """(fx, fy)."""
+    principal_point_px: tuple[float, float]
+    """(cx, cy); pixel centres at integers; may lie outside the image (lens shift)."""
+    distortion: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
+    """k1, k2, p1, p2, k3 (OpenCV's order). [1]"""
+
+    def __post_init__(self) -> None:
+        if self.width_px < 1 or self.height_px < 1 or min(self.focal_px) <= 0:
+            raise SimulationError(
+                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; all must be above 0"
+            )
+
+    @classmethod
+    def from_horizontal_field_of_view(cls, width_px: int, height_px: int, hfov_deg: float) -> Lens:
+        """Square pixels, centred, no distortion; the field of view counts from pixel edge to pixel edge."""
+        if not 0 < hfov_deg < 180:
+            raise SimulationError(f"horizontal field of view {hfov_deg:g} degrees; it must lie between 0 and 180")
+        focal_px = float(width_px / 2 / np.tan(np.radians(hfov_deg) / 2))
+        return cls(width_px, height_px, (focal_px, focal_px), ((width_px - 1) / 2, (height_px - 1) / 2))
+
+    @property
+    def n_pixels(self) -> int:
+        """Number of pixels."""
+        return self.width_px * self.height_px
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width) [px]."""
+        return self.height_px, self.width_px
+
+    def pixel_grid(self) -> FloatArray:
+        """(H * W, 2) pixel centres (x, y), row by row [px]."""
+        y, x = np.mgrid[: self.height_px, : self.width_px]
+        return np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """Where a device stands: x_device = rotation x_world + translation; x right, y down, z forward."""
+
+    rotation: FloatArray
+    """(3, 3) device_from_world."""
+    translation_m: FloatArray
+    """(3,) device_from_world [m]."""
+
+    def __post_init__(self) -> None:
+        rotation = np.asarray(self.rotation, dtype=np.float64).reshape(3, 3)
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+            raise SimulationError("pose: the rotation is not one (rows must be orthonormal and right-handed)")
+        object.__setattr__(self, "rotation", rotation)
+        object.__setattr__(self, "translation_m", np.asarray(self.translation_m, dtype=np.float64).reshape(3))
+
+    @property
+    def position_m(self) -> FloatArray:
+        """(3,) centre of projection in the world [m]."""
+        return np.asarray(-self.rotation.T @ self.translation_m)
+
+    @classmethod
+    def look_at(
+        cls,
+        position_m: ArrayLike,
+        target_m: ArrayLike,
+        up: ArrayLike = (0.0, 0.0, 1.0),
+        roll_deg: float = 0.0,
+    ) -> Pose:
+        """Stand at a position and aim at a target, image rows level against ``up``, then rolled."""
+        position = np.asarray(position_m, dtype=np.float64)
+        forward = np.asarray(target_m, dtype=np.float64) - position
+        right = np.cross(forward, np.asarray(up, dtype=np.float64))
+        if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(forward) or not np.any(forward):
+            raise SimulationError("look_at: the target is at the position, or straight along 'up'; change one")
+        forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
+        level = np.stack([right, np.cross(forward, right), forward])
+        cosine, sine = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
+        rotation = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]) @ level
+        return cls(rotation, -rotation @ position)
+
+
+def pixel_rays(lens: Lens, pose: Pose) -> FloatArray:
+    """(H, W, 3) unit world directions of all pixel centres."""
+    return rays_at(lens, pose, lens.pixel_grid()).reshape(*lens.shape, 3)
+
+
+def rays_at(lens: Lens, pose: Pose, xy_px: ArrayLike) -> FloatArray:
+    """(N, 3) unit world directions of image points (N, 2)."""
+    plane = undistorted(lens, np.asarray(xy_px, dtype=np.float64))
+    rays = np.column_stack([plane, np.ones(len(plane))])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return np.asarray(rays @ pose.rotation)
+
+
+def project(lens: Lens, pose: Pose, points_m: ArrayLike) -> FloatArray:
+    """(N, 2) image points of world points (N, 3); NaN for what lies behind the device [px]."""
+    local = np.asarray(points_m, dtype=np.float64) @ pose.rotation.T + pose.translation_m
+    depth = np.where(local[:, 2] > 0, local[:, 2], np.nan)
+    plane = distort(local[:, :2] / depth[:, None], lens.distortion)
+    return np.asarray(plane * lens.focal_px + lens.principal_point_px)
+
+
+def solid_angles(lens: Lens, xy_px: ArrayLike) -> FloatArray:
+    """(N,) solid angle of a pixel centred at each image point [sr].
+
+    cos³ gamma / (fx fy) over the distortion's Jacobian, gamma from the optical axis.
+    """
+    plane = undistorted(lens, np.asarray(xy_px, dtype=np.float64))
+    cos_cubed = (1 + (plane**2).sum(axis=1)) ** -1.5
+    return np.asarray(cos_cubed / (lens.focal_px[0] * lens.focal_px[1] * _jacobian(plane, lens.distortion)))
+
+
+def distort(plane: FloatArray, distortion: Distortion) -> FloatArray:
+    """Points (N, 2) on the plane z = 1 after the lens's distortion."""
+    k1, k2, p1, p2, k3 = distortion
+    x, y = plane[:, 0], plane[:, 1]
+    squared = x * x + y * y
+    radial = 1 + squared * (k1 + squared * (k2 + squared * k3))
+    bent_x = x * radial + 2 * p1 * x * y + p2 * (squared + 2 * x * x)
+    bent_y = y * radial + p1 * (squared + 2 * y * y) + 2 * p2 * x * y
+    return np.stack([bent_x, bent_y], axis=1)
+
+
+def undistorted(lens: Lens, xy_px: FloatArray) -> FloatArray:
+    """(N, 2) points on the plane z = 1 that the lens images at (N, 2) image points, by fixed-point iteration.
+
+    Raises
+    ------
+    SimulationError
+        If the distortion cannot be undone at some point (it folds the image over there).
+    """
+    bent = (xy_px - lens.principal_point_px) / lens.focal_px
+    plane = bent.copy()
+    if not any(lens.distortion):
+        return plane
+    for _ in range(UNDISTORT_STEPS):
+        error = distort(plane, lens.distortion) - bent
+        if np.abs(error).max() < 1e-13:
+            return plane
+        plane = np.clip(plane - error, -10, 10)
+    worst_px = float(np.abs(error).max()) * max(lens.focal_px)
+    if worst_px > 1e-3:
+        raise SimulationError(
+            f"distortion {lens.distortion} cannot be undone: {worst_px:.3g} px left after "
+            f"{UNDISTORT_STEPS} steps, limit 0.001 px; the coefficients fold the image over at its border"
+        )
+    return plane
+
+
+def _jacobian(plane: FloatArray, distortion: Distortion, step: float = 1e-5) -> FloatArray:
+    """(N,) area that the distortion makes of a unit area."""
+    if not any(distortion):
+        return np.ones(len(plane))
+    dx, dy = np.array([step, 0.0]), np.array([0.0, step])
+    along_x = (distort(plane + dx, distortion) - distort(plane - dx, distortion)) / (2 * step)
+    along_y = (distort(plane + dy, distortion) - distort(plane - dy, distortion)) / (2 * step)
+    return np.asarray(along_x[:, 0] * along_y[:, 1] - along_x[:, 1] * along_y[:, 0])

@@ -1,0 +1,69 @@
+"""Where rays meet any surface, gridded scene or mesh."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim import _kernel
+from sim.geometry.optics import Lens, Pose, undistorted
+from sim.geometry.scene import BoolArray, FloatArray, Hits, Scene, intersect, traced
+from sim.geometry.surface import Surface
+
+_tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()
+
+
+def tracer_of(surface: Surface) -> _kernel.Tracer:
+    """Build a surface's tracer, once: gridded rectangles of a scene, or a tree of boxes over the patches."""
+    if isinstance(surface, Scene):
+        return surface.tracer
+    if surface not in _tracers:
+        frames = np.concatenate([surface.centres[:, None], plane_axes(surface), surface.normals[:, None]], axis=1)
+        corners = np.ascontiguousarray(surface.vertices, dtype=np.float64)
+        _tracers[surface] = _kernel.Tracer(np.zeros((0, 15)), corners, np.ascontiguousarray(frames.reshape(-1, 12)))
+    return _tracers[surface]
+
+
+def plane_axes(surface: Surface) -> FloatArray:
+    """(P, 2, 3) two unit axes in each patch's plane: along its first edge, and across it."""
+    along = surface.vertices[:, 1] - surface.vertices[:, 0]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    return np.stack([along, np.cross(surface.normals, along)], axis=1)
+
+
+def trace(surface: Surface, origin_m: ArrayLike, directions: ArrayLike) -> Hits:
+    """Find the nearest hit of each ray, as ``scene.intersect`` does in a scene; a mesh's patches stop light too.
+
+    Of a mesh, ``face`` is the region that is met, and ``uv`` the place about the patch's centroid [m].
+    """
+    if isinstance(surface, Scene):
+        return intersect(surface, origin_m, np.asarray(directions))
+    hits = traced(tracer_of(surface), origin_m, directions)
+    return replace(hits, face=np.where(hits.face >= 0, surface.region[hits.face], -1))
+
+
+def blocked(surface: Surface, start_m: FloatArray, end_m: FloatArray) -> BoolArray:
+    """(N,) tell between which points (N, 3) something of the surface stands."""
+    stopped = np.empty(len(start_m), dtype=np.uint8)
+    tracer_of(surface).blocked(np.ascontiguousarray(start_m), np.ascontiguousarray(end_m), stopped)
+    return stopped.astype(bool)
+
+
+def device_of(lens: Lens, pose: Pose) -> _kernel.Device:
+    """Lens and pose as the kernel wants them.
+
+    Raises
+    ------
+    SimulationError
+        If the lens's distortion folds the image over (seen at its border).
+    """
+    x = np.linspace(-0.5, lens.width_px - 0.5, 65)
+    y = np.linspace(-0.5, lens.height_px - 0.5, 65)
+    border = [(x, y[:1]), (x, y[-1:]), (x[:1], y), (x[-1:], y)]
+    undistorted(lens, np.concatenate([np.stack(np.meshgrid(*side), axis=-1).reshape(-1, 2) for side in border]))
+    numbers = np.array([*lens.focal_px, *lens.principal_point_px, *lens.distortion], dtype=np.float64)
+    rotation = np.ascontiguousarray(pose.rotation)
+    return _kernel.Device(lens.width_px, lens.height_px, numbers, rotation, pose.position_m)

@@ -1,0 +1,1 @@
+"""Radiosity and light transport, grey and in colour."""

@@ -1,0 +1,133 @@
+"""Lights that a plan is made for: irradiance of white at every point of a surface, 1 = white."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim.errors import SimulationError
+from sim.form_factors.occlusion import segments_blocked
+from sim.geometry.adaptive_patches import AdaptivePatches
+from sim.geometry.optics import Lens, Pose, project
+from sim.geometry.scene import FloatArray, IntArray
+
+SAMPLES = 4
+"""Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
+POINTS_AT_A_TIME = 1 << 13
+"""Their arrays take less than 2 MB."""
+
+Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
+"""(N,) irradiance from points (N, 3) [m], normals (N, 3) and regions (N,); 1 = white."""
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light by name."""
+
+    name: str
+    description: str
+    irradiance: Irradiance
+
+
+LIGHTS = ("projector", "floor", "uniform")
+
+
+def standard_light(name: str, cells: AdaptivePatches) -> Light:
+    """Build one of ``LIGHTS`` for a scene.
+
+    ``projector``: white from a 640 x 480 projector with a horizontal field of view of 100 degrees, standing at
+    5/24 of the scene's length and width and half its height, aimed level at the far corner: cos(theta) without
+    fall-off (the paper's convention), with shadows. ``floor``: irradiance 1 on the lowest region that faces
+    up, or on the first region. ``uniform``: irradiance 1 everywhere.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown name, or a projector that lights nothing.
+    """
+    if name not in LIGHTS:
+        raise SimulationError(f"unknown light {name!r}; there are {', '.join(LIGHTS)}")
+    if name == "uniform":
+        return Light(name, "white light 1 on every surface", lambda points, normals, region: np.ones(len(points)))
+    if name == "floor":
+        lit = _floor(cells)
+        return Light(name, "white light 1 on the floor", lambda points, normals, region: (region == lit) * 1.0)
+    light = _projector(cells)
+    if not emission(cells.quarters().quarters(), light).irradiance.any():
+        raise SimulationError(f"{cells.name}: the standard projector lights nothing; use the light 'floor'")
+    return light
+
+
+def _floor(cells: AdaptivePatches) -> int:
+    up = np.flatnonzero(cells.normals[:, 2] > 1 - 1e-6)
+    lowest = up[np.argmin(cells.centres[up, 2])] if len(up) else 0
+    return int(cells.region[lowest])
+
+
+def _projector(cells: AdaptivePatches) -> Light:
+    corners = cells.vertices.reshape(-1, 3)
+    low, size = corners.min(axis=0), np.ptp(corners, axis=0)
+    lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
+    pose = Pose.look_at(low + size * np.array([5 / 24, 5 / 24, 0.5]), low + size * np.array([1, 1, 0.5]))
+
+    def irradiance(points: FloatArray, normals: FloatArray, region: IntArray) -> FloatArray:
+        ray = points - pose.position_m
+        cosine = -np.einsum("nk,nk->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
+        xy = project(lens, pose, points)
+        with np.errstate(invalid="ignore"):
+            lit = ((xy > -0.5) & (xy < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1) & (cosine > 0)
+        if not cells.convex:
+            lit[lit] = ~segments_blocked(cells, np.tile(pose.position_m, (int(lit.sum()), 1)), points[lit])
+        return np.where(lit, cosine, 0.0)
+
+    x, y, z = pose.position_m
+    return Light("projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance)
+
+
+@dataclass(frozen=True, eq=False)
+class Emission:
+    """A light on cells."""
+
+    irradiance: FloatArray
+    """(P,) mean over each cell; 1 = white."""
+    variance: FloatArray
+    """(P,) of the irradiance within each cell."""
+
+
+def emission(cells: AdaptivePatches, light: Light) -> Emission:
+    """Mean and variance of a light over each cell."""
+    mean, variance = _sampled(cells, light, SAMPLES)
+    varies = variance > 1e-12
+    if varies.any():
+        mean[varies], variance[varies] = _sampled(cells.chosen(varies), light, SAMPLES**2)
+    return Emission(mean, variance)
+
+
+def _sampled(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+    step = max(1, POINTS_AT_A_TIME // n**2)
+    starts = range(0, cells.n_patches, step)
+    parts = [_moments(cells.chosen(np.arange(k, min(k + step, cells.n_patches))), light, n) for k in starts]
+    mean, variance = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return mean, variance
+
+
+def _moments(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+    """(P,) means and variances over n x n points."""
+    points, weights = sample_points(cells, n)
+    normals, region = np.repeat(cells.normals, n * n, axis=0), np.repeat(cells.region, n * n)
+    values = light.irradiance(points.reshape(-1, 3), normals, region).reshape(-1, n * n)
+    mean = (weights * values).sum(axis=1)
+    return mean, (weights * (values - mean[:, None]) ** 2).sum(axis=1)
+
+
+def sample_points(cells: AdaptivePatches, n: int) -> tuple[FloatArray, FloatArray]:
+    """(P, n², 3) midpoints of an n x n division of each cell [m] and their (P, n²) shares of its area."""
+    places = (np.arange(n) + 0.5) / n
+    s, t = (grid.ravel()[None, :, None] for grid in np.meshgrid(places, places))
+    a, b, c, d = (corner[:, None] for corner in np.moveaxis(cells.vertices, 1, 0))
+    points = (1 - s) * (1 - t) * a + s * (1 - t) * b + s * t * c + (1 - s) * t * d
+    along = np.cross((1 - t) * (b - a) + t * (c - d), (1 - s) * (d - a) + s * (c - b))
+    weights = np.linalg.norm(along, axis=2)
+    return points, weights / weights.sum(axis=1, keepdims=True)

@@ -1,0 +1,247 @@
+"""From scene and lenses to a light transport: which pixel lights, and sees, which patch.
+
+Two conventions. ``paper``: camera and projector share pose and lens, radiosity from a pixel is rho cos(theta)
+L with no fall-off (eq. 4). ``physical``: every projector pixel at 1 sends the same flux 1 / (fx fy), so that
+irradiance is cos(theta) / (r² cos³ gamma), gamma from the optical axis: **the unit is the irradiance of a
+white pixel on a plane across the optical axis at 1 m**. Camera values are radiosity (radiance times pi) in
+the same unit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array, diags_array
+
+from sim.errors import SimulationError
+from sim.form_factors import FormFactors
+from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
+from sim.geometry.scene import BoolArray, FloatArray, Hits, IntArray, Scene, intersect
+from sim.light.radiosity import Radiosity
+from sim.light.transport import LightTransport
+
+__all__ = [
+    "LightTransport",
+    "area_emission",
+    "bilinear",
+    "coaxial_transport",
+    "irradiance_at",
+    "physical_transport",
+    "smooth_view",
+]
+
+Convention = Literal["paper", "physical"]
+EmissionRule = Literal["pixel_mean", "area"]
+
+
+def coaxial_transport(
+    scene: Scene,
+    form_factors: FormFactors,
+    lens: Lens,
+    pose: Pose,
+    convention: Convention = "paper",
+    emission_rule: EmissionRule = "pixel_mean",
+    subsamples: int = 2,
+) -> LightTransport:
+    """Camera and projector in one place with one lens: pixel k of one is pixel k of the other.
+
+    Parameters
+    ----------
+    convention : {"paper", "physical"}
+        ``paper``: D = rho cos(theta), no fall-off (eqs. 4, 9). ``physical``: over r² cos³ gamma.
+    emission_rule : {"pixel_mean", "area"}
+        ``pixel_mean``: eq. 5, the mean over a patch's pixels; half-lit patches count as lit. ``area``: the
+        light that lands on the patch over its area.
+    subsamples : int
+        ``area``: each pixel is split into subsamples x subsamples.
+    """
+    _check_choices(convention, emission_rule)
+    beam = _beam(scene, lens, pose, lens.pixel_grid())
+    intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, lens.pixel_grid()))
+    falloff = np.ones(lens.n_pixels)
+    if convention == "physical":
+        falloff = intensity / np.where(beam.lit, beam.hits.distance, 1.0) ** 2
+    direct = np.where(beam.lit, beam.reflectance * beam.hits.cos_incidence * falloff, 0.0)
+    if emission_rule == "pixel_mean":
+        emission = _pixel_mean(scene, beam.hits.patch, direct)
+    else:
+        emission = area_emission(scene, lens, pose, subsamples, convention)
+    pixels = np.flatnonzero(beam.lit)
+    view = _csr(np.ones(len(pixels)), pixels, beam.hits.patch[pixels], (lens.n_pixels, scene.n_patches))
+    radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
+    direct_matrix = csr_array(diags_array(direct))
+    return LightTransport(direct_matrix, emission, radiosity, view, beam.hits.patch, lens.pixel_grid())
+
+
+def physical_transport(
+    scene: Scene,
+    form_factors: FormFactors,
+    projector_lens: Lens,
+    projector_pose: Pose,
+    camera_lens: Lens,
+    camera_pose: Pose,
+    subsamples: int = 2,
+) -> LightTransport:
+    """Camera and projector each in its place, in the ``physical`` unit of this module.
+
+    Direct light: each camera pixel takes the projector pixels about its surface point, bilinearly, where the
+    projector sees that point. Indirect light: bilinear between the patch centres of a face.
+    """
+    radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
+    emission = area_emission(scene, projector_lens, projector_pose, subsamples, "physical")
+    beam = _beam(scene, projector_lens, projector_pose, projector_lens.pixel_grid())
+    seen = _beam(scene, camera_lens, camera_pose, camera_lens.pixel_grid())
+    direct = _direct(scene, projector_lens, projector_pose, seen)
+    view = smooth_view(scene, seen.hits, seen.reflectance)
+    return LightTransport(direct, emission, radiosity, view, beam.hits.patch, projector_lens.pixel_grid())
+
+
+@dataclass(frozen=True, eq=False)
+class _Beam:
+    """Rays of a device and what they meet."""
+
+    origin_m: FloatArray
+    rays: FloatArray
+    hits: Hits
+    reflectance: FloatArray
+    """(N,) of the patch met; 0 for none."""
+
+    @property
+    def lit(self) -> BoolArray:
+        return np.asarray(self.hits.patch >= 0)
+
+
+def _beam(scene: Scene, lens: Lens, pose: Pose, xy_px: FloatArray) -> _Beam:
+    rays = rays_at(lens, pose, xy_px)
+    hits = intersect(scene, pose.position_m, rays)
+    reflectance = np.where(hits.patch >= 0, scene.reflectance[hits.patch], 0.0)
+    return _Beam(pose.position_m, rays, hits, reflectance)
+
+
+def _check_choices(convention: str, emission_rule: str) -> None:
+    if convention not in ("paper", "physical"):
+        raise SimulationError(f"unknown convention {convention!r}; there are paper, physical")
+    if emission_rule not in ("pixel_mean", "area"):
+        raise SimulationError(f"unknown emission rule {emission_rule!r}; there are pixel_mean, area")
+
+
+def _csr(values: FloatArray, rows: IntArray, columns: IntArray, shape: tuple[int, int]) -> csr_array:
+    # scipy sums what falls on the same place.
+    return csr_array(coo_array((values, (rows, columns)), shape=shape))
+
+
+def _pixel_mean(scene: Scene, patch: IntArray, direct: FloatArray) -> csr_array:
+    """S of eq. 5: each patch takes the mean over the pixels that reach it."""
+    pixels = np.flatnonzero(patch >= 0)
+    count = np.bincount(patch[pixels], minlength=scene.n_patches)
+    values = direct[pixels] / count[patch[pixels]]
+    return _csr(values, patch[pixels], pixels, (scene.n_patches, len(patch)))
+
+
+def area_emission(scene: Scene, lens: Lens, pose: Pose, subsamples: int, convention: Convention) -> csr_array:
+    """(P, n_projector) S by area: the light of each pixel's parts that land on a patch, over its area."""
+    grid, pixels = lens.pixel_grid(), np.arange(lens.n_pixels)
+    offsets = (np.arange(subsamples) + 0.5) / subsamples - 0.5
+    total = csr_array((scene.n_patches, lens.n_pixels))
+    for dy in offsets:
+        for dx in offsets:
+            xy = grid + np.array([dx, dy])
+            beam = _beam(scene, lens, pose, xy)
+            lit, patch = beam.lit, beam.hits.patch[beam.lit]
+            flux = np.full(int(lit.sum()), 1 / (lens.focal_px[0] * lens.focal_px[1]))
+            if convention == "paper":
+                # Irradiance cos(theta) over the part's footprint, solid angle r² / cos(theta).
+                flux = solid_angles(lens, xy)[lit] * beam.hits.distance[lit] ** 2
+            values = beam.reflectance[lit] * flux / (scene.areas[patch] * subsamples**2)
+            total = total + _csr(values, patch, pixels[lit], total.shape)
+    return total
+
+
+def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
+    """D: radiosity rho cos(theta) I / r² of the camera's points, from four projector pixels each."""
+    camera = np.flatnonzero(seen.lit)
+    points = seen.origin_m + seen.hits.distance[camera, None] * seen.rays[camera]
+    xy = project(lens, pose, points)
+    with np.errstate(invalid="ignore"):
+        inside = ((xy > -0.5) & (xy < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1)
+    camera, points, xy = camera[inside], points[inside], xy[inside]
+    value = seen.reflectance[camera] * irradiance_at(scene, lens, pose, points, seen.hits.patch[camera])
+    rows, columns, weights = bilinear(xy, lens.width_px, lens.height_px)
+    return _csr(
+        (value[:, None] * weights).ravel(),
+        np.repeat(camera, 4),
+        (rows * lens.width_px + columns).ravel(),
+        (len(seen.rays), lens.n_pixels),
+    )
+
+
+def irradiance_at(scene: Scene, lens: Lens, pose: Pose, points_m: FloatArray, patch: IntArray) -> FloatArray:
+    """(N,) irradiance cos(theta) I / r² of white at surface points inside the picture; 0 in shadow.
+
+    Parameters
+    ----------
+    points_m : (N, 3)
+    patch : (N,) int
+        The patch that each point lies on.
+    """
+    to_point = points_m - pose.position_m
+    distance = np.linalg.norm(to_point, axis=1)
+    cosine = -np.einsum("nk,nk->n", to_point, scene.normals[patch]) / distance
+    lit = (cosine > 0) & _reaches(scene, pose.position_m, to_point, distance)
+    xy = project(lens, pose, points_m)
+    intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, xy))
+    return np.asarray(np.where(lit, cosine * intensity / distance**2, 0.0))
+
+
+def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: FloatArray) -> BoolArray:
+    """Tell where nothing stands between the origin and the points."""
+    if scene.convex:
+        return np.ones(len(distance), dtype=bool)
+    hits = intersect(scene, origin, to_point / distance[:, None])
+    return np.asarray(hits.distance >= distance * (1 - 1e-6))
+
+
+def smooth_view(scene: Scene, hits: Hits, reflectance: FloatArray) -> csr_array:
+    """V for pixels with these hits: the irradiance (B - E) / rho is bilinear between patch centres of a face.
+
+    Parameters
+    ----------
+    hits : Hits
+        Where the N pixels look.
+    reflectance : (N,)
+        Of the surface point that each pixel sees (camera vignetting may be in it).
+
+    Returns
+    -------
+    (N, P) csr
+    """
+    pieces = []
+    shape = (len(hits.patch), scene.n_patches)
+    for index, face in enumerate(scene.faces):
+        pixels = np.flatnonzero((hits.patch >= 0) & (hits.face == index))
+        cells = hits.uv[pixels] * (face.columns, face.rows) - 0.5
+        rows, columns, weights = bilinear(cells, face.columns, face.rows)
+        patches = face.first_patch + rows * face.columns + columns
+        rho = scene.reflectance[patches]
+        # A black patch's radiosity tells nothing of the light it gets: its neighbours speak for it.
+        weights = np.where(rho > 0, weights, 0.0)
+        weights /= np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+        weights = weights * reflectance[pixels, None] / np.where(rho > 0, rho, 1.0)
+        pieces.append(_csr(weights.ravel(), np.repeat(pixels, 4), patches.ravel(), shape))
+    return csr_array(sum(pieces[1:], start=pieces[0]))
+
+
+def bilinear(xy: FloatArray, width: int, height: int) -> tuple[IntArray, IntArray, FloatArray]:
+    """(N, 4) rows, columns, weights of the four cells about each point; constant beyond the border."""
+    limits = np.array([width - 1, height - 1], dtype=np.float64)
+    clipped = np.clip(xy, 0, limits)
+    corner = np.minimum(np.floor(clipped), np.maximum(limits - 1, 0)).astype(np.intp)
+    fx, fy = (clipped - corner).T
+    left, top = corner.T
+    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
+    rows = np.stack([top, top, bottom, bottom], axis=1)
+    columns = np.stack([left, right, left, right], axis=1)
+    weights = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=1)
+    return rows, columns, weights

@@ -1,0 +1,1 @@
+"""The picture that a camera takes of a scene."""

@@ -1,0 +1,1 @@
+"""What a scene needs: cells, method, solver and cost for a tolerance."""

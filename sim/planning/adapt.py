@@ -1,0 +1,237 @@
+"""Adaptive patches: the fewest cells whose constant light is within a tolerance, from a coarser solution.
+
+What is approximated is the light between the surfaces: the irradiance H = F B of a cell is one number, while
+the true one varies. Over a cell its squared error is the integral of (g . (x - centre))², g the gradient of H
+that neighbouring cells of the same flat region show; where the solution has several cells inside, their
+variance is added. A cell is halved across its steepest direction, the worst ones first, until the sum meets
+the goal.
+
+A light's edge inside a cell moves the place from which light leaves. That matters to surfaces nearby only:
+its squared error is SOURCE_WEIGHT area variance(E) min(1, (size / distance)⁴), the distance to the nearest
+plane that the cell looks at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from sim.geometry.adaptive_patches import AdaptivePatches, joined
+from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.light.lighting import Light, emission
+
+SOURCE_WEIGHT = 0.05
+"""Squared error of the irradiance at a half-lit contact cell, over the light's variance; chosen, not measured."""
+NEIGHBOURS = 8
+ROUGHNESS = 1.0
+"""Weight of what a linear fit to the neighbours leaves, as a gradient in every direction."""
+LONGEST_ASPECT = 2.9
+MOST_PLANES = 64
+"""Distances are measured to at most this many planes of regions."""
+
+
+@dataclass(frozen=True, eq=False)
+class Probe:
+    """A solved model, and how its irradiance varies."""
+
+    cells: AdaptivePatches
+    irradiance: FloatArray
+    """(P,) H = F B from the other cells; 1 = white."""
+    gradient: FloatArray
+    """(P, 3) of the irradiance in each cell's plane [1/m]."""
+    roughness: FloatArray
+    """(P,) square of a gradient in every direction, for what is not linear about a cell [1/m²]."""
+    within: FloatArray
+    """(P,) integral of its squared variation within each cell [m²]."""
+
+    @classmethod
+    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> Probe:
+        """Find the gradients from neighbours in the same region."""
+        gradient, roughness = gradients(cells, irradiance)
+        within = cells.variation(gradient) + roughness * cells.polar_moments
+        return cls(cells, irradiance, gradient, roughness, within)
+
+    @property
+    def error(self) -> float:
+        """RMS over the surface of what the radiosity varies about its cells' values."""
+        squared = self.cells.reflectance**2 * self.within
+        return float(np.sqrt(squared.sum() / self.cells.areas.sum()))
+
+
+def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P, 3) gradients in each cell's plane, and (P,) roughness.
+
+    Least squares over the nearest cells of the same region; what they leave, over the area, is the roughness.
+    """
+    gradient, left = np.zeros((cells.n_patches, 3)), np.zeros(cells.n_patches)
+    order = np.argsort(cells.region, kind="stable")
+    for here in np.split(order, np.flatnonzero(np.diff(cells.region[order])) + 1):
+        if len(here) > 1:
+            gradient[here], left[here] = _fitted(cells.centres[here], cells.normals[here[0]], values[here])
+    return gradient, ROUGHNESS * left / cells.areas
+
+
+def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) gradients and (n,) weighted mean squares of what they leave."""
+    along = np.eye(3)[np.argmin(np.abs(normal))]
+    u = np.cross(normal, along)
+    basis = np.stack([u / np.linalg.norm(u), np.cross(normal, u / np.linalg.norm(u))])
+    near = cKDTree(centres).query(centres, min(NEIGHBOURS + 1, len(centres)))[1]
+    offset = (centres[near] - centres[:, None]) @ basis.T
+    squared = (offset**2).sum(axis=2)
+    weight = np.divide(1.0, squared, out=np.zeros_like(squared), where=squared > 0)
+    difference = values[near] - values[:, None]
+    normal_matrix = np.einsum("pn,pni,pnj->pij", weight, offset, offset)
+    right = np.einsum("pn,pni,pn->pi", weight, offset, difference)
+    slope = np.einsum("pij,pj->pi", np.linalg.pinv(normal_matrix, rcond=1e-6, hermitian=True), right)
+    left = (weight * (difference - np.einsum("pni,pi->pn", offset, slope)) ** 2).sum(axis=1) / weight.sum(axis=1)
+    return slope @ basis, left
+
+
+def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
+    """Patches of about equal size: halved along longer edges until there are ``count``, quartered at least once."""
+    cells = whole.quarters()
+    size_m = float(np.sqrt(cells.areas.sum() / count))
+    while True:
+        edges_m = np.linalg.norm(cells.edges, axis=2)
+        large = (edges_m.max(axis=1) > 1.42 * size_m) & (cells.areas > 1.42 * size_m**2)
+        if not large.any():
+            return cells
+        cells = joined(cells.chosen(~large), cells.chosen(large).halves(np.argmax(edges_m[large], axis=1)))
+
+
+@dataclass(eq=False)
+class Refinement:
+    """AdaptivePatches on the way from the whole faces to the fewest that meet a goal."""
+
+    probe: Probe
+    light: Light
+    cells: AdaptivePatches
+    owner: IntArray
+    """(cells of the probe,) the cell that each one's centre lies in."""
+    example: IntArray
+    """(P,) a cell of the probe that shows how the light varies here."""
+    squared: FloatArray
+    """(P,) squared error times area, of the irradiance's variation and of a light's edge [m²]."""
+    along: IntArray
+    """(P,) which way to halve each cell next."""
+
+    @classmethod
+    def start(cls, whole: AdaptivePatches, probe: Probe, light: Light) -> Refinement:
+        """Begin with the whole faces."""
+        owner = probe.cells.whole.copy()
+        example = np.zeros(whole.n_patches, dtype=np.intp)
+        example[owner] = np.arange(len(owner))
+        nothing = np.zeros(0)
+        start = cls(probe, light, whole, owner, example, nothing, nothing.astype(np.intp))
+        start.squared, start.along = start._judged(whole, np.arange(whole.n_patches))
+        return start
+
+    @property
+    def error(self) -> float:
+        """RMS over the surface; 1 = white."""
+        return float(np.sqrt(self.squared.sum() / self.cells.areas.sum()))
+
+    def measured_error(self, irradiance: FloatArray) -> float:
+        """RMS over the surface of a solution on these cells, (P,) irradiance, against the probe's."""
+        probe = self.probe
+        difference = probe.irradiance - irradiance[self.owner]
+        squared = probe.cells.reflectance**2 * (probe.cells.areas * difference**2 + probe.within)
+        return float(np.sqrt(squared.sum() / probe.cells.areas.sum()))
+
+    def refine(self, error: float, most_cells: int) -> None:
+        """Halve the worst cells until the error or the number of cells is reached."""
+        goal = error**2 * float(self.cells.areas.sum())
+        while self.squared.sum() > goal and self.cells.n_patches < most_cells:
+            order = np.argsort(self.squared)[::-1]
+            worst = self.squared[order]
+            enough = int(np.searchsorted(0.6 * np.cumsum(worst), self.squared.sum() - goal)) + 1
+            count = min(enough, int((worst > worst[0] / 2).sum()), most_cells - self.cells.n_patches)
+            self._halve(np.sort(order[:count]))
+
+    def _halve(self, chosen: IntArray) -> None:
+        count = self.cells.n_patches
+        kept = np.ones(count, dtype=bool)
+        kept[chosen] = False
+        children = self.cells.chosen(chosen).halves(self.along[chosen])
+        place = np.cumsum(kept) - 1
+        place[chosen] = kept.sum() + np.arange(len(chosen))
+        moving = np.flatnonzero(~kept[self.owner])
+        self.owner = place[self.owner]
+        child = self.owner[moving] - int(kept.sum())
+        self.owner[moving] += len(chosen) * _in_second_half(children, child, self.probe.cells.centres[moving])
+        self.example = np.concatenate([self.example[kept], np.tile(self.example[chosen], 2)])
+        self.example[self.owner[moving]] = moving
+        self.cells = joined(self.cells.chosen(kept), children)
+        new = np.arange(int(kept.sum()), self.cells.n_patches)
+        squared, along = self._judged(children, new)
+        self.squared = np.concatenate([self.squared[kept], squared])
+        self.along = np.concatenate([self.along[kept], along])
+
+    def _judged(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, IntArray]:
+        """Squared error of some cells, ``index`` their place among all, and which way to halve them."""
+        spread, along_u, along_v = self._spread(cells, index)
+        edge = self._edge_of_light(cells)
+        lengths = np.linalg.norm(cells.edges, axis=2)
+        longer = np.argmax(lengths, axis=1)
+        stretched = lengths.max(axis=1) > LONGEST_ASPECT * lengths.min(axis=1)
+        along = np.where(stretched | (edge > spread), longer, (along_v > along_u).astype(np.intp))
+        return cells.reflectance**2 * (spread + edge), along
+
+    def _spread(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Squared variation of the irradiance over cells, and its part along u and v."""
+        probe, n = self.probe, self.cells.n_patches
+        example = self.example[index]
+        count = np.bincount(self.owner, minlength=n)[index]
+        weight = probe.cells.areas
+        area, first, second, within = (
+            np.bincount(self.owner, weight * part, minlength=n)[index]
+            for part in (1.0, probe.irradiance, probe.irradiance**2, probe.within / weight)
+        )
+        inside = np.maximum(area, 1e-300)
+        several = (np.maximum(second - first**2 / inside, 0.0) + within) * cells.areas / inside
+        rough = probe.roughness[example]
+        alone = cells.variation(probe.gradient[example]) + rough * cells.polar_moments
+        spread = np.where(count > 1, several, alone)
+        along = []
+        for axis in (0, 1):
+            edge = cells.edges[:, axis]
+            alone = np.einsum("pk,pk->p", edge, probe.gradient[example]) ** 2 + rough * (edge**2).sum(axis=1)
+            tensor = np.zeros(len(index))
+            for i in range(3):
+                for j in range(3):
+                    product = weight * probe.gradient[:, i] * probe.gradient[:, j]
+                    tensor += edge[:, i] * edge[:, j] * np.bincount(self.owner, product, minlength=n)[index]
+            along.append(np.where(count > 1, tensor / inside, alone))
+        return spread, along[0], along[1]
+
+    def _edge_of_light(self, cells: AdaptivePatches) -> FloatArray:
+        variance = emission(cells, self.light).variance
+        cut = np.flatnonzero(variance > 1e-12)
+        error = np.zeros(cells.n_patches)
+        if len(cut):
+            near = cells.areas[cut] / np.maximum(self._distance(cells.centres[cut], cells.region[cut]), 1e-9) ** 2
+            error[cut] = SOURCE_WEIGHT * cells.areas[cut] * variance[cut] * np.minimum(1.0, near**2)
+        return error
+
+    def _distance(self, points: FloatArray, region: IntArray) -> FloatArray:
+        """(N,) distance to the nearest plane of another region that the points lie before [m]."""
+        cells = self.probe.cells
+        regions, first = np.unique(cells.region, return_index=True)
+        nearest = np.full(len(points), np.inf)
+        for number, example in list(zip(regions, first, strict=True))[:MOST_PLANES]:
+            height = (points - cells.centres[example]) @ cells.normals[example]
+            nearest = np.where((region != number) & (height > 0), np.minimum(nearest, height), nearest)
+        return nearest
+
+
+def _in_second_half(children: AdaptivePatches, child: IntArray, points: FloatArray) -> BoolArray:
+    """(N,) True where a point lies beyond the cut of the pair of halves ``child`` and ``child + pairs``."""
+    first = children.vertices[child]
+    normal = children.normals[child]
+    across = np.cross(normal, first[:, 2] - first[:, 1])
+    inner = np.einsum("nk,nk->n", across, first[:, 0] - first[:, 1])
+    here = np.einsum("nk,nk->n", across, points - first[:, 1])
+    return np.asarray(here * inner < 0)

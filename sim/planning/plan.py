@@ -1,0 +1,296 @@
+"""Model only what a scene needs: from a tolerance to cells, method, visibility, solver and bounces, and why.
+
+The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each cell's
+being constant, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
+and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what they show is
+corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from sim.errors import SimulationError
+from sim.form_factors import closed_form
+from sim.form_factors.factors import Visibility
+from sim.geometry.adaptive_patches import AdaptivePatches, whole_cells
+from sim.geometry.scene import FloatArray
+from sim.geometry.surface import Surface
+from sim.light.lighting import Light, standard_light
+from sim.planning.adapt import Probe, Refinement, even_cells
+from sim.planning.cost import (
+    Cost,
+    Timing,
+    compressed_cost,
+    compressing_pays,
+    dense_cost,
+    dense_mb,
+    largest_compressed,
+    largest_dense,
+    measured_machine,
+    products_needed,
+)
+from sim.planning.simulation import Model, simulate
+
+SAFETY = 1.25
+"""The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
+FIRST_PROBE = 500
+"""AdaptivePatches of the first solution."""
+REACH = 3
+"""A plan has at most this many times the cells of the solution that it was made from."""
+FAIR_TOLERANCE = 1.0
+"""From this tolerance on, fair visibility is enough. [%]"""
+ADVICE = 1.3
+"""The tolerance that is advised where one does not fit, over the one that may just fit."""
+FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
+"""Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
+SOLVER_SHARE = 1e-4
+"""Share of the tolerance that is left to the solver."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The cheapest model that meets a tolerance, and what it is expected to cost."""
+
+    cells: AdaptivePatches
+    light: Light
+    model: Model
+    solver: str
+    channels: int
+    bounces: int
+    reasons: tuple[str, ...]
+    tolerance_percent: float
+    error_percent: float
+    """Expected, RMS over the surface. [% of white]"""
+    seconds: float
+    peak_mb: float
+
+    @property
+    def patches(self) -> int:
+        """Number of cells."""
+        return self.cells.n_patches
+
+
+def plan(
+    surface: Surface,
+    tolerance_percent: float,
+    light: str = "projector",
+    memory_limit_mb: float = 4096.0,
+    reflectances: tuple[float, ...] | None = None,
+) -> Plan:
+    """Choose the cheapest model of a surface that meets a tolerance.
+
+    Parameters
+    ----------
+    surface : Surface
+        A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest cells.
+    tolerance_percent : float
+        Error allowed, RMS over the surface. [% of white]
+    light : str
+        One of ``sim.light.lighting.LIGHTS``.
+    memory_limit_mb : float
+        What may be used.
+    reflectances : tuple of float, optional
+        One for each colour, the same on all surfaces, instead of the surface's own.
+
+    Raises
+    ------
+    SimulationError
+        For a tolerance not above 0, an unknown light, or a model that does not fit in memory.
+    """
+    if not tolerance_percent > 0:
+        raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
+    whole = whole_cells(surface)
+    colours = None
+    if reflectances is not None:
+        whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
+        colours = tuple(sorted(set(reflectances), reverse=True))
+    chosen_light = standard_light(light, whole)
+    model = Model(
+        "closed_form" if closed_form.applies(whole) else "polygon",
+        _visibility(whole, tolerance_percent),
+        SOLVER_SHARE * tolerance_percent / 100,
+    )
+    search = _Search(whole, chosen_light, model, tolerance_percent / 100, memory_limit_mb)
+    search.run()
+    model = replace(search.model_for(search.cells), reflectances=colours)
+    channels = 1 if colours is None else len(colours)
+    radius = search.solved.spectral_radius
+    products = products_needed(radius, model.residual)
+    cost = _cost(search, model, products, channels)
+    bounces = bounces_needed(radius, tolerance_percent)
+    return Plan(
+        cells=search.cells,
+        light=chosen_light,
+        model=model,
+        solver="conjugate gradients",
+        channels=channels,
+        bounces=bounces,
+        reasons=_reasons(search, whole, channels, bounces, products, tolerance_percent),
+        tolerance_percent=tolerance_percent,
+        error_percent=100 * search.error,
+        seconds=cost.seconds,
+        peak_mb=cost.peak_mb,
+    )
+
+
+class _Search:
+    """From solution to finer solution, until one is fine enough to tell the cells that a tolerance needs."""
+
+    def __init__(
+        self, whole: AdaptivePatches, light: Light, model: Model, tolerance: float, memory_limit_mb: float
+    ) -> None:
+        self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
+        self.memory_limit_mb = memory_limit_mb
+        self.most_cells = max(largest_dense(memory_limit_mb), largest_compressed(memory_limit_mb))
+        self.timing = self.dense_timing = Timing(1, 0.0, 0.0)
+        self.correction = 1.0
+
+    def run(self) -> None:
+        """Find the cells."""
+        probe_cells, adapted = even_cells(self.whole, FIRST_PROBE), False
+        while True:
+            probe = self._solve(probe_cells)
+            self.refinement = Refinement.start(self.whole, probe, self.light)
+            self.correction = self._missed(probe)
+            self._meet_tolerance(probe)
+            needed = self._needed()
+            if needed <= probe_cells.n_patches * (REACH if adapted else 0.5):
+                break
+            if needed > self.most_cells:
+                raise SimulationError(self._refusal(needed))
+            finer = Refinement.start(self.whole, probe, self.light)
+            finer.refine(0.0, min(max(needed // REACH + 1, FIRST_PROBE), REACH * probe_cells.n_patches))
+            probe_cells, adapted = finer.cells, True
+        if self.cells.n_patches > self.most_cells:
+            raise SimulationError(self._refusal(self.cells.n_patches))
+
+    @property
+    def cells(self) -> AdaptivePatches:
+        """The cells that meet the tolerance."""
+        return self.refinement.cells
+
+    @property
+    def error(self) -> float:
+        """Expected, with safety; 1 = white."""
+        return SAFETY * self.correction * self.refinement.error
+
+    def model_for(self, cells: AdaptivePatches) -> Model:
+        """Give the model for so many cells: compressed where that is faster, or where the matrix does not fit."""
+        slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
+        if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
+            compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
+            return replace(self.model, compression=compression)
+        return self.model
+
+    def _solve(self, cells: AdaptivePatches) -> Probe:
+        model = self.model_for(cells)
+        self.solved = simulate(cells, self.light, model)
+        self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        if model.compression is None:
+            self.dense_timing = self.timing
+        return Probe.of(cells, self.solved.irradiance[:, 0])
+
+    def _missed(self, probe: Probe) -> float:
+        """Error that a plan of a quarter of the probe's cells shows against the probe, over what it expected."""
+        coarse = Refinement.start(self.whole, probe, self.light)
+        coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
+        if coarse.error <= 1e-9:
+            return 1.0
+        return max(1.0, self._measured(coarse) / coarse.error)
+
+    def _measured(self, refinement: Refinement) -> float:
+        model = self.model_for(refinement.cells)
+        return refinement.measured_error(simulate(refinement.cells, self.light, model).irradiance[:, 0])
+
+    def _meet_tolerance(self, probe: Probe) -> None:
+        goal = self.tolerance / SAFETY
+        most = 2 * REACH * probe.cells.n_patches
+        self.refinement.refine(goal / self.correction, most)
+        # A plan coarser than the probe is measured against it, and refined until that is within the goal.
+        while self.cells.n_patches <= probe.cells.n_patches // 2 and self.refinement.error > 1e-9:
+            measured = self._measured(self.refinement)
+            self.correction = measured / self.refinement.error
+            if measured <= goal:
+                return
+            self.refinement.refine(0.9 * goal / self.correction, most)
+
+    def _needed(self) -> int:
+        """AdaptivePatches that the tolerance needs; where they were not all made, from error ~ cells^(-1/2)."""
+        return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
+
+    def _refusal(self, needed: int) -> str:
+        possible = 100 * self.tolerance * ADVICE * np.sqrt(needed / self.most_cells)
+        return (
+            f"{100 * self.tolerance:g} % needs about {needed:,} patches, "
+            f"{self.memory_limit_mb:.0f} MB hold {self.most_cells:,}; try a tolerance of {possible:.2g} %"
+        )
+
+
+def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
+    patches = search.cells.n_patches
+    if model.compression is not None:
+        return compressed_cost(patches, products, channels, search.timing)
+    return dense_cost(patches, products, channels, search.dense_timing, measured_machine())
+
+
+def _visibility(cells: AdaptivePatches, tolerance_percent: float) -> Visibility:
+    if cells.convex or len(cells.occluders) == 0:
+        return "none"
+    return "fair" if tolerance_percent >= FAIR_TOLERANCE else "exact"
+
+
+def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
+    """Bounces after which what is left, r^(n + 1) / (1 - r), is below a tenth of the tolerance."""
+    if spectral_radius <= 0:
+        return 0
+    left = tolerance_percent / 1000 * (1 - spectral_radius)
+    return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1
+
+
+def distinct_channels(reflectance: ArrayLike) -> int:
+    """Solves that (P,) or (P, C) reflectances need: columns that are equal share one."""
+    values: FloatArray = np.asarray(reflectance, dtype=np.float64)
+    return 1 if values.ndim == 1 else len(np.unique(values, axis=1).T)
+
+
+def _reasons(
+    search: _Search, whole: AdaptivePatches, channels: int, bounces: int, products: int, tolerance: float
+) -> tuple[str, ...]:
+    cells, patches = search.cells, search.cells.n_patches
+    radius = search.solved.spectral_radius
+    sizes_m = np.sqrt(cells.areas)
+    method = {
+        "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",
+        "polygon": "faces at any angle: exact factor of a point to a polygon, at Gauss points of the other patch",
+    }
+    if search.model_for(cells).compression is not None:
+        method[search.model.method] = (
+            f"{patches} patches: blocks of the form factors compressed, "
+            f"instead of {dense_mb(patches):.0f} MB for the whole matrix"
+        )
+    occluders = len(whole.occluders)
+    visibility = {
+        "none": "nothing stands between two points: no visibility test",
+        "fair": f"{occluders} occluders, and {FAIR_TOLERANCE:g} % or more is allowed: fair visibility",
+        "rays": f"{occluders} occluders: shafts between clusters, rays where a pair is partly hidden",
+        "exact": f"{occluders} occluders and a tight tolerance: exact visibility",
+    }
+    colours = (
+        "one reflectance for all colours: one solve" if channels == 1 else f"{channels} different colours: a solve each"
+    )
+    return (
+        f"light: {search.light.description}",
+        f"{patches} patches of {sizes_m.min():.2g} to {sizes_m.max():.2g} m, small where light changes fast: "
+        f"{100 * search.error:.2g} % expected, {tolerance:g} % allowed",
+        f"planned on a solution of {search.timing.patches} patches; expected error x {SAFETY:g} for safety",
+        method[search.model.method],
+        visibility[search.model_for(cells).visibility_done],
+        f"conjugate gradients to a residual of {search.model.residual:.0e}: about {products} products with the matrix",
+        colours,
+        f"each bounce keeps {100 * radius:.0f} % of the light: {bounces} bounces leave less than a tenth of the "
+        "tolerance; the solver leaves less",
+    )

@@ -1,0 +1,154 @@
+"""Carry out a model: light on cells, form factors, radiosity, and what is left over."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.form_factors import form_factors
+from sim.form_factors.compressed import compressed_form_factors
+from sim.form_factors.factors import ClosureWarning, Method, Visibility
+from sim.geometry.adaptive_patches import AdaptivePatches
+from sim.geometry.scene import FloatArray
+from sim.light.lighting import Light, emission
+from sim.light.radiosity import Exchange, Radiosity
+
+
+@dataclass(frozen=True)
+class Model:
+    """How light between cells is computed."""
+
+    method: Method
+    """``closed_form`` or ``polygon``: of the form factors."""
+    visibility: Visibility
+    """``none``, ``fair`` or ``exact``."""
+    residual: float
+    """Of the iterative solver, over the right-hand side."""
+    compression: float | None = None
+    """Tolerance of the compressed form factors (``sim.form_factors.compressed``); None: the whole matrix."""
+    reflectances: tuple[float, ...] | None = None
+    """Different reflectances of the colours, if one holds for the whole scene; None: the cells' own."""
+
+    @property
+    def visibility_done(self) -> str:
+        """``none``, ``fair``, ``exact``, or ``rays`` between compressed blocks."""
+        return self.visibility if self.compression is None or self.visibility == "none" else "rays"
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """The light of a scene."""
+
+    cells: AdaptivePatches
+    reflectance: FloatArray
+    """(P, C) one column for each different colour."""
+    E: FloatArray
+    """(P, C) emission; 1 = white."""
+    B: FloatArray
+    """(P, C) radiosity; 1 = white."""
+    irradiance: FloatArray
+    """(P, C) from other cells, H = F B; 1 = white."""
+    factors: Exchange
+    spectral_radius: float
+    """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
+    products: int
+    """Products with F that the solver took, all colours together."""
+    residual: float
+    """max |E - (I - G) B| over max |E|, the largest of all colours."""
+    factors_s: float
+    light_s: float
+    solve_s: float
+
+    @property
+    def energy_balance(self) -> float:
+        """Share of the emitted power that is neither absorbed by a cell nor leaves through an opening."""
+        areas, rho = self.cells.areas[:, None], self.reflectance
+        row_sums = self.factors.row_sums[:, None]
+        absorbed = float((areas * (1 - rho) * self.irradiance).sum())
+        escaped = float((areas * self.B * (1 - row_sums)).sum())
+        emitted = float((areas * self.E).sum())
+        return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
+
+
+def simulate(cells: AdaptivePatches, light: Light, model: Model) -> Simulation:
+    """Solve the radiosity of cells in a light.
+
+    Raises
+    ------
+    SimulationError
+        As form factors and solver do.
+    """
+    clock_s = [time.perf_counter()]
+    factors = _factors(cells, model)
+    clock_s.append(time.perf_counter())
+    irradiance = emission(cells, light).irradiance
+    clock_s.append(time.perf_counter())
+    if model.reflectances is None:
+        rho = cells.reflectance[:, None]
+    else:
+        rho = np.tile(model.reflectances, (cells.n_patches, 1))
+    E = rho * irradiance[:, None]
+    systems = [Radiosity(factors, column, tolerance=model.residual) for column in rho.T]
+    solutions = [system.solution(light) for system, light in zip(systems, E.T, strict=True)]
+    B = np.stack([solution.B for solution in solutions], axis=1)
+    spectral_radius = max(system.spectral_radius(tolerance=1e-3) for system in systems)
+    H = factors.apply(B)
+    clock_s.append(time.perf_counter())
+    factors_s, light_s, solve_s = np.diff(clock_s)
+    return Simulation(
+        cells=cells,
+        reflectance=rho,
+        E=E,
+        B=B,
+        irradiance=H,
+        factors=factors,
+        spectral_radius=spectral_radius,
+        products=sum(solution.products for solution in solutions),
+        residual=max(solution.residual for solution in solutions),
+        factors_s=float(factors_s),
+        light_s=float(light_s),
+        solve_s=float(solve_s),
+    )
+
+
+def _factors(cells: AdaptivePatches, model: Model) -> Exchange:
+    if model.compression is not None:
+        return compressed_form_factors(cells, model.compression)
+    with warnings.catch_warnings():
+        if model.visibility != "none":
+            # The defect that is left of shadows is planned for, and reported.
+            warnings.simplefilter("ignore", ClosureWarning)
+        return form_factors(cells, method=model.method, visibility=model.visibility)
+
+
+@dataclass(frozen=True)
+class Check:
+    """Difference from a refined solution; 1 = white."""
+
+    rms: float
+    """Over the surface."""
+    max: float
+    patches: int
+    """Of the refined solution."""
+
+
+def refined_check(simulation: Simulation, light: Light, model: Model, most_patches: int) -> Check:
+    """Solve again on cells quartered, or quartered twice where ``most_patches`` allows it, and compare.
+
+    The finer cells still miss 1/4 (or 1/16) of the squared variation within a cell of the coarser ones: their
+    squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility.
+    """
+    coarse = simulation.cells
+    times = 2 if 16 * coarse.n_patches <= most_patches else 1
+    fine = coarse
+    for _ in range(times):
+        fine = fine.quarters()
+    visibility: Visibility = "none" if model.visibility == "none" else "exact"
+    refined = simulate(fine, light, replace(model, visibility=visibility, compression=None))
+    pieces = 4**times
+    difference = refined.reflectance * (refined.irradiance - np.tile(simulation.irradiance, (pieces, 1)))
+    squared = pieces / (pieces - 1) * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()
+    return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)

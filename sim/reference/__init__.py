@@ -1,0 +1,1 @@
+"""Slow and readable definitions that tests hold the native kernel to."""

@@ -1,0 +1,1 @@
+"""A library of scenes of which much is known exactly."""

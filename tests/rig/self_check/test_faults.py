@@ -1,0 +1,320 @@
+"""Every fault that `rig check` promises to find, planted in camera, room and display."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from rig.capture.devices import make_devices
+from rig.capture.rig import Rig
+from rig.devices.protocols import Codes, RawFrame
+from rig.self_check.parts.exposure import with_generous_latency
+from rig.self_check.parts.stability import shift_px
+from rig.self_check.run import check_rig
+from rig.terminal import silent
+from tests.rig.self_check.rig_with_faults import (
+    REFRESH_S,
+    Checked,
+    Through,
+    profile_of,
+)
+
+# Faults of the camera
+
+
+def test_stale_frames_are_counted() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "stale_frame_rate = 0.15"), only=["exposure", "linearity", "noise"])
+    refused = checked.row("frames refused")
+    assert refused["value"] == pytest.approx(15, abs=7)
+    assert checked.failed == {"frames"}
+
+
+def test_copies_with_a_new_number_and_time_are_found() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "duplicate_frame_rate = 0.15"), only=["pipeline"])
+    assert checked.row("frames that are copies")["value"] == pytest.approx(15, abs=10)
+    assert "pipeline" in checked.failed
+
+
+def test_a_part_that_cannot_be_measured_fails_alone_and_says_why() -> None:
+    fixed = ("exposure_range_s = [1.0e-4, 2.0]", "exposure_range_s = [0.01666, 0.01667]")
+    checked = Checked(fixed, only=["latency", "exposure", "linearity", "darkness"])
+    assert checked.failed == {"linearity"}
+    assert "different exposures" in checked.row("linearity could not be measured")["advice"]
+    assert checked.numbers("latency")["max"] == pytest.approx(max(checked.projector.delays_s), abs=REFRESH_S / 4)
+
+
+def test_lost_frames_are_counted() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "dropped_frame_rate = 0.2"), only=["pipeline"])
+    assert not checked.row("frames lost")["passed"]
+
+
+def test_half_frames_do_not_stop_the_check() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "short_frame_rate = 0.1"), only=["latency", "pipeline", "stability"])
+    assert checked.result["numbers"]["frames"]["malformed"] > 5
+    assert checked.numbers("latency")["max"] == pytest.approx(max(checked.projector.delays_s), abs=1e-3)
+    assert checked.failed == {"frames"}
+
+
+def test_the_depth_of_the_pipeline_is_that_of_the_simulated_world() -> None:
+    checked = Checked(("stale_frame_rate = 0.02", "exposure_delay_frames = 3"), only=["pipeline"])
+    assert checked.numbers("pipeline")["depth_frames"] == [3, 3, 3, 3]
+    assert checked.row("frames that claim")["value"] == 0
+
+
+def test_frames_that_claim_an_exposure_that_they_do_not_have_are_found() -> None:
+    class Lying(Through):
+        wanted_s = 0.0
+
+        def set_exposure(self, exposure_s: float) -> float:
+            self.wanted_s = self._inner.set_exposure(exposure_s)
+            return self.wanted_s
+
+        def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
+            frame: RawFrame = self._inner.capture(after_s=after_s, timeout_s=timeout_s)
+            return replace(frame, exposure_s=self.wanted_s)
+
+    profile = profile_of(("stale_frame_rate = 0.02", "exposure_delay_frames = 2"))
+    camera, projector, clock = make_devices(profile)
+    with Rig(with_generous_latency(profile), Lying(camera), projector, clock) as rig:
+        result = check_rig(rig, profile, silent, ["pipeline"])
+    rows = {row["what"]: row for row in result["checks"]}
+    assert rows["frames that claim the new exposure and show the old"]["value"] == 8
+    assert not result["within_limits"]
+
+
+def test_a_strong_curve_is_found_and_does_not_spoil_the_photon_transfer() -> None:
+    checked = Checked(("compression = 0.08", "compression = 0.5"), only=["linearity", "noise"])
+    numbers, noise = checked.numbers("linearity"), checked.numbers("noise")
+    assert checked.failed == {"linearity"}
+    y = numbers["exposures_s"] / np.max(numbers["exposures_s"]) * linear_share(max(numbers["signals_dn"]) / 4031, 0.5)
+    expected = 4031 * y * 1.5 / (1 + 0.5 * y)
+    assert numbers["signals_dn"] == pytest.approx(expected, rel=0.01)
+    line = np.polyval(np.polyfit(y, expected, 1), y)
+    assert checked.row("nonlinearity")["value"] == pytest.approx(
+        100 * np.abs(expected - line).max() / max(expected), rel=0.05
+    )
+    assert noise["gain_e_per_dn"] == pytest.approx(32000 / 4031, rel=0.03)
+    assert noise["read_noise_e"] == pytest.approx(6.0, rel=0.05)
+    assert noise["full_well_e"] == pytest.approx(32000, rel=0.05)
+
+
+def linear_share(share: float, compression: float) -> float:
+    return share / (1 + compression - compression * share)
+
+
+@pytest.mark.parametrize(
+    ("bit_depth", "full_well_e", "read_noise_e", "black_dn"),
+    [(12, 9000, 15.0, 64), (8, 9000, 30.0, 6), (10, 15000, 12, 40)],
+)
+def test_photon_transfer_of_other_sensors(
+    bit_depth: int, full_well_e: float, read_noise_e: float, black_dn: float
+) -> None:
+    checked = Checked(
+        ("channels = 1\nbit_depth = 12", f"channels = 1\nbit_depth = {bit_depth}"),
+        ("full_well_e = 32000.0", f"full_well_e = {full_well_e}"),
+        ("read_noise_e = 6.0", f"read_noise_e = {read_noise_e}"),
+        ("black_level_dn = 64.0", f"black_level_dn = {black_dn}"),
+        only=["noise"],
+    )
+    noise = checked.numbers("noise")
+    assert noise["gain_e_per_dn"] == pytest.approx(full_well_e / (2**bit_depth - 1 - black_dn), rel=0.03)
+    assert noise["read_noise_e"] == pytest.approx(read_noise_e, rel=0.05)
+    assert noise["full_well_e"] == pytest.approx(full_well_e, rel=0.05)
+
+
+def test_a_dark_level_of_zero_is_named_and_no_read_noise_is_suggested() -> None:
+    checked = Checked(("black_level_dn = 64.0", "black_level_dn = 0.0"), only=["noise"])
+    row = checked.row("dark pixels at 0")
+    assert not row["passed"]
+    assert "raise the camera's black level" in row["advice"]
+    assert "camera.read_noise_e" not in checked.result["suggested"]
+    assert checked.numbers("noise")["gain_e_per_dn"] == pytest.approx(32000 / 4095, rel=0.03)
+
+
+def test_a_camera_that_clips_below_full_scale_and_skips_numbers_is_found() -> None:
+    def limit(frame: RawFrame) -> RawFrame:
+        return replace(frame, pixels=np.minimum(frame.pixels // 4 * 4, 3760).astype(np.uint16))
+
+    checked = Checked(only=["saturation"], pixels=limit)
+    assert checked.numbers("saturation") == {"clip_dn": 3760, "step_dn": 4}
+    assert [row["passed"] for row in checked.result["checks"][:2]] == [False, False]
+    assert "16 to 235" in checked.row("level at which")["advice"]
+
+
+def test_hot_and_dead_pixels_are_counted_and_placed() -> None:
+    random = np.random.default_rng(3)
+    hot = {(int(y), int(x)) for y, x in zip(random.integers(5, 235, 120), random.integers(5, 315, 120), strict=True)}
+    dead = {(50 + 20 * k, 40 + 20 * j) for k in range(3) for j in range(3)}
+
+    def plant(frame: RawFrame) -> RawFrame:
+        pixels = frame.pixels.copy()
+        for y, x in hot:
+            pixels[y, x] = np.minimum(pixels[y, x] + 200, 4095)
+        for y, x in dead:
+            pixels[y, x] = 64
+        return replace(frame, pixels=pixels)
+
+    checked = Checked(only=["pixels"], pixels=plant)
+    numbers = checked.numbers("pixels")
+    assert {tuple(place) for place in numbers["dead_yx"]} == dead
+    assert numbers["hot"] == len(hot - dead)
+    assert {tuple(place) for place in numbers["hot_yx"]} <= hot
+    assert not checked.row("hot pixels")["passed"]
+
+
+# Room and mounting
+
+
+def test_room_light_that_flickers_is_found_and_named() -> None:
+    changes = (("ambient = 0.0004", "ambient = 0.08\nambient_flicker_hz = 100.0\nambient_flicker = 0.5"),)
+    checked = Checked(*changes, only=["exposure", "flicker"])
+    numbers = checked.numbers("flicker")
+    assert "flicker" in checked.failed
+    assert checked.row("strongest ripple")["value"] == pytest.approx(10, abs=0.3)
+    assert "100 Hz room light" in numbers["source"]
+    assert numbers["where"] == "room"
+    assert "darkness" not in checked.failed
+    chosen_s = checked.result["suggested"]["camera.exposure_s"]
+    assert chosen_s * 60 == pytest.approx(round(chosen_s * 60), abs=0.01)
+    assert chosen_s * 100 == pytest.approx(round(chosen_s * 100), abs=0.03)
+
+
+def test_the_flicker_of_white_is_as_large_as_that_of_the_simulated_world() -> None:
+    swelling = {"rate": 0.03}
+
+    def flicker(frame: RawFrame) -> RawFrame:
+        factor = 1 + swelling["rate"] * np.sin(2 * np.pi * 3.3 * frame.started_s)
+        return replace(frame, pixels=np.rint(64 + (frame.pixels - 64.0).clip(0) * factor).astype(np.uint16))
+
+    checked = Checked(only=["flicker"], pixels=flicker)
+    assert checked.row("flicker of white from frame to frame")["value"] == pytest.approx(3 / np.sqrt(2), rel=0.05)
+    assert checked.row("strongest ripple")["value"] == pytest.approx(3.3, abs=0.3)
+    assert "unknown" in checked.numbers("flicker")["source"]
+
+
+def test_bands_of_a_rolling_shutter_are_found() -> None:
+    def bands(frame: RawFrame) -> RawFrame:
+        rows = np.arange(frame.pixels.shape[0])[:, None, None]
+        factor = 1 + 0.02 * np.sin(2 * np.pi * (rows / 60 + 7.1 * frame.started_s))
+        return replace(frame, pixels=np.rint(64 + (frame.pixels - 64.0).clip(0) * factor).astype(np.uint16))
+
+    checked = Checked(only=["flicker"], pixels=bands)
+    assert checked.row("flicker of white from row to row")["value"] == pytest.approx(2 / np.sqrt(2), rel=0.15)
+    assert "flicker" in checked.failed
+
+
+def test_drift_of_the_lamp_is_measured() -> None:
+    def fade(frame: RawFrame) -> RawFrame:
+        factor = 1 - 0.06 * frame.started_s / 60
+        return replace(frame, pixels=np.rint(64 + (frame.pixels - 64.0).clip(0) * factor).astype(np.uint16))
+
+    checked = Checked(only=["exposure", "linearity", "pixels", "checker", "stability"], pixels=fade)
+    assert checked.row("drift of white")["value"] == pytest.approx(6, rel=0.15)
+    assert "stability" in checked.failed
+
+
+def test_vibration_and_a_shift_of_the_camera_are_measured() -> None:
+    random = np.random.default_rng(5)
+
+    def shake(frame: RawFrame) -> RawFrame:
+        x, y = random.normal(0, 0.2, 2) + (0.6 if frame.started_s > 8 else 0.0)
+        moved = displaced(frame.pixels[..., 0].astype(np.float64), x, y)
+        return replace(frame, pixels=np.clip(np.rint(moved), 0, 4095).astype(np.uint16)[..., None])
+
+    checked = Checked(only=["exposure", "pixels", "linearity", "stability"], pixels=shake)
+    assert checked.row("vibration")["value"] == pytest.approx(0.2 * np.sqrt(2), rel=0.25)
+    assert checked.row("shift of the picture")["value"] == pytest.approx(0.6 * np.sqrt(2), abs=0.25)
+    assert not checked.row("vibration")["passed"]
+    assert not checked.row("shift of the picture")["passed"]
+
+
+def displaced(scene: np.ndarray, x: float, y: float) -> np.ndarray:
+    """Exactly, by the phases of its waves; what leaves on one side comes back on the other."""
+    wave_y, wave_x = np.fft.fftfreq(scene.shape[0])[:, None], np.fft.fftfreq(scene.shape[1])[None]
+    return np.fft.ifft2(np.fft.fft2(scene) * np.exp(-2j * np.pi * (wave_x * x + wave_y * y))).real
+
+
+@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.013, -0.31), (0.5, 0.5), (2.4, -1.7), (-7.25, 4.0)])
+@pytest.mark.parametrize(("shape", "grain_px"), [((240, 320), 2.0), ((240, 320), 1.0), ((700, 900), 4.0)])
+def test_shifts_are_found_to_a_fiftieth_of_a_pixel(
+    shift: tuple[float, float], shape: tuple[int, int], grain_px: float
+) -> None:
+    random = np.random.default_rng(2)
+    scene = 1000 + 1000 * grain_px * cv2.GaussianBlur(random.normal(0, 1, shape), (0, 0), grain_px)
+    kept = scene.copy()
+    found = shift_px(1.1 * displaced(scene, *shift) + random.normal(0, 5, shape) + 30, scene)
+    assert found == pytest.approx(shift, abs=0.02)
+    assert np.array_equal(scene, kept)
+
+
+def test_room_light_is_measured() -> None:
+    checked = Checked(("ambient = 0.0004", "ambient = 0.15"), only=["darkness"])
+    assert not checked.row("room light")["passed"]
+    assert checked.row("contrast")["value"] < 6
+
+
+# Faults of the display
+
+
+def test_a_white_segment_is_found_on_a_grey_camera() -> None:
+    checked = Checked(("contrast = 1500.0", "contrast = 1500.0\nwhite_boost = 0.3"), only=["additivity"])
+    assert checked.row("white against")["value"] == pytest.approx(30, abs=1)
+    assert checked.failed == {"additivity"}
+    assert checked.row("superposition")["passed"]
+
+
+def test_dynamic_contrast_breaks_superposition() -> None:
+    def lift(codes: Codes) -> Codes:
+        return np.where(codes.mean() < 200, (codes * 0.93), codes).astype(np.uint8)
+
+    checked = Checked(only=["additivity"], codes=lift)
+    assert not checked.row("superposition")["passed"]
+
+
+def test_limited_range_is_found_at_both_ends() -> None:
+    def limited(codes: Codes) -> Codes:
+        return np.clip((codes.astype(np.float64) - 16) * 255 / 219, 0, 255).astype(np.uint8)
+
+    checked = Checked(only=["ramp"], codes=limited)
+    assert [checked.row(f"light of code {code}")["passed"] for code in ("15", "255")] == [False, False]
+    assert not checked.row("codes 236 to 255")["passed"]
+    assert "full RGB" in checked.row("light of code 15")["advice"]
+
+
+def test_a_six_bit_path_is_found() -> None:
+    checked = Checked(only=["ramp"], codes=lambda codes: codes & 0xFC)
+    assert checked.row("codes 112 to 128")["value"] == pytest.approx(0.25)
+    assert checked.row("light of code 15")["passed"]
+    assert checked.failed == {"ramp"}
+
+
+def test_a_scaled_picture_is_found() -> None:
+    def scaled(codes: Codes) -> Codes:
+        small = cv2.resize(codes, (250, 188), interpolation=cv2.INTER_LINEAR)
+        return np.asarray(cv2.resize(small, (256, 192), interpolation=cv2.INTER_LINEAR))
+
+    checked = Checked(only=["checker"], codes=scaled)
+    assert not checked.row("single-pixel checker + its complement")["passed"]
+    assert not checked.row("beating")["passed"]
+    assert checked.row("light of the picture's edge")["passed"]
+
+
+def test_sharpening_is_found() -> None:
+    def sharpened(codes: Codes) -> Codes:
+        soft = cv2.GaussianBlur(codes.astype(np.float32), (0, 0), 1.0)
+        return np.clip(0.7 * codes + 0.3 * soft, 0, 255).astype(np.uint8)
+
+    checked = Checked(only=["checker"], codes=sharpened)
+    assert not checked.row("single-pixel checker + its complement")["passed"]
+
+
+def test_overscan_is_found() -> None:
+    def overscanned(codes: Codes) -> Codes:
+        return np.asarray(cv2.resize(codes[6:-6, 8:-8], (256, 192), interpolation=cv2.INTER_NEAREST))
+
+    checked = Checked(only=["checker"], codes=overscanned)
+    assert checked.row("light of the picture's edge")["value"] < 0.2
+    assert all(share < 0.2 for share in checked.numbers("checker")["edges"].values())

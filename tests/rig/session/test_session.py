@@ -1,0 +1,440 @@
+"""A session can be killed anywhere and goes on; it never loses, mixes or overwrites what it has."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.devices.clock import VirtualClock
+from rig.devices.protocols import RawFrame
+from rig.errors import SessionCorrupt, SessionError, SessionLocked
+from rig.files import atomic, journal
+from rig.profile.schema import Profile
+from rig.session import Session, Step
+
+SHAPE = (6, 8, 1)
+
+
+class Killed(BaseException):
+    """Stands for SIGKILL: nothing may catch it."""
+
+
+def frame_at(time_s: float) -> RawFrame:
+    """What a camera sees is a function of time alone, as on the simulated world."""
+    random = np.random.default_rng(round(time_s * 1e6))
+    return RawFrame(random.integers(0, 4096, SHAPE, dtype=np.uint16), 0.01 / 3, time_s, round(time_s * 10))
+
+
+def shoot_missing(step: Step, names: list[str], clock: VirtualClock) -> None:
+    for name in names:
+        if not step.has_frame(name):
+            frame = frame_at(clock.now_s() + 0.1)
+            clock.wait_until_s(frame.started_s + frame.exposure_s)
+            step.save_frame(name, frame)
+
+
+def workflow(session: Session) -> None:
+    """Two steps of frames and results; everything that is used later is read back from the disk."""
+    clock = VirtualClock(session.last_clock_s)
+    black = session.step("black", settings={"count": 2})
+    if not black.done:
+        shoot_missing(black, ["black-0", "black-1"], clock)
+        mean = np.mean([black.load_frame(n).pixels for n in black.frame_names], axis=0)
+        black.save_image("black", {"Y": mean[..., 0]})
+        black.finish()
+    gray = session.step("gray", settings={"bits": [0, 1, 2]}, needs=["black"])
+    if not gray.done:
+        shoot_missing(gray, ["gray-column-00", "gray-column-01", "gray-column-02"], clock)
+        level = session.finished("black").load_image("black")["Y"]
+        total = sum(gray.load_frame(n).pixels[..., 0].astype(np.float64) - level for n in gray.frame_names)
+        gray.save_image("map", {"sum": np.asarray(total)}, folder="maps")
+        gray.save_record("fit", {"third": float(np.mean(total)) / 3, "matrix": np.eye(2)})
+        gray.finish()
+    session.write_metrics({"third": session.finished("gray").load_record("fit")["third"]})
+
+
+def final_files(folder: Path) -> dict[str, bytes]:
+    """Everything whose bytes are promised: all but the journal, the lock and the volatile part."""
+    files = {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    summary = json.loads(files.pop("session.json"))
+    del summary["volatile"]
+    del files["journal.jsonl"], files["lock"]
+    return files | {"session.json": json.dumps(summary).encode()}
+
+
+def run_until_killed(folder: Path, profile: Profile) -> bool:
+    """One process's life; True when it got to its end. The kernel frees a dead process's lock and files."""
+    opened: list[Session] = []
+    original = Session.__init__
+
+    def remember(self: Session, *arguments: object, **keywords: object) -> None:
+        original(self, *arguments, **keywords)  # type: ignore[arg-type]
+        opened.append(self)
+
+    Session.__init__ = remember  # type: ignore[method-assign,assignment]
+    try:
+        workflow(Session.open(folder, profile))
+    except Killed:
+        return False
+    finally:
+        Session.__init__ = original  # type: ignore[method-assign]
+        for session in opened:
+            session.close()
+    return True
+
+
+def kill_before_line(journal_file: journal.Journal, line: bytes) -> None:
+    raise Killed
+
+
+def kill_in_line(journal_file: journal.Journal, line: bytes) -> None:
+    os.write(journal_file._descriptor, line[: len(line) // 2])
+    raise Killed
+
+
+def kill_after_line(journal_file: journal.Journal, line: bytes) -> None:
+    os.write(journal_file._descriptor, line)
+    raise Killed
+
+
+@pytest.fixture
+def uninterrupted(tmp_path: Path, tiny_profile: Profile) -> dict[str, bytes]:
+    with Session.open(tmp_path / "whole", tiny_profile) as session:
+        workflow(session)
+    return final_files(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("kill", [kill_before_line, kill_in_line, kill_after_line])
+def test_killed_at_any_journal_line_it_ends_with_the_same_bytes(
+    tmp_path: Path,
+    tiny_profile: Profile,
+    uninterrupted: dict[str, bytes],
+    monkeypatch: pytest.MonkeyPatch,
+    kill: Callable[[journal.Journal, bytes], None],
+) -> None:
+    write = journal.Journal._write
+    lines = len((tmp_path / "whole" / "journal.jsonl").read_bytes().splitlines())
+    assert lines == 13
+    for k in range(lines):
+        countdown = iter(range(k, -1, -1))
+
+        def write_or_die(
+            self: journal.Journal,
+            line: bytes,
+            left: "iter[int]" = countdown,  # type: ignore[valid-type]
+        ) -> None:
+            kill(self, line) if next(left, 1) == 0 else write(self, line)
+
+        folder = tmp_path / f"killed-{k}"
+        with monkeypatch.context() as patch:
+            patch.setattr(journal.Journal, "_write", write_or_die)
+            assert not run_until_killed(folder, tiny_profile)
+        assert run_until_killed(folder, tiny_profile)
+        assert final_files(folder) == uninterrupted, f"killed at line {k}"
+
+
+def test_killed_at_any_write_to_the_disk_it_ends_with_the_same_bytes(
+    tmp_path: Path, tiny_profile: Profile, uninterrupted: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sync, k, finished = atomic.sync, 0, False
+    while not finished:
+        left = [k]
+
+        def sync_or_die(path: Path, left: list[int] = left) -> None:
+            left[0] -= 1
+            if left[0] == -1:
+                raise Killed
+            sync(path)
+
+        folder = tmp_path / f"killed-{k}"
+        with monkeypatch.context() as patch:
+            patch.setattr(atomic, "sync", sync_or_die)
+            finished = run_until_killed(folder, tiny_profile)
+        assert run_until_killed(folder, tiny_profile)
+        assert final_files(folder) == uninterrupted, f"killed at write {k}"
+        k += 1
+    assert k > 20
+
+
+def test_killed_again_and_again_it_still_ends_with_the_same_bytes(
+    tmp_path: Path, tiny_profile: Profile, uninterrupted: dict[str, bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write, lives = journal.Journal._write, 0
+    finished = False
+    while not finished:
+        left = [3]
+
+        def write_or_die(self: journal.Journal, line: bytes, left: list[int] = left) -> None:
+            left[0] -= 1
+            if left[0] == 0:
+                kill_in_line(self, line)
+            write(self, line)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(journal.Journal, "_write", write_or_die)
+            finished = run_until_killed(tmp_path / "killed", tiny_profile)
+        lives += 1
+    assert lives > 5
+    assert final_files(tmp_path / "killed") == uninterrupted
+
+
+def test_a_finished_session_changes_nothing_when_run_again(tmp_path: Path, tiny_profile: Profile) -> None:
+    for _ in range(2):
+        with Session.open(tmp_path / "s", tiny_profile) as session:
+            workflow(session)
+            log = session.frame_log()
+    assert [e["name"] for e in log] == ["black-0", "black-1", *(f"gray-column-0{k}" for k in range(3))]
+
+
+def test_frames_come_back_exactly(tmp_path: Path, tiny_profile: Profile) -> None:
+    frame = RawFrame(np.arange(48, dtype=np.uint16).reshape(4, 4, 3) * 1365, 1 / 3, 0.1 + 0.2, 7)
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        session.step("white").save_frame("white", frame)
+    with Session.open(tmp_path / "s") as session:
+        back = session.step("white").load_frame("white")
+        assert session.last_clock_s == frame.started_s + frame.exposure_s
+    np.testing.assert_array_equal(back.pixels, frame.pixels)
+    assert back.pixels.dtype == np.uint16
+    assert (back.exposure_s, back.started_s, back.sequence) == (1 / 3, 0.1 + 0.2, 7)
+
+
+def test_records_keep_every_digit(tmp_path: Path, tiny_profile: Profile) -> None:
+    numbers = np.random.default_rng(3).normal(size=20)
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        step = session.step("fit")
+        step.save_record("camera", {"focal": numbers, "count": np.int64(3), "pair": (np.float32(0.1), "x")})
+        back = step.load_record("camera")
+        with pytest.raises(ValueError, match="JSON"):
+            step.save_record("broken", {"rms": float("nan")})
+    assert back["focal"] == numbers.tolist()
+    assert back["pair"] == [float(np.float32(0.1)), "x"]
+
+
+def test_other_settings_begin_a_new_run_that_overwrites_nothing(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        for run, level in enumerate((1.0, 2.0, 1.0), start=1):
+            step = session.step("target", settings={"level": level})
+            assert not step.done
+            assert step.run_number == run
+            assert not step.has_frame("white")
+            step.save_frame("white", frame_at(level))
+            step.save_image("target", {"Y": np.full((2, 2), level)})
+            step.save_record("target", {"level": level})
+            step.finish()
+        assert session.finished("target").load_record("target") == {"level": 1.0}
+    names = {p.relative_to(tmp_path / "s").as_posix() for p in (tmp_path / "s").glob("*/**/*") if p.is_file()}
+    assert names == {
+        *(f"frames/target/000{k}.exr" for k in (0, 1, 2)),
+        *(f"images/target-00{k}.exr" for k in (1, 2, 3)),
+        *(f"calibration/target-00{k}.json" for k in (1, 2, 3)),
+    }
+
+
+def test_what_depends_on_a_changed_step_is_done_again(tmp_path: Path, tiny_profile: Profile) -> None:
+    def dark_then_map(session: Session, level: float, note: str) -> bool:
+        dark = session.step("dark", settings={"note": note})
+        if not dark.done:
+            dark.save_record("dark", {"level": level})
+            dark.finish()
+        maps = session.step("map", needs=["dark"])
+        was_done = maps.done
+        if not was_done:
+            maps.finish()
+        return was_done
+
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        assert not dark_then_map(session, 1.0, "a")
+        assert dark_then_map(session, 1.0, "a")
+        assert dark_then_map(session, 1.0, "b"), "other settings, but the same outputs"
+        assert not dark_then_map(session, 2.0, "c")
+
+
+def test_a_finished_step_is_not_written_to(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        step = session.step("black")
+        step.save_frame("black", frame_at(1.0))
+        step.finish()
+        with pytest.raises(SessionError, match="step 'black' is finished"):
+            step.save_frame("more", frame_at(2.0))
+
+
+def test_a_missing_step_names_the_command_to_run(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        with pytest.raises(SessionError, match=r"step 'gray' has not been started; run `rig calibrate .*s` first"):
+            session.finished("gray", verb="calibrate")
+        session.step("gray")
+        with pytest.raises(SessionError, match="step 'gray' is not finished"):
+            session.step("map", needs=["gray"])
+        with pytest.raises(SessionError, match="has no frame 'x'; it has none"):
+            session.step("gray").load_frame("x")
+
+
+def test_a_lost_file_is_repeated_and_nothing_else(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        workflow(session)
+    (tmp_path / "s" / "frames" / "gray" / "0001.exr").unlink()
+    with Session.open(tmp_path / "s") as session:
+        with pytest.raises(SessionCorrupt, match=r"1 files of step 'gray' .* first frames/gray/0001\.exr; run `rig"):
+            session.finished("gray")
+        gray = session.step("gray", settings={"bits": [0, 1, 2]}, needs=["black"])
+        assert not gray.done
+        assert [gray.has_frame(f"gray-column-0{k}") for k in range(3)] == [True, False, True]
+        workflow(session)
+        assert session.finished("gray").frame_names == [f"gray-column-0{k}" for k in range(3)]
+
+
+def test_a_changed_byte_is_found_on_verify(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        workflow(session)
+    path = tmp_path / "s" / "frames" / "gray" / "0001.exr"
+    data = bytearray(path.read_bytes())
+    data[-1] ^= 1
+    path.write_bytes(data)
+    with Session.open(tmp_path / "s") as session:
+        assert session.finished("gray").has_frame("gray-column-01")
+        assert not session.finished("gray").has_frame("gray-column-01", verify=True)
+    with Session.open(tmp_path / "s", verify=True) as session, pytest.raises(SessionCorrupt, match="damaged"):
+        session.finished("gray")
+
+
+def test_a_second_process_is_told_who_has_it(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile):
+        with pytest.raises(SessionLocked, match=rf"process {os.getpid()} on \S+ works on it since 20\d\d-") as caught:
+            Session.open(tmp_path / "s")
+        assert caught.value.exit_code == 4
+    Session.open(tmp_path / "s").close()
+
+
+def test_a_killed_process_leaves_no_lock(tmp_path: Path, tiny_profile: Profile) -> None:
+    code = (
+        "import os, sys; from rig.session import Session; from rig.profile.schema import load_profile\n"
+        "session = Session.open(sys.argv[1], load_profile(sys.argv[2]))\n"
+        "session.step('black')\n"
+        "open(os.path.join(sys.argv[1], 'session.json.part'), 'w').write('half')\n"
+        "os.kill(os.getpid(), 9)\n"
+    )
+    died = subprocess.run([sys.executable, "-c", code, tmp_path / "s", tiny_profile.path], check=False)
+    assert died.returncode == -9
+    with Session.open(tmp_path / "s") as session:
+        assert session.step("black").run_number == 1
+        assert not list((tmp_path / "s").glob("*.part"))
+
+
+def test_another_profile_is_refused_by_name_and_hash(tmp_path: Path, tiny_profile: Profile) -> None:
+    Session.open(tmp_path / "s", tiny_profile).close()
+    other = Profile.parse(tiny_profile.raw.replace(b'name = "ci-tiny"', b'name = "lab-b"'), Path("lab-b.toml"))
+    with pytest.raises(SessionError) as caught:
+        Session.open(tmp_path / "s", other)
+    for part in (
+        "'ci-tiny'",
+        tiny_profile.sha256[:12],
+        "'lab-b'",
+        other.sha256[:12],
+        "leave the profile out",
+    ):
+        assert part in str(caught.value)
+
+
+def test_the_profile_is_an_exact_copy(tmp_path: Path, tiny_profile: Profile) -> None:
+    Session.open(tmp_path / "s", tiny_profile).close()
+    assert (tmp_path / "s" / "profile.toml").read_bytes() == tiny_profile.raw
+    with Session.open(tmp_path / "s") as session:
+        assert session.profile == tiny_profile
+        assert session.profile.path == tiny_profile.path
+    (tmp_path / "s" / "profile.toml").write_bytes(tiny_profile.raw + b"\n")
+    with pytest.raises(SessionCorrupt, match=r"profile\.toml: was changed"):
+        Session.open(tmp_path / "s")
+
+
+def test_a_newer_layout_is_refused(tmp_path: Path, tiny_profile: Profile) -> None:
+    Session.open(tmp_path / "s", tiny_profile).close()
+    path = tmp_path / "s" / "session.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": 2}))
+    with pytest.raises(SessionError, match="layout 2 is newer than 1"):
+        Session.open(tmp_path / "s")
+    path.write_text("{")
+    with pytest.raises(SessionCorrupt, match=r"session\.json: is damaged"):
+        Session.open(tmp_path / "s")
+
+
+def test_a_damaged_journal_is_named_with_its_line(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        workflow(session)
+    path = tmp_path / "s" / "journal.jsonl"
+    lines = path.read_bytes().splitlines(keepends=True)
+    for damaged in (b"nonsense\n", b'{"event": "finish"}\n', b"3\n"):
+        path.write_bytes(b"".join([*lines[:4], damaged, *lines[5:]]))
+        with pytest.raises(SessionCorrupt, match=r"journal\.jsonl: line 5 is damaged"):
+            Session.open(tmp_path / "s")
+
+
+def test_folders_that_are_no_sessions_are_left_alone(tmp_path: Path, tiny_profile: Profile) -> None:
+    (tmp_path / "thesis.tex").write_text("")
+    with pytest.raises(SessionError, match=r"has other files \(thesis\.tex"):
+        Session.open(tmp_path, tiny_profile)
+    with pytest.raises(SessionError, match=r"thesis\.tex: is a file"):
+        Session.open(tmp_path / "thesis.tex", tiny_profile)
+    with pytest.raises(SessionError, match="no session; make one with"):
+        Session.open(tmp_path / "new")
+    assert [p.name for p in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_notes_and_frames_are_logged_in_order(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        step = session.step("black")
+        session.note({"kind": "stale", "time_s": np.float64(0.5)})
+        step.save_frame("black-0", frame_at(1.0), pattern="black")
+    with Session.open(tmp_path / "s") as session:
+        note, frame = session.frame_log()
+    assert note["note"] == {"kind": "stale", "time_s": 0.5}
+    details = {"pattern": "black", "exposure_s": 0.01 / 3, "started_s": 1.0, "sequence": 10, "signature": ""}
+    assert frame["frame"] == details
+
+
+@pytest.mark.parametrize("name", ["", "../up", "a/b", ".hidden", "white space"])
+def test_names_that_are_no_file_names_are_refused(tmp_path: Path, tiny_profile: Profile, name: str) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        with pytest.raises(ValueError, match="names are letters"):
+            session.step(name)
+        with pytest.raises(ValueError, match="names are letters"):
+            session.step("ok").save_record(name, {})
+
+
+def test_a_full_disk_leaves_the_journal_as_it_was(
+    tmp_path: Path, tiny_profile: Profile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        before = (tmp_path / "s" / "journal.jsonl").read_bytes()
+
+        def half_then_full(self: journal.Journal, line: bytes) -> None:
+            os.write(self._descriptor, line[:10])
+            raise OSError(28, "No space left on device")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(journal.Journal, "_write", half_then_full)
+            with pytest.raises(SessionError, match="the disk is full"):
+                session.note({"kind": "x"})
+        assert (tmp_path / "s" / "journal.jsonl").read_bytes() == before
+        session.note({"kind": "y"})
+    with Session.open(tmp_path / "s") as session:
+        assert [e["note"] for e in session.frame_log()] == [{"kind": "y"}]
+
+
+def test_a_session_goes_on_after_the_machine_was_started_again(tmp_path: Path, tiny_profile: Profile) -> None:
+    """The clock of a real rig then begins anew; the order of frames is that of the journal."""
+    with Session.open(tmp_path / "session", tiny_profile) as session:
+        session.step("white").save_frame("before", frame_at(900_000.0))
+    with Session.open(tmp_path / "session", tiny_profile) as session:
+        assert session.last_clock_s > 900_000.0
+        step = session.step("white")
+        assert step.has_frame("before")
+        step.save_frame("after", frame_at(12.0))
+        step.finish()
+        assert session.last_clock_s == pytest.approx(12.0, abs=0.1)
+        assert step.frame_names == ["before", "after"]
+        assert [event["name"] for event in session.frame_log()] == ["before", "after"]

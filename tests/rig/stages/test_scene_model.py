@@ -1,0 +1,135 @@
+"""The scene_model: where calibration and simulation meet, against a simulated world that is neither."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.geometry.stereo import pinhole
+from calibration.records import PinholeModel
+from rig.devices.simulated.world import SimulatedWorld
+from rig.profile.schema import load_profile
+from rig.stages.scene_model import (
+    PosedLens,
+    SceneModel,
+    box_scene,
+    camera_view,
+    look,
+    optic,
+    projector_view,
+    sample,
+    unit_emission,
+)
+from rig.truth.scores import _ground_truth_reflectance
+from sim.form_factors import form_factors
+from sim.geometry.optics import project, rays_at
+
+
+def model_of(lens, rotation) -> PinholeModel:  # type: ignore[no-untyped-def]
+    position = np.array(lens.position_m)
+    width, height = (320, 240) if lens.principal_point_px[0] > 140 else (256, 192)
+    return PinholeModel(
+        width,
+        height,
+        (lens.focal_px, lens.focal_px),
+        tuple(lens.principal_point_px),
+        tuple(lens.distortion),
+        rotation,
+        -rotation @ position,
+    )
+
+
+@pytest.fixture(scope="module")
+def world() -> SimulatedWorld:
+    profile = load_profile("ci-tiny")
+    assert profile.simulation is not None
+    return SimulatedWorld(profile.simulation, profile.camera.shape[:2], profile.projector.shape)
+
+
+@pytest.fixture(scope="module")
+def scene_model(world: SimulatedWorld) -> SceneModel:
+    """Built from the simulated world's true numbers; patches of 0.3 m instead of its cells, factors of another kind."""
+    settings = world.settings
+    camera = optic(model_of(settings.camera, world.camera.rotation), settings.camera.vignetting)
+    projector = optic(model_of(settings.projector, world.projector.rotation), settings.projector.vignetting)
+    scene = box_scene(settings.size_m, tuple(settings.reflectance), 0.3, 0.5)
+
+    class Holder:
+        pass
+
+    holder = Holder()
+    holder.scene_model = Holder()  # type: ignore[attr-defined]
+    holder.scene_model.scene = scene  # type: ignore[attr-defined]
+    scene = scene.with_reflectance(_ground_truth_reflectance(world, holder))  # type: ignore[arg-type]
+    white = world.light_of(np.ones(world.projector.shape, np.float32))
+    gain = (white.direct * world.vignetting).astype(np.float64)
+    seen = look(scene, camera)
+    xy = project(projector.lens, projector.pose, seen.points_m)
+    height, width = world.projector.shape
+    with np.errstate(invalid="ignore"):
+        inside = (xy > 0).all(axis=1) & (xy < (width - 1, height - 1)).all(axis=1)
+    gain[~inside.reshape(gain.shape)] = 0
+    flux = settings.projector.flux / (height * width) * settings.projector.focal_px**2
+    emission = unit_emission(scene, projector)
+    xy = np.where(inside[:, None], xy, np.nan).reshape(*gain.shape, 2)
+    return SceneModel(
+        scene, form_factors(scene), camera, projector, flux, emission, seen, look(scene, projector), gain, xy
+    )
+
+
+def test_the_two_pinholes_agree(scene_model: SceneModel, world: SimulatedWorld) -> None:
+    model = model_of(world.settings.camera, world.camera.rotation)
+    pixels = np.array([[2.0, 3.0], [160.0, 120.0], [317.0, 236.0]])
+    rays = pinhole.world_rays(model, pixels)
+    np.testing.assert_allclose(rays, rays_at(scene_model.camera.lens, scene_model.camera.pose, pixels), atol=1e-7)
+    points = model.position_m + 3.0 * rays
+    np.testing.assert_allclose(pinhole.project(model, points), pixels, atol=1e-4)
+
+
+def test_the_scene_model_sees_the_global_light_of_the_simulated_world(
+    scene_model: SceneModel, world: SimulatedWorld
+) -> None:
+    random = np.random.default_rng(4)
+    picture = np.kron(random.uniform(size=(6, 8)), np.ones((32, 32))).astype(np.float32)
+    picture *= scene_model.active.reshape(picture.shape)
+    true = (world.light_of(picture).global_ * world.vignetting).ravel()
+    found = camera_view(scene_model, scene_model.active).global_ @ picture.ravel()[scene_model.active].astype(
+        np.float64
+    )
+    lit = scene_model.direct_gain.ravel() > 0
+    assert np.median(found[lit] / true[lit]) == pytest.approx(1.0, abs=0.02)
+    assert np.quantile(np.abs(found[lit] / true[lit] - 1), 0.9) < 0.03
+
+
+def test_what_a_projector_pixel_sees_is_what_the_camera_sees_there(scene_model: SceneModel) -> None:
+    picture = np.full(int(scene_model.active.sum()), 0.5)
+    at_pixels = np.full(scene_model.active.size, np.nan)
+    at_pixels[scene_model.active] = projector_view(scene_model, scene_model.active) @ picture
+    in_camera = (camera_view(scene_model, scene_model.active) @ picture).reshape(scene_model.camera.lens.shape)
+    where = project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
+    ratio = at_pixels / sample(in_camera, where)
+    assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.01)
+    assert np.nanquantile(np.abs(ratio - 1), 0.9) < 0.03
+
+
+def test_both_views_have_true_adjoints(scene_model: SceneModel) -> None:
+    random = np.random.default_rng(8)
+    for transport in (camera_view(scene_model, scene_model.active), projector_view(scene_model, scene_model.active)):
+        x, y = random.uniform(size=transport.shape[1]), random.uniform(size=transport.shape[0])
+        assert (transport @ x) @ y == pytest.approx(x @ (transport.T @ y), rel=1e-9)
+
+
+def test_illumination_falls_from_the_axis(scene_model: SceneModel) -> None:
+    device = PosedLens(scene_model.camera.lens, scene_model.camera.pose, (-0.2, 0.0))
+    axis = np.array([device.lens.principal_point_px])
+    corner = np.array([[0.0, 0.0]])
+    assert device.illumination(axis)[0] == 1.0
+    assert device.illumination(corner)[0] == pytest.approx(1 - 0.2 * device.radius(corner)[0] ** 2)
+
+
+def test_samples_next_to_missing_pixels_are_missing() -> None:
+    image = np.ones((4, 4))
+    image[1, 1] = 0
+    values = sample(image, np.array([[2.5, 2.5], [0.5, 0.5], [9.0, 1.0]]))
+    assert values[0] == 1.0
+    assert np.isnan(values[1:]).all()
