@@ -20,6 +20,7 @@ from rig.emulated.rig import open_display as open_display_of
 from rig.profile.schema import Profile, load_profile
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
+from tests.device_lab.waiting import GENEROUS_S
 
 ROOT = Path(__file__).parents[2]
 UNTIL_THE_END = ExitStack()
@@ -156,7 +157,7 @@ def virtual_rig() -> EmulatedRig:
 def open_virtual() -> Rig:
     """A display, and a camera that sees it in the simulated room: both by real kernel drivers."""
     profile = virtual_rig().profile
-    wait_for_camera(profile)
+    wait_for_camera(profile, GENEROUS_S)
     return open_rig(profile)
 
 
