@@ -33,7 +33,7 @@ PROBLEM = "white picture, 640 x 480"
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Reference:
-    """What the path tracer left in tests/data/path_tracer_blocks.npz."""
+    """What the path tracer left in rig/benchmark/data/path_tracer_blocks.npz."""
 
     blocks: FloatArray
     """(rows, columns) means of square blocks of pixels."""
@@ -55,12 +55,6 @@ class Reference:
 def run(size: Size, on_step: OnStep) -> Outcome:
     """Measure all that ``rig bench image`` shows."""
     reference = _reference()
-    if reference is None:
-        return Outcome(
-            points=(),
-            criteria=(),
-            notes=("no path tracer's block means here (tests/data is part of the sources): nothing done",),
-        )
     points: list[Point] = []
     pitches = PITCHES_M[size]
     for number, pitch_m in enumerate(pitches):
@@ -79,11 +73,8 @@ def run(size: Size, on_step: OnStep) -> Outcome:
     )
 
 
-def _reference() -> Reference | None:
-    path = checkout.data_file("path_tracer_blocks.npz")
-    if path is None:
-        return None
-    with np.load(path) as stored:
+def _reference() -> Reference:
+    with np.load(checkout.data_file("path_tracer_blocks.npz")) as stored:
         height_px, width_px = (int(side) for side in stored["image_px"])
         mean = stored["block_mean"]
         lens = Lens.from_horizontal_field_of_view(width_px, height_px, float(stored["horizontal_field_of_view_deg"]))

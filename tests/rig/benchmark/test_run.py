@@ -10,7 +10,7 @@ import pytest
 
 from rig.benchmark import peers
 from rig.benchmark.benches import solve
-from rig.benchmark.checkout import data_file, script
+from rig.benchmark.checkout import script
 from rig.benchmark.records import Criterion, Outcome, Point
 from rig.benchmark.references.box import partly_occluded, uncovered_share
 from rig.benchmark.references.polygon import exchange_reference, largest_relative_error
@@ -138,8 +138,6 @@ def test_only_accuracy_decides_the_exit_status(monkeypatch, capsys, kind, status
 
 @pytest.mark.parametrize("name", ["form-factors", "solve", "image", "plan", "compensate", "live"])
 def test_each_quick_bench_gives_the_promised_json_and_meets_its_accuracy(name, capsys, tmp_path: Path):
-    if name == "image" and data_file("path_tracer_blocks.npz") is None:
-        pytest.skip("no path tracer's block means")
     table = tmp_path / "points.csv"
     assert run_command(["bench", name, "--quick", "--json", "--csv", str(table)]) == 0
     answer = json.loads(capsys.readouterr().out)
