@@ -97,7 +97,13 @@ def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, dict[str, 
     surface, light = _surface(request)
     memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
     try:
-        planned = plan(surface, request.tolerance, light, memory_mb, request.reflectance or None)
+        planned = plan(
+            surface,
+            request.tolerance,
+            light,
+            memory_limit_mb=memory_mb,
+            reflectances=request.reflectance or None,
+        )
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)

@@ -295,7 +295,7 @@ def paper_transport(
     scene = paper_room(configuration.ceiling, configuration.reflectance)
     lens = Lens.from_horizontal_field_of_view(shape[1], shape[0], configuration.hfov_deg)
     pose = Pose.look_at(position_m, np.add(position_m, direction))
-    return coaxial_transport(scene, factors, lens, pose, "paper", "pixel_mean")
+    return coaxial_transport(scene, factors, lens, pose, convention="paper", emission_rule="pixel_mean")
 
 
 def _run(

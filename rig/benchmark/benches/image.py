@@ -99,7 +99,13 @@ def _pictures(reference: Reference, pitch_m: float, size: Size) -> list[Point]:
     def picture(reconstruction: Reconstruction) -> SimulatedImage:
         factors = form_factors(scene, "closed_form")
         return simulate_image(
-            scene, factors, reference.lens, reference.pose, white, reconstruction=reconstruction, emission="area"
+            scene,
+            factors,
+            reference.lens,
+            reference.pose,
+            projector_image=white,
+            reconstruction=reconstruction,
+            emission="area",
         )
 
     kinds = [kind for kind in RECONSTRUCTIONS if kind != "gather" or pitch_m >= GATHER_FROM_M[size]]

@@ -89,9 +89,11 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     hits = intersect(room, pose.position_m, rays)
     points = pose.position_m + hits.distance[:, None] * rays
     vignetting = _vignetting(lens)
-    light = irradiance_at(room, lens, pose, points, hits.patch) * vignetting
+    light = irradiance_at(room, lens, pose, points_m=points, patch=hits.patch) * vignetting
     del rays
-    emission = area_emission(room.with_reflectance(1.0), lens, pose, 2, "physical") @ diags_array(vignetting)
+    emission = area_emission(room.with_reflectance(1.0), lens, pose, subsamples=2, convention="physical") @ diags_array(
+        vignetting
+    )
     view = smooth_view(room.with_reflectance(1.0), hits, np.ones(lens.n_pixels))
     factors = form_factors(room)
     pattern = 1 + 0.08 * np.sin(9 * points[:, 0] + 5 * points[:, 2]) * np.sin(7 * points[:, 1])
@@ -105,7 +107,7 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
                 csr_array(diags_array(rho) @ emission),
                 Radiosity(factors, rho, solver="repeated"),
                 csr_array(diags_array(seen) @ view @ diags_array(1 / rho)),
-                hits.patch,
+                pixel_patch=hits.patch,
             )
         )
     transport = ColourTransport(bands, MIXING)
