@@ -74,29 +74,24 @@ def visible_fraction(
     """
     if exchange.shape != (surface.n_patches, surface.n_patches):
         raise SimulationError(f"exchange areas of shape {exchange.shape} for {surface.n_patches} patches; one a pair")
-    nodes, weights = _rule(quality, points)
-    vertices, occluders = _geometry(surface)
-    if not len(occluders):
+    rule, geometry = _rule(quality, points), _geometry(surface)
+    if not len(geometry[1]):
         nothing = np.zeros(0, dtype=np.intp)
         return VisibleFractions(nothing, nothing, np.zeros(0))
     given = np.ascontiguousarray(exchange, dtype=np.float64)
-    found = _kernel.visible_of_matrix(vertices, occluders, exchange=given, nodes=nodes, weights=weights)
-    return VisibleFractions(*found)
+    return VisibleFractions(*_kernel.visible_of_matrix(*geometry, given, *rule))
 
 
 def visible_fraction_of_pairs(
     surface: Surface, first: IntArray, second: IntArray, quality: Quality = "exact", points: int | None = None
 ) -> FloatArray:
     """Return (n,) the visible share of listed pairs, 1 for those that nothing parts; arguments as above."""
-    nodes, weights = _rule(quality, points)
+    rule, geometry = _rule(quality, points), _geometry(surface)
     first, second = (np.ascontiguousarray(indices, dtype=np.int64) for indices in (first, second))
     _check_pairs(surface, first, second)
-    vertices, occluders = _geometry(surface)
     fraction = np.ones(len(first))
-    if len(occluders):
-        _kernel.visible_of_pairs(
-            vertices, occluders, first=first, second=second, nodes=nodes, weights=weights, visible=fraction
-        )
+    if len(geometry[1]):
+        _kernel.visible_of_pairs(*geometry, first, second, *rule, fraction)
     return fraction
 
 
@@ -111,7 +106,8 @@ def segments_blocked(surface: Surface, begin: FloatArray, end: FloatArray) -> Bo
     blocked = np.zeros(len(begin), dtype=bool)
     vertices, occluders = _geometry(surface)
     size = float(np.linalg.norm(np.ptp(vertices.reshape(-1, 3), axis=0)))
-    _kernel.segments_blocked(occluders, size, begin=begin, end=end, blocked=blocked)
+    segments = (begin, end)
+    _kernel.segments_blocked(occluders, size, *segments, blocked)
     return blocked
 
 

@@ -56,7 +56,7 @@ def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, re
 
 
 def grid_of_quad(corners: ArrayLike, columns: int, rows: int) -> FloatArray:
-    """Return (rows * columns, 4, 3) patches of a flat quad, its sides cut into equal parts; columns along the first side."""
+    """Return (rows * columns, 4, 3) patches of a flat quad, its sides in equal parts; columns along the first side."""
     a, b, c, d = np.asarray(corners, dtype=np.float64)
     u, v = (axis[..., None] for axis in np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows))
     points = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
