@@ -35,14 +35,14 @@ def transport_of(lens: Lens, patch_size_m: float, reflectance: float) -> LightTr
     """Textured walls: direct light and view vary from pixel to pixel."""
     scene = room((4.8, 4.8, 2.4), patch_size_m, reflectance)
     factors = form_factors(scene)
-    even = coaxial_transport(scene, factors, lens, pose=POSE, convention="physical", emission_rule="area", subsamples=1)
+    even = coaxial_transport(scene, factors, lens, POSE, convention="physical", emission_rule="area", subsamples=1)
     texture = 1 + TEXTURE * np.random.default_rng(1).normal(size=lens.n_pixels)
     hits = intersect(scene, POSE.position_m, rays_at(lens, POSE, lens.pixel_grid()))
     view = smooth_view(scene, hits, reflectance * texture)
     direct = csr_array(diags_array(even.direct_matrix.diagonal() * texture))
     radiosity = Radiosity(factors, scene.reflectance, solver="direct")
     return LightTransport(
-        direct, even.emission, radiosity, view=view, pixel_patch=even.pixel_patch, pixel_xy_px=lens.pixel_grid()
+        direct, even.emission, radiosity, view, pixel_patch=even.pixel_patch, pixel_xy_px=lens.pixel_grid()
     )
 
 

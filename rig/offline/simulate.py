@@ -99,7 +99,11 @@ def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, Simulation
     memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
     try:
         planned = plan(
-            surface, request.tolerance, light, memory_limit_mb=memory_mb, reflectances=request.reflectance or None
+            surface,
+            request.tolerance,
+            light,
+            memory_limit_mb=memory_mb,
+            reflectances=request.reflectance or None,
         )
     except SimulationError as error:
         raise UsageError(str(error)) from error

@@ -59,7 +59,7 @@ def _fill_grids(scene: Scene, matrix: FloatArray, row_sums: FloatArray) -> None:
         )
     frames = np.array([[face.origin_m, face.edge_u_m, face.edge_v_m, face.normal] for face in scene.faces])
     counts = np.array([[face.columns, face.rows, face.first_patch] for face in scene.faces], dtype=np.int64)
-    _kernel.grid_form_factors(frames, counts, facing, matrix, row_sums)
+    _kernel.grid_form_factors(frames, counts, facing, factors=matrix, row_sums=row_sums)
 
 
 def _facing(scene: Scene) -> BoolArray:

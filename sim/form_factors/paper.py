@@ -10,6 +10,7 @@ from sim.errors import SimulationError
 from sim.geometry.surface import Surface
 
 SAMPLES = 3
+"""Points along each side of a patch, as published."""
 
 
 def fill(surface: Surface, matrix: FloatArray, row_sums: FloatArray) -> None:
@@ -25,12 +26,12 @@ def fill(surface: Surface, matrix: FloatArray, row_sums: FloatArray) -> None:
     points = sample_points(surface)
     normals = np.ascontiguousarray(surface.normals.T)
     offsets = np.einsum("pk,pk->p", surface.normals, surface.centres)
-    _kernel.paper_exchange_areas(points, normals, offsets, surface.areas, matrix)
+    _kernel.paper_exchange_areas(points, normals, offsets=offsets, areas=surface.areas, exchange=matrix)
     _kernel.divide_rows(matrix, surface.areas, row_sums)
 
 
 def sample_points(surface: Surface) -> FloatArray:
-    """(3, 9, P) midpoints of a 3x3 division of each patch [m]."""
+    """Return (3, 9, P) midpoints of a 3x3 division of each patch [m]."""
     a, b, c, d = np.moveaxis(surface.vertices, 1, 0)
     triangles = np.flatnonzero((c == d).all(axis=1))
     if len(triangles):

@@ -34,7 +34,7 @@ HIGHEST_ORDER = 10
 
 
 def exchange_areas(surface: Surface, samples: int | None = None, tolerance: float = 1e-6) -> FloatArray:
-    """(P, P) A_i F_ij of every pair of patches, exactly symmetric, in 0 ... min(A_i, A_j) [m²].
+    """Return (P, P) A_i F_ij of every pair of patches, exactly symmetric, in 0 ... min(A_i, A_j) [m²].
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ def fill_exchange_areas(surface: Surface, exchange: FloatArray, samples: int | N
 def exchange_areas_of_pairs(
     surface: Surface, first: ArrayLike, second: ArrayLike, tolerance: float = 1e-6
 ) -> FloatArray:
-    """(K,) A F of the pairs (first[k], second[k]): the same bits as in :func:`exchange_areas` [m²].
+    """Return (K,) A F of the pairs (first[k], second[k]): the same bits as in :func:`exchange_areas` [m²].
 
     Every call prepares all patches of the surface: ask for many pairs at once.
 
@@ -85,8 +85,14 @@ def exchange_areas_of_pairs(
         )
     order_of_rows = np.argsort(low, kind="stable")
     exchange = np.empty(len(one))
-    sorted_pairs = low[order_of_rows], high[order_of_rows]
-    _kernel.polygon_exchange_areas_of_pairs(_corners(surface), *sorted_pairs, wanted, HIGHEST_ORDER, exchange)
+    _kernel.polygon_exchange_areas_of_pairs(
+        _corners(surface),
+        first=low[order_of_rows],
+        second=high[order_of_rows],
+        tolerance=wanted,
+        highest_order=HIGHEST_ORDER,
+        exchange=exchange,
+    )
     answer = np.empty_like(exchange)
     answer[order_of_rows] = exchange
     return np.where(one == other, 0.0, answer)

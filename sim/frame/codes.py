@@ -29,7 +29,20 @@ def checked_frame(model: FrameModel, codes: CodeArray, what: str = "frame") -> C
 
 
 def fractional_code(response: FloatArray, light: FloatArray) -> FloatArray:
-    """Code between two codes whose light is the wanted one, linear between them; light beyond the ends is clamped."""
+    """Return the code, between two codes, of a wanted light: linear between them, clamped beyond the ends.
+
+    Parameters
+    ----------
+    response : (256,) array
+        Linear light of each code.
+    light : array of any shape
+        Wanted.
+
+    Returns
+    -------
+    array
+        Shaped as the light, in 0 ... 255.
+    """
     highest = np.maximum.accumulate(response)
     rises = np.concatenate([[True], response[1:] > highest[:-1]])
     return np.asarray(np.interp(light, response[rises], np.flatnonzero(rises)))

@@ -70,15 +70,21 @@ class FrameCompensator:
         )
 
     def frame(self, codes: CodeArray, out: CodeArray | None = None, gain: float = 1.0) -> CodeArray:
-        """Give the projector's codes for a target's.
+        """Return the projector's codes for a target's.
 
         Parameters
         ----------
-        codes : (H, W, 3) uint8
-        out : (H, W, 3) uint8, optional
+        codes : (H, W, 3) uint8 array
+            The target's codes, as the model's ``eotf`` reads them.
+        out : (H, W, 3) uint8 array, optional
             Filled and returned; a new array otherwise.
         gain : float
             Times the target's light.
+
+        Returns
+        -------
+        (H, W, 3) uint8 array
+            ``out``, where it is given.
 
         Raises
         ------
@@ -103,6 +109,8 @@ class FrameCompensator:
 
     def _bounded(self, codes: CodeArray, out: CodeArray, target: NDArray[np.float32]) -> FrameReport:
         fresh, self._fresh = self._fresh, False
-        clipped, squared, passes = self._kernel.bounded(codes, out, target, STEPS, FIRST_STEPS, fresh, self.threads)
+        clipped, squared, passes = self._kernel.bounded(
+            codes, out, target, steps=STEPS, first_steps=FIRST_STEPS, fresh=fresh, threads=self.threads
+        )
         error = float(np.sqrt(squared / self._channels / np.mean(self.model.target_scale**2)))
         return FrameReport(error, clipped / self._channels, passes)

@@ -61,7 +61,7 @@ class CellView:
 
 
 def runs_of(values: IntArray, places: IntArray, shape: tuple[int, int]) -> Runs:
-    """Runs of equal values, (n,) or (n, K); pixels that have none belong to the run before them.
+    """Return the runs of equal values, (n,) or (n, K); pixels that have none belong to the run before them.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def runs_of(values: IntArray, places: IntArray, shape: tuple[int, int]) -> Runs:
 
 
 def cells_of(view: csr_array, reflectance: FloatArray, places: IntArray, shape: tuple[int, int]) -> CellView:
-    """Take a smooth view apart: gain times a bilinear mean of the irradiance of four patches.
+    """Return a smooth view taken apart: gain times a bilinear mean of the irradiance of four patches.
 
     Raises
     ------

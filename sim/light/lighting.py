@@ -1,4 +1,4 @@
-"""Lights that a plan is made for: irradiance of white at every point of a surface, 1 = white."""
+"""Test lightings that a plan is made for: irradiance of white at every point of a surface, 1 = white."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
 
 SAMPLES = 4
-"""Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
+"""Light is sampled at SAMPLES x SAMPLES points of a patch, and at the square of that where it varies."""
 POINTS_AT_A_TIME = 1 << 13
 """Their arrays take less than 2 MB."""
 
@@ -24,7 +24,7 @@ Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 
 @dataclass(frozen=True)
 class Lighting:
-    """A light by name."""
+    """How white light falls on a scene, by name."""
 
     name: str
     description: str
@@ -35,12 +35,22 @@ TEST_LIGHTINGS = ("projector", "floor", "uniform")
 
 
 def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
-    """Build one of ``TEST_LIGHTINGS`` for a scene.
+    """Return one of ``TEST_LIGHTINGS`` for a scene.
 
     ``projector``: white from a 640 x 480 projector with a horizontal field of view of 100 degrees, standing at
     5/24 of the scene's length and width and half its height, aimed level at the far corner: cos(theta) without
     fall-off (the paper's convention), with shadows. ``floor``: irradiance 1 on the lowest region that faces
     up, or on the first region. ``uniform``: irradiance 1 everywhere.
+
+    Parameters
+    ----------
+    name : {"projector", "floor", "uniform"}
+    cells : AdaptivePatches
+        Of the scene.
+
+    Returns
+    -------
+    Lighting
 
     Raises
     ------
@@ -50,10 +60,10 @@ def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
     if name not in TEST_LIGHTINGS:
         raise SimulationError(f"unknown light {name!r}; there are {', '.join(TEST_LIGHTINGS)}")
     if name == "uniform":
-        return Lighting(name, "white light 1 on every surface", lambda points, normals, region: np.ones(len(points)))
+        return Lighting(name, "white light 1 on every surface", lambda points, _normals, _region: np.ones(len(points)))
     if name == "floor":
         lit = _floor(cells)
-        return Lighting(name, "white light 1 on the floor", lambda points, normals, region: (region == lit) * 1.0)
+        return Lighting(name, "white light 1 on the floor", lambda _points, _normals, region: (region == lit) * 1.0)
     light = _projector(cells)
     if not emission(cells.quarters().quarters(), light).irradiance.any():
         raise SimulationError(f"{cells.name}: the standard projector lights nothing; use the light 'floor'")
@@ -72,7 +82,7 @@ def _projector(cells: AdaptivePatches) -> Lighting:
     lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
     pose = Pose.look_at(low + size * np.array([5 / 24, 5 / 24, 0.5]), low + size * np.array([1, 1, 0.5]))
 
-    def irradiance(points: FloatArray, normals: FloatArray, region: IntArray) -> FloatArray:
+    def irradiance(points: FloatArray, normals: FloatArray, _region: IntArray) -> FloatArray:
         ray = points - pose.position_m
         cosine = -np.einsum("nk,nk->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
         xy = project(lens, pose, points)
@@ -90,16 +100,16 @@ def _projector(cells: AdaptivePatches) -> Lighting:
 
 @dataclass(frozen=True, eq=False)
 class Emission:
-    """A light on cells."""
+    """White light on patches."""
 
     irradiance: FloatArray
-    """(P,) mean over each cell; 1 = white."""
+    """(P,) mean over each patch; 1 = white."""
     variance: FloatArray
-    """(P,) of the irradiance within each cell."""
+    """(P,) of the irradiance within each patch."""
 
 
 def emission(cells: AdaptivePatches, light: Lighting) -> Emission:
-    """Mean and variance of a light over each cell."""
+    """Return the mean and variance of a lighting over each patch."""
     mean, variance = _sampled(cells, light, SAMPLES)
     varies = variance > 1e-12
     if varies.any():
@@ -125,7 +135,7 @@ def _moments(cells: AdaptivePatches, light: Lighting, n: int) -> tuple[FloatArra
 
 
 def sample_points(cells: AdaptivePatches, n: int) -> tuple[FloatArray, FloatArray]:
-    """(P, n², 3) midpoints of an n x n division of each cell [m] and their (P, n²) shares of its area."""
+    """Return (P, n², 3) midpoints of an n x n division of each patch [m] and their (P, n²) shares of its area."""
     places = (np.arange(n) + 0.5) / n
     s, t = (grid.ravel()[None, :, None] for grid in np.meshgrid(places, places))
     a, b, c, d = (corner[:, None] for corner in np.moveaxis(cells.vertices, 1, 0))

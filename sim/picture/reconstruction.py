@@ -18,13 +18,11 @@ from sim.arrays import FloatArray, IntArray
 from sim.geometry.rays import plane_axes
 from sim.geometry.scene import Face, Scene
 from sim.geometry.surface import Surface
-
-WELD = 1e-7
-"""Corners closer than this share of the mesh's size are one."""
+from sim.geometry.topology import WELD
 
 
 def line_values(means: FloatArray) -> FloatArray:
-    """(n + 1, ...) values on the lines between and around n equal cells of these means, along the first axis."""
+    """Return (n + 1, ...) values on the lines between and around n equal cells of these means, along the first axis."""
     n = len(means)
     if n == 1:
         return np.concatenate([means, means])
@@ -40,13 +38,13 @@ def line_values(means: FloatArray) -> FloatArray:
 
 
 def quadratics(scene: Scene, means: FloatArray) -> FloatArray:
-    """(P, 3, 3) Bernstein coefficients of each patch's biquadratic, rows along v, columns along u.
+    """Return (P, 3, 3) Bernstein coefficients of each patch's biquadratic, rows along v, columns along u.
 
     A patch whose coefficients would go below 0 is drawn towards its mean until they do not.
 
     Parameters
     ----------
-    means : (P,)
+    means : (P,) array
         Mean of each patch, 0 or more.
     """
     coefficients = np.concatenate([_face_quadratics(face, means[face.patches]) for face in scene.faces])
@@ -85,18 +83,18 @@ def _bernstein(means: FloatArray) -> FloatArray:
 
 
 def fans(surface: Surface, means: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fan of triangles about each patch's centroid.
+    """Return the fan of triangles about each patch's centroid.
 
     Parameters
     ----------
-    means : (P,)
+    means : (P,) array
         Mean of each patch, 0 or more.
 
     Returns
     -------
-    corners : (P, 4, 2)
+    corners : (P, 4, 2) array
         In the patch's plane, about its centroid. [m]
-    values : (P, 5)
+    values : (P, 5) array
         At the four corners and, last, at the centroid.
     """
     from_centre = surface.vertices - surface.centres[:, None]

@@ -17,7 +17,7 @@ from sim.light.lighting import Lighting, emission
 from sim.light.radiosity import FormFactorOperator, Radiosity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Model:
     """How light between cells is computed."""
 
@@ -38,7 +38,7 @@ class Model:
         return self.visibility if self.compression is None or self.visibility == "none" else "rays"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Simulation:
     """The light of a scene."""
 
@@ -74,7 +74,18 @@ class Simulation:
 
 
 def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulation:
-    """Solve the radiosity of cells in a light.
+    """Return the radiosity of patches under a test lighting.
+
+    Parameters
+    ----------
+    cells : AdaptivePatches
+    light : Lighting
+    model : Model
+        As of a :class:`Plan`, ``simulate(plan.cells, plan.light, plan.model)``.
+
+    Returns
+    -------
+    Simulation
 
     Raises
     ------
@@ -136,10 +147,21 @@ class Check:
 
 
 def refined_check(simulation: Simulation, light: Lighting, model: Model, most_patches: int) -> Check:
-    """Solve again on cells quartered, or quartered twice where ``most_patches`` allows it, and compare.
+    """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
 
     The finer cells still miss 1/4 (or 1/16) of the squared variation within a cell of the coarser ones: their
     squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility.
+
+    Parameters
+    ----------
+    simulation, light, model
+        What :func:`simulate` gave and took.
+    most_patches : int
+        Of the refined solution.
+
+    Returns
+    -------
+    Check
     """
     coarse = simulation.cells
     times = 2 if 16 * coarse.n_patches <= most_patches else 1

@@ -1,7 +1,7 @@
 """The closed form in plain numpy: the readable definition, and the oracle of the native one.
 
 A_1 F_12 of two such rectangles is a fourfold alternating sum of one corner function over their edge
-coordinates (Ehlert & Smith, "SplitTransport factors for perpendicular and parallel rectangular plates", J. Thermophys.
+coordinates (Ehlert & Smith, "View factors for perpendicular and parallel rectangular plates", J. Thermophys.
 Heat Transfer 7, 1993). Faces are grids, so the corner function is evaluated once on all combinations of a
 face pair's grid lines and differenced along the four axes: about one evaluation a patch pair instead of
 sixteen. Along an axis that both faces share with the same pitch only the coordinate differences matter, and
@@ -24,7 +24,7 @@ TINY = 1e-300
 
 
 def exchange_areas(scene: Scene) -> FloatArray:
-    """(P, P) A_i F_ij of every pair of patches, exactly symmetric [m²].
+    """Return (P, P) A_i F_ij of every pair of patches, exactly symmetric [m²].
 
     Raises
     ------

@@ -11,13 +11,13 @@ from sim.frame.packed import Packed
 
 
 def reference_frame(model: FrameModel, codes: CodeArray, gain: float = 1.0) -> CodeArray:
-    """The projector's codes (H, W, 3) for a target's codes (H, W, 3) by the exact strategy, clamped."""
+    """Return the projector's codes (H, W, 3) for a target's codes (H, W, 3) by the exact strategy, clamped."""
     checked_frame(model, codes)
     return coded(model, wanted_light(model, codes, gain))
 
 
 def wanted_light(model: FrameModel, codes: CodeArray, gain: float = 1.0) -> FloatArray:
-    """(3, H, W) light of the projector's channels that gives the target exactly; not clamped."""
+    """Return (3, H, W) light of the projector's channels that gives the target exactly; not clamped."""
     target = (gain * model.target_scale[:, None] * model.eotf)[
         np.arange(CHANNELS)[:, None, None], np.moveaxis(codes, 2, 0)
     ]
@@ -30,7 +30,7 @@ def wanted_light(model: FrameModel, codes: CodeArray, gain: float = 1.0) -> Floa
 
 
 def patch_sums(model: FrameModel, light: FloatArray) -> FloatArray:
-    """(3, L) S light for light (3, H, W) of the bands, emission as of the first band."""
+    """Return (3, L) S light for light (3, H, W) of the bands, emission as of the first band."""
     rows = model.sum_rows
     patch = model.patch_runs.value[model.patch_runs.of_pixels(model.shape)[rows], 0].ravel()
     weight = model.emission.values[0][rows]
@@ -39,7 +39,7 @@ def patch_sums(model: FrameModel, light: FloatArray) -> FloatArray:
 
 
 def seen(model: FrameModel, irradiance: FloatArray) -> FloatArray:
-    """(3, H, W) irradiance (3, W) of the viewed patches, bilinear in each pixel's cell."""
+    """Return (3, H, W) irradiance (3, W) of the viewed patches, bilinear in each pixel's cell."""
     cells = model.cells
     corner = irradiance[:, cells.corners[cells.runs.value[cells.runs.of_pixels(model.shape), 0]]]
     x, y = cells.place / 255.0
@@ -49,7 +49,7 @@ def seen(model: FrameModel, irradiance: FloatArray) -> FloatArray:
 
 
 def coded(model: FrameModel, light: FloatArray) -> CodeArray:
-    """(H, W, 3) codes of linear light (3, H, W), clamped to the projector's range; 0 where nothing is steered."""
+    """Return (H, W, 3) codes of linear light (3, H, W), clamped to the range; 0 where nothing is steered."""
     height, width = model.shape
     codes = np.empty((height, width, CHANNELS), dtype=np.uint8)
     rows, columns = np.arange(height)[:, None] % DITHER_PX, np.arange(width) % DITHER_PX
@@ -61,7 +61,7 @@ def coded(model: FrameModel, light: FloatArray) -> CodeArray:
 
 
 def layers(numbers: Packed) -> FloatArray:
-    """(3, H, W) numbers of each band."""
+    """Return (3, H, W) numbers of each band."""
     return _three(numbers.values)
 
 

@@ -17,7 +17,7 @@ HIGH_SIDE_M = 3.2
 
 
 def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, reflectance: float = 0.7) -> Mesh:
-    """Build the paper's room under a ceiling that climbs from 2.4 m at x = 0 to 3.2 m at x = 4.8 m.
+    """Return the paper's room under a ceiling that climbs from 2.4 m at x = 0 to 3.2 m at x = 4.8 m.
 
     The walls at both ends of y are trapezoids; patches of all faces meet corner to corner. 576 patches at 0.4 m.
 
@@ -25,9 +25,14 @@ def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, re
     ----------
     patch_size_m : float
         Wanted patch size along the floor and the lowest wall; counts are rounded, at least 1. [m]
-    rotation : (3, 3), optional
+    rotation : (3, 3) array, optional
         Turns the whole room.
     reflectance : float
+        Of all faces, in [0, 1].
+
+    Returns
+    -------
+    Mesh
 
     Raises
     ------
@@ -51,7 +56,7 @@ def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, re
 
 
 def grid_of_quad(corners: ArrayLike, columns: int, rows: int) -> FloatArray:
-    """(rows * columns, 4, 3) patches of a flat quad, its sides cut into equal parts; columns along the first side."""
+    """Return (rows * columns, 4, 3) patches of a flat quad, its sides in equal parts; columns along the first side."""
     a, b, c, d = np.asarray(corners, dtype=np.float64)
     u, v = (axis[..., None] for axis in np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows))
     points = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
@@ -60,7 +65,7 @@ def grid_of_quad(corners: ArrayLike, columns: int, rows: int) -> FloatArray:
 
 
 def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance: float = 0.9) -> Mesh:
-    """Build a sphere seen from inside: an icosahedron's triangles, each cut into four `subdivisions` times.
+    """Return a sphere seen from inside: an icosahedron's triangles, each cut into four `subdivisions` times.
 
     The corners lie on the sphere; the flat triangles see a little more of their neighbours the finer they are:
     F_ij goes to A_j / (4 pi R²).
@@ -85,7 +90,7 @@ def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance
 
 
 def wedge(angle_degrees: float, length_m: float = 1.0, widths_m: Sequence[float] = (1.0, 1.0)) -> Mesh:
-    """Build two rectangles that share the edge of the given length along x and open by an angle.
+    """Return two rectangles that share the edge of the given length along x and open by an angle.
 
     Raises
     ------

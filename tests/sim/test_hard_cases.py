@@ -366,9 +366,9 @@ SENT = LENS.n_pixels / (LENS.focal_px[0] * LENS.focal_px[1])
 
 def test_half_lit_patches_get_the_light_that_lands_on_them(closed_room, measured):
     scene = paper_room()
-    by_area = coaxial_transport(scene, closed_room, LENS, POSE, "physical", "area")
+    by_area = coaxial_transport(scene, closed_room, LENS, POSE, convention="physical", emission_rule="area")
     measured("flux landed over flux sent, off 1", abs(landed(by_area, scene) / SENT - 1), 1e-12)
-    by_mean = coaxial_transport(scene, closed_room, LENS, POSE, "physical", "pixel_mean")
+    by_mean = coaxial_transport(scene, closed_room, LENS, POSE, convention="physical", emission_rule="pixel_mean")
     # Equation 5 takes half-lit patches for lit ones: light is created.
     created = landed(by_mean, scene) / SENT - 1
     measured("light created by equation 5", created, 0.3)
@@ -379,7 +379,7 @@ def test_half_lit_patches_get_the_light_that_lands_on_them(closed_room, measured
 def test_grazing_light_arrives_complete(closed_room, measured, height_m):
     scene = paper_room()
     pose = Pose.look_at((1.2, 1.3, height_m), (4.8, 3.9, height_m))
-    transport = coaxial_transport(scene, closed_room, LENS, pose, "physical", "area")
+    transport = coaxial_transport(scene, closed_room, LENS, pose, convention="physical", emission_rule="area")
     assert np.isfinite(transport.direct_matrix.data).all()
     assert (transport.direct_matrix.data >= 0).all()
     measured("flux landed over flux sent, off 1", abs(landed(transport, scene) / SENT - 1), 1e-12)

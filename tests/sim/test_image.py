@@ -121,7 +121,7 @@ def test_a_box_stops_the_segments_that_pass_through_it_and_no_others():
 def test_direct_light_on_a_wall_ahead_is_eq_9(convention):
     pose, distance = Pose.look_at((2.4, 1.2, 1.2), (2.4, 4.8, 1.2)), 3.6
     scene, picture = room(patch_size_m=0.8, reflectance=0.6), _picture()
-    image = simulate_image(scene, form_factors(scene), LENS, pose, picture, convention=convention)
+    image = simulate_image(scene, form_factors(scene), LENS, pose, projector_image=picture, convention=convention)
     cos_gamma = pixel_rays(LENS, pose)[..., 1]
     ahead = scene.region[image.pixel_patch] == 5
     wanted = 0.6 * picture * (cos_gamma if convention == "paper" else 1 / distance**2)
@@ -141,13 +141,13 @@ def test_a_constant_image_is_the_light_transport_times_the_picture(convention, e
             factors,
             lens,
             POSE,
-            picture,
+            projector_image=picture,
             convention=convention,
             emission=emission,
             reconstruction="patch",
             subsamples=2,
         )
-        T = coaxial_transport(scene, factors, lens, POSE, convention, emission)
+        T = coaxial_transport(scene, factors, lens, POSE, convention=convention, emission_rule=emission)
         E, B = T.radiosity_of(picture.ravel())
         assert np.allclose(image.emission, E, rtol=1e-8, atol=1e-12)
         assert np.allclose(image.radiosity, B, rtol=1e-8, atol=1e-12)
@@ -156,7 +156,7 @@ def test_a_constant_image_is_the_light_transport_times_the_picture(convention, e
 
 def test_all_light_of_the_projector_lands_on_the_patches():
     scene, picture = paper_room(patch_size_m=0.3), _picture()
-    image = simulate_image(scene, form_factors(scene), LENS, POSE, picture, convention="physical")
+    image = simulate_image(scene, form_factors(scene), LENS, POSE, projector_image=picture, convention="physical")
     landed = (image.emission / scene.reflectance * scene.areas).sum()
     assert landed == pytest.approx(picture.sum() / (LENS.focal_px[0] * LENS.focal_px[1]), rel=1e-12)
 
@@ -164,12 +164,15 @@ def test_all_light_of_the_projector_lands_on_the_patches():
 def test_a_mesh_gives_the_picture_of_the_scene_it_came_from():
     scene, picture = room_with_box(0.6), _picture()
     factors = form_factors(scene)
-    a, b = (simulate_image(s, factors, LENS, POSE, picture, reconstruction="patch") for s in (scene, _as_mesh(scene)))
+    a, b = (
+        simulate_image(s, factors, LENS, POSE, projector_image=picture, reconstruction="patch")
+        for s in (scene, _as_mesh(scene))
+    )
     assert np.array_equal(a.pixel_patch, b.pixel_patch)
     assert np.allclose(a.camera_image, b.camera_image, rtol=1e-9)
     empty = paper_room()
     factors = form_factors(empty)
-    a, b = (simulate_image(s, factors, LENS, POSE, picture) for s in (empty, _as_mesh(empty)))
+    a, b = (simulate_image(s, factors, LENS, POSE, projector_image=picture) for s in (empty, _as_mesh(empty)))
     assert np.abs(b.indirect / a.indirect - 1).max() < 0.1
     assert np.abs(b.indirect / a.indirect - 1).mean() < 0.005
 
@@ -178,9 +181,9 @@ def test_a_camera_apart_sees_direct_light_and_shadow_as_the_light_transport_has_
     beside = Pose.look_at((1.5, 1.0, 1.3), (2.4, 2.2, 1.1))
     scene, picture = room_with_box(0.8), _picture()
     factors = form_factors(scene)
-    T = physical_transport(scene, factors, LENS, POSE, BENT, beside)
+    T = physical_transport(scene, factors, LENS, POSE, camera_lens=BENT, camera_pose=beside)
     image = simulate_image(
-        scene, factors, LENS, POSE, picture, convention="physical", camera_lens=BENT, camera_pose=beside
+        scene, factors, LENS, POSE, projector_image=picture, convention="physical", camera_lens=BENT, camera_pose=beside
     )
     wanted = (T.direct @ picture.ravel()).reshape(BENT.shape)
     assert (wanted == 0).any()
@@ -231,9 +234,11 @@ def test_smooth_light_has_no_step_between_patches_of_a_wall(build):
     factors = form_factors(paper_room(patch_size_m=0.8))
     if surface.n_patches == factors.matrix.shape[0]:
         picture = np.ones(narrow.shape)
-        image = simulate_image(surface, factors, narrow, ahead, picture)
+        image = simulate_image(surface, factors, narrow, ahead, projector_image=picture)
         steps = np.abs(np.diff(image.indirect[1])) / image.indirect[1].mean()
-        flat = simulate_image(surface, factors, narrow, ahead, picture, reconstruction="patch").indirect[1]
+        flat = simulate_image(
+            surface, factors, narrow, ahead, projector_image=picture, reconstruction="patch"
+        ).indirect[1]
         assert np.abs(np.diff(flat)).max() / flat.mean() > 0.02
         assert steps.max() < 0.003
 
@@ -259,7 +264,7 @@ def test_pixels_get_what_the_numpy_references_say():
     for mesh in (_as_mesh(scene), _triangles(scene)):
         corners, values = fans(mesh, np.resize(means, mesh.n_patches))
         place = 0.2 * (rng.random((20, 30, 2)) - 0.5)
-        _kernel.shade_fan(patch, place, corners, values, out)
+        _kernel.shade_fan(patch, place, corners=corners, values=values, indirect=out)
         assert np.allclose(out.ravel(), fan_values(corners, values, patch.ravel(), place.reshape(-1, 2)), rtol=1e-9)
 
 
@@ -280,7 +285,8 @@ def test_a_black_patch_is_black_and_leaves_its_neighbours_as_they_are(reconstruc
     rho[black] = 0.0
     factors, dark = form_factors(white), white.with_reflectance(rho)
     with_black, without = (
-        simulate_image(scene, factors, LENS, POSE, picture, reconstruction=reconstruction) for scene in (dark, white)
+        simulate_image(scene, factors, LENS, POSE, projector_image=picture, reconstruction=reconstruction)
+        for scene in (dark, white)
     )
     here = with_black.pixel_patch == black
     assert here.any()
@@ -351,7 +357,9 @@ def test_gathered_and_smooth_pictures_meet_as_patches_shrink():
         scene = paper_room(patch_size_m=size_m)
         factors = form_factors(scene)
         final_gather, smooth = (
-            simulate_image(scene, factors, lens, POSE, np.ones(lens.shape), reconstruction=kind).indirect
+            simulate_image(
+                scene, factors, lens, POSE, projector_image=np.ones(lens.shape), reconstruction=kind
+            ).indirect
             for kind in ("gather", "smooth")
         )
         differences.append(np.sqrt(((final_gather / smooth - 1) ** 2).mean()))
@@ -389,7 +397,7 @@ def test_the_picture_is_the_path_tracers(hits_of_tracer, patch_size_m, bias_limi
     scene = paper_room(reflectance=float(hits_of_tracer["reflectance"]), patch_size_m=patch_size_m)
     factors, picture = form_factors(scene), np.ones(lens.shape)
     for reconstruction, rms_limit in rms_limits.items():
-        image = simulate_image(scene, factors, lens, pose, picture, reconstruction=reconstruction)
+        image = simulate_image(scene, factors, lens, pose, projector_image=picture, reconstruction=reconstruction)
         error = _blocks(image.camera_image) / means - 1
         assert abs(error.mean()) < bias_limit
         assert np.sqrt((error**2).mean()) < rms_limit
@@ -409,12 +417,12 @@ def test_wrong_choices_and_pictures_are_refused():
     factors, white = form_factors(scene), np.ones(LENS.shape)
     for wrong in ({"convention": "x"}, {"emission": "x"}, {"reconstruction": "x"}, {"subsamples": 0}):
         with pytest.raises(SimulationError, match=r"unknown|at least 1"):
-            simulate_image(scene, factors, LENS, POSE, white, **wrong)
+            simulate_image(scene, factors, LENS, POSE, projector_image=white, **wrong)
     for picture, message in ((white[1:], "shape"), (-white, "0 or more"), (white * np.nan, "0 or more")):
         with pytest.raises(SimulationError, match=message):
-            simulate_image(scene, factors, LENS, POSE, picture)
+            simulate_image(scene, factors, LENS, POSE, projector_image=picture)
     with pytest.raises(SimulationError, match="same surface"):
-        simulate_image(paper_room(), factors, LENS, POSE, white)
+        simulate_image(paper_room(), factors, LENS, POSE, projector_image=white)
     with pytest.raises(SimulationError, match="directions"):
         intersect(scene, (1, 1, 1), np.ones((3, 2)))
     folding = Lens(
@@ -425,4 +433,4 @@ def test_wrong_choices_and_pictures_are_refused():
         distortion=(-0.9, 0.0, 0.0, 0.0, 0.0),
     )
     with pytest.raises(SimulationError, match="fold the image over"):
-        simulate_image(scene, factors, folding, POSE, white)
+        simulate_image(scene, factors, folding, POSE, projector_image=white)

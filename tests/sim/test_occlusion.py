@@ -13,7 +13,7 @@ from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.form_factors.factors import ClosureWarning
 from sim.form_factors.occlusion import segments_blocked, visible_fraction, visible_fraction_of_pairs
-from sim.form_factors.visibility import visible_fraction_of_pairs as visible_by_rays
+from sim.form_factors.visibility import visible_fraction_of_pairs_by_rays as visible_by_rays
 from sim.geometry.mesh import Mesh
 from sim.scenes.library import paper_room, room_with_box
 

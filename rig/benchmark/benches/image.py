@@ -101,7 +101,7 @@ def _pictures(reference: Reference, pitch_m: float, size: Size) -> list[Point]:
             scene,
             factors,
             reference.lens,
-            pose=reference.pose,
+            reference.pose,
             projector_image=white,
             reconstruction=reconstruction,
             emission="area",

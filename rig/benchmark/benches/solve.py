@@ -196,7 +196,7 @@ def _iterations(system: System) -> Iterator[Method]:
 
 def _ours(system: System, name: str, solver: Solver = "conjugate_gradients", precision: Precision = "double") -> Method:
     def radiosity() -> Radiosity:
-        return Radiosity(system.factors, system.reflectance, TOLERANCE, solver=solver, precision=precision)
+        return Radiosity(system.factors, system.reflectance, tolerance=TOLERANCE, solver=solver, precision=precision)
 
     def described() -> Solved:
         found = radiosity().solution(system.E)

@@ -106,7 +106,7 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
                 csr_array(diags_array(seen * light)),
                 csr_array(diags_array(rho) @ emission),
                 Radiosity(factors, rho, solver="repeated"),
-                view=csr_array(diags_array(seen) @ view @ diags_array(1 / rho)),
+                csr_array(diags_array(seen) @ view @ diags_array(1 / rho)),
                 pixel_patch=hits.patch,
             )
         )

@@ -15,7 +15,7 @@ from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.light.transport_of_scene import bilinear
+from sim.geometry.interpolation import bilinear
 
 COLUMNS = 24
 """Control points of the attenuation across the picture."""
