@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
@@ -80,11 +80,11 @@ def emulate(
 
     Example: sudo rig emulate --picture photograph.png
     """
-    from rig.emulated.commands import run_emulated
+    from rig.emulated.commands import PluggedCamera, run_emulated
 
-    def ready(found: dict[str, Any]) -> None:
-        text = "{node} is an emulated camera, {device_id}; it sees {display}. Type help or quit.".format(**found)
-        print(json.dumps(found) if as_json else text, flush=True)
+    def ready(found: PluggedCamera) -> None:
+        text = f"{found.node} is an emulated camera, {found.device_id}; it sees {found.display}. Type help or quit."
+        print(json.dumps(found.as_json()) if as_json else text, flush=True)
 
     run_emulated(profile, display, picture, ready, lambda text: print(text, file=sys.stderr, flush=True))
     return 0

@@ -5,13 +5,15 @@ from __future__ import annotations
 import select
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 
 from rig.emulated.rig import EmulatedRig, OpenableDisplay, load_modules, open_display, still, wait_for_camera
 from rig.profile.schema import Profile, load_profile
+from rig.records import Record
 from rig.stages.target import load_target
 
 COMMANDS = {
@@ -29,11 +31,21 @@ COMMANDS = {
 _COUNTERS = {"drop": "dropped_frames", "short": "short_frames", "error": "error_frames", "repeat": "duplicate_frames"}
 
 
+@dataclass(frozen=True, slots=True)
+class PluggedCamera(Record):
+    """The emulated camera, as the kernel has it."""
+
+    node: Path
+    device_id: str
+    display: str
+    """What it sees: an output's name, or the picture's file."""
+
+
 def run_emulated(
     profile_name: str,
     display: str | None,
     picture: Path | None,
-    on_ready: Callable[[dict[str, Any]], None],
+    on_ready: Callable[[PluggedCamera], None],
     tell: Callable[[str], None],
     commands: TextIO | None = None,
 ) -> None:
@@ -46,7 +58,7 @@ def run_emulated(
     picture
         Still picture instead of a display.
     on_ready
-        Called once with ``node``, ``device_id``, ``display`` and ``formats``.
+        Called once the kernel has the camera.
     tell
         Called with lines for a person.
     commands
@@ -62,7 +74,7 @@ def run_emulated(
     load_modules()
     with EmulatedRig(profile=profile, display=shown, note=tell) as rig:
         found = wait_for_camera(profile)
-        on_ready({"node": str(found.node), "device_id": found.device_id, "display": name})
+        on_ready(PluggedCamera(node=found.node, device_id=found.device_id, display=name))
         for line in _typed(commands or sys.stdin):
             answer = obey(rig, line)
             if answer is None:

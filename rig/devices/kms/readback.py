@@ -205,7 +205,7 @@ def _copied(card: Card, framebuffer: abi.Framebuffer, shown: _Shown) -> NDArray[
             f"{card.name}: the picture lies in memory that cannot be mapped ({error.strerror}); it cannot be read back"
         ) from error
     with memory:
-        pixels = as_pixels(memory, start, shown.height_px, shown.width_px, pitch)
+        pixels = as_pixels(memory, (shown.height_px, shown.width_px), pitch, start)
         picture = np.asarray(cv2.cvtColor(pixels, _TO_RGB[framebuffer.pixel_format]), dtype=np.uint8)
         del pixels
     return picture

@@ -176,7 +176,9 @@ class VendorControls:
 
     def _ask(self, selector: int, query: Query, data: bytes) -> bytes:
         buffer = ctypes.create_string_buffer(data, max(1, len(data)))
-        request = XuControlQuery(self._unit_id, selector, query, len(data), ctypes.addressof(buffer))
+        request = XuControlQuery(
+            unit=self._unit_id, selector=selector, query=query, size=len(data), data=ctypes.addressof(buffer)
+        )
         try:
             self._ioctl(self._descriptor, UVCIOC_CTRL_QUERY, request)
         except OSError as error:

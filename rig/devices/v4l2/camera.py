@@ -13,7 +13,7 @@ from rig.devices.v4l2.controls import EXPOSURE_STEP_S, Setting, mismatch, read_c
 from rig.devices.v4l2.describe import ControlAbility
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.devices.v4l2.formats import layout_of, pixel_format
-from rig.devices.v4l2.frames import Frames, Seen
+from rig.devices.v4l2.frames import Frames, FrameSearch
 from rig.devices.v4l2.node import STALLED, Node
 from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
 from rig.devices.v4l2.setup import (
@@ -264,7 +264,7 @@ class V4l2Camera:
             )
 
     def _frame_within(self, opened: _Opened, after_s: float, when: str) -> RawFrame:
-        seen = Seen()
+        seen = FrameSearch()
         frame = self._next_frame(opened, after_s, self._limit_s(opened), seen)
         if frame is None:
             raise CaptureTimeout(f"{self._name}: no frame {when}: {seen}; plug the camera in again")
@@ -282,7 +282,7 @@ class V4l2Camera:
         """
         until_s = self._clock.now_s() + timeout_s
         with self._opened_for("capturing") as opened:
-            seen = Seen()
+            seen = FrameSearch()
             after_s = max(after_s, opened.valid_from_s)
             frame = self._next_frame(opened, after_s, until_s, seen)
             if frame is None:
@@ -307,7 +307,7 @@ class V4l2Camera:
             self.close()
             raise
 
-    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: Seen) -> RawFrame | None:
+    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: FrameSearch) -> RawFrame | None:
         """The next good frame that began after a time; a stream that breaks is started again, once."""
         try:
             return opened.frames.next(after_s, until_s, opened.exposure_s, seen)

@@ -23,7 +23,7 @@ import socket
 import sys
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 EVENT_PERIOD_MS = 20
 AWAKE_PERIOD_S = 10.0
@@ -31,6 +31,8 @@ SETTLE_S = 3.0
 """How long a window manager may take to give the window the whole monitor."""
 _PACKET_BYTES = 1 << 16
 _GONE = "it was unplugged or switched off; connect it and open the rig again"
+Message: TypeAlias = dict[str, Any]
+"""One JSON object, as it goes between the two processes."""
 
 
 class ScreenProblem(Exception):
@@ -292,7 +294,7 @@ class Server:
             self._answer({"problem": problem.kind, "message": str(problem)})
             self._next_request(None)  # the rig reads it as the answer to that
 
-    def _next_request(self, window: Window | None) -> dict[str, Any] | None:
+    def _next_request(self, window: Window | None) -> Message | None:
         """The rig's next request; None when it is gone. Answers the window's events meanwhile."""
         while os.getppid() == self.parent:
             if select.select([self.link], [], [], EVENT_PERIOD_MS / 1000)[0]:
@@ -301,13 +303,13 @@ class Server:
                 window.check()
         return None
 
-    def _receive(self) -> dict[str, Any] | None:
+    def _receive(self) -> Message | None:
         with contextlib.suppress(ConnectionResetError):
             packet = self.link.recv(_PACKET_BYTES)
             return json.loads(packet) if packet else None
         return None
 
-    def _answer(self, message: dict[str, Any]) -> None:
+    def _answer(self, message: Message) -> None:
         with contextlib.suppress(BrokenPipeError):
             self.link.send(json.dumps(message).encode())
 

@@ -11,7 +11,7 @@ import pytest
 from rig.devices.clock import VirtualClock
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.formats import PIXEL_FORMATS, Layout
-from rig.devices.v4l2.frames import Fingerprint, Frames, Seen
+from rig.devices.v4l2.frames import Fingerprint, Frames, FrameSearch
 from rig.devices.v4l2.node import Node, device_error
 from rig.devices.v4l2.stream import BUFFERS, Stream, StreamBroken
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
@@ -105,8 +105,8 @@ def frames_of(stream: Stream, node: ScriptNode, *, name: str = "GREY", exposes_a
     )
 
 
-def next_frame(frames: Frames, *, after_s: float = 0.0, until_s: float = 200.0, seen: Seen | None = None):
-    return frames.next(after_s, until_s, EXPOSURE_S, seen or Seen())
+def next_frame(frames: Frames, *, after_s: float = 0.0, until_s: float = 200.0, seen: FrameSearch | None = None):
+    return frames.next(after_s, until_s, EXPOSURE_S, seen or FrameSearch())
 
 
 def regular(*sequences: int) -> list[Step]:
@@ -244,7 +244,7 @@ class TestFrames:
     def test_a_frame_never_claims_to_have_begun_later_than_it_may_have(
         self, node: ScriptNode, stream: Stream, flags: int, name: str, earlier_s: float
     ) -> None:
-        seen = Seen()
+        seen = FrameSearch()
         node.steps = [Step(sequence=0, stamp_s=100.5, flags=flags)]
         assert next_frame(frames_of(stream, node, name=name), after_s=101.0, until_s=100.6, seen=seen) is None
         assert seen.early_s == pytest.approx(101.0 - (100.5 - earlier_s))
@@ -265,7 +265,7 @@ class TestFrames:
     def test_bad_frames_are_passed_over_told_and_counted_as_lost(
         self, node: ScriptNode, stream: Stream, bad: dict[str, int], told: str
     ) -> None:
-        seen = Seen()
+        seen = FrameSearch()
         node.steps = [*regular(0), Step(sequence=1, stamp_s=100.04, **bad), *regular(2, 3)]
         frames = frames_of(stream, node)
         assert [next_frame(frames, seen=seen).lost for _ in range(3)] == [0, 1, 0]
@@ -302,7 +302,7 @@ class TestFrames:
     def test_a_frame_whose_stamp_came_late_is_not_trusted_and_the_next_one_is(
         self, node: ScriptNode, stream: Stream
     ) -> None:
-        seen = Seen()
+        seen = FrameSearch()
         frames = frames_of(stream, node)
         node.steps = [*regular(0, 1, 2), Step(sequence=3, stamp_s=100 + 3.6 * PERIOD_S), *regular(4, 5)]
         got = [next_frame(frames, seen=seen) for _ in range(5)]
