@@ -12,7 +12,7 @@ from cyclopts import App, Parameter
 from rig.cli.options import Json, names_of, print_json
 from rig.errors import UsageError
 
-profile_app = App(name="profile", help="Write and check hardware profiles.")
+profile_app = App(name="profile", help="Write, check and upgrade hardware profiles.")
 
 
 def devices(
@@ -107,6 +107,25 @@ def profile_check(*files: str, as_json: Json = False) -> int:
         for one in checked:
             print("\n".join(one.problems) if one.problems else one.summary)
     return 0 if all(one.ok for one in checked) else 2
+
+
+@profile_app.command(name="upgrade")
+def profile_upgrade(
+    path: Annotated[Path, Parameter(help="Profile of an older version (.toml).")], *, as_json: Json = False
+) -> int:
+    """Rewrite a profile of an older version as this one reads it; comments stay, the old file is kept beside it.
+
+    Example: rig profile upgrade lab.toml
+    """
+    from rig.profile.upgrade import upgrade_profile
+
+    upgraded = upgrade_profile(path)
+    if as_json:
+        print_json(upgraded.as_json())
+    else:
+        print(upgraded.diff)
+        print(f"{upgraded.path}: upgraded; the old file is {upgraded.backup}")
+    return 0
 
 
 @profile_app.command(name="new")

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
@@ -110,14 +109,3 @@ def best_output_mode(modes: Iterable[OutputMode], facts: ProjectorFacts | None =
         size = (facts.width_px.value, facts.height_px.value)
         known = [mode for mode in known if (mode.width_px, mode.height_px) == size] or known
     return next((mode for mode in known if mode.preferred), known[0] if known else None)
-
-
-def toml_value(value: Any) -> str:
-    """A number, text, truth value or list of numbers as TOML."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(toml_value(one) for one in value) + "]"
-    return f"{value:.9g}" if isinstance(value, float) and not value.is_integer() else repr(value)

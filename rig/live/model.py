@@ -91,10 +91,10 @@ def target_curve(*, is_linear: bool) -> FloatArray:
 
 def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
     """A room of the profile's size with a projector in a usual place: nothing measured, for trying out."""
-    size_m = profile.room.size_m or _GUESSED_SIZE_M
+    size_m = profile.box.size_m or _GUESSED_SIZE_M
     settings = profile.projector
     lens = Lens.from_horizontal_field_of_view(settings.width_px, settings.height_px, settings.hfov_deg)
-    transport, active = guessed_transport(size_m, profile.room.patch_size_m, lens)
+    transport, active = guessed_transport(size_m, profile.box.patch_size_m, lens)
     white = transport @ np.ones(transport.shape[1])
     frames = frame_model(
         transport,

@@ -129,7 +129,7 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
     settings = {
         "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
         "scale": profile.scale.model_dump(),
-        "room": profile.room.model_dump(exclude={"patch_size_m"}),
+        "room": profile.box.model_dump(exclude={"patch_size_m"}),
     }
     step = session.step("geometry", settings=settings, needs=("correspondence",))
     if step.done:
@@ -148,11 +148,11 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
         camera_xy,
         projector_xy,
         nominal,
-        right_angles=profile.room.right_angles,
+        right_angles=profile.box.right_angles,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     pair = _in_metres(pair, profile)
-    box = room_from_stereo(pair, profile.room.size_m, profile.room.closed)
+    box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
     step.save_record("geometry", _record(pair, box))
     step.finish()
 

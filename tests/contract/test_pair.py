@@ -85,7 +85,7 @@ def test_a_stale_frame_is_never_accepted(simulated: Profile, flat: Flat) -> None
 def test_a_frame_that_is_not_waited_for_would_show_the_old_picture(simulated: Profile, flat: Flat) -> None:
     """The twin has the fault that the rig protects from: without the latency, black is still white."""
     projector = simulated.projector.model_copy(update={"latency_s": 0.0})
-    with open_rig(simulated.model_copy(update={"projector": projector})) as rig:
+    with open_rig(simulated.with_device(projector)) as rig:
         white = rig.shoot(flat(rig, "white"), name="white")
         for _ in range(4):
             white = rig.shoot(flat(rig, "white"), name="white")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 
+from rig.devices.driver_settings import PjlinkSettings
 from rig.devices.network.pjlink import Pjlink, Power
 from rig.devices.protocols import Clock, Codes, Projector, Shown, check_on_screen
 from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
@@ -122,7 +123,7 @@ class PoweredProjector:
             self._control.select_input(self._input_code)
         except SettingRefused as error:
             known = ", ".join(self._control.inputs())
-            raise SettingRefused(f"{error}; pjlink.input may be one of {known}") from error
+            raise SettingRefused(f"{error}; projector.pjlink.input may be one of {known}") from error
         return False
 
     def _is_open(self) -> bool:
@@ -134,3 +135,14 @@ class PoweredProjector:
             return True
         self._control.set_mute(False)
         return False
+
+
+def from_profile(display: Projector, settings: PjlinkSettings, password: str | None, clock: Clock) -> PoweredProjector:
+    """Make a projector that its table [projector.pjlink] switches on, closed."""
+    return PoweredProjector(
+        display,
+        Pjlink(settings.host, settings.port, password),
+        input_code=settings.input,
+        warm_up_timeout_s=settings.warm_up_timeout_s,
+        clock=clock,
+    )

@@ -20,7 +20,7 @@ PATIENCE_S = 0.5
 
 def with_generous_latency(profile: Profile, latency_s: float = PATIENCE_S) -> Profile:
     """The profile with another latency: the promised one is to be checked, not trusted."""
-    return profile.model_copy(update={"projector": profile.projector.model_copy(update={"latency_s": latency_s})})
+    return profile.with_device(profile.projector.model_copy(update={"latency_s": latency_s}))
 
 
 def find_subject(rig: Rig) -> RigUnderTest:

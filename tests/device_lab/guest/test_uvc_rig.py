@@ -23,9 +23,10 @@ from tests.rig.emulated.numbered_pictures import PatternSource, encode_picture, 
 LAMP_SHAPE = (12, 16)
 EXPOSURE_S = 0.01
 PROFILE = """
-schema = 1
+schema = 2
 name = "lab"
-[camera]
+[[camera]]
+name = "camera"
 driver = "v4l2"
 device_id = "usb-1209:0001-LAB1"
 pixel_format = "GREY"
@@ -36,7 +37,8 @@ frame_rate_hz = 30.0
 exposure_range_s = [0.001, 0.1]
 exposure_s = 0.01
 hfov_deg = 60.0
-[projector]
+[[projector]]
+name = "projector"
 driver = "kms"
 output = "HDMI-A-1"
 width_px = 16
@@ -44,9 +46,11 @@ height_px = 12
 refresh_rate_hz = 60.0
 latency_s = 0.25
 hfov_deg = 40.0
-[room]
+[surface]
+kind = "box"
 closed = true
-[scale]
+[[scale]]
+between = ["camera", "projector"]
 baseline_m = 0.5
 [timing]
 timeout_s = 1.0

@@ -83,9 +83,9 @@ class Checked:
         codes: Callable[[Codes], Codes] = lambda codes: codes,
     ):
         profile = profile_of(*changes)
-        camera, projector, clock = make_devices(profile)
-        self.projector = ChangedProjector(projector, codes)
-        with Rig(with_generous_latency(profile), ChangedCamera(camera, pixels), self.projector, clock) as rig:
+        made = make_devices(profile)
+        self.projector = ChangedProjector(made.projector, codes)
+        with Rig(with_generous_latency(profile), ChangedCamera(made.camera, pixels), self.projector, made.clock) as rig:
             rig.set_exposure(profile.camera.exposure_s)
             self.result = check_rig(rig, profile, silent, [part for part in PARTS if part in only] or PARTS)
         json.dumps(self.result, allow_nan=False)

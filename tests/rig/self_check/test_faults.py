@@ -77,8 +77,8 @@ def test_frames_that_claim_an_exposure_that_they_do_not_have_are_found() -> None
             return replace(frame, exposure_s=self.wanted_s)
 
     profile = profile_of(("stale_frame_rate = 0.02", "exposure_delay_frames = 2"))
-    camera, projector, clock = make_devices(profile)
-    with Rig(with_generous_latency(profile), Lying(camera), projector, clock) as rig:
+    made = make_devices(profile)
+    with Rig(with_generous_latency(profile), Lying(made.camera), made.projector, made.clock) as rig:
         result = check_rig(rig, profile, silent, ["pipeline"])
     rows = {row["what"]: row for row in result["checks"]}
     assert rows["frames that claim the new exposure and show the old"]["value"] == 8
