@@ -6,7 +6,6 @@ Exit status: 0 ok, 1 outside limits, 2 usage or profile, 3 device, 4 session, 13
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Literal
@@ -285,7 +284,7 @@ def check(
     with TerminalProgress() as progress:
         result = run_check(profile, progress, _names(only) if only else ())
     if report is not None:
-        result = replace(result, report=str(write_check_page(result, report)))
+        result = result.with_report(write_check_page(result, report))
     print_json(result.as_json()) if as_json else print_check(result)
     return 0 if result.within_limits else 1
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import PurePath
 from typing import Generic, TypeVar
 
 from rig.records import JsonObject, Record, Verdict, all_met, json_of
@@ -59,6 +60,10 @@ class SelfCheck(Record):
     def within_limits(self) -> bool:
         """Whether all limits are kept."""
         return all_met(tuple(verdict for _, verdict in self.rows))
+
+    def with_report(self, path: PurePath) -> SelfCheck:
+        """Return the check with the page that was written of it."""
+        return replace(self, report=str(path))
 
     def as_json(self) -> JsonObject:
         """All that was measured; `checks` are the verdicts, each with its part."""
