@@ -48,7 +48,7 @@ class Axes:
 
 
 @dataclass(frozen=True, eq=False)
-class SurfacePoints:
+class ViewedPoints:
     """Triangulated points with what they were seen by, one row each."""
 
     points: FloatArray
@@ -60,16 +60,16 @@ class SurfacePoints:
     projector_xy_px: FloatArray
     """(N, 2) [px]"""
 
-    def chosen(self, rows: IntArray) -> SurfacePoints:
+    def chosen(self, rows: IntArray) -> ViewedPoints:
         """Return some of the points."""
-        return SurfacePoints(self.points[rows], self.rays[rows], self.camera_xy_px[rows], self.projector_xy_px[rows])
+        return ViewedPoints(self.points[rows], self.rays[rows], self.camera_xy_px[rows], self.projector_xy_px[rows])
 
     def error_px(self, transfer: Transfer, plane: FloatArray) -> FloatArray:
         """(N,) distance of each point's projector pixel from where the plane would have it. [px]."""
         return np.asarray(np.linalg.norm(transfer(self.rays, plane) - self.projector_xy_px, axis=1))
 
 
-def segment_planes(seen: SurfacePoints, transfer: Transfer, usable: BoolArray) -> FloatArray:
+def segment_planes(seen: ViewedPoints, transfer: Transfer, usable: BoolArray) -> FloatArray:
     """Find flat walls one after the other, by sequential RANSAC with a fixed seed.
 
     Neighbouring points (in the camera's picture) make a plane; its points are those whose correspondence it
@@ -77,7 +77,7 @@ def segment_planes(seen: SurfacePoints, transfer: Transfer, usable: BoolArray) -
 
     Parameters
     ----------
-    seen : SurfacePoints
+    seen : ViewedPoints
         N points.
     transfer : Transfer
         From the camera's rays to the projector by a plane.
@@ -111,7 +111,7 @@ def segment_planes(seen: SurfacePoints, transfer: Transfer, usable: BoolArray) -
     return np.array(planes).reshape(-1, 3)
 
 
-def _best_plane(seen: SurfacePoints, transfer: Transfer, random: np.random.Generator) -> FloatArray | None:
+def _best_plane(seen: ViewedPoints, transfer: Transfer, random: np.random.Generator) -> FloatArray | None:
     best, best_count = None, 0
     test = seen.chosen(random.permutation(len(seen.points))[:_TESTED])
     for _ in range(_TRIALS):
@@ -132,7 +132,7 @@ def _best_plane(seen: SurfacePoints, transfer: Transfer, random: np.random.Gener
     return best
 
 
-def _trial_plane(seen: SurfacePoints, random: np.random.Generator) -> FloatArray | None:
+def _trial_plane(seen: ViewedPoints, random: np.random.Generator) -> FloatArray | None:
     """(3,) plane through some points around one that is drawn; None where too few lie around it."""
     xy = seen.camera_xy_px
     first = int(random.integers(len(xy)))

@@ -28,7 +28,7 @@ from calibration.geometry.epipolar import (
 )
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, PlanarScene, adjust, rays_of, transfer_of
-from calibration.geometry.planes import Axes, SurfacePoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.geometry.triangulation import triangulate
 
 MIN_POINTS = 500
@@ -237,7 +237,7 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, rig
 def _planes_of(devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray) -> FloatArray:
     a, b = x1[:_FEW], x2[:_FEW]
     found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
-    seen = SurfacePoints(found.points_m, rays_of(devices[0], a), a, b)
+    seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
     return segment_planes(seen, transfer_of(devices[1]), found.in_front)
 
 

@@ -16,7 +16,7 @@ _LEAST_BASELINE_M = 1e-6
 _LEAST_ANGLE_RAD = 1e-4
 """Between the two rays of a point: below, an error of a tenth of a pixel moves it by more than its distance."""
 _UNDISTORTIONS = 40
-"""Rounds of the inverse of distortion: a published camera's k3 of -1 leaves 1e-7 px after them."""
+"""Rounds of the inverse of distortion: twice what a strong lens (k3 = -1) needs for the last digit."""
 _NEIGHBOURS_PX, _NEIGHBOURS_AGREE = 3, 0.01
 """On a surface that is not seen edge-on some of the 48 pixels around are decoded, at nearly the same distance."""
 

@@ -34,7 +34,7 @@ _ITERATIONS = 60
 """Of the light's way to and fro: at a mean reflectance of 0.8 what is left after them is 1e-6."""
 
 
-class Source(IntEnum):
+class ReflectanceSource(IntEnum):
     """What a patch's reflectance rests on."""
 
     DIRECT = 0
@@ -52,7 +52,7 @@ class ReflectanceFit:
     reflectance: FloatArray
     """(P,). [1]"""
     source: NDArray[np.uint8]
-    """(P,) Source codes."""
+    """(P,) ReflectanceSource codes."""
     flux: float
     """κ. [camera unit]"""
     unseen_reflectance: float
@@ -125,9 +125,10 @@ def estimate_reflectance(
     rho, irradiance_global = problem.solve(flux, unseen)
     relative = np.log(global_light[fitted] / np.maximum(rho[fitted] * irradiance_global[fitted], 1e-12))
     deviation = np.sqrt(np.diag(np.linalg.pinv(result.jac.T @ result.jac)))
+    unlit = np.where(seen, ReflectanceSource.GLOBAL, ReflectanceSource.UNSEEN)
     return ReflectanceFit(
         reflectance=rho,
-        source=np.where(lit, Source.DIRECT, np.where(seen, Source.GLOBAL, Source.UNSEEN)).astype(np.uint8),
+        source=np.where(lit, ReflectanceSource.DIRECT, unlit).astype(np.uint8),
         flux=flux,
         unseen_reflectance=unseen,
         global_rms=float(np.sqrt(np.mean(relative**2))),

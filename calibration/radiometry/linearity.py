@@ -10,7 +10,7 @@ from calibration.arrays import FloatArray
 
 
 @dataclass(frozen=True, kw_only=True)
-class Linearity:
+class StraightLine:
     """A straight line through signals over exposure, by least squares."""
 
     slope: float
@@ -25,7 +25,7 @@ class Linearity:
     """Standard error of the slope, from the scatter about the line. [dn/s]"""
 
 
-def fit_linearity(exposures: FloatArray, signals: FloatArray) -> Linearity:
+def fit_linearity(exposures: FloatArray, signals: FloatArray) -> StraightLine:
     """Fit a straight line to signals over exposure, or over time.
 
     Parameters
@@ -37,7 +37,7 @@ def fit_linearity(exposures: FloatArray, signals: FloatArray) -> Linearity:
 
     Returns
     -------
-    Linearity
+    StraightLine
         The line, and how far the signals lie off it.
 
     References
@@ -50,7 +50,7 @@ def fit_linearity(exposures: FloatArray, signals: FloatArray) -> Linearity:
     residual = signals - slope * exposures - intercept
     squares = float((residual**2).sum())
     spread = float(((signals - signals.mean()) ** 2).sum())
-    return Linearity(
+    return StraightLine(
         slope=slope,
         intercept=intercept,
         residual_share=float(np.abs(residual).max() / signals.max()),

@@ -56,6 +56,7 @@ def transfer_points(
     *,
     range_dn: tuple[float, float] = (-np.inf, np.inf),
     bins: int = _BINS,
+    least_span_dn: float = 0.0,
 ) -> TransferPoints:
     """Group the pixels of two frames of the same light by level.
 
@@ -68,6 +69,9 @@ def transfer_points(
         that would be cut off at 0.
     bins : int
         Groups of about equally many pixels.
+    least_span_dn : float
+        Groups are made at least so wide. Of two whole numbers whose sum is odd the difference is odd, so groups that
+        are narrower than some steps of a coarse camera have variances that jump from one to the next. [dn]
 
     Returns
     -------
@@ -79,13 +83,22 @@ def transfer_points(
     inside = (mean > range_dn[0]) & (mean < range_dn[1])
     if not inside.any():
         return joined([])
-    edges = np.quantile(mean[inside], np.linspace(0, 1, bins + 1))
-    group = np.clip(np.searchsorted(edges, mean[inside]) - 1, 0, bins - 1)
-    counts = np.bincount(group, minlength=bins)
+    edges = _apart(np.quantile(mean[inside], np.linspace(0, 1, bins + 1)), least_span_dn)
+    group = np.clip(np.searchsorted(edges, mean[inside]) - 1, 0, len(edges) - 2)
+    counts = np.bincount(group)
     full = counts > _LEAST_PIXELS
-    signals = np.bincount(group, mean[inside], bins)[full] / counts[full]
-    variances = np.bincount(group, variance[inside], bins)[full] / counts[full]
+    signals = np.bincount(group, mean[inside])[full] / counts[full]
+    variances = np.bincount(group, variance[inside])[full] / counts[full]
     return TransferPoints(signals, variances, counts[full].astype(np.float64))
+
+
+def _apart(edges: FloatArray, least: float) -> FloatArray:
+    """Leave out edges that are nearer than that to the one before; the first and the last stay."""
+    kept = [edges[0]]
+    for edge in edges[1:-1]:
+        if edge - kept[-1] >= least and edges[-1] - edge >= least:
+            kept.append(edge)
+    return np.array([*kept, edges[-1]])
 
 
 def joined(parts: list[TransferPoints]) -> TransferPoints:

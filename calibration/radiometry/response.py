@@ -91,7 +91,7 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
     if (np.diff(linear) <= 0).any():
         raise CalibrationError(
             "camera response: the curve found does not rise everywhere; the exposures that the camera tells "
-            "are wrong, or the light changed during the sweep"
+            "are wrong, the light changed during the sweep, or the camera's gamma is on: switch it off"
         )
     rate = np.where(usable, y + _shape_terms(y) @ a, np.nan) / times[:, None]
     counted = np.isfinite(rate).sum(axis=0) >= 2

@@ -58,9 +58,9 @@ def check(
     with TerminalProgress() as progress:
         result = run_check(profile, progress, names_of(only) if only else ())
     if report is not None:
-        result["report"] = str(write_check_page(result, report))
-    print_json(result) if as_json else print_check(result)
-    return 0 if result["within_limits"] else 1
+        result = result.with_report(write_check_page(result, report))
+    print_json(result.as_json()) if as_json else print_check(result)
+    return 0 if result.within_limits else 1
 
 
 def emulate(

@@ -17,8 +17,8 @@ from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.loop import LiveLoop, LoopArguments
 from rig.live.sources.source import Pixels
 from rig.profile.schema import Profile
-from rig.self_check.parts.exposure import find_subject, with_generous_latency
-from rig.self_check.parts.latency import check_latency
+from rig.self_check.parts.exposure import prepare_rig, with_generous_latency
+from rig.self_check.parts.latency import measure_latency
 
 
 class LivePath:
@@ -73,13 +73,13 @@ def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
     flashing = Rig(rig.profile, rig.camera, path, rig.clock)
     with flashing:
         flashing.set_exposure(rig.profile.camera.exposure_s)
-        found = check_latency(find_subject(flashing)).numbers
+        found = measure_latency(prepare_rig(flashing))
     return {
-        "p50": 1000 * found["median"],
-        "p99": 1000 * float(np.quantile(found["values_s"], 0.99)),
-        "max": 1000 * found["max"],
-        "flashes": len(found["values_s"]),
-        "unseen": 1000 * found["unseen_s"],
+        "p50": 1000 * found.median,
+        "p99": 1000 * float(np.quantile(found.values_s, 0.99)),
+        "max": 1000 * found.max,
+        "flashes": len(found.values_s),
+        "unseen": 1000 * found.unseen_s,
     }
 
 

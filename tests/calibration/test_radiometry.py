@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
+from calibration.radiometry.photon_transfer import fit_photon_transfer, joined, linearised, transfer_points
 from calibration.radiometry.response import (
     Response,
     codes_from_linear,
     fit_camera_response,
     fit_channel_responses,
     fit_projector_response,
+    ideal_levels,
+    ideal_slope,
+    light_of_levels,
     linear_from_codes,
 )
 
@@ -95,6 +98,64 @@ def test_gain_and_read_noise_come_from_two_frames_of_the_same_light(rounds: int)
     # Rounding adds 1/12 dn² to each frame.
     expected_dn = np.sqrt((READ_NOISE_E * FULL_SCALE_DN / FULL_WELL_E) ** 2 + 1 / 12)
     assert noise.read_noise_dn == pytest.approx(expected_dn, abs=0.35)
+
+
+def test_the_stated_error_of_the_gain_is_that_of_many_repeats() -> None:
+    fits = [fit_photon_transfer(transfer_points(*exposed(linear, SWEEP, seed=seed))) for seed in range(12)]
+    errors = [abs(fit.gain_e_per_dn - FULL_WELL_E / FULL_SCALE_DN) / fit.gain_sigma_e_per_dn for fit in fits]
+    assert max(errors) < 4
+    assert np.mean([fit.chi2 for fit in fits]) < 3
+
+
+@pytest.mark.parametrize("curve", [exponential, hyperbolic, expanding])
+def test_a_curve_and_rounding_are_taken_out_of_the_photon_transfer(curve: Curve) -> None:
+    first, second = exposed(curve, SWEEP, n=40000)
+    response = fit_camera_response((first + second) / 2, SWEEP, FULL_SCALE_DN)
+    points = transfer_points(first, second, range_dn=(-np.inf, 0.9 * FULL_SCALE_DN))
+    transfer = fit_photon_transfer(linearised(points, response))
+    assert transfer.gain_e_per_dn == pytest.approx(FULL_WELL_E / FULL_SCALE_DN, rel=0.03)
+    assert transfer.read_noise_e == pytest.approx(READ_NOISE_E, rel=0.05)
+    assert transfer.chi2 < 1
+    assert fit_photon_transfer(points).chi2 > 3
+
+
+def test_groups_of_several_pairs_count_as_one() -> None:
+    first, second = exposed(linear, SWEEP)
+    parts = [transfer_points(a, b, bins=4) for a, b in zip(first, second, strict=True)]
+    assert joined(parts).signals.tolist() == [signal for part in parts for signal in part.signals]
+    assert len(joined([]).signals) == 0
+
+
+def swept(curve: Curve) -> np.ndarray:
+    """(8, 200) levels of one brightness at eight exposures."""
+    return FULL_SCALE_DN * np.outer(curve(0.8 * np.arange(1, 9) / 8), np.ones(200))
+
+
+def srgb(x: np.ndarray) -> np.ndarray:
+    return np.where(x < 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
+
+
+def test_the_curve_of_a_camera_that_encodes_srgb_is_undone() -> None:
+    levels, exposures = swept(srgb), np.arange(1, 9)
+    light = light_of_levels(fit_camera_response(levels, exposures, FULL_SCALE_DN), levels[:, 0])
+    assert 8 * light / light[-1] == pytest.approx(exposures, rel=1e-3)
+
+
+def test_a_gamma_without_any_slope_at_zero_is_refused_and_named() -> None:
+    with pytest.raises(CalibrationError, match="gamma"):
+        fit_camera_response(swept(lambda x: x ** (1 / 2.2)), np.arange(1, 9), FULL_SCALE_DN)
+
+
+def test_an_ideal_camera_keeps_0_and_full_scale() -> None:
+    first, second = exposed(hyperbolic, SWEEP)
+    response = fit_camera_response((first + second) / 2, SWEEP, FULL_SCALE_DN)
+    assert ideal_levels(response, np.array([0.0, FULL_SCALE_DN])) == pytest.approx([0, FULL_SCALE_DN])
+    levels = np.linspace(10, 3900, 50)
+    slope = (ideal_levels(response, levels + 1) - ideal_levels(response, levels - 1)) / 2
+    assert ideal_slope(response, levels) == pytest.approx(slope, rel=0.01)
+    assert ideal_levels(response, np.array([-20.0])) == pytest.approx(
+        -20 * ideal_slope(response, np.array([0.0])), rel=0.01
+    )
 
 
 def test_frames_without_shot_noise_are_named() -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.light.reflectance import Source, estimate_reflectance
+from calibration.light.reflectance import ReflectanceSource, estimate_reflectance
 from calibration.light.vignetting import fit_vignetting
 
 SIZE_M = np.array([4.8, 4.8, 2.4])
@@ -143,7 +143,7 @@ def test_reflectance_of_seen_patches_and_flux_are_found_in_a_closed_room():
     for seed in (1, 2, 3):
         room = measured(seed)
         fit = fitted(room)
-        seen = fit.source != Source.UNSEEN
+        seen = fit.source != ReflectanceSource.UNSEEN
         assert np.sqrt(np.mean((fit.reflectance - room.reflectance)[seen] ** 2)) < 0.03
         assert fit.flux == pytest.approx(FLUX, rel=0.03)
         assert fit.unseen_reflectance == pytest.approx(room.reflectance[~seen].mean(), abs=0.06)
@@ -162,16 +162,16 @@ def test_each_patch_says_what_its_reflectance_rests_on():
     room = measured(1)
     fit = fitted(room)
     lit, seen = np.isfinite(room.direct_over_irradiance), np.isfinite(room.global_light)
-    assert (fit.source[lit] == Source.DIRECT).all()
-    assert (fit.source[seen & ~lit] == Source.GLOBAL).all()
-    assert (fit.source[~seen] == Source.UNSEEN).all()
+    assert (fit.source[lit] == ReflectanceSource.DIRECT).all()
+    assert (fit.source[seen & ~lit] == ReflectanceSource.GLOBAL).all()
+    assert (fit.source[~seen] == ReflectanceSource.UNSEEN).all()
     assert (fit.reflectance[~seen] == fit.unseen_reflectance).all()
 
 
 def test_patches_seen_in_the_light_of_others_only_get_their_own_reflectance():
     room = measured(1, noise=0.0)
     fit = fitted(room)
-    only = fit.source == Source.GLOBAL
+    only = fit.source == ReflectanceSource.GLOBAL
     assert only.any()
     assert np.sqrt(np.mean((fit.reflectance - room.reflectance)[only] ** 2)) < 0.04
 

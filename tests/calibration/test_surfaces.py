@@ -7,7 +7,7 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.planes import SurfacePoints, assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import ViewedPoints, assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.geometry.room import room_from_stereo
 from calibration.geometry.stereo import StereoCalibration
 
@@ -139,7 +139,7 @@ def test_two_walls_are_told_apart_and_strays_left_out():
     stray = random.random(len(x1)) < 0.05
     x2[stray] += random.uniform(20, 60, (stray.sum(), 2))
     points[stray] *= random.uniform(0.5, 0.9, (stray.sum(), 1))
-    found = segment_planes(SurfacePoints(points, x1, x1, x2), straight, np.ones(len(x1), dtype=bool))
+    found = segment_planes(ViewedPoints(points, x1, x1, x2), straight, np.ones(len(x1), dtype=bool))
     assert len(found) == 2
     order = np.argsort(-found[:, 2])
     assert np.allclose(found[order], planes, atol=1e-3)

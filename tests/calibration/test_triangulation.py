@@ -88,6 +88,15 @@ def test_rays_that_meet_behind_the_devices_give_no_point() -> None:
     assert np.isnan(parallel.points_m).all()
 
 
+def test_on_the_cameras_rays_a_point_keeps_its_camera_pixel(points_m: np.ndarray) -> None:
+    noise = np.random.default_rng(9).normal(0, 0.5, (len(points_m), 2))
+    pixels, shown = seen_by(CAMERA, points_m), seen_by(PROJECTOR, points_m) + noise
+    kept = triangulate(pixels, shown, CAMERA, PROJECTOR, on_camera_rays=True).points_m
+    middle = triangulate(pixels, shown, CAMERA, PROJECTOR).points_m
+    assert np.abs(seen_by(CAMERA, kept) - pixels).max() < 1e-4
+    assert np.abs(seen_by(CAMERA, middle) - pixels).max() > 0.05
+
+
 def test_camera_pixels_of_one_projector_pixel_are_averaged() -> None:
     codes = np.full((4, 5, 2), np.nan, dtype=np.float32)
     codes[1, 1:4] = (7, 2)
