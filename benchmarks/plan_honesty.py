@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 
-from rig.offline.simulate import Request, run_simulate
+from rig.offline.simulate import SimulationRequest, run_simulate
 from rig.terminal import silent
 from sim.scenes.catalogue import SURFACES
 
@@ -24,7 +24,7 @@ def verdict(error: float, tolerance: float) -> str:
 
 
 def row(scene: str, tolerance: float) -> str:
-    result = run_simulate(Request(scene=scene, tolerance=tolerance), silent, check=True)
+    result = run_simulate(SimulationRequest(scene=scene, tolerance=tolerance), silent, check=True)
     estimated, actual = result.estimated, result.actual
     if actual is None or actual.error is None:
         raise RuntimeError(f"{scene}: was not simulated and checked")

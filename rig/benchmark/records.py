@@ -64,7 +64,7 @@ class Outcome:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Machine(Record):
+class BenchmarkMachine(Record):
     """What the seconds were measured on."""
 
     processor: str
@@ -86,7 +86,7 @@ class BenchResult(Record):
     notes: tuple[str, ...]
     peers: Mapping[str, str | None]
     """Version of each peer; None: it is not installed."""
-    machine: Machine
+    machine: BenchmarkMachine
     within_limits: bool
     """Whether the accuracy criteria are met: the clock of a busy machine decides nothing."""
     elapsed_s: float

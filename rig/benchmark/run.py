@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.benchmark import peers
-from rig.benchmark.records import BenchResult, Machine, Outcome, Point, Size
+from rig.benchmark.records import BenchmarkMachine, BenchResult, Outcome, Point, Size
 from rig.errors import UsageError
 from rig.files.atomic import write_bytes
 from rig.records import Json
@@ -71,9 +71,9 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> Ben
     )
 
 
-def machine() -> Machine:
+def machine() -> BenchmarkMachine:
     """Return what seconds are measured on here."""
-    return Machine(
+    return BenchmarkMachine(
         processor=_processor(),
         processors=os.cpu_count() or 1,
         threads=threads(),

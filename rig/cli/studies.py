@@ -120,12 +120,12 @@ def simulate(
 
     Example: rig simulate paper-room --tolerance 0.5
     """
-    from rig.offline.simulate import Request, plan_simulation, reflectances_of, run_planned, tolerance_of
+    from rig.offline.simulate import SimulationRequest, plan_simulation, reflectances_of, run_planned, tolerance_of
     from rig.offline.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
 
     percent = tolerance_of(tolerance, grey_levels)
-    request = Request(
+    request = SimulationRequest(
         scene=scene,
         tolerance=percent,
         light=light,

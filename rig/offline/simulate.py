@@ -31,7 +31,7 @@ MOST_REFINED_PATCHES = 16_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class Request:
+class SimulationRequest:
     """What is to be simulated."""
 
     scene: str
@@ -80,7 +80,7 @@ def reflectances_of(text: str) -> tuple[float, ...]:
     return values
 
 
-def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, SimulationResult]:
+def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, SimulationResult]:
     """Plan and estimate a simulation.
 
     Returns
@@ -136,7 +136,7 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> Simulati
     return _checked(actual, planned, simulation, on_step) if check else actual
 
 
-def run_simulate(request: Request, on_step: OnStep, check: bool = False) -> SimulationResult:
+def run_simulate(request: SimulationRequest, on_step: OnStep, check: bool = False) -> SimulationResult:
     """Plan, estimate, simulate and measure."""
     planned, result = plan_simulation(request, on_step)
     return replace(result, actual=run_planned(planned, on_step, check))
@@ -147,7 +147,7 @@ def available_mb() -> float:
     return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _surface(request: Request) -> tuple[Surface, str]:
+def _surface(request: SimulationRequest) -> tuple[Surface, str]:
     """The surface and the name of its light."""
     if request.scene in SURFACES:
         entry = SURFACES[request.scene]

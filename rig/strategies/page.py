@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,7 +114,7 @@ def paper_page(result: ComparisonResult, images: Mapping[str, PaperPictures]) ->
     )
 
 
-def _frame(title: str, subtitle: str, result: ComparisonResult) -> dict[str, Any]:
+def _frame(title: str, subtitle: str, result: ComparisonResult) -> dict[str, object]:
     warned = len(result.warnings)
     return {
         "title": title,
@@ -182,7 +181,7 @@ def _number(value: float | None, form: str) -> str:
     return "" if value is None else format(value, form)
 
 
-def _picture_section(session: Session, result: ComparisonResult, picture: ComparedPicture) -> dict[str, Any]:
+def _picture_section(session: Session, result: ComparisonResult, picture: ComparedPicture) -> dict[str, object]:
     step, model = session.finished(f"strategies-{picture.name}"), load_model(session)
     view, scale = judged_pixels(model, step), 255 / model.level
     rows = _all_rows(result, picture)
@@ -210,7 +209,7 @@ def _figures(result: ComparisonResult, rows: Sequence[TitledRow]) -> list[dict[s
     return [{"title": title, "text": text, "src": pictures.svg(figure)} for title, text, figure in found]
 
 
-def _measured_row(step: Step, picture: str, strategy: str, view: JudgedPixels, scale: float) -> dict[str, Any]:
+def _measured_row(step: Step, picture: str, strategy: str, view: JudgedPixels, scale: float) -> dict[str, object]:
     target, mask = view.target, view.mask
     codes = codes_of(step.load_image(f"projector-{picture}-{strategy}"))
     predicted, measured = (
@@ -226,7 +225,7 @@ def _measured_row(step: Step, picture: str, strategy: str, view: JudgedPixels, s
     return {"name": title_of(strategy), "images": images}
 
 
-def _paper_section(picture: ComparedPicture, shown: PaperPictures) -> dict[str, Any]:
+def _paper_section(picture: ComparedPicture, shown: PaperPictures) -> dict[str, object]:
     rows = [TitledRow(title_of(row.strategy), row) for row in picture.rows]
     head, cells = _table(rows)
     desired, seen = shown.desired, shown.seen
