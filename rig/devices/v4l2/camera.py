@@ -288,6 +288,7 @@ class V4l2Camera:
                     f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
                     f"{seen}; check the cable, or give timing.timeout_s more time"
                 )
+            self._clock.wait_until_s(frame.started_s + frame.exposure_s)  # drivers may stamp a little ahead
             return frame
 
     @property

@@ -253,7 +253,7 @@ class TestModes:
 
 
 def check_that_losses_are_told(frames: list[RawFrame]) -> None:
-    """Most gaps in the driver's count are told in full; a frame that a busy host made late came and was passed over."""
+    """Most gaps in the driver's count are told in full; a frame that a busy host made late came, but is passed over."""
     gaps = [later.sequence - earlier.sequence - 1 for earlier, later in pairwise(frames)]
     told = [frame.lost for frame in frames[1:]]
     assert all(lost <= gap for lost, gap in zip(told, gaps, strict=True)), (told, gaps)
