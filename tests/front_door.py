@@ -137,7 +137,9 @@ def run_examples(package: ModuleType) -> int:
     AssertionError
         If one of them gives something else than it says.
     """
-    example = doctest.DocTestParser().get_doctest(package.__doc__ or "", {}, package.__name__, None, None)
+    example = doctest.DocTestParser().get_doctest(
+        package.__doc__ or "", {}, name=package.__name__, filename=None, lineno=None
+    )
     result = doctest.DocTestRunner().run(example)
     assert result.failed == 0
     return result.attempted

@@ -39,7 +39,7 @@ class SimulationRequest:
     tolerance: float
     """Error allowed, RMS over the surface. [% of white]"""
     light: str | None = None
-    """One of ``sim.light.lighting.LIGHTS``; None: the scene's standard."""
+    """One of ``sim.light.lighting.TEST_LIGHTINGS``; None: the scene's standard."""
     reflectance: tuple[float, ...] = ()
     """One number, or one for each colour; empty: the scene's."""
     unit: Unit = "m"

@@ -242,7 +242,7 @@ def _distinct(values: FloatArray) -> FloatArray:
 
 
 def _grid(face: Face, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(cells, 4, 3) corners of the rectangles between lines."""
+    """(patches, 4, 3) corners of the rectangles between lines."""
     low_u, low_v = (grid.ravel() for grid in np.meshgrid(u[:-1], v[:-1]))
     high_u, high_v = (grid.ravel() for grid in np.meshgrid(u[1:], v[1:]))
     pairs = ((low_u, low_v), (high_u, low_v), (high_u, high_v), (low_u, high_v))
@@ -250,7 +250,7 @@ def _grid(face: Face, u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _covered(scene: Scene, face: Face, vertices: FloatArray) -> BoolArray:
-    """(cells,) True where the middle of a cell sees mostly backs of faces: it lies inside an object."""
+    """(patches,) True where the middle of a patch sees mostly backs of faces: it lies inside an object."""
     u, v, normal = face.axes
     size = float(np.ptp(scene.vertices.reshape(-1, 3), axis=0).max())
     origin = vertices.mean(axis=1) + 1e-6 * size * normal

@@ -1,14 +1,14 @@
 """Adaptive patches: the fewest whose constant light is within a tolerance, from a coarser solution.
 
-What is approximated is the light between the surfaces: the irradiance H = F B of a cell is one number, while
-the true one varies. Over a cell its squared error is the integral of (g . (x - centre))², g the gradient of H
-that neighbouring cells of the same flat region show; where the solution has several cells inside, their
-variance is added. A cell is halved across its steepest direction, the worst ones first, until the sum meets
+What is approximated is the light between the surfaces: the irradiance H = F B of a patch is one number, while
+the true one varies. Over a patch its squared error is the integral of (g . (x - centre))², g the gradient of H
+that neighbouring patches of the same flat region show; where the solution has several patches inside, their
+variance is added. A patch is halved across its steepest direction, the worst ones first, until the sum meets
 the goal.
 
-A light's edge inside a cell moves the place from which light leaves. That matters to surfaces nearby only:
+A light's edge inside a patch moves the place from which light leaves. That matters to surfaces nearby only:
 its squared error is SOURCE_WEIGHT area variance(E) min(1, (size / distance)⁴), the distance to the nearest
-plane that the cell looks at.
+plane that the patch looks at.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from sim.geometry.adaptive_patches import AdaptivePatches, joined
 from sim.light.lighting import Lighting, emission
 
 SOURCE_WEIGHT = 0.05
-"""Squared error of the irradiance at a half-lit contact cell, over the light's variance; chosen, not measured."""
+"""Squared error of the irradiance at a half-lit contact patch, over the light's variance; chosen, not measured."""
 NEIGHBOURS = 8
 """Patches that a gradient is fitted to: as many as surround one in a grid."""
 ROUGHNESS = 1.0
@@ -40,13 +40,13 @@ class SolvedPatches:
 
     cells: AdaptivePatches
     irradiance: FloatArray
-    """(P,) H = F B from the other cells; 1 = white."""
+    """(P,) H = F B from the other patches; 1 = white."""
     gradient: FloatArray
-    """(P, 3) of the irradiance in each cell's plane [1/m]."""
+    """(P, 3) of the irradiance in each patch's plane [1/m]."""
     roughness: FloatArray
-    """(P,) square of a gradient in every direction, for what is not linear about a cell [1/m²]."""
+    """(P,) square of a gradient in every direction, for what is not linear about a patch [1/m²]."""
     within: FloatArray
-    """(P,) integral of its squared variation within each cell [m²]."""
+    """(P,) integral of its squared variation within each patch [m²]."""
 
     @classmethod
     def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> SolvedPatches:
@@ -57,15 +57,15 @@ class SolvedPatches:
 
     @property
     def error(self) -> float:
-        """RMS over the surface of what the radiosity varies about its cells' values."""
+        """RMS over the surface of what the radiosity varies about its patches' values."""
         squared = self.cells.reflectance**2 * self.within
         return float(np.sqrt(squared.sum() / self.cells.areas.sum()))
 
 
 def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return (P, 3) gradients in each cell's plane, and (P,) roughness.
+    """Return (P, 3) gradients in each patch's plane, and (P,) roughness.
 
-    Least squares over the nearest cells of the same region; what they leave, over the area, is the roughness.
+    Least squares over the nearest patches of the same region; what they leave, over the area, is the roughness.
     """
     gradient, left = np.zeros((cells.n_patches, 3)), np.zeros(cells.n_patches)
     order = np.argsort(cells.region, kind="stable")
@@ -112,13 +112,13 @@ class Refinement:
     light: Lighting
     cells: AdaptivePatches
     owner: IntArray
-    """(cells of the probe,) the cell that each one's centre lies in."""
+    """(patches of the probe,) the patch that each one's centre lies in."""
     example: IntArray
-    """(P,) a cell of the probe that shows how the light varies here."""
+    """(P,) a patch of the probe that shows how the light varies here."""
     squared: FloatArray
     """(P,) squared error times area, of the irradiance's variation and of a light's edge [m²]."""
     along: IntArray
-    """(P,) which way to halve each cell next."""
+    """(P,) which way to halve each patch next."""
 
     @classmethod
     def start(cls, whole: AdaptivePatches, probe: SolvedPatches, light: Lighting) -> Refinement:
@@ -145,14 +145,14 @@ class Refinement:
         return float(np.sqrt(self.squared.sum() / self.cells.areas.sum()))
 
     def measured_error(self, irradiance: FloatArray) -> float:
-        """Return the RMS over the surface of a solution on these cells, (P,) irradiance, against the probe's."""
+        """Return the RMS over the surface of a solution on these patches, (P,) irradiance, against the probe's."""
         probe = self.probe
         difference = probe.irradiance - irradiance[self.owner]
         squared = probe.cells.reflectance**2 * (probe.cells.areas * difference**2 + probe.within)
         return float(np.sqrt(squared.sum() / probe.cells.areas.sum()))
 
     def refine(self, error: float, most_cells: int) -> None:
-        """Halve the worst cells until the error or the number of cells is reached."""
+        """Halve the worst patches until the error or the number of patches is reached."""
         goal = error**2 * float(self.cells.areas.sum())
         while self.squared.sum() > goal and self.cells.n_patches < most_cells:
             order = np.argsort(self.squared)[::-1]
@@ -191,7 +191,7 @@ class Refinement:
         return cells.reflectance**2 * (spread + edge), along
 
     def _spread(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Squared variation of the irradiance over cells, and its part along u and v."""
+        """Squared variation of the irradiance over patches, and its part along u and v."""
         probe, n = self.probe, self.cells.n_patches
         example = self.example[index]
         count = np.bincount(self.owner, minlength=n)[index]

@@ -1,6 +1,6 @@
-"""Model only what a scene needs: from a tolerance to cells, method, visibility, solver and bounces, and why.
+"""Model only what a scene needs: from a tolerance to patches, method, visibility, solver and bounces, and why.
 
-The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each cell's
+The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each patch's
 being constant, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
 and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what they show is
 corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
@@ -38,7 +38,7 @@ SAFETY = 1.25
 FIRST_PROBE = 500
 """Patches of the first solution."""
 REACH = 3
-"""A plan has at most this many times the cells of the solution that it was made from."""
+"""A plan has at most this many times the patches of the solution that it was made from."""
 FAIR_TOLERANCE = 1.0
 """From this tolerance on, fair visibility is enough. [%]"""
 ADVICE = 1.3
@@ -73,7 +73,7 @@ class Plan:
 
     @property
     def patches(self) -> int:
-        """Number of cells."""
+        """Number of patches."""
         return self.cells.n_patches
 
 
@@ -90,7 +90,7 @@ def plan(
     Parameters
     ----------
     surface : Surface
-        A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest cells.
+        A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest ones.
     tolerance_percent : float
         Error allowed, RMS over the surface. [% of white]
     light : str
@@ -146,7 +146,7 @@ def plan(
 
 
 class _Search:
-    """From solution to finer solution, until one is fine enough to tell the cells that a tolerance needs."""
+    """From solution to finer solution, until one is fine enough to tell the patches that a tolerance needs."""
 
     def __init__(
         self, whole: AdaptivePatches, light: Lighting, model: Model, *, tolerance: float, memory_limit_mb: float
@@ -158,7 +158,7 @@ class _Search:
         self.correction = 1.0
 
     def run(self) -> None:
-        """Find the cells."""
+        """Find the patches."""
         probe_cells, adapted = uniform_patches(self.whole, FIRST_PROBE), False
         while True:
             probe = self._solve(probe_cells)
@@ -178,7 +178,7 @@ class _Search:
 
     @property
     def cells(self) -> AdaptivePatches:
-        """The cells that meet the tolerance."""
+        """The patches that meet the tolerance."""
         return self.refinement.cells
 
     @property
@@ -187,7 +187,7 @@ class _Search:
         return SAFETY * self.correction * self.refinement.error
 
     def model_for(self, cells: AdaptivePatches) -> Model:
-        """Give the model for so many cells: compressed where that is faster, or where the matrix does not fit."""
+        """Give the model for so many patches: compressed where that is faster, or where the matrix does not fit."""
         slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
         if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
             compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
@@ -203,7 +203,7 @@ class _Search:
         return SolvedPatches.of(cells, self.solved.irradiance[:, 0])
 
     def _missed(self, probe: SolvedPatches) -> float:
-        """Error that a plan of a quarter of the probe's cells shows against the probe, over what it expected."""
+        """Error that a plan of a quarter of the probe's patches shows against the probe, over what it expected."""
         coarse = Refinement.start(self.whole, probe, self.light)
         coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
         if coarse.error <= 1e-9:
@@ -227,7 +227,7 @@ class _Search:
             self.refinement.refine(0.9 * goal / self.correction, most)
 
     def _needed(self) -> int:
-        """Patches that the tolerance needs; where they were not all made, from error ~ cells^(-1/2)."""
+        """Patches that the tolerance needs; where they were not all made, from error ~ patches^(-1/2)."""
         return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
 
     def _refusal(self, needed: int) -> str:

@@ -1,4 +1,4 @@
-"""Carry out a model: light on cells, form factors, radiosity, and what is left over."""
+"""Carry out a model: light on patches, form factors, radiosity, and what is left over."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sim.light.radiosity import FormFactorOperator, Radiosity
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """How light between cells is computed."""
+    """How light between patches is computed."""
 
     method: Method
     """``closed_form`` or ``polygon``: of the form factors."""
@@ -30,7 +30,7 @@ class Model:
     compression: float | None = None
     """Tolerance of the compressed form factors (``sim.form_factors.compressed``); None: the whole matrix."""
     reflectances: tuple[float, ...] | None = None
-    """Different reflectances of the colours, if one holds for the whole scene; None: the cells' own."""
+    """Different reflectances of the colours, if one holds for the whole scene; None: the patches' own."""
 
     @property
     def visibility_done(self) -> str:
@@ -50,7 +50,7 @@ class Simulation:
     B: FloatArray
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
-    """(P, C) from other cells, H = F B; 1 = white."""
+    """(P, C) from other patches, H = F B; 1 = white."""
     factors: FormFactorOperator
     spectral_radius: float
     """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
@@ -64,7 +64,7 @@ class Simulation:
 
     @property
     def energy_balance(self) -> float:
-        """Share of the emitted power that is neither absorbed by a cell nor leaves through an opening."""
+        """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
         areas, rho = self.cells.areas[:, None], self.reflectance
         row_sums = self.factors.row_sums[:, None]
         absorbed = float((areas * (1 - rho) * self.irradiance).sum())
@@ -149,7 +149,7 @@ class Check:
 def refined_check(simulation: Simulation, light: Lighting, model: Model, most_patches: int) -> Check:
     """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
 
-    The finer cells still miss 1/4 (or 1/16) of the squared variation within a cell of the coarser ones: their
+    The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
     squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility.
 
     Parameters

@@ -23,7 +23,9 @@ def test_projection_follows_opencv():
     world = (local - POSE.translation_m) @ POSE.rotation
     K = np.array([[300.0, 0, 150.0], [0, 310.0, 130.0], [0, 0, 1]])
     rvec, _ = cv2.Rodrigues(POSE.rotation)
-    expected, _ = cv2.projectPoints(world, rvec, POSE.translation_m, K, np.array(BENT.distortion))
+    expected, _ = cv2.projectPoints(
+        world, rvec, POSE.translation_m, cameraMatrix=K, distCoeffs=np.array(BENT.distortion)
+    )
     assert np.allclose(project(BENT, POSE, world), expected.reshape(-1, 2), atol=1e-8)
 
 

@@ -4,74 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array
 
 from sim import _kernel
 from sim.compensation import compensate
-from sim.errors import SimulationError
-from sim.form_factors import form_factors
 from sim.frame.codes import fractional_code
 from sim.frame.compensator import FrameCompensator, frame_model
 from sim.frame.packed import packed
 from sim.frame.tables import response_cubics
-from sim.geometry.optics import Lens, Pose, rays_at
-from sim.geometry.scene import intersect
-from sim.light.colour import ColourTransport
-from sim.light.radiosity import Radiosity
+from sim.geometry.optics import Pose
 from sim.light.transport import LightTransport
-from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
 from sim.reference.frame import reference_frame
-from sim.scenes.library import ROOM_FACES, room
-
-POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))
-GAMMA = (np.arange(256) / 255) ** 2.2
-# Flat at both ends, as projectors' bright modes are.
-S_CURVE = np.cumsum(np.concatenate([[0], np.sin(np.pi * np.arange(0.5, 255) / 255) ** 3]))
-MIXING = np.array([[1.0, 0.1, 0.02], [0.08, 1.0, 0.1], [0.0, 0.06, 1.0]])
-
-
-def transport(width=45, height=29, reflectance=0.7, faces=ROOM_FACES, patch_size_m=0.6, pose=POSE):
-    """What a camera at the projector sees of a room, pixel by pixel of the projector."""
-    scene = room((4.8, 4.8, 2.4), patch_size_m, reflectance, faces)
-    lens = Lens.from_horizontal_field_of_view(width, height, 100.0)
-    rays = rays_at(lens, pose, lens.pixel_grid())
-    hits = intersect(scene, pose.position_m, rays)
-    met = np.flatnonzero(hits.patch >= 0)
-    points = pose.position_m + hits.distance[met, None] * rays[met]
-    light = np.zeros(lens.n_pixels)
-    light[met] = reflectance * irradiance_at(scene, lens, pose, points_m=points, patch=hits.patch[met])
-    return LightTransport(
-        csr_array(diags_array(light)),
-        area_emission(scene, lens, pose, subsamples=2, convention="physical"),
-        Radiosity(form_factors(scene), scene.reflectance),
-        smooth_view(scene, hits, np.full(lens.n_pixels, reflectance)),
-        pixel_patch=hits.patch,
-    )
-
-
-def in_colour(width=45, height=29, mixing=MIXING):
-    return ColourTransport([transport(width, height, rho) for rho in (0.75, 0.65, 0.5)], mixing)
-
-
-def level(colour):
-    """A target's full scale: 0.6 of the median of white, band by band."""
-    if isinstance(colour, LightTransport):
-        return 0.6 * np.median(colour @ np.ones(colour.shape[1]))
-    return 0.6 * np.median(colour.forward(np.ones((colour.bands[0].shape[1], 3))), axis=0)
-
-
-def picture(shape, seed=0):
-    """Smooth shapes with some noise, from dark to bright."""
-    generator = np.random.default_rng(seed)
-    y, x = np.mgrid[: shape[0], : shape[1]] / max(shape)
-    waves = [0.5 + 0.45 * np.sin(5 * x + 3 * k) * np.cos(4 * y - k + seed / 5) for k in range(3)]
-    return np.rint(255 * np.clip(np.stack(waves, axis=-1) + generator.normal(0, 0.03, (*shape, 3)), 0, 1)).astype(
-        np.uint8
-    )
-
-
-def difference(a, b):
-    return np.abs(a.astype(int) - b.astype(int))
+from tests.sim.frame.transports import GAMMA, S_CURVE, difference, in_colour, level, picture, transport
 
 
 @pytest.mark.parametrize("shape", [(29, 45), (17, 33), (1, 100), (40, 16), (23, 7), (9, 530)])
@@ -344,63 +288,3 @@ def test_a_picture_that_moves_fast_is_no_cut():
         compensator.frame(np.ascontiguousarray(wide[:, first : first + 160]))
         passes.append(compensator.last.passes)
     assert passes == [6, 2, 2, 2]
-
-
-FRAME = np.zeros((29, 45, 3), dtype=np.uint8)
-
-
-@pytest.mark.parametrize(
-    ("frame", "said"),
-    [
-        (FRAME.astype(np.float32), "float32 instead of uint8"),
-        (FRAME.tolist(), "list instead of uint8"),
-        (FRAME[:, :44].copy(), r"\(29, 44, 3\)"),
-        (FRAME[..., 0], r"\(29, 45\)"),
-        (FRAME[:, ::-1], "strides"),
-    ],
-)
-def test_a_frame_that_cannot_be_read_is_named(frame, said):
-    compensator = FrameCompensator(frame_model(transport(), (29, 45)))
-    with pytest.raises(SimulationError, match=said):
-        compensator.frame(frame)
-    with pytest.raises(SimulationError, match=f"out.*{said}"):
-        compensator.frame(FRAME, out=frame)
-
-
-@pytest.mark.parametrize("gain", [-1.0, np.nan, np.inf])
-def test_a_gain_that_is_none_is_refused(gain):
-    with pytest.raises(SimulationError, match="gain"):
-        FrameCompensator(frame_model(transport(), (29, 45))).frame(FRAME, gain=gain)
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        ({"shape": (29, 44)}, "1276"),
-        ({"active": np.zeros((29, 45), dtype=bool)}, "0 of 1305"),
-        ({"black": -1.0}, "0 or more"),
-        ({"black": np.zeros(7)}, r"black of shape \(7,\)"),
-        ({"response": GAMMA[::-1]}, "response must"),
-        ({"response": 0.1 + GAMMA}, "begins at 0.1"),
-        ({"eotf": GAMMA[:5]}, r"eotf of shape \(5,\)"),
-        ({"eotf": np.full(256, np.nan)}, "eotf must"),
-        ({"target_scale": 0.0}, "target scale"),
-    ],
-)
-def test_what_does_not_fit_a_model_is_named(options, said):
-    with pytest.raises(SimulationError, match=said):
-        frame_model(transport(), **{"shape": (29, 45), **options})
-
-
-def test_unknown_strategies_and_no_threads_are_refused():
-    model = frame_model(transport(), (29, 45))
-    with pytest.raises(SimulationError, match="there are exact, bounded"):
-        FrameCompensator(model, "paper")
-    with pytest.raises(SimulationError, match="0 threads"):
-        FrameCompensator(model, threads=0)
-
-
-def test_two_bands_are_no_colour_frame():
-    bands = [transport(), transport()]
-    with pytest.raises(SimulationError, match="2 bands"):
-        frame_model(ColourTransport(bands, np.eye(2)), (29, 45))

@@ -1,4 +1,4 @@
-"""The certified optimum against general solvers, in colour and with weights; its certificate; its goals."""
+"""The certified optimum against general solvers, in colour and with weights; its certificate; adjusted targets."""
 
 import numpy as np
 import pytest
@@ -56,7 +56,7 @@ def test_in_colour_the_channels_compete_so_one_band_after_the_other_is_not_the_o
 def test_the_gap_bounds_what_any_image_can_gain():
     target = _target(5)
     best = 0.5 * np.sum((compensate("bounded", COLOUR, target, tolerance=1e-12).predicted - target) ** 2)
-    problem = BoxProblem(split_transport_of(COLOUR), target, 0.0, 1.0)
+    problem = BoxProblem(transport=split_transport_of(COLOUR), target=target, lower=0.0, upper=1.0)
     rng = np.random.default_rng(6)
     for _ in range(20):
         state = problem.at(rng.uniform(size=target.shape))
@@ -161,12 +161,12 @@ def test_in_colour_a_sample_starts_near_the_optimum():
     assert start.residual_rms <= 1.02 * best.residual_rms
 
 
-@pytest.mark.parametrize("goal", ["remap", "content_scale", "smooth_attenuation"])
-def test_a_target_too_bright_stays_a_picture_with_another_goal(goal):
+@pytest.mark.parametrize("adjustment", ["remap", "content_scale", "smooth_attenuation"])
+def test_a_target_too_bright_stays_a_picture_with_an_adjusted_target(adjustment):
     transport = _grey()
     target = 3 * np.random.default_rng(13).uniform(0.5, 1.0, LENS.n_pixels)
     dull = compensate("bounded", transport, target)
-    ours = compensate("bounded", transport, target, goal=goal)
+    ours = compensate("bounded", transport, target, adjustment=adjustment)
     assert dull.clipped.mean() > 0.5
     assert np.corrcoef(ours.predicted, target)[0, 1] > np.corrcoef(dull.predicted, target)[0, 1]
     assert ours.residual_rms >= dull.residual_rms
@@ -179,6 +179,6 @@ def test_smooth_attenuation_dims_only_where_it_must():
     x = LENS.pixel_grid()[:, 0]
     reach = transport @ np.ones(LENS.n_pixels)
     target = reach * np.where(x < 6, 0.4, 2.0)
-    shown = compensate("bounded", transport, target, goal="smooth_attenuation").predicted / target
+    shown = compensate("bounded", transport, target, adjustment="smooth_attenuation").predicted / target
     assert shown[x < 2].mean() > 0.8
     assert shown[x > 9].mean() < 0.7

@@ -127,7 +127,7 @@ def test_the_planned_bounces_carry_the_light_that_matters():
 def test_no_power_gets_lost_with_openings_and_without():
     for scene in (corner(), paper_room()):
         made = plan(scene, 3.0, "floor")
-        exact = Model(made.model.method, made.model.visibility, 1e-12)
+        exact = Model(method=made.model.method, visibility=made.model.visibility, residual=1e-12)
         assert simulate(made.cells, made.light, exact).energy_balance < 1e-10
 
 

@@ -16,7 +16,8 @@ from sim.scenes.meshes import integrating_sphere, sloped_room
 def refined(scene, light_name, cells, probe_cells=500):
     whole = coarsest_patches(scene)
     light = make_test_lighting(light_name, whole)
-    solved = simulate(uniform_patches(whole, probe_cells), light, Model("auto", "auto", 1e-8))
+    model = Model(method="auto", visibility="auto", residual=1e-8)
+    solved = simulate(uniform_patches(whole, probe_cells), light, model)
     refinement = Refinement.start(whole, SolvedPatches.of(solved.cells, solved.irradiance[:, 0]), light)
     refinement.refine(0.0, cells)
     return refinement
@@ -104,7 +105,7 @@ def test_more_cells_leave_less_error():
 
 def test_adapted_cells_are_nearer_the_truth_than_as_many_even_ones():
     whole = coarsest_patches(paper_room())
-    light, model = make_test_lighting("floor", whole), Model("auto", "auto", 1e-8)
+    light, model = make_test_lighting("floor", whole), Model(method="auto", visibility="auto", residual=1e-8)
     even = uniform_patches(whole, 300)
     adapted = refined(paper_room(), "floor", even.n_patches).cells
     assert adapted.n_patches == even.n_patches

@@ -9,7 +9,7 @@ from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, pixel_rays
-from sim.geometry.rays import blocked, trace
+from sim.geometry.rays import trace
 from sim.geometry.scene import intersect
 from sim.light.transport_of_scene import coaxial_transport, physical_transport
 from sim.picture import image as image_module
@@ -17,9 +17,9 @@ from sim.picture.gather import irradiance
 from sim.picture.image import simulate_image
 from sim.picture.reconstruction import fans, quadratics
 from sim.reference.gather import irradiance as irradiance_reference
-from sim.reference.rays import intersect as intersect_reference
 from sim.reference.reconstruction import fan_values, quadratic_values
-from sim.scenes.library import corner, paper_room, parallel_plates, room, room_with_box
+from sim.scenes.library import paper_room, parallel_plates, room, room_with_box
+from tests.sim.meshes_of_scenes import as_mesh, as_triangles
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
 BENT = Lens(
@@ -35,83 +35,6 @@ TRACED = data_file("path_tracer_blocks.npz")
 
 def _picture(lens=LENS, seed=0):
     return np.random.default_rng(seed).random(lens.shape)
-
-
-def _as_mesh(scene):
-    return Mesh(
-        name=scene.name,
-        vertices=scene.vertices,
-        reflectance=scene.reflectance,
-        convex=scene.convex,
-        closed=scene.closed,
-        region=scene.region,
-    )
-
-
-def _triangles(scene):
-    a, b, c, d = np.moveaxis(scene.vertices, 1, 0)
-    vertices = np.stack([np.stack([a, b, c, c], axis=1), np.stack([a, c, d, d], axis=1)], axis=1).reshape(-1, 4, 3)
-    twice = [np.repeat(values, 2) for values in (scene.reflectance, scene.region)]
-    return Mesh(
-        name="triangles",
-        vertices=vertices,
-        reflectance=twice[0],
-        convex=scene.convex,
-        closed=scene.closed,
-        region=twice[1],
-    )
-
-
-# Rays
-
-
-@pytest.mark.parametrize("level", ["baseline", "avx2", "avx512", "avx512vbmi"])
-def test_rays_meet_what_the_numpy_reference_says(level, request):
-    if level not in _kernel.levels():
-        pytest.skip(f"this processor lacks {level}")
-    request.addfinalizer(lambda: _kernel.set_level(_kernel.best_level()))
-    _kernel.set_level(level)
-    rng = np.random.default_rng(1)
-    directions = rng.normal(size=(3000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    for scene in (paper_room(), room_with_box(0.5), corner()):
-        for origin in (np.array([1.1, 0.9, 0.7]), rng.random((3000, 3)) * (1.8, 1.8, 1.8)):
-            found, wanted = intersect(scene, origin, directions), intersect_reference(scene, origin, directions)
-            assert np.array_equal(found.face, wanted.face)
-            assert np.array_equal(found.patch, wanted.patch)
-            assert np.allclose(found.distance, wanted.distance, rtol=1e-12)
-            met = wanted.face >= 0
-            assert np.allclose(found.uv[met], wanted.uv[met], atol=1e-12)
-            assert np.allclose(found.cos_incidence[met], wanted.cos_incidence[met], atol=1e-12)
-
-
-def test_rays_along_a_face_and_into_the_open_meet_nothing():
-    scene = room(faces=["floor"])
-    hits = intersect(scene, (1.0, 1.0, 1.0), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 0, -1.0]]))
-    assert hits.face.tolist() == [-1, -1, 0]
-    assert np.isinf(hits.distance[:2]).all()
-    assert hits.distance[2] == pytest.approx(1.0)
-
-
-@pytest.mark.parametrize("build", [_as_mesh, _triangles])
-def test_rays_meet_a_mesh_where_they_meet_the_scene_it_came_from(build):
-    scene = room_with_box(0.5)
-    mesh = build(scene)
-    directions = np.random.default_rng(2).normal(size=(4000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    on_scene, on_mesh = intersect(scene, (1.1, 0.9, 0.7), directions), trace(mesh, (1.1, 0.9, 0.7), directions)
-    assert np.array_equal(on_mesh.face, on_scene.face)
-    assert np.array_equal(on_mesh.patch * scene.n_patches // mesh.n_patches, on_scene.patch)
-    assert np.allclose(on_mesh.distance, on_scene.distance, rtol=1e-10)
-    assert np.allclose(on_mesh.cos_incidence, on_scene.cos_incidence, atol=1e-10)
-
-
-def test_a_box_stops_the_segments_that_pass_through_it_and_no_others():
-    scene = room_with_box(0.5)  # the box: 1.9 ... 2.9 m in x and y, 0 ... 1 m in z
-    start = np.array([[1.0, 2.4, 0.5], [1.0, 2.4, 1.5], [1.0, 2.4, 0.5], [2.4, 2.4, 1.0]])
-    end = np.array([[4.0, 2.4, 0.5], [4.0, 2.4, 1.5], [1.9, 2.4, 0.5], [2.4, 2.4, 2.4]])
-    for surface in (scene, _triangles(scene)):
-        assert blocked(surface, start, end).tolist() == [True, False, False, False]
 
 
 # Light
@@ -166,13 +89,13 @@ def test_a_mesh_gives_the_picture_of_the_scene_it_came_from():
     factors = form_factors(scene)
     a, b = (
         simulate_image(s, factors, LENS, POSE, projector_image=picture, reconstruction="patch")
-        for s in (scene, _as_mesh(scene))
+        for s in (scene, as_mesh(scene))
     )
     assert np.array_equal(a.pixel_patch, b.pixel_patch)
     assert np.allclose(a.camera_image, b.camera_image, rtol=1e-9)
     empty = paper_room()
     factors = form_factors(empty)
-    a, b = (simulate_image(s, factors, LENS, POSE, projector_image=picture) for s in (empty, _as_mesh(empty)))
+    a, b = (simulate_image(s, factors, LENS, POSE, projector_image=picture) for s in (empty, as_mesh(empty)))
     assert np.abs(b.indirect / a.indirect - 1).max() < 0.1
     assert np.abs(b.indirect / a.indirect - 1).mean() < 0.005
 
@@ -211,7 +134,7 @@ def test_quadratics_give_the_means_back_and_linear_light_exactly(patch_size_m):
         assert np.allclose(coefficients[:, 1, 1], _linear(scene.centres), rtol=1e-12)
 
 
-@pytest.mark.parametrize("build", [_as_mesh, _triangles])
+@pytest.mark.parametrize("build", [as_mesh, as_triangles])
 def test_fans_give_the_means_back_and_linear_light_exactly(build):
     mesh = build(room(patch_size_m=0.6))
     means = np.random.default_rng(4).random(mesh.n_patches)
@@ -226,7 +149,7 @@ def test_fans_give_the_means_back_and_linear_light_exactly(build):
     assert np.allclose(values[:, 4], _linear(mesh.centres), rtol=1e-9)
 
 
-@pytest.mark.parametrize("build", [lambda scene: scene, _as_mesh, _triangles], ids=["scene", "quads", "triangles"])
+@pytest.mark.parametrize("build", [lambda scene: scene, as_mesh, as_triangles], ids=["scene", "quads", "triangles"])
 def test_smooth_light_has_no_step_between_patches_of_a_wall(build):
     surface = build(paper_room(patch_size_m=0.8))
     ahead = Pose.look_at((2.4, 1.0, 1.2), (2.4, 4.8, 1.2))
@@ -243,12 +166,12 @@ def test_smooth_light_has_no_step_between_patches_of_a_wall(build):
         assert steps.max() < 0.003
 
 
-@pytest.mark.parametrize("build", [lambda scene: scene, _as_mesh, _triangles], ids=["scene", "quads", "triangles"])
+@pytest.mark.parametrize("build", [lambda scene: scene, as_mesh, as_triangles], ids=["scene", "quads", "triangles"])
 def test_linear_light_arrives_at_the_pixels_as_it_is(build):
     surface, rays = build(room_with_box(0.5)), pixel_rays(BENT, POSE).reshape(-1, 3)
     hits = trace(surface, POSE.position_m, rays)
     points = POSE.position_m + hits.distance[:, None] * rays
-    _, seen = image_module._lit(surface, BENT, POSE, np.ones(BENT.shape), True, 0)
+    _, seen = image_module._lit(surface, BENT, POSE, picture=np.ones(BENT.shape), physical=True, subsamples=0)
     assert np.array_equal(seen.patch.ravel(), hits.patch)
     found = image_module._indirect(surface, _linear(surface.centres), seen, "smooth")
     assert np.allclose(found.ravel(), surface.reflectance[hits.patch] * _linear(points), rtol=1e-9)
@@ -261,7 +184,7 @@ def test_pixels_get_what_the_numpy_references_say():
     coefficients = quadratics(scene, means)
     _kernel.shade_quadratic(patch, place, coefficients, out)
     assert np.allclose(out.ravel(), quadratic_values(coefficients, patch.ravel(), place.reshape(-1, 2)), rtol=1e-12)
-    for mesh in (_as_mesh(scene), _triangles(scene)):
+    for mesh in (as_mesh(scene), as_triangles(scene)):
         corners, values = fans(mesh, np.resize(means, mesh.n_patches))
         place = 0.2 * (rng.random((20, 30, 2)) - 0.5)
         _kernel.shade_fan(patch, place, corners=corners, values=values, indirect=out)
@@ -273,7 +196,7 @@ def test_smooth_light_is_never_negative_beside_darkness():
     spikes = np.where(np.random.default_rng(5).random(scene.n_patches) < 0.1, 100.0, 0.0)
     assert quadratics(scene, spikes).min() >= 0
     assert np.allclose(quadratics(scene, spikes).mean(axis=(1, 2)), spikes, atol=1e-10)
-    for mesh in (_as_mesh(scene), _triangles(scene)):
+    for mesh in (as_mesh(scene), as_triangles(scene)):
         assert fans(mesh, np.resize(spikes, mesh.n_patches))[1].min() >= 0
 
 
@@ -371,7 +294,7 @@ def test_gathered_and_smooth_pictures_meet_as_patches_shrink():
 
 
 @pytest.fixture(scope="module")
-def hits_of_tracer():
+def traced():
     with np.load(TRACED) as file:
         return dict(file)
 
@@ -388,13 +311,13 @@ def _blocks(image):
         (0.1, 0.001, {"patch": 0.0025, "smooth": 0.0015}),
     ],
 )
-def test_the_picture_is_the_path_tracers(hits_of_tracer, patch_size_m, bias_limit, rms_limits):
-    means = hits_of_tracer["block_mean"]
+def test_the_picture_is_the_path_tracers(traced, patch_size_m, bias_limit, rms_limits):
+    means = traced["block_mean"]
     # The room, the pose and the white picture are symmetric, so that four blocks tell of one.
     means = (means + means[::-1] + means[:, ::-1] + means[::-1, ::-1]) / 4
-    lens = Lens.from_horizontal_field_of_view(640, 480, float(hits_of_tracer["horizontal_field_of_view_deg"]))
-    pose = Pose.look_at(hits_of_tracer["position_m"], hits_of_tracer["target_m"])
-    scene = paper_room(reflectance=float(hits_of_tracer["reflectance"]), patch_size_m=patch_size_m)
+    lens = Lens.from_horizontal_field_of_view(640, 480, float(traced["horizontal_field_of_view_deg"]))
+    pose = Pose.look_at(traced["position_m"], traced["target_m"])
+    scene = paper_room(reflectance=float(traced["reflectance"]), patch_size_m=patch_size_m)
     factors, picture = form_factors(scene), np.ones(lens.shape)
     for reconstruction, rms_limit in rms_limits.items():
         image = simulate_image(scene, factors, lens, pose, projector_image=picture, reconstruction=reconstruction)
@@ -403,10 +326,10 @@ def test_the_picture_is_the_path_tracers(hits_of_tracer, patch_size_m, bias_limi
         assert np.sqrt((error**2).mean()) < rms_limit
 
 
-def test_the_path_tracers_blocks_are_quiet_enough_to_judge_by(hits_of_tracer):
-    relative = hits_of_tracer["block_standard_error"] / hits_of_tracer["block_mean"]
+def test_the_path_tracers_blocks_are_quiet_enough_to_judge_by(traced):
+    relative = traced["block_standard_error"] / traced["block_mean"]
     assert np.sqrt((relative**2).mean()) < 0.001
-    assert hits_of_tracer["direct_deviation"] < 0.01
+    assert traced["direct_deviation"] < 0.01
 
 
 # Bad input

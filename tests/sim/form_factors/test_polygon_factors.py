@@ -150,7 +150,7 @@ class TestWedges:
         lid = np.array([a[2], a[3], b[2], b[3]])
         left, right = np.array([a[0], b[2], a[3]]), np.array([a[1], a[2], b[3]])
         lid, left, right = (_towards(polygon, a.mean(axis=0) + b.mean(axis=0)) for polygon in (lid, left, right))
-        prism = mesh_of(a, b, lid, left, right)
+        prism = mesh_of(*(a, b, lid, left, right))
         sums = exchange_areas(prism, tolerance=1e-10).sum(axis=1) / prism.areas
         assert np.abs(sums - 1).max() < 1e-10
 

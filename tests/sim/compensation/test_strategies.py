@@ -220,7 +220,7 @@ def test_targets_that_do_not_fit_are_refused(name):
         ("tikhonov", {"noise_rms": float("nan")}, "give the measured noise"),
         ("perceptual", {"white": 0.0}, "above 0"),
         ("smooth_attenuation", {"smoothness": 0.0}, "both above 0"),
-        ("bounded", {"goal": "moon"}, "unknown goal 'moon'; there are target, remap"),
+        ("bounded", {"adjustment": "moon"}, "unknown adjustment 'moon'; there are none, remap"),
     ],
 )
 def test_options_out_of_their_limits_are_refused(name, options, words):
