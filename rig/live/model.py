@@ -120,7 +120,7 @@ def guessed_transport(
     scene = room(size_m, patch_size_m, _GUESSED_REFLECTANCE)
     place = np.array(size_m) * _GUESSED_PLACE
     pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))
-    whole = coaxial_transport(scene, form_factors(scene), lens, pose, "physical", "area")
+    whole = coaxial_transport(scene, form_factors(scene), lens, pose, convention="physical", emission_rule="area")
     hits = intersect(scene, pose.position_m, rays_at(lens, pose, lens.pixel_grid()))
     direct = whole.direct_matrix.diagonal()
     active = direct > LEAST_GAIN * np.median(direct[direct > 0])
@@ -129,4 +129,7 @@ def guessed_transport(
     view = csr_array(smooth_view(scene, hits, reflectance)[chosen])
     emission = csr_array(whole.emission[:, chosen])
     matrix = csr_array(whole.direct_matrix[chosen][:, chosen])
-    return LightTransport(matrix, emission, whole.radiosity, view, hits.patch[chosen]), active
+    transport = LightTransport(
+        direct=matrix, emission=emission, radiosity=whole.radiosity, view=view, pixel_patch=hits.patch[chosen]
+    )
+    return transport, active

@@ -69,7 +69,7 @@ class _Waiting:
 
 
 class FrameMailbox:
-    """A thread-safe feed with room for one picture.
+    """A thread-safe frame queue with room for one picture.
 
     Pictures with a media time are due at that time on their source's clock, which begins when the first of them is
     taken and then follows the display's. The reader holds the one that follows until the one before is taken, or is

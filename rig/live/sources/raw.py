@@ -272,7 +272,8 @@ class SharedMemoryWriter:
         self._write_header()
 
     def _write_header(self) -> None:
-        _HEADER.pack_into(self._map, 0, _MAGIC, self._shape[1], self._shape[0], self._counter)
+        height, width = self._shape
+        self._map[: _HEADER.size] = _HEADER.pack(_MAGIC, width, height, self._counter)
 
     def write(self, pixels: Pixels) -> None:
         """Hand over (H, W, 3) codes, red first."""
