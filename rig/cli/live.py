@@ -47,6 +47,7 @@ def live(
 
     Example: rig live runs/first --source film.mp4
     """
+    from rig.live.latency import with_light_latency
     from rig.live.plan import LiveRequest, plan_live
     from rig.live.run import run_live
     from rig.live.sources.choose import parse_size
@@ -70,7 +71,7 @@ def live(
         threads=threads,
     )
     with TerminalProgress() as progress:
-        plan = plan_live(request, progress)
+        plan = with_light_latency(plan_live(request, progress), progress)
         with StatusLine() as status:
             result = run_live(plan, status)
     print_json(result.as_json()) if as_json else print_live(result)

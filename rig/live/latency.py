@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,15 +10,16 @@ from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.errors import UsageError
+from rig.live.plan import LivePlan
 from rig.live.results import LightLatency
-from rig.live.show.compensator import Compensator
-from rig.live.show.controls import Controls
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.loop import LiveLoop, LoopArguments
+from rig.live.show.priority import realtime_priority
 from rig.live.sources.source import Pixels
-from rig.profile.schema import Profile
 from rig.self_check.parts.exposure import find_subject, with_generous_latency
 from rig.self_check.parts.latency import check_latency
+from rig.stages.error_tree import one_error_tree
+from rig.terminal import OnStep
 
 
 class LivePath:
@@ -83,17 +84,33 @@ def measure_light_latency(rig: Rig, path: LivePath) -> LightLatency:
     )
 
 
-def light_latency(profile: Profile, compensators: Mapping[str, Compensator], controls: Controls) -> LightLatency:
-    """Measure on a profile's rig; on a simulated one in virtual time, in which computing takes none.
+def with_light_latency(plan: LivePlan, on_step: OnStep) -> LivePlan:
+    """Return the plan of a show with its latency by light, where flashes are asked for; else the plan as it is.
 
+    A simulated rig is measured in virtual time, in which computing takes none.
     Raises UsageError for a recording, CalibrationFailed when the camera sees nothing, DeviceError.
     """
+    if not plan.request.flashes:
+        return plan
+    on_step("measure latency by light", 0, 1)
+    with one_error_tree(), realtime_priority():
+        found = _light_latency(plan)
+    on_step("measure latency by light", 1, 1)
+    return replace(plan, light_latency_ms=found)
+
+
+def _light_latency(plan: LivePlan) -> LightLatency:
+    profile = plan.profile
     if profile.camera.driver == "replay":
         raise UsageError(f"{profile.path}: a recording has no latency; give a profile of a real or simulated rig")
     rig = Rig(with_generous_latency(profile), *make_devices(profile))
     rate_hz = profile.projector.refresh_rate_hz
     mailbox = FrameMailbox(rig.projector.shape, 1 / rate_hz, rig.clock)
     arguments = LoopArguments(
-        projector=rig.projector, queue=mailbox, compensators=compensators, clock=rig.clock, refresh_rate_hz=rate_hz
+        projector=rig.projector,
+        queue=mailbox,
+        compensators=plan.compensators,
+        clock=rig.clock,
+        refresh_rate_hz=rate_hz,
     )
-    return measure_light_latency(rig, LivePath(rig.projector, mailbox, LiveLoop(arguments, controls), rig.clock))
+    return measure_light_latency(rig, LivePath(rig.projector, mailbox, LiveLoop(arguments, plan.controls), rig.clock))

@@ -6,22 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from rig.errors import UsageError
-from rig.live.latency import light_latency
 from rig.live.model import LiveModel, guessed_model, session_model
 from rig.live.results import LightLatency
-from rig.live.show.compensator import Compensator
+from rig.live.show.compensator import STRATEGIES, Compensator, warm_compensators
 from rig.live.show.controls import Controls
-from rig.live.show.priority import realtime_priority
 from rig.profile.schema import Profile, load_profile
 from rig.session import Session
 from rig.stages.error_tree import one_error_tree
 from rig.terminal import OnStep
-from sim.frame.compensator import FrameCompensator
 
-STRATEGIES = ("exact", "bounded")
 _HIGHEST_GAIN = 4.0
 """As far as the keys go, too."""
 
@@ -68,21 +62,22 @@ class LivePlan:
     """Where the model comes from, in words."""
     notes: tuple[str, ...]
     compensators: Mapping[str, Compensator]
-    """By strategy, warm; empty without a model."""
+    """By strategy; empty without a model."""
     controls: Controls
     """What the show begins with."""
     light_latency_ms: LightLatency | None = None
+    """Where it was measured: :func:`rig.live.latency.with_light_latency`."""
 
 
 def plan_live(request: LiveRequest, on_step: OnStep) -> LivePlan:
-    """Settle what a show needs; measure its latency by light, if that is asked for.
+    """Settle what a show needs.
 
     Raises
     ------
     UsageError, ProfileError, SessionError
         It cannot begin.
-    CalibrationFailed, DeviceError
-        The latency could not be measured.
+    CalibrationFailed
+        The session's model cannot be used for frames.
     """
     check_request(request)
     with one_error_tree():
@@ -90,17 +85,14 @@ def plan_live(request: LiveRequest, on_step: OnStep) -> LivePlan:
         profile, model = _profile_and_model(request)
         _check_fit(profile, model)
         on_step("prepare frames", 1, 1)
-        compensators = _compensators(model, request.threads)
-        _warm_up(compensators, profile.projector.shape)
-        controls = _controls(request, is_possible=bool(compensators))
+        compensators = warm_compensators(model.frames, request.threads) if model else {}
         return LivePlan(
             request=request,
             profile=profile,
             model_origin=model.origin if model else "none",
             notes=model.notes if model else ("no session: pictures are shown as they are",),
             compensators=compensators,
-            controls=controls,
-            light_latency_ms=_light_latency(profile, compensators, controls, on_step) if request.flashes else None,
+            controls=_controls(request, is_possible=bool(compensators)),
         )
 
 
@@ -138,24 +130,6 @@ def _check_fit(profile: Profile, model: LiveModel | None) -> None:
         )
 
 
-def _compensators(model: LiveModel | None, threads: int) -> Mapping[str, Compensator]:
-    """One for each strategy; none without a model."""
-    if model is None:
-        return {}
-    return {
-        "exact": FrameCompensator(model.frames, "exact", threads),
-        "bounded": FrameCompensator(model.frames, "bounded", threads),
-    }
-
-
-def _warm_up(compensators: Mapping[str, Compensator], shape: tuple[int, int]) -> None:
-    """A first frame takes longer than the others."""
-    codes = np.zeros((*shape, 3), np.uint8)
-    for compensator in compensators.values():
-        compensator.frame(codes, np.empty_like(codes))
-        compensator.reset()
-
-
 def _controls(request: LiveRequest, *, is_possible: bool) -> Controls:
     return Controls(
         strategy=request.strategy if request.strategy in STRATEGIES else STRATEGIES[0],
@@ -163,13 +137,3 @@ def _controls(request: LiveRequest, *, is_possible: bool) -> Controls:
         gain=request.gain,
         auto_gain=request.auto_gain,
     )
-
-
-def _light_latency(
-    profile: Profile, compensators: Mapping[str, Compensator], controls: Controls, on_step: OnStep
-) -> LightLatency:
-    on_step("measure latency by light", 0, 1)
-    with realtime_priority():
-        found = light_latency(profile, compensators, controls)
-    on_step("measure latency by light", 1, 1)
-    return found

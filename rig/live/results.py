@@ -92,7 +92,7 @@ class ShowResult(FullRecord):
     notes: tuple[str, ...]
     light_latency_ms: LightLatency | None
     real_time: bool
-    """Whether its threads came before all ordinary work."""
+    """Whether its threads came before all normal work."""
 
     def as_json(self) -> JsonObject:
         """One JSON object; the figures stand among the other keys."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 _GAIN_STEP = 2 ** (1 / 8)
 """Of one key: eight make twice as bright; a single one is just seen."""
 _GAIN_RANGE = (1 / 16, 4.0)
+"""From hardly visible to what clips nearly every picture; chosen."""
 KEYS = {
     "n": "next source",
     "c": "compensation on or off",

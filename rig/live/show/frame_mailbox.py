@@ -17,6 +17,7 @@ from rig.live.sources.source import Pixels
 _NUDGE = 0.1
 """Share by which each picture moves its source's clock towards the display's."""
 _PATIENCE_S = 0.1
+"""Longest wait without a look at whether the show has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -20,6 +20,7 @@ _READ_S = 0.1
 _SAME_RATE = 0.01
 """A source whose pace is that close to the display's, or to an n-th of it, is played in the display's."""
 _KEPT_NOTES = 50
+"""A source that breaks in an endless loop must not fill the memory."""
 _PAUSE_S = 0.5
 """After a failure, before the next try."""
 

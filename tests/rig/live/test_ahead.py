@@ -200,12 +200,12 @@ def test_a_show_comes_first_where_the_system_allows_it_and_goes_back_afterwards(
         normal_priority()
         policies.append(os.sched_getscheduler(0))
 
-    with realtime_priority() as is_urgent:
+    with realtime_priority() as is_realtime:
         during = os.sched_getscheduler(0)
         thread = threading.Thread(target=reads)
         thread.start()
         thread.join()
-    assert during == (os.SCHED_RR if is_urgent else os.SCHED_OTHER)
+    assert during == (os.SCHED_RR if is_realtime else os.SCHED_OTHER)
     assert policies == [during, os.SCHED_OTHER]
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
@@ -215,9 +215,9 @@ def test_a_user_who_may_not_come_first_shows_all_the_same(monkeypatch: pytest.Mo
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
-    with realtime_priority() as is_urgent:
+    with realtime_priority() as is_realtime:
         normal_priority()
-    assert not is_urgent
+    assert not is_realtime
 
 
 def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None:

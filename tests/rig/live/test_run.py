@@ -20,6 +20,7 @@ from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import SessionError, UsageError
 from rig.files.journal import read_events
 from rig.live import pipeline, record
+from rig.live.latency import with_light_latency
 from rig.live.plan import LiveRequest, plan_live
 from rig.live.results import ShowResult
 from rig.live.run import run_live
@@ -29,7 +30,8 @@ from tests.rig.conftest import Finished
 
 
 def show(request: LiveRequest) -> ShowResult:
-    return run_live(plan_live(request, silent), lambda _: None)
+    plan = with_light_latency(plan_live(request, silent), silent)
+    return run_live(plan, lambda _: None)
 
 
 class Witness(ClockedDisplay):
