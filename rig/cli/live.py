@@ -47,12 +47,14 @@ def live(
 
     Example: rig live runs/first --source film.mp4
     """
-    from rig.live.run import Request, run_live
+    from rig.live.latency import with_light_latency
+    from rig.live.plan import LiveRequest, plan_live
+    from rig.live.run import run_live
     from rig.live.sources.choose import parse_size
     from rig.live.status import StatusLine, print_live
     from rig.terminal import TerminalProgress
 
-    request = Request(
+    request = LiveRequest(
         folder=session,
         profile=profile,
         sources=source,
@@ -69,8 +71,8 @@ def live(
         threads=threads,
     )
     with TerminalProgress() as progress:
-        on_step = progress
+        plan = with_light_latency(plan_live(request, progress), progress)
         with StatusLine() as status:
-            result = run_live(request, on_step, status)
-    print_json(result) if as_json else print_live(result)
-    return _INTERRUPTED if result["signal"] == "SIGINT" else 0
+            result = run_live(plan, status)
+    print_json(result.as_json()) if as_json else print_live(result)
+    return _INTERRUPTED if result.signal == "SIGINT" else 0

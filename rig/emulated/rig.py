@@ -29,6 +29,7 @@ MODULES = ("vhci-hcd", "uvcvideo")
 _PROMPT_SHARE = 2 / 3
 """Of the latency that the profile allows for: frames that would come later are lost instead."""
 _LOOK_S = 0.1
+"""Between two looks whether the kernel has taken the camera."""
 _OTHER_FORMATS = ("GREY", "YUYV")
 
 

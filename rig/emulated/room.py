@@ -22,6 +22,7 @@ Float32Array = NDArray[np.float32]
 _SAMPLE_S = 0.02
 """How often the display is looked at during an exposure."""
 _KEPT_PICTURES = 6
+"""Whose light is kept; chosen: an exposure sees one or two, and black and white come back often."""
 _NOISE_FRAMES = 8
 
 

@@ -18,6 +18,7 @@ from rig.devices.kms.find import choose_output, find_outputs, list_outputs, stat
 from rig.errors import CaptureTimeout, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
 
 _ATTEMPTS = 20
+"""To read a picture that does not change meanwhile."""
 _TO_RGB = {
     abi.XRGB8888: cv2.COLOR_BGRA2RGB,
     abi.ARGB8888: cv2.COLOR_BGRA2RGB,

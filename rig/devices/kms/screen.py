@@ -24,9 +24,11 @@ from rig.devices.protocols import Clock, Codes
 from rig.errors import DeviceBusy, DeviceError, DeviceLost
 
 _FLIP_TIMEOUT_S = 3.0
+"""Many refreshes of the slowest display: without a flip by then there is none."""
 _MASTER_TIMEOUT_S = 0.5
 """A program that only looks at a card holds it for a moment."""
 _RETRY_S = 0.02
+"""About a refresh."""
 _LINK_BAD = 1
 
 

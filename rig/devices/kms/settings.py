@@ -10,6 +10,7 @@ from rig.devices.kms.card import Card, Change, Connector, Mode, Plane, Property
 from rig.errors import DeviceBusy, SettingRefused
 
 REFRESH_TOLERANCE_HZ = 0.5
+"""60 in a profile is 59.94 of a display."""
 
 Properties = dict[str, Property]
 

@@ -16,6 +16,7 @@ from rig.devices.usb.hid import HidTransport, find_hid_device, open_hid
 from rig.errors import DeviceError, DeviceLost, SettingRefused
 
 _POLL_S = 0.1
+"""Between two questions whether it has done what it was told."""
 _STALE_REPORTS = 32
 """How many old reports are thrown away before the device is said to babble."""
 

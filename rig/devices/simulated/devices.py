@@ -24,6 +24,7 @@ from rig.errors import CaptureTimeout, DeviceLost, ProfileError
 FloatArray = NDArray[np.float64]
 
 _KEPT_PICTURES = 16
+"""More than can light one exposure."""
 _KEPT_LIGHT = 4
 _SHORT_SHARE = 2
 """A short frame has the upper half of the rows."""

@@ -31,9 +31,11 @@ from rig.devices.v4l2.stream import Stream, StreamBroken
 from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
 
 _FIRST_FRAMES = 2
+"""To be seen before a camera counts as open: a first one may be left over from another program."""
 _SETTLING_S = 3.0
 """Time limit of waiting for frames that show a new exposure, and of the first frames; periods come on top."""
 _SETTLING_PERIODS = 20
+"""Of frames, on top of that; chosen: a camera that takes longer to follow its exposure is stuck."""
 _LEAST_INTERVAL = 0.85
 """Of the exposure, between frames whose time stamps jitter."""
 

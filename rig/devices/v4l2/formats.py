@@ -128,12 +128,12 @@ def _lines(data: Bytes, layout: Layout, bytes_used: int, *, first_line: int = 0,
     return np.lib.stride_tricks.as_strided(data[start:], (count, bytes_used), (stride, 1), writeable=False)
 
 
-def _grey8(data: Bytes, layout: Layout, channels: int) -> Pixels:
+def _grey8(data: Bytes, layout: Layout, _channels: int) -> Pixels:
     return _lines(data, layout, layout.width_px).astype(np.uint16)[:, :, np.newaxis]
 
 
 def _words(order: str) -> Decoder:
-    def decode(data: Bytes, layout: Layout, channels: int) -> Pixels:
+    def decode(data: Bytes, layout: Layout, _channels: int) -> Pixels:
         lines = _lines(data, layout, 2 * layout.width_px)
         return lines.view(order).astype(np.uint16)[:, :, np.newaxis]
 
@@ -145,7 +145,7 @@ def _tails(bits: int) -> Decoder:
     extra = bits - 8
     group = 8 // extra
 
-    def decode(data: Bytes, layout: Layout, channels: int) -> Pixels:
+    def decode(data: Bytes, layout: Layout, _channels: int) -> Pixels:
         groups = -(-layout.width_px // group)
         packed = _lines(data, layout, groups * (group + 1)).reshape(layout.height_px, groups, group + 1)
         low = packed[:, :, group:] >> (extra * np.arange(group, dtype=np.uint8)) & ((1 << extra) - 1)
@@ -155,7 +155,7 @@ def _tails(bits: int) -> Decoder:
     return decode
 
 
-def _bit_stream(data: Bytes, layout: Layout, channels: int) -> Pixels:
+def _bit_stream(data: Bytes, layout: Layout, _channels: int) -> Pixels:
     """Y10B: ten bits a pixel, highest first, one behind the other: four pixels in five bytes."""
     groups = -(-layout.width_px // 4)
     packed = _lines(data, layout, groups * 5).reshape(layout.height_px, groups, 5).astype(np.uint16)
@@ -165,7 +165,7 @@ def _bit_stream(data: Bytes, layout: Layout, channels: int) -> Pixels:
 
 
 def _rgb24(order: slice) -> Decoder:
-    def decode(data: Bytes, layout: Layout, channels: int) -> Pixels:
+    def decode(data: Bytes, layout: Layout, _channels: int) -> Pixels:
         lines = _lines(data, layout, 3 * layout.width_px).reshape(layout.height_px, layout.width_px, 3)
         return np.ascontiguousarray(lines[:, :, order]).astype(np.uint16)
 

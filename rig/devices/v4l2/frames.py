@@ -15,6 +15,7 @@ from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
 
 _TIME_STAMP_SLACK_S = 1.0
+"""A stamp further off is of another clock, or nonsense."""
 _LARGEST = np.iinfo(np.uint64).max
 _JITTER_SHARE = 0.75
 """Of a frame period."""

@@ -19,6 +19,7 @@ from rig.devices.v4l2.node import BUSY, GONE, Node, device_error
 from rig.errors import DeviceError
 
 BUFFERS = 4
+"""One that fills, one that is read, two in reserve; more would only hold older frames."""
 _LONGEST_POLL_S = 60.0
 """Longer waits are several; poll's own limit is 24 days."""
 _HALF = 1 << 31

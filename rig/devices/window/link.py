@@ -21,6 +21,7 @@ Message: TypeAlias = dict[str, Any]
 START_LIMIT_S = 30.0
 """To load the libraries, reach the display server and put a window on it."""
 SHOW_LIMIT_S = 5.0
+"""For one picture; a desktop that is locked presents none."""
 _END_LIMIT_S = 2.0
 _PACKET_BYTES = 1 << 16
 _PROBLEMS = {"lost": DeviceLost, "refused": SettingRefused}

@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 EVENT_PERIOD_MS = 20
+"""Between two looks at the window's events."""
 AWAKE_PERIOD_S = 10.0
 SETTLE_S = 3.0
 """How long a window manager may take to give the window the whole monitor."""

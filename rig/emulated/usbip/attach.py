@@ -44,8 +44,10 @@ _SUBMIT_REPLY = struct.Struct(">5IiIIII8x")
 _UNLINK_REPLY = struct.Struct(">5Ii24x")
 _MOST_PACKETS = 1024
 _SOCKET_BYTES = 4 << 20
+"""Several frames: the device's threads do not wait for the kernel."""
 _PORT_FREE = 4
 _JOIN_TIMEOUT_S = 30.0
+"""Longer than any exposure that a thread may still wait for."""
 
 
 class Attachment:

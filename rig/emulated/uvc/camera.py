@@ -42,6 +42,7 @@ from rig.emulated.uvc.stream import Sender
 _CLASS_TO_INTERFACE, _KIND_MASK = 0x21, 0x7F
 _PROBE, _COMMIT = 1, 2
 _LATE_S = 0.01
+"""An exposure may begin so much after its time; later, the grid of start times moves."""
 _AUTOMATIC_LEVEL = 0.45
 """Mean of a picture that the automatic exposure aims at, of full scale."""
 

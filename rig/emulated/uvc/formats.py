@@ -13,6 +13,7 @@ FOURCCS = ("GREY", "Y10 ", "Y12 ", "Y16 ", "YUYV", "RGGB", "MJPG")
 _MJPEG_BITS_PER_PIXEL = 16
 """The room that a compressed frame may take, as cameras announce it: that of the same picture as YUYV."""
 _NEUTRAL_CHROMA = 128
+"""Grey."""
 _JPEG_QUALITY = 95
 
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.files.pictures import cover, covering_shape
 
 Pixels = NDArray[np.uint8]
 
@@ -50,7 +48,7 @@ class Source(Protocol):
         """Begin with its first picture. Raises SourceBroken or DeviceError."""
         ...
 
-    def read(self, timeout_s: float) -> Picture | None:
+    def read(self, timeout_s: float, /) -> Picture | None:
         """Give the next picture; None when none came in that time.
 
         Raises SourceEnded, SourceBroken, DeviceError.
@@ -60,22 +58,3 @@ class Source(Protocol):
     def close(self) -> None:
         """Let it go; any number of times, from any state."""
         ...
-
-
-class Fitter:
-    """Scales pictures to cover a shape, and crops what stands over; allocates only when their size changes."""
-
-    def __init__(self, shape: tuple[int, int]):
-        self._shape = shape
-        self._scaled = np.empty((0, 0, 3), np.uint8)
-
-    def fit(self, picture: Picture, out: Pixels) -> None:
-        """Write a picture of any size to ``out``, (H, W, 3) of the shape, red first."""
-        scaled = covering_shape(picture.pixels.shape, self._shape)
-        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape:
-            self._scaled = np.empty((*scaled, 3), np.uint8)
-        fitted = cover(picture.pixels, self._shape, cv2.INTER_LINEAR, self._scaled)
-        if picture.is_bgr:
-            cv2.cvtColor(fitted, cv2.COLOR_BGR2RGB, dst=out)
-        else:
-            np.copyto(out, fitted)

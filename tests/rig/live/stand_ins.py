@@ -43,7 +43,7 @@ class Doubler:
         self.resets += 1
 
 
-class ScriptedFeed:
+class ScriptedQueue:
     """Frames that arrive at given times, each filled with its number's code; newest wins."""
 
     def __init__(self, clock: VirtualClock, arrivals_s: Iterable[float], numbers: Iterable[int] | None = None):
@@ -79,7 +79,7 @@ class Stage:
 
     clock: VirtualClock
     display: ClockedDisplay
-    feed: ScriptedFeed
+    queue: ScriptedQueue
     loop: LiveLoop
     compensators: dict[str, Doubler]
     pressed: list[str]
@@ -110,7 +110,7 @@ def stage(
     clock = VirtualClock()
     display = ClockedDisplay(SHAPE, RATE_HZ, clock)
     display.open()
-    feed = ScriptedFeed(clock, arrivals_s, numbers)
+    queue = ScriptedQueue(clock, arrivals_s, numbers)
     compensators = {"exact": Doubler(clock, busy_s), "bounded": Doubler(clock, busy_s, factor=1)}
     pressed: list[str] = []
     switched: list[float] = []
@@ -122,9 +122,9 @@ def stage(
         shown.append(frame)
         codes.append(int(frame.codes[0, 0, 0]))
 
-    surroundings = LoopArguments(
+    arguments = LoopArguments(
         projector=display,
-        feed=feed,
+        queue=queue,
         compensators=compensators,
         clock=clock,
         refresh_rate_hz=RATE_HZ,
@@ -134,11 +134,11 @@ def stage(
         on_shown=on_shown,
         notes=notes,
     )
-    loop = LiveLoop(surroundings, controls or Controls(strategy="exact"))
+    loop = LiveLoop(arguments, controls or Controls(strategy="exact"))
     return Stage(
         clock=clock,
         display=display,
-        feed=feed,
+        queue=queue,
         loop=loop,
         compensators=compensators,
         pressed=pressed,

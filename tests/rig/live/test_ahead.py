@@ -84,15 +84,15 @@ def film_shown(busy_s: float, copying_s: float, *, ahead: bool) -> tuple[LiveLoo
     display.open()
     film = Film(clock, 240)
     output: Output = SlowOutput(display, clock, copying_s) if ahead else DirectOutput(display)
-    surroundings = LoopArguments(
+    arguments = LoopArguments(
         projector=display,
-        feed=film,
+        queue=film,
         compensators={"exact": Doubler(clock, busy_s)},
         clock=clock,
         refresh_rate_hz=RATE_HZ,
         output=output,
     )
-    loop = LiveLoop(surroundings, Controls(strategy="exact"))
+    loop = LiveLoop(arguments, Controls(strategy="exact"))
     while not loop.ended:
         loop.step()
     loop.complete()
@@ -103,15 +103,15 @@ def test_computing_and_showing_together_may_take_longer_than_a_refresh() -> None
     serial, film = film_shown(0.7 * PERIOD_S, 0.5 * PERIOD_S, ahead=False)
     assert film.dropped > 60
     overlapped, film = film_shown(0.7 * PERIOD_S, 0.5 * PERIOD_S, ahead=True)
-    result = overlapped.tally.result(film.dropped)
-    assert result["on_time_share"] > 0.98
-    assert result["out_of_order"] == 0
-    assert overlapped.tally.frames > serial.tally.frames
+    figures = overlapped.statistics.figures(film.dropped)
+    assert figures.on_time_share > 0.98
+    assert figures.out_of_order == 0
+    assert overlapped.statistics.frames > serial.statistics.frames
 
 
 def test_a_picture_is_begun_ahead_but_less_than_a_refresh_and_a_half() -> None:
     loop, _ = film_shown(0.3 * PERIOD_S, 0.1 * PERIOD_S, ahead=True)
-    assert 1.2 < loop.tally.result()["latency_frames_p99"] <= 1.5
+    assert 1.2 < loop.statistics.figures().latency_frames_p99 <= 1.5
 
 
 def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_after() -> None:
@@ -123,7 +123,7 @@ def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_a
     loop = LiveLoop(
         LoopArguments(
             projector=display,
-            feed=film,
+            queue=film,
             compensators={"exact": doubler},
             clock=clock,
             refresh_rate_hz=RATE_HZ,
@@ -132,10 +132,10 @@ def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_a
         Controls(strategy="exact"),
     )
     while not loop.ended:
-        doubler.busy_s = (2.0 if loop.tally.frames == 100 else 0.5) * PERIOD_S
+        doubler.busy_s = (2.0 if loop.statistics.frames == 100 else 0.5) * PERIOD_S
         loop.step()
     loop.complete()
-    assert 1 <= loop.tally.late <= 3
+    assert 1 <= loop.statistics.late <= 3
     assert film.dropped <= 3
 
 
@@ -200,12 +200,12 @@ def test_a_show_comes_first_where_the_system_allows_it_and_goes_back_afterwards(
         normal_priority()
         policies.append(os.sched_getscheduler(0))
 
-    with realtime_priority() as is_urgent:
+    with realtime_priority() as is_realtime:
         during = os.sched_getscheduler(0)
         thread = threading.Thread(target=reads)
         thread.start()
         thread.join()
-    assert during == (os.SCHED_RR if is_urgent else os.SCHED_OTHER)
+    assert during == (os.SCHED_RR if is_realtime else os.SCHED_OTHER)
     assert policies == [during, os.SCHED_OTHER]
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
@@ -215,9 +215,9 @@ def test_a_user_who_may_not_come_first_shows_all_the_same(monkeypatch: pytest.Mo
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
-    with realtime_priority() as is_urgent:
+    with realtime_priority() as is_realtime:
         normal_priority()
-    assert not is_urgent
+    assert not is_realtime
 
 
 def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None:
@@ -229,7 +229,7 @@ def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None
     loop = LiveLoop(
         LoopArguments(
             projector=display,
-            feed=Film(clock, 60),
+            queue=Film(clock, 60),
             compensators={"exact": Doubler(clock)},
             clock=clock,
             refresh_rate_hz=RATE_HZ,
