@@ -70,7 +70,7 @@ SUITES = (
     Suite(
         "virtual",
         (
-            f"tests/contract/test_camera.py tests/contract/test_projector.py tests/contract/test_pair.py "
+            f"tests/contract/test_camera.py tests/contract/test_projector.py tests/contract/test_rig.py "
             f"{LAB}/guest/test_virtual_rig.py -k virtual",
         ),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=virtual",
@@ -80,7 +80,7 @@ SUITES = (
         "kms",
         (
             f"{LAB}/guest/test_kms.py",
-            "tests/contract/test_projector.py tests/contract/test_pair.py -k 'vkms or virtio'",
+            "tests/contract/test_projector.py tests/contract/test_rig.py -k 'vkms or virtio'",
         ),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=vkms,virtio-gpu",
         machine=Machine(displays=2),
@@ -96,7 +96,7 @@ SUITES = (
     Suite("usb", (f"{LAB}/guest/test_usb.py {LAB}/guest/test_devices_verb.py",)),
     Suite(
         "windows",
-        (f"{LAB}/host", "tests/contract/test_projector.py tests/contract/test_pair.py"),
+        (f"{LAB}/host", "tests/contract/test_projector.py tests/contract/test_rig.py"),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=window",
         machine=None,
     ),
