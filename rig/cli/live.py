@@ -53,9 +53,21 @@ def live(
     from rig.terminal import TerminalProgress
 
     request = Request(
-        session, profile, source, strategy, seconds, parse_size(size), rate, loop, gain, auto_gain, linear, record,
-        flashes, threads,
-    )  # fmt: skip
+        folder=session,
+        profile=profile,
+        sources=source,
+        strategy=strategy,
+        seconds=seconds,
+        size=parse_size(size),
+        rate_hz=rate,
+        endless=loop,
+        gain=gain,
+        auto_gain=auto_gain,
+        is_linear=linear,
+        record=record,
+        flashes=flashes,
+        threads=threads,
+    )
     with TerminalProgress() as progress:
         on_step = progress
         with StatusLine() as status:

@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.files.toml import toml_value
-from rig.inventory.choose import BIT_DEPTHS, CameraMode, exposure_range_s, fixed_controls
+from rig.inventory.choose import CameraMode, exposure_range_s, fixed_controls
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
 from rig.profile.schema import SCHEMA
 
@@ -159,7 +160,7 @@ def _cited(model: str, fact: Any) -> str:
 
 
 def _bit_depth_origin(camera: PlannedCamera) -> str:
-    if BIT_DEPTHS[camera.mode.pixel_format] < 16:
+    if PIXEL_FORMATS[camera.mode.pixel_format].bits < 16:
         return f"{DEVICE}: of {camera.mode.pixel_format}"
     if camera.facts.bit_depth is not None:
         return _cited(camera.facts_of, camera.facts.bit_depth)

@@ -17,8 +17,8 @@ from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.loop import LiveLoop, LoopArguments
 from rig.live.sources.source import Pixels
 from rig.profile.schema import Profile
-from rig.self_check.parts.exposure import find_subject, with_generous_latency
-from rig.self_check.parts.latency import check_latency
+from rig.self_check.parts.exposure import prepare_rig, with_generous_latency
+from rig.self_check.parts.latency import measure_latency
 
 
 class LivePath:
@@ -73,13 +73,13 @@ def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
     flashing = Rig(rig.profile, rig.camera, path, rig.clock)
     with flashing:
         flashing.set_exposure(rig.profile.camera.exposure_s)
-        found = check_latency(find_subject(flashing)).numbers
+        found = measure_latency(prepare_rig(flashing))
     return {
-        "p50": 1000 * found["median"],
-        "p99": 1000 * float(np.quantile(found["values_s"], 0.99)),
-        "max": 1000 * found["max"],
-        "flashes": len(found["values_s"]),
-        "unseen": 1000 * found["unseen_s"],
+        "p50": 1000 * found.median,
+        "p99": 1000 * float(np.quantile(found.values_s, 0.99)),
+        "max": 1000 * found.max,
+        "flashes": len(found.values_s),
+        "unseen": 1000 * found.unseen_s,
     }
 
 
@@ -93,5 +93,10 @@ def light_latency(profile: Profile, compensators: Mapping[str, Compensator], con
     rig = Rig(with_generous_latency(profile), *make_devices(profile))
     rate_hz = profile.projector.refresh_rate_hz
     slot = FrameMailbox(rig.projector.shape, 1 / rate_hz, rig.clock)
-    loop = LiveLoop(LoopArguments(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
+    loop = LiveLoop(
+        LoopArguments(
+            projector=rig.projector, feed=slot, compensators=compensators, clock=rig.clock, refresh_rate_hz=rate_hz
+        ),
+        controls,
+    )
     return measure_light_latency(rig, LivePath(rig.projector, slot, loop, rig.clock))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from rig.files.images import linear_of_srgb
+from rig.files.pictures import linear_of_srgb
 from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.linear_light import RadiometricCalibration
@@ -120,7 +120,7 @@ def guessed_transport(
     scene = room(size_m, patch_size_m, _GUESSED_REFLECTANCE)
     place = np.array(size_m) * _GUESSED_PLACE
     pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))
-    whole = coaxial_transport(scene, form_factors(scene), lens, pose, "physical", "area")
+    whole = coaxial_transport(scene, form_factors(scene), lens, pose, convention="physical", emission_rule="area")
     hits = intersect(scene, pose.position_m, rays_at(lens, pose, lens.pixel_grid()))
     direct = whole.direct_matrix.diagonal()
     active = direct > LEAST_GAIN * np.median(direct[direct > 0])
@@ -129,4 +129,4 @@ def guessed_transport(
     view = csr_array(smooth_view(scene, hits, reflectance)[chosen])
     emission = csr_array(whole.emission[:, chosen])
     matrix = csr_array(whole.direct_matrix[chosen][:, chosen])
-    return LightTransport(matrix, emission, whole.radiosity, view, hits.patch[chosen]), active
+    return LightTransport(matrix, emission, whole.radiosity, view, pixel_patch=hits.patch[chosen]), active

@@ -9,21 +9,21 @@ import threading
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from rig.devices.protocols import Camera, Clock
 from rig.errors import CaptureTimeout, DeviceError, RigError, SessionError, UsageError
-from rig.files.atomic import write_bytes
-from rig.files.images import write_exr
+from rig.files.exr import write_exr
 from rig.files.journal import JOURNAL_NAME, Journal
+from rig.files.pictures import write_png
 from rig.live.show.loop import ShownFrame
 from rig.live.show.priority import normal_priority
 
 RECORD_RATE_HZ = 5.0
 """Pictures a second that are kept, at most."""
 _PHOTOGRAPH_RATE_HZ = 1.0
-_PNG_SPEED = 1
+_PNG_COMPRESSION = 1
+"""Quick rather than small: the writing thread shares the machine with the show."""
 _IDLE_S = 0.5
 _CHANNELS = {1: ("Y",), 3: ("R", "G", "B")}
 
@@ -116,7 +116,7 @@ class Recorder:
         if self._details is None:
             return
         name = f"shown-{self.frames:06d}.png"
-        write_bytes(self._folder / name, png_of(self._codes))
+        write_png(self._folder / name, self._codes, _PNG_COMPRESSION)
         self._journal.append({"event": "shown", "file": name, **self._details})
         self.frames += 1
         self._details = None
@@ -141,14 +141,6 @@ class Recorder:
         times = {"started_s": frame.started_s, "exposure_s": frame.exposure_s}
         self._journal.append({"event": "photograph", "file": name, **times})
         self.photographs += 1
-
-
-def png_of(codes: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
-    """(H, W, 3) codes, red first, as the bytes of a PNG."""
-    done, data = cv2.imencode(".png", cv2.cvtColor(codes, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, _PNG_SPEED])
-    if not done:
-        raise SessionError("the picture could not be encoded as PNG")
-    return data.tobytes()
 
 
 def new_folder(folder: Path) -> Path:

@@ -49,7 +49,7 @@ _SWITCH_INTERVAL_S = 0.0005
 OnStatus = Callable[[str], None]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
     """What the user asked for."""
 
@@ -192,7 +192,7 @@ def _warm_up(compensators: Mapping[str, Compensator], shape: tuple[int, int]) ->
 
 def _controls(request: Request, compensators: Mapping[str, Compensator]) -> Controls:
     return Controls(
-        request.strategy if request.strategy in STRATEGIES else STRATEGIES[0],
+        strategy=request.strategy if request.strategy in STRATEGIES else STRATEGIES[0],
         compensating=bool(compensators) and request.strategy != "none",
         gain=request.gain,
         auto_gain=request.auto_gain,
@@ -251,18 +251,18 @@ def _prepare(
     output = ThreadedOutput(devices.projector)
     stack.callback(output.close)
     surroundings = LoopArguments(
-        devices.projector,
-        slot,
-        compensators,
-        clock,
-        rate_hz,
-        profile.timing.replug_timeout_s,
-        keyboard.pressed,
-        reader.next_source,
-        _watcher(recorder),
-        signals.interrupting,
-        notes,
-        output,
+        projector=devices.projector,
+        feed=slot,
+        compensators=compensators,
+        clock=clock,
+        refresh_rate_hz=rate_hz,
+        replug_timeout_s=profile.timing.replug_timeout_s,
+        keys=keyboard.pressed,
+        next_source=reader.next_source,
+        on_shown=_watcher(recorder),
+        interrupting=signals.interrupting,
+        notes=notes,
+        output=output,
     )
     loop = LiveLoop(surroundings, controls)
     return _Show(loop, slot, reader, recorder, signals, clock, request.seconds, notes)

@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import CalibrationError
-from calibration.reflectance import ReflectanceFit, Vignetting, estimate_reflectance, fit_vignetting
+from calibration.errors import CalibrationError
+from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
+from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import image_of, layers, merged, of_bands
 from rig.profile.schema import Profile
 from rig.session import Session
@@ -182,9 +183,9 @@ def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignet
     return fit_vignetting(
         gain.ravel()[sample],
         e[sample],
-        hits.face[sample],
-        geometry.camera.radius(camera_xy),
-        geometry.projector.radius(projector_xy),
+        face=hits.face[sample],
+        camera_r=geometry.camera.radius(camera_xy),
+        projector_r=geometry.projector.radius(projector_xy),
     )
 
 

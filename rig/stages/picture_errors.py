@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from skimage.color import deltaE_ciede2000
 from skimage.metrics import structural_similarity
 
-from sim.compensation.strategies.none import weighted_median
 from sim.compensation.strategies.perceptual import XYZ_FROM_LINEAR_SRGB
+from sim.light.criteria import weighted_median
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

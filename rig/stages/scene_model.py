@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from calibration.records import PinholeModel
+from calibration.geometry.pinhole import PinholeModel
 from sim.form_factors import FormFactors
+from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at
 from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
-from sim.light.transport_of_scene import area_emission, bilinear, irradiance_at, smooth_view
+from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
 from sim.scenes.library import room
 
 FloatArray = NDArray[np.float64]
@@ -57,7 +58,13 @@ class PosedLens:
 
 def optic(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> PosedLens:
     """The simulator's lens and pose for a calibrated device."""
-    lens = Lens(model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion)
+    lens = Lens(
+        width_px=model.width_px,
+        height_px=model.height_px,
+        focal_px=model.focal_px,
+        principal_point_px=model.principal_point_px,
+        distortion=model.distortion,
+    )
     return PosedLens(lens, Pose(model.rotation, model.translation_m), vignetting)
 
 
@@ -94,14 +101,16 @@ def white_irradiance(scene: Scene, projector: PosedLens, points_m: FloatArray, p
     with np.errstate(invalid="ignore"):
         inside = (xy > -0.5).all(axis=1) & (xy < (width - 0.5, height - 0.5)).all(axis=1) & (patch >= 0)
     e = np.zeros(len(points_m))
-    e[inside] = irradiance_at(scene, projector.lens, projector.pose, points_m[inside], patch[inside])
+    e[inside] = irradiance_at(scene, projector.lens, projector.pose, points_m=points_m[inside], patch=patch[inside])
     e[inside] *= projector.illumination(xy[inside])
     return e
 
 
 def unit_emission(scene: Scene, projector: PosedLens) -> csr_array:
     """(P, n pixels) irradiance of each patch by each projector pixel at unit flux, vignetting included."""
-    bare = area_emission(scene.with_reflectance(1.0), projector.lens, projector.pose, 2, "physical")
+    bare = area_emission(
+        scene.with_reflectance(1.0), projector.lens, projector.pose, subsamples=2, convention="physical"
+    )
     return csr_array(bare @ diags_array(projector.illumination(projector.lens.pixel_grid())))
 
 
@@ -243,4 +252,4 @@ def _transport(scene_model: SceneModel, active: BoolArray, direct: csr_array, vi
     emission = diags_array(scene_model.scene.reflectance * scene_model.flux) @ scene_model.unit_emission[:, chosen]
     radiosity = Radiosity(scene_model.form_factors, scene_model.scene.reflectance, solver="repeated")
     patch, xy_px = scene_model.projector_look.hits.patch[chosen], scene_model.projector.lens.pixel_grid()[chosen]
-    return LightTransport(direct, csr_array(emission), radiosity, view, patch, xy_px)
+    return LightTransport(direct, csr_array(emission), radiosity, view, pixel_patch=patch, pixel_xy_px=xy_px)

@@ -1,4 +1,4 @@
-"""Adaptive patches: the fewest cells whose constant light is within a tolerance, from a coarser solution.
+"""Adaptive patches: the fewest whose constant light is within a tolerance, from a coarser solution.
 
 What is approximated is the light between the surfaces: the irradiance H = F B of a cell is one number, while
 the true one varies. Over a cell its squared error is the integral of (g . (x - centre))², g the gradient of H
@@ -18,23 +18,25 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.adaptive_patches import AdaptivePatches, joined
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
-from sim.light.lighting import Light, emission
+from sim.light.lighting import Lighting, emission
 
 SOURCE_WEIGHT = 0.05
 """Squared error of the irradiance at a half-lit contact cell, over the light's variance; chosen, not measured."""
 NEIGHBOURS = 8
+"""Patches that a gradient is fitted to: as many as surround one in a grid."""
 ROUGHNESS = 1.0
-"""Weight of what a linear fit to the neighbours leaves, as a gradient in every direction."""
+"""Weight of what a linear fit to the neighbours leaves, as a gradient in every direction; chosen, not measured."""
 LONGEST_ASPECT = 2.9
+"""More stretched patches are halved across: the halves are at most 1.45 times as long as wide."""
 MOST_PLANES = 64
 """Distances are measured to at most this many planes of regions."""
 
 
-@dataclass(frozen=True, eq=False)
-class Probe:
-    """A solved model, and how its irradiance varies."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedPatches:
+    """A coarse solution, and how its irradiance varies: what finer patches are planned from."""
 
     cells: AdaptivePatches
     irradiance: FloatArray
@@ -47,11 +49,11 @@ class Probe:
     """(P,) integral of its squared variation within each cell [m²]."""
 
     @classmethod
-    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> Probe:
-        """Find the gradients from neighbours in the same region."""
+    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> SolvedPatches:
+        """Return a solution, (P,) irradiance, with gradients from neighbours in the same region."""
         gradient, roughness = gradients(cells, irradiance)
         within = cells.variation(gradient) + roughness * cells.polar_moments
-        return cls(cells, irradiance, gradient, roughness, within)
+        return cls(cells=cells, irradiance=irradiance, gradient=gradient, roughness=roughness, within=within)
 
     @property
     def error(self) -> float:
@@ -61,7 +63,7 @@ class Probe:
 
 
 def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) gradients in each cell's plane, and (P,) roughness.
+    """Return (P, 3) gradients in each cell's plane, and (P,) roughness.
 
     Least squares over the nearest cells of the same region; what they leave, over the area, is the roughness.
     """
@@ -90,8 +92,8 @@ def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tupl
     return slope @ basis, left
 
 
-def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
-    """Patches of about equal size: halved along longer edges until there are ``count``, quartered at least once."""
+def uniform_patches(whole: AdaptivePatches, count: int) -> AdaptivePatches:
+    """Return patches of about equal size: quartered once, then halved until there are ``count``."""
     cells = whole.quarters()
     size_m = float(np.sqrt(cells.areas.sum() / count))
     while True:
@@ -102,12 +104,12 @@ def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
         cells = joined(cells.chosen(~large), cells.chosen(large).halves(np.argmax(edges_m[large], axis=1)))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Refinement:
-    """AdaptivePatches on the way from the whole faces to the fewest that meet a goal."""
+    """Patches on the way from the whole faces to the fewest that meet a goal."""
 
-    probe: Probe
-    light: Light
+    probe: SolvedPatches
+    light: Lighting
     cells: AdaptivePatches
     owner: IntArray
     """(cells of the probe,) the cell that each one's centre lies in."""
@@ -119,13 +121,21 @@ class Refinement:
     """(P,) which way to halve each cell next."""
 
     @classmethod
-    def start(cls, whole: AdaptivePatches, probe: Probe, light: Light) -> Refinement:
-        """Begin with the whole faces."""
+    def start(cls, whole: AdaptivePatches, probe: SolvedPatches, light: Lighting) -> Refinement:
+        """Return a refinement that begins with the whole faces."""
         owner = probe.cells.whole.copy()
         example = np.zeros(whole.n_patches, dtype=np.intp)
         example[owner] = np.arange(len(owner))
         nothing = np.zeros(0)
-        start = cls(probe, light, whole, owner, example, nothing, nothing.astype(np.intp))
+        start = cls(
+            probe=probe,
+            light=light,
+            cells=whole,
+            owner=owner,
+            example=example,
+            squared=nothing,
+            along=nothing.astype(np.intp),
+        )
         start.squared, start.along = start._judged(whole, np.arange(whole.n_patches))
         return start
 
@@ -135,7 +145,7 @@ class Refinement:
         return float(np.sqrt(self.squared.sum() / self.cells.areas.sum()))
 
     def measured_error(self, irradiance: FloatArray) -> float:
-        """RMS over the surface of a solution on these cells, (P,) irradiance, against the probe's."""
+        """Return the RMS over the surface of a solution on these cells, (P,) irradiance, against the probe's."""
         probe = self.probe
         difference = probe.irradiance - irradiance[self.owner]
         squared = probe.cells.reflectance**2 * (probe.cells.areas * difference**2 + probe.within)

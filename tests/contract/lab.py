@@ -15,11 +15,12 @@ from rig.devices.kms.projector import KmsProjector
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.devices.window.projector import WindowProjector
-from rig.emulated.rig import VirtualRig, wait_for_camera
+from rig.emulated.rig import EmulatedRig, wait_for_camera
 from rig.emulated.rig import open_display as open_display_of
 from rig.profile.schema import Profile, load_profile
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
+from tests.device_lab.waiting import GENEROUS_S
 
 ROOT = Path(__file__).parents[2]
 UNTIL_THE_END = ExitStack()
@@ -129,7 +130,7 @@ def open_vivid() -> Rig:
 
 def small_virtual_profile() -> Profile:
     """The virtual rig with a camera of a few pixels and a coarse room, which an emulated machine can keep up with."""
-    text = (ROOT / "hw_profiles" / "virtual-rig.toml").read_text()
+    text = (ROOT / "hw_profiles" / "emulated-rig.toml").read_text()
     for known, small in {
         "width_px = 480": "width_px = 160",
         "height_px = 360": "height_px = 120",
@@ -141,22 +142,22 @@ def small_virtual_profile() -> Profile:
     }.items():
         assert known in text
         text = text.replace(known, small)
-    return Profile.parse(text.encode(), ROOT / "hw_profiles" / "virtual-rig.toml")
+    return Profile.parse(text.encode(), ROOT / "hw_profiles" / "emulated-rig.toml")
 
 
 @cache
-def virtual_rig() -> VirtualRig:
+def virtual_rig() -> EmulatedRig:
     """The small virtual rig, plugged in until the tests end."""
     for module in ("vkms", "vhci-hcd", "uvcvideo"):
         load_module(module)
     profile = small_virtual_profile()
-    return UNTIL_THE_END.enter_context(VirtualRig(profile, open_display_of(profile)))
+    return UNTIL_THE_END.enter_context(EmulatedRig(profile=profile, display=open_display_of(profile)))
 
 
 def open_virtual() -> Rig:
     """A display, and a camera that sees it in the simulated room: both by real kernel drivers."""
     profile = virtual_rig().profile
-    wait_for_camera(profile)
+    wait_for_camera(profile, GENEROUS_S)
     return open_rig(profile)
 
 

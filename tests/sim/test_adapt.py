@@ -5,26 +5,26 @@ import pytest
 
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.geometry.adaptive_patches import whole_cells
-from sim.light.lighting import emission, sample_points, standard_light
-from sim.planning.adapt import Probe, Refinement, even_cells, gradients
+from sim.geometry.adaptive_patches import coarsest_patches
+from sim.light.lighting import emission, make_test_lighting, sample_points
+from sim.planning.adapt import Refinement, SolvedPatches, gradients, uniform_patches
 from sim.planning.simulation import Model, simulate
 from sim.scenes.library import corner, paper_room, room, room_with_box
 from sim.scenes.meshes import integrating_sphere, sloped_room
 
 
 def refined(scene, light_name, cells, probe_cells=500):
-    whole = whole_cells(scene)
-    light = standard_light(light_name, whole)
-    solved = simulate(even_cells(whole, probe_cells), light, Model("auto", "auto", 1e-8))
-    refinement = Refinement.start(whole, Probe.of(solved.cells, solved.irradiance[:, 0]), light)
+    whole = coarsest_patches(scene)
+    light = make_test_lighting(light_name, whole)
+    solved = simulate(uniform_patches(whole, probe_cells), light, Model("auto", "auto", 1e-8))
+    refinement = Refinement.start(whole, SolvedPatches.of(solved.cells, solved.irradiance[:, 0]), light)
     refinement.refine(0.0, cells)
     return refinement
 
 
 @pytest.mark.parametrize("surface", [paper_room(), sloped_room(2.0), integrating_sphere(1)], ids=lambda s: s.name)
 def test_halves_keep_area_side_and_plane(surface):
-    cells = whole_cells(surface)
+    cells = coarsest_patches(surface)
     pieces = cells.quarters()
     assert pieces.n_patches == 4 * cells.n_patches
     sums = pieces.areas.reshape(4, -1).sum(axis=0)
@@ -35,12 +35,12 @@ def test_halves_keep_area_side_and_plane(surface):
 
 
 def test_a_room_begins_with_a_cell_a_face():
-    assert whole_cells(paper_room()).n_patches == 6
-    assert whole_cells(corner()).n_patches == 3
+    assert coarsest_patches(paper_room()).n_patches == 6
+    assert coarsest_patches(corner()).n_patches == 3
 
 
 def test_the_floor_is_cut_along_the_foot_of_a_box_and_left_out_under_it():
-    cells = whole_cells(room_with_box(patch_size_m=0.4))
+    cells = coarsest_patches(room_with_box(patch_size_m=0.4))
     floor = cells.chosen(cells.region == 0)
     assert floor.n_patches == 8
     assert floor.areas.sum() == pytest.approx(4.8**2 - 1.0)
@@ -48,7 +48,7 @@ def test_the_floor_is_cut_along_the_foot_of_a_box_and_left_out_under_it():
 
 
 def test_a_room_with_a_box_is_closed_once_the_covered_floor_is_left_out():
-    cells = even_cells(whole_cells(room_with_box()), 300)
+    cells = uniform_patches(coarsest_patches(room_with_box()), 300)
     assert cells.closed
     assert form_factors(cells, visibility="exact").row_sums == pytest.approx(1.0, abs=2e-3)
 
@@ -57,7 +57,7 @@ def test_a_face_with_a_picture_on_it_keeps_its_patches():
     scene = paper_room()
     rho = scene.reflectance.copy()
     rho[3] = 0.2
-    cells = whole_cells(scene.with_reflectance(rho))
+    cells = coarsest_patches(scene.with_reflectance(rho))
     assert (cells.region == 0).sum() == 144
     assert cells.n_patches == 144 + 5
 
@@ -71,7 +71,7 @@ def test_cells_of_unequal_size_lose_no_light_in_a_closed_room():
 
 
 def test_the_variation_of_a_linear_light_over_a_cell_is_exact():
-    cells = whole_cells(sloped_room(2.4))
+    cells = coarsest_patches(sloped_room(2.4))
     gradient = np.tile([0.3, -0.2, 0.5], (cells.n_patches, 1))
     points, weights = sample_points(cells, 60)
     heights = ((points - cells.centres[:, None]) * gradient[:, None]).sum(axis=2)
@@ -103,9 +103,9 @@ def test_more_cells_leave_less_error():
 
 
 def test_adapted_cells_are_nearer_the_truth_than_as_many_even_ones():
-    whole = whole_cells(paper_room())
-    light, model = standard_light("floor", whole), Model("auto", "auto", 1e-8)
-    even = even_cells(whole, 300)
+    whole = coarsest_patches(paper_room())
+    light, model = make_test_lighting("floor", whole), Model("auto", "auto", 1e-8)
+    even = uniform_patches(whole, 300)
     adapted = refined(paper_room(), "floor", even.n_patches).cells
     assert adapted.n_patches == even.n_patches
     errors = []
@@ -118,22 +118,22 @@ def test_adapted_cells_are_nearer_the_truth_than_as_many_even_ones():
 
 
 def test_light_on_the_floor_is_on_the_floor_alone():
-    cells = even_cells(whole_cells(room_with_box()), 100)
-    lit = emission(cells, standard_light("floor", cells)).irradiance
+    cells = uniform_patches(coarsest_patches(room_with_box()), 100)
+    lit = emission(cells, make_test_lighting("floor", cells)).irradiance
     assert set(np.unique(lit)) == {0.0, 1.0}
     assert (cells.centres[lit > 0, 2] == 0).all()
 
 
 def test_the_standard_projector_lights_half_of_the_papers_room():
-    cells = even_cells(whole_cells(paper_room()), 1000)
-    light = emission(cells, standard_light("projector", cells))
+    cells = uniform_patches(coarsest_patches(paper_room()), 1000)
+    light = emission(cells, make_test_lighting("projector", cells))
     assert cells.areas[light.irradiance > 0].sum() / cells.areas.sum() == pytest.approx(0.52, abs=0.06)
     assert 0.9 < light.irradiance.max() <= 1
 
 
 def test_the_box_throws_a_shadow_and_its_sides_away_from_the_projector_are_dark():
-    cells = even_cells(whole_cells(room_with_box()), 1500)
-    irradiance = emission(cells, standard_light("projector", cells)).irradiance
+    cells = uniform_patches(coarsest_patches(room_with_box()), 1500)
+    irradiance = emission(cells, make_test_lighting("projector", cells)).irradiance
     behind = (np.abs(cells.centres - [3.1, 3.1, 0.0]) < 0.2).all(axis=1) & (cells.region == 0)
     assert behind.any()
     assert irradiance[behind].max() == 0
@@ -143,4 +143,4 @@ def test_the_box_throws_a_shadow_and_its_sides_away_from_the_projector_are_dark(
 
 def test_an_unknown_light_names_those_there_are():
     with pytest.raises(SimulationError, match="projector, floor, uniform"):
-        standard_light("sun", whole_cells(corner()))
+        make_test_lighting("sun", coarsest_patches(corner()))

@@ -136,7 +136,7 @@ def test_the_inverse_iterates_where_there_are_too_many_patches(monkeypatch):
 def _fine(reflectance):
     scene = room((2.0, 2.0, 2.0), 0.5, reflectance)
     lens = Lens.from_horizontal_field_of_view(160, 120, 90.0)
-    return coaxial_transport(scene, form_factors(scene), lens, POSE, "physical", "area")
+    return coaxial_transport(scene, form_factors(scene), lens, POSE, convention="physical", emission_rule="area")
 
 
 @pytest.mark.parametrize("name", ["bounded", "perceptual"])

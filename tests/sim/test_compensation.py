@@ -19,7 +19,7 @@ POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))
 
 def _transport(reflectance=0.7, convention="paper", rule="pixel_mean", lens=LENS, ceiling=True):
     scene = paper_room(ceiling, reflectance)
-    return coaxial_transport(scene, form_factors(scene), lens, POSE, convention, rule)
+    return coaxial_transport(scene, form_factors(scene), lens, POSE, convention=convention, emission_rule=rule)
 
 
 def _picture(transport, seed=0):
@@ -86,7 +86,7 @@ def test_uniform_grey_comes_out_exact_where_the_papers_rule_misses_by_twenty():
     transport = _transport()
     grey = np.full(LENS.n_pixels, 70.0)
     error = {
-        name: np.abs(compensate(name, transport, grey, 0.0, 255.0).predicted - grey).mean()
+        name: np.abs(compensate(name, transport, grey, lower=0.0, upper=255.0).predicted - grey).mean()
         for name in ("paper", "exact", "bounded")
     }
     assert 15 < error["paper"] < 26
@@ -107,7 +107,7 @@ def test_exact_is_the_elimination_of_unlit_patches():
     E = np.zeros(len(system))
     E[lit] = system[np.ix_(lit, lit)] @ values[lit] + system[np.ix_(lit, unlit)] @ B_unlit
     by_elimination = E[patch] / transport.direct_matrix.diagonal()
-    solution = compensate("exact", transport, target, -1e9, 1e9)
+    solution = compensate("exact", transport, target, lower=-1e9, upper=1e9)
     assert np.allclose(solution.projector_image, by_elimination, rtol=1e-9)
 
 
@@ -123,7 +123,7 @@ def test_the_papers_rule_is_its_equations():
     k = 1234
     i = transport.pixel_patch[k]
     wanted = E[i] / transport.direct_matrix.diagonal()[k] * target[k] / B[i]
-    solution = compensate("paper", transport, target, 0.0, 255.0)
+    solution = compensate("paper", transport, target, lower=0.0, upper=255.0)
     assert solution.projector_image[k] == pytest.approx(np.clip(wanted, 0, 255))
 
 
@@ -162,7 +162,7 @@ def test_black_gives_black_and_pixels_that_meet_nothing_stay_dark(name):
 def test_every_strategy_stays_in_range_and_predicts_what_the_transport_gives(name):
     transport = _transport(0.9, "physical", "area")
     target = 3 * _picture(transport)
-    solution = compensate(name, transport, target, 0.1, 0.8)
+    solution = compensate(name, transport, target, lower=0.1, upper=0.8)
     assert solution.projector_image.min() >= 0.1
     assert solution.projector_image.max() <= 0.8
     assert np.allclose(solution.predicted, transport @ solution.projector_image)
@@ -178,14 +178,14 @@ def test_bad_input_is_refused_with_the_figures():
     with pytest.raises(SimulationError, match="not finite"):
         compensate("exact", transport, np.full(LENS.n_pixels, np.nan))
     with pytest.raises(SimulationError, match=r"1 ... 0 is empty"):
-        compensate("exact", transport, np.zeros(LENS.n_pixels), 1.0, 0.0)
+        compensate("exact", transport, np.zeros(LENS.n_pixels), lower=1.0, upper=0.0)
 
 
 @pytest.mark.parametrize("name", ["direct", "paper", "exact", "bounded"])
 def test_a_camera_elsewhere_is_refused_with_advice(name):
     scene = paper_room()
     beside = Pose.look_at((1.6, 1.0, 1.3), (2.4, 2.2, 1.1))
-    transport = physical_transport(scene, form_factors(scene), LENS, POSE, LENS, beside)
+    transport = physical_transport(scene, form_factors(scene), LENS, POSE, camera_lens=LENS, camera_pose=beside)
     with pytest.raises(SimulationError, match="resample the camera to the projector's view"):
         compensate(name, transport, np.zeros(LENS.n_pixels))
 
@@ -206,7 +206,7 @@ def test_bounded_copes_with_pixels_of_very_unequal_and_no_brightness(reflectance
     diagonal[rng.random(LENS.n_pixels) < 0.05] = 0
     diagonal[rng.random(LENS.n_pixels) < 0.02] *= 1e-6
     direct = csr_array(diags_array(diagonal))
-    transport = LightTransport(direct, clean.emission, clean.radiosity, clean.view, clean.pixel_patch)
+    transport = LightTransport(direct, clean.emission, clean.radiosity, clean.view, pixel_patch=clean.pixel_patch)
     target = _picture(clean)
     residual = {name: compensate(name, transport, target) for name in STRATEGIES}
     assert residual["bounded"].notes["short_of_optimum"] <= 0.01

@@ -5,11 +5,12 @@ import functools
 import numpy as np
 import pytest
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
 from sim.geometry.mesh import Mesh
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.light.radiosity import Radiosity
 from sim.scenes.library import furnished_room, paper_room, parallel_plates, room_with_box
 
@@ -126,7 +127,14 @@ def test_a_mesh_of_triangles_is_the_scene_it_was_cut_from() -> None:
     scene = paper_room(patch_size_m=0.4)
     a, b, c, d = np.moveaxis(scene.vertices, 1, 0)
     triangles = np.concatenate([np.stack([a, b, c, c], axis=1), np.stack([a, c, d, d], axis=1)])
-    mesh = Mesh("triangles", triangles, np.full(len(triangles), 0.5), True, True, np.tile(scene.region, 2))
+    mesh = Mesh(
+        name="triangles",
+        vertices=triangles,
+        reflectance=np.full(len(triangles), 0.5),
+        convex=True,
+        closed=True,
+        region=np.tile(scene.region, 2),
+    )
     assert compressed_form_factors(mesh, 1e-3).row_sums == pytest.approx(1.0, abs=2e-3)
 
 

@@ -95,7 +95,15 @@ def test_a_turned_room_has_the_same_factors():
     angle = 0.4
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
     faces = [
-        Face(f.name, turn @ f.origin_m, turn @ f.edge_u_m, turn @ f.edge_v_m, f.rows, f.columns, f.first_patch)
+        Face(
+            name=f.name,
+            origin_m=turn @ f.origin_m,
+            edge_u_m=turn @ f.edge_u_m,
+            edge_v_m=turn @ f.edge_v_m,
+            rows=f.rows,
+            columns=f.columns,
+            first_patch=f.first_patch,
+        )
         for f in scene.faces
     ]
     turned = Scene("turned", tuple(faces), scene.reflectance, convex=True)
@@ -103,8 +111,24 @@ def test_a_turned_room_has_the_same_factors():
 
 
 def test_faces_at_odd_angles_are_refused_by_name():
-    floor = Face("floor", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 1, 1, 0)
-    leaning = Face("leaning", np.zeros(3), np.array([0, 1.0, 0]), np.array([0.3, 0, 1.0]), 1, 1, 1)
+    floor = Face(
+        name="floor",
+        origin_m=np.zeros(3),
+        edge_u_m=np.array([1.0, 0, 0]),
+        edge_v_m=np.array([0, 1.0, 0]),
+        rows=1,
+        columns=1,
+        first_patch=0,
+    )
+    leaning = Face(
+        name="leaning",
+        origin_m=np.zeros(3),
+        edge_u_m=np.array([0, 1.0, 0]),
+        edge_v_m=np.array([0.3, 0, 1.0]),
+        rows=1,
+        columns=1,
+        first_patch=1,
+    )
     scene = Scene("wedge", (floor, leaning), np.full(2, 0.5), convex=True)
     with pytest.raises(SimulationError, match=r"floor and leaning .* neither parallel nor perpendicular"):
         form_factors(scene, "closed_form")
@@ -138,14 +162,24 @@ def test_the_room_with_a_box_nearly_closes():
 def test_a_wall_between_two_plates_darkens_them():
     plates = parallel_plates((1.0, 1.0), 1.0, 1.0)
     u, v = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
-    shield = Face("shield", np.array([0, 0, 0.5]), u, v, 1, 1, 2)
+    shield = Face(
+        name="shield", origin_m=np.array([0, 0, 0.5]), edge_u_m=u, edge_v_m=v, rows=1, columns=1, first_patch=2
+    )
     scene = Scene("shielded", (*plates.faces, shield), np.full(3, 0.5), convex=False)
     assert form_factors(scene).matrix[0, 1] == 0
 
 
 def test_a_half_shield_blocks_what_lies_behind_it():
     plates = parallel_plates((1.0, 1.0), 1.0, 1.0)
-    half = Face("half", np.array([0, 0, 0.5]), np.array([0.5, 0, 0]), np.array([0, 1.0, 0]), 1, 1, 2)
+    half = Face(
+        name="half",
+        origin_m=np.array([0, 0, 0.5]),
+        edge_u_m=np.array([0.5, 0, 0]),
+        edge_v_m=np.array([0, 1.0, 0]),
+        rows=1,
+        columns=1,
+        first_patch=2,
+    )
     scene = Scene("half shielded", (*plates.faces, half), np.full(3, 0.5), convex=False)
     factors = form_factors(scene, rays_per_pair=4096).matrix
     # Plane symmetry: a segment misses the shield if its middle lies in the free half, and half of them do.

@@ -10,7 +10,8 @@ from sim import _kernel
 from sim.compensation import compensate
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.frame.compensator import FrameCompensator, frame_model, reference_frame
+from sim.frame.codes import fractional_code
+from sim.frame.compensator import FrameCompensator, frame_model
 from sim.frame.packed import packed
 from sim.frame.tables import response_cubics
 from sim.geometry.optics import Lens, Pose, rays_at
@@ -19,7 +20,7 @@ from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
-from sim.reference.frame import fractional_code
+from sim.reference.frame import reference_frame
 from sim.scenes.library import ROOM_FACES, room
 
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))
@@ -38,13 +39,13 @@ def transport(width=45, height=29, reflectance=0.7, faces=ROOM_FACES, patch_size
     met = np.flatnonzero(hits.patch >= 0)
     points = pose.position_m + hits.distance[met, None] * rays[met]
     light = np.zeros(lens.n_pixels)
-    light[met] = reflectance * irradiance_at(scene, lens, pose, points, hits.patch[met])
+    light[met] = reflectance * irradiance_at(scene, lens, pose, points_m=points, patch=hits.patch[met])
     return LightTransport(
         csr_array(diags_array(light)),
-        area_emission(scene, lens, pose, 2, "physical"),
+        area_emission(scene, lens, pose, subsamples=2, convention="physical"),
         Radiosity(form_factors(scene), scene.reflectance),
         smooth_view(scene, hits, np.full(lens.n_pixels, reflectance)),
-        hits.patch,
+        pixel_patch=hits.patch,
     )
 
 
@@ -129,7 +130,9 @@ def test_cubics_never_reach_beyond_the_highest_code(gain):
 @pytest.mark.parametrize("strategy", ["exact", "bounded"])
 def test_codes_do_not_depend_on_the_unit_of_camera_values(unit, strategy):
     one, codes = transport(), picture((29, 45))
-    other = LightTransport(one.direct_matrix * unit, one.emission, one.radiosity, one.view * unit, one.pixel_patch)
+    other = LightTransport(
+        one.direct_matrix * unit, one.emission, one.radiosity, one.view * unit, pixel_patch=one.pixel_patch
+    )
     shown = [
         FrameCompensator(frame_model(each, (29, 45), target_scale=level(each), response=GAMMA), strategy).frame(codes)
         for each in (one, other)
@@ -146,7 +149,7 @@ def test_a_single_wall_is_divided_by_its_own_brightness():
         csr_array(wall.emission[:, lit]),
         wall.radiosity,
         csr_array(wall.view[lit]),
-        wall.pixel_patch[lit],
+        pixel_patch=wall.pixel_patch[lit],
     )
     scale = 0.5 * chosen.direct_matrix.diagonal().min()
     model = frame_model(chosen, (29, 45), lit.reshape(29, 45), target_scale=scale)

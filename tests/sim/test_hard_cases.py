@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.structured_light.decode import PixelReason, decode_gray
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.correspondence import PixelReason
+from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.gray import gray_code_patterns
 from sim.compensation import STRATEGIES, compensate
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.geometry.checks import problems
+from sim.geometry.checks import mesh_faults
 from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose
 from sim.geometry.scene import intersect
@@ -43,7 +44,7 @@ def measured(record_property):
 
 
 def pair(first, second, **claims):
-    return Mesh("pair", np.stack([first, second]), np.full(2, 0.5), **claims)
+    return Mesh(name="pair", vertices=np.stack([first, second]), reflectance=np.full(2, 0.5), **claims)
 
 
 def lambert(points, normal, polygon):
@@ -230,7 +231,9 @@ def test_patches_a_thousand_times_larger_agree_with_lambert(measured, place):
 def test_coplanar_patches_exchange_exactly_nothing(method):
     turn = np.array([[0.8, -0.6, 0], [0.6, 0.8, 0], [0, 0, 1]])
     floor = grid_of_quad(SQUARE, 4, 4)
-    mesh = Mesh("floor", floor if method == "closed_form" else floor @ turn.T + 0.1, np.full(16, 0.5))
+    mesh = Mesh(
+        name="floor", vertices=floor if method == "closed_form" else floor @ turn.T + 0.1, reflectance=np.full(16, 0.5)
+    )
     assert not form_factors(mesh, method).matrix.any()
 
 
@@ -280,7 +283,7 @@ def two_rooms():
 
 def test_no_light_leaks_past_a_sheet_that_parts_a_room(measured):
     mesh = two_rooms()
-    assert [problem.kind for problem in problems(mesh) if problem.kind != "t-junction"] == ["contact"]
+    assert [problem.kind for problem in mesh_faults(mesh) if problem.kind != "t-junction"] == ["contact"]
     matrix = form_factors(mesh).matrix
     left = np.where(np.abs(mesh.centres[:, 0] - 1) < 1e-9, mesh.normals[:, 0] < 0, mesh.centres[:, 0] < 1)
     measured("largest factor through the sheet", matrix[left][:, ~left].max(), 1e-15)
@@ -290,7 +293,7 @@ def test_no_light_leaks_past_a_sheet_that_parts_a_room(measured):
 def strip_between(low, high):
     """Two plates, and half-way between them a strip from one edge to the other."""
     strip = SQUARE * (high - low, 1, 1) + np.array([low, 0, 0.5])
-    return Mesh("strip", np.stack([SQUARE, FACING, strip]), np.full(3, 0.5))
+    return Mesh(name="strip", vertices=np.stack([SQUARE, FACING, strip]), reflectance=np.full(3, 0.5))
 
 
 def hidden_share(low, high, steps=1000):
@@ -318,7 +321,11 @@ def test_occluders_thinner_than_a_patch_hide_their_share(measured, width):
 
 
 def test_a_wall_between_two_plates_hides_all():
-    mesh = Mesh("wall", np.stack([SQUARE, FACING, SQUARE * (1.2, 1.2, 1) + (-0.1, -0.1, 0.5)]), np.full(3, 0.5))
+    mesh = Mesh(
+        name="wall",
+        vertices=np.stack([SQUARE, FACING, SQUARE * (1.2, 1.2, 1) + (-0.1, -0.1, 0.5)]),
+        reflectance=np.full(3, 0.5),
+    )
     assert form_factors(mesh).matrix[0, 1] == 0
 
 
@@ -331,7 +338,9 @@ def test_occluded_factors_lie_between_nothing_and_the_free_ones():
         0.5,
     )
     scene = furnace(0.25)
-    mesh = Mesh("block in room", np.concatenate([scene.vertices, box.vertices]), np.full(102, 0.5))
+    mesh = Mesh(
+        name="block in room", vertices=np.concatenate([scene.vertices, box.vertices]), reflectance=np.full(102, 0.5)
+    )
     free, occluded = (form_factors(mesh, visibility=visibility).matrix for visibility in ("none", "exact"))
     assert (occluded >= 0).all()
     assert (occluded <= free).all()
@@ -357,9 +366,9 @@ SENT = LENS.n_pixels / (LENS.focal_px[0] * LENS.focal_px[1])
 
 def test_half_lit_patches_get_the_light_that_lands_on_them(closed_room, measured):
     scene = paper_room()
-    by_area = coaxial_transport(scene, closed_room, LENS, POSE, "physical", "area")
+    by_area = coaxial_transport(scene, closed_room, LENS, POSE, convention="physical", emission_rule="area")
     measured("flux landed over flux sent, off 1", abs(landed(by_area, scene) / SENT - 1), 1e-12)
-    by_mean = coaxial_transport(scene, closed_room, LENS, POSE, "physical", "pixel_mean")
+    by_mean = coaxial_transport(scene, closed_room, LENS, POSE, convention="physical", emission_rule="pixel_mean")
     # Equation 5 takes half-lit patches for lit ones: light is created.
     created = landed(by_mean, scene) / SENT - 1
     measured("light created by equation 5", created, 0.3)
@@ -370,7 +379,7 @@ def test_half_lit_patches_get_the_light_that_lands_on_them(closed_room, measured
 def test_grazing_light_arrives_complete(closed_room, measured, height_m):
     scene = paper_room()
     pose = Pose.look_at((1.2, 1.3, height_m), (4.8, 3.9, height_m))
-    transport = coaxial_transport(scene, closed_room, LENS, pose, "physical", "area")
+    transport = coaxial_transport(scene, closed_room, LENS, pose, convention="physical", emission_rule="area")
     assert np.isfinite(transport.direct_matrix.data).all()
     assert (transport.direct_matrix.data >= 0).all()
     measured("flux landed over flux sent, off 1", abs(landed(transport, scene) / SENT - 1), 1e-12)

@@ -1,28 +1,36 @@
 """Pictures of a lit scene: eq. 9, the light transport's matrices, and a path tracer."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from rig.benchmark.checkout import data_file
 from sim import _kernel
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, pixel_rays
 from sim.geometry.rays import blocked, trace
-from sim.geometry.scene import intersect, intersect_reference
+from sim.geometry.scene import intersect
 from sim.light.transport_of_scene import coaxial_transport, physical_transport
 from sim.picture import image as image_module
-from sim.picture.gather import irradiance, irradiance_reference
+from sim.picture.gather import irradiance
 from sim.picture.image import simulate_image
-from sim.picture.reconstruction import fan_values, fans, quadratic_values, quadratics
+from sim.picture.reconstruction import fans, quadratics
+from sim.reference.gather import irradiance as irradiance_reference
+from sim.reference.rays import intersect as intersect_reference
+from sim.reference.reconstruction import fan_values, quadratic_values
 from sim.scenes.library import corner, paper_room, parallel_plates, room, room_with_box
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
-BENT = Lens(64, 48, (28.0, 27.0), (30.0, 25.0), (-0.1, 0.02, 1e-3, -2e-3, 0.0))
+BENT = Lens(
+    width_px=64,
+    height_px=48,
+    focal_px=(28.0, 27.0),
+    principal_point_px=(30.0, 25.0),
+    distortion=(-0.1, 0.02, 1e-3, -2e-3, 0.0),
+)
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.3, 1.1))
-TRACED = Path(__file__).parents[1] / "data" / "path_tracer_blocks.npz"
+TRACED = data_file("path_tracer_blocks.npz")
 
 
 def _picture(lens=LENS, seed=0):
@@ -30,14 +38,28 @@ def _picture(lens=LENS, seed=0):
 
 
 def _as_mesh(scene):
-    return Mesh(scene.name, scene.vertices, scene.reflectance, scene.convex, scene.closed, scene.region)
+    return Mesh(
+        name=scene.name,
+        vertices=scene.vertices,
+        reflectance=scene.reflectance,
+        convex=scene.convex,
+        closed=scene.closed,
+        region=scene.region,
+    )
 
 
 def _triangles(scene):
     a, b, c, d = np.moveaxis(scene.vertices, 1, 0)
     vertices = np.stack([np.stack([a, b, c, c], axis=1), np.stack([a, c, d, d], axis=1)], axis=1).reshape(-1, 4, 3)
     twice = [np.repeat(values, 2) for values in (scene.reflectance, scene.region)]
-    return Mesh("triangles", vertices, twice[0], scene.convex, scene.closed, twice[1])
+    return Mesh(
+        name="triangles",
+        vertices=vertices,
+        reflectance=twice[0],
+        convex=scene.convex,
+        closed=scene.closed,
+        region=twice[1],
+    )
 
 
 # Rays
@@ -99,7 +121,7 @@ def test_a_box_stops_the_segments_that_pass_through_it_and_no_others():
 def test_direct_light_on_a_wall_ahead_is_eq_9(convention):
     pose, distance = Pose.look_at((2.4, 1.2, 1.2), (2.4, 4.8, 1.2)), 3.6
     scene, picture = room(patch_size_m=0.8, reflectance=0.6), _picture()
-    image = simulate_image(scene, form_factors(scene), LENS, pose, picture, convention=convention)
+    image = simulate_image(scene, form_factors(scene), LENS, pose, projector_image=picture, convention=convention)
     cos_gamma = pixel_rays(LENS, pose)[..., 1]
     ahead = scene.region[image.pixel_patch] == 5
     wanted = 0.6 * picture * (cos_gamma if convention == "paper" else 1 / distance**2)
@@ -119,13 +141,13 @@ def test_a_constant_image_is_the_light_transport_times_the_picture(convention, e
             factors,
             lens,
             POSE,
-            picture,
+            projector_image=picture,
             convention=convention,
             emission=emission,
             reconstruction="patch",
             subsamples=2,
         )
-        T = coaxial_transport(scene, factors, lens, POSE, convention, emission)
+        T = coaxial_transport(scene, factors, lens, POSE, convention=convention, emission_rule=emission)
         E, B = T.radiosity_of(picture.ravel())
         assert np.allclose(image.emission, E, rtol=1e-8, atol=1e-12)
         assert np.allclose(image.radiosity, B, rtol=1e-8, atol=1e-12)
@@ -134,7 +156,7 @@ def test_a_constant_image_is_the_light_transport_times_the_picture(convention, e
 
 def test_all_light_of_the_projector_lands_on_the_patches():
     scene, picture = paper_room(patch_size_m=0.3), _picture()
-    image = simulate_image(scene, form_factors(scene), LENS, POSE, picture, convention="physical")
+    image = simulate_image(scene, form_factors(scene), LENS, POSE, projector_image=picture, convention="physical")
     landed = (image.emission / scene.reflectance * scene.areas).sum()
     assert landed == pytest.approx(picture.sum() / (LENS.focal_px[0] * LENS.focal_px[1]), rel=1e-12)
 
@@ -142,12 +164,15 @@ def test_all_light_of_the_projector_lands_on_the_patches():
 def test_a_mesh_gives_the_picture_of_the_scene_it_came_from():
     scene, picture = room_with_box(0.6), _picture()
     factors = form_factors(scene)
-    a, b = (simulate_image(s, factors, LENS, POSE, picture, reconstruction="patch") for s in (scene, _as_mesh(scene)))
+    a, b = (
+        simulate_image(s, factors, LENS, POSE, projector_image=picture, reconstruction="patch")
+        for s in (scene, _as_mesh(scene))
+    )
     assert np.array_equal(a.pixel_patch, b.pixel_patch)
     assert np.allclose(a.camera_image, b.camera_image, rtol=1e-9)
     empty = paper_room()
     factors = form_factors(empty)
-    a, b = (simulate_image(s, factors, LENS, POSE, picture) for s in (empty, _as_mesh(empty)))
+    a, b = (simulate_image(s, factors, LENS, POSE, projector_image=picture) for s in (empty, _as_mesh(empty)))
     assert np.abs(b.indirect / a.indirect - 1).max() < 0.1
     assert np.abs(b.indirect / a.indirect - 1).mean() < 0.005
 
@@ -156,9 +181,9 @@ def test_a_camera_apart_sees_direct_light_and_shadow_as_the_light_transport_has_
     beside = Pose.look_at((1.5, 1.0, 1.3), (2.4, 2.2, 1.1))
     scene, picture = room_with_box(0.8), _picture()
     factors = form_factors(scene)
-    T = physical_transport(scene, factors, LENS, POSE, BENT, beside)
+    T = physical_transport(scene, factors, LENS, POSE, camera_lens=BENT, camera_pose=beside)
     image = simulate_image(
-        scene, factors, LENS, POSE, picture, convention="physical", camera_lens=BENT, camera_pose=beside
+        scene, factors, LENS, POSE, projector_image=picture, convention="physical", camera_lens=BENT, camera_pose=beside
     )
     wanted = (T.direct @ picture.ravel()).reshape(BENT.shape)
     assert (wanted == 0).any()
@@ -209,9 +234,11 @@ def test_smooth_light_has_no_step_between_patches_of_a_wall(build):
     factors = form_factors(paper_room(patch_size_m=0.8))
     if surface.n_patches == factors.matrix.shape[0]:
         picture = np.ones(narrow.shape)
-        image = simulate_image(surface, factors, narrow, ahead, picture)
+        image = simulate_image(surface, factors, narrow, ahead, projector_image=picture)
         steps = np.abs(np.diff(image.indirect[1])) / image.indirect[1].mean()
-        flat = simulate_image(surface, factors, narrow, ahead, picture, reconstruction="patch").indirect[1]
+        flat = simulate_image(
+            surface, factors, narrow, ahead, projector_image=picture, reconstruction="patch"
+        ).indirect[1]
         assert np.abs(np.diff(flat)).max() / flat.mean() > 0.02
         assert steps.max() < 0.003
 
@@ -237,7 +264,7 @@ def test_pixels_get_what_the_numpy_references_say():
     for mesh in (_as_mesh(scene), _triangles(scene)):
         corners, values = fans(mesh, np.resize(means, mesh.n_patches))
         place = 0.2 * (rng.random((20, 30, 2)) - 0.5)
-        _kernel.shade_fan(patch, place, corners, values, out)
+        _kernel.shade_fan(patch, place, corners=corners, values=values, indirect=out)
         assert np.allclose(out.ravel(), fan_values(corners, values, patch.ravel(), place.reshape(-1, 2)), rtol=1e-9)
 
 
@@ -258,7 +285,8 @@ def test_a_black_patch_is_black_and_leaves_its_neighbours_as_they_are(reconstruc
     rho[black] = 0.0
     factors, dark = form_factors(white), white.with_reflectance(rho)
     with_black, without = (
-        simulate_image(scene, factors, LENS, POSE, picture, reconstruction=reconstruction) for scene in (dark, white)
+        simulate_image(scene, factors, LENS, POSE, projector_image=picture, reconstruction=reconstruction)
+        for scene in (dark, white)
     )
     here = with_black.pixel_patch == black
     assert here.any()
@@ -308,7 +336,14 @@ def test_nothing_is_gathered_through_a_plate():
     plates = parallel_plates(patch_size_m=0.5)
     between = np.array([[-9, -9, 0.5], [9, -9, 0.5], [9, 9, 0.5], [-9, 9, 0.5]])[None]
     vertices = np.concatenate([plates.vertices, between])
-    mesh = Mesh("plates", vertices, np.full(9, 0.5), False, False, np.r_[plates.region, 2])
+    mesh = Mesh(
+        name="plates",
+        vertices=vertices,
+        reflectance=np.full(9, 0.5),
+        convex=False,
+        closed=False,
+        region=np.r_[plates.region, 2],
+    )
     bright = np.where(mesh.region == 1, 1.0, 0.0)
     points, up = np.array([[0.3, 0.4, 0.0]]), np.array([[0.0, 0.0, 1.0]])
     assert irradiance(plates, bright[:8], points, up)[0] > 0.2
@@ -321,11 +356,13 @@ def test_gathered_and_smooth_pictures_meet_as_patches_shrink():
     for size_m in (0.8, 0.4, 0.2):
         scene = paper_room(patch_size_m=size_m)
         factors = form_factors(scene)
-        gathered, smooth = (
-            simulate_image(scene, factors, lens, POSE, np.ones(lens.shape), reconstruction=kind).indirect
+        final_gather, smooth = (
+            simulate_image(
+                scene, factors, lens, POSE, projector_image=np.ones(lens.shape), reconstruction=kind
+            ).indirect
             for kind in ("gather", "smooth")
         )
-        differences.append(np.sqrt(((gathered / smooth - 1) ** 2).mean()))
+        differences.append(np.sqrt(((final_gather / smooth - 1) ** 2).mean()))
     assert differences[0] > 1.3 * differences[1] > 1.3**2 * differences[2]
     assert differences[2] < 0.005
 
@@ -334,7 +371,7 @@ def test_gathered_and_smooth_pictures_meet_as_patches_shrink():
 
 
 @pytest.fixture(scope="module")
-def traced():
+def hits_of_tracer():
     with np.load(TRACED) as file:
         return dict(file)
 
@@ -351,25 +388,25 @@ def _blocks(image):
         (0.1, 0.001, {"patch": 0.0025, "smooth": 0.0015}),
     ],
 )
-def test_the_picture_is_the_path_tracers(traced, patch_size_m, bias_limit, rms_limits):
-    means = traced["block_mean"]
+def test_the_picture_is_the_path_tracers(hits_of_tracer, patch_size_m, bias_limit, rms_limits):
+    means = hits_of_tracer["block_mean"]
     # The room, the pose and the white picture are symmetric, so that four blocks tell of one.
     means = (means + means[::-1] + means[:, ::-1] + means[::-1, ::-1]) / 4
-    lens = Lens.from_horizontal_field_of_view(640, 480, float(traced["horizontal_field_of_view_deg"]))
-    pose = Pose.look_at(traced["position_m"], traced["target_m"])
-    scene = paper_room(reflectance=float(traced["reflectance"]), patch_size_m=patch_size_m)
+    lens = Lens.from_horizontal_field_of_view(640, 480, float(hits_of_tracer["horizontal_field_of_view_deg"]))
+    pose = Pose.look_at(hits_of_tracer["position_m"], hits_of_tracer["target_m"])
+    scene = paper_room(reflectance=float(hits_of_tracer["reflectance"]), patch_size_m=patch_size_m)
     factors, picture = form_factors(scene), np.ones(lens.shape)
     for reconstruction, rms_limit in rms_limits.items():
-        image = simulate_image(scene, factors, lens, pose, picture, reconstruction=reconstruction)
+        image = simulate_image(scene, factors, lens, pose, projector_image=picture, reconstruction=reconstruction)
         error = _blocks(image.camera_image) / means - 1
         assert abs(error.mean()) < bias_limit
         assert np.sqrt((error**2).mean()) < rms_limit
 
 
-def test_the_path_tracers_blocks_are_quiet_enough_to_judge_by(traced):
-    relative = traced["block_standard_error"] / traced["block_mean"]
+def test_the_path_tracers_blocks_are_quiet_enough_to_judge_by(hits_of_tracer):
+    relative = hits_of_tracer["block_standard_error"] / hits_of_tracer["block_mean"]
     assert np.sqrt((relative**2).mean()) < 0.001
-    assert traced["direct_deviation"] < 0.01
+    assert hits_of_tracer["direct_deviation"] < 0.01
 
 
 # Bad input
@@ -380,14 +417,20 @@ def test_wrong_choices_and_pictures_are_refused():
     factors, white = form_factors(scene), np.ones(LENS.shape)
     for wrong in ({"convention": "x"}, {"emission": "x"}, {"reconstruction": "x"}, {"subsamples": 0}):
         with pytest.raises(SimulationError, match=r"unknown|at least 1"):
-            simulate_image(scene, factors, LENS, POSE, white, **wrong)
+            simulate_image(scene, factors, LENS, POSE, projector_image=white, **wrong)
     for picture, message in ((white[1:], "shape"), (-white, "0 or more"), (white * np.nan, "0 or more")):
         with pytest.raises(SimulationError, match=message):
-            simulate_image(scene, factors, LENS, POSE, picture)
+            simulate_image(scene, factors, LENS, POSE, projector_image=picture)
     with pytest.raises(SimulationError, match="same surface"):
-        simulate_image(paper_room(), factors, LENS, POSE, white)
+        simulate_image(paper_room(), factors, LENS, POSE, projector_image=white)
     with pytest.raises(SimulationError, match="directions"):
         intersect(scene, (1, 1, 1), np.ones((3, 2)))
-    folding = Lens(64, 48, (28.0, 28.0), (31.5, 23.5), (-0.9, 0.0, 0.0, 0.0, 0.0))
+    folding = Lens(
+        width_px=64,
+        height_px=48,
+        focal_px=(28.0, 28.0),
+        principal_point_px=(31.5, 23.5),
+        distortion=(-0.9, 0.0, 0.0, 0.0, 0.0),
+    )
     with pytest.raises(SimulationError, match="fold the image over"):
-        simulate_image(scene, factors, folding, POSE, white)
+        simulate_image(scene, factors, folding, POSE, projector_image=white)

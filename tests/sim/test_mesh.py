@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sim.errors import SimulationError
-from sim.geometry.checks import problems
+from sim.geometry.checks import mesh_faults
 from sim.geometry.mesh import Mesh
-from sim.geometry.quads import joined
+from sim.geometry.quads import quads_from_triangles
 from sim.scenes.library import LIBRARY, corner, paper_room, room, room_with_box
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
@@ -22,7 +22,7 @@ SHELF = moved(SQUARE, 0, 0, 2.0)
 
 
 def kinds(vertices, **options):
-    return {problem.kind: problem for problem in problems(np.asarray(vertices, dtype=float), **options)}
+    return {problem.kind: problem for problem in mesh_faults(np.asarray(vertices, dtype=float), **options)}
 
 
 def sphere(n_rings, n_sectors, inwards=True):
@@ -109,7 +109,7 @@ def test_a_scene_and_its_mesh_agree():
 
 def test_occluders_that_are_rectangles_are_merged_and_cover_the_same_area():
     scene = room_with_box(patch_size_m=0.4)
-    mesh = Mesh("box", scene.vertices, scene.reflectance)
+    mesh = Mesh(name="box", vertices=scene.vertices, reflectance=scene.reflectance)
     assert len(mesh.occluders) == len(scene.occluders) == 5
     both = [np.sort(np.round(surface.occluders.mean(axis=1), 9), axis=0) for surface in (mesh, scene)]
     assert np.allclose(*both)
@@ -121,7 +121,9 @@ def test_regions_of_triangles_are_merged_or_left_but_never_changed_in_area():
         triangles = np.roll(SQUARE, shift, axis=0)[wall]
         for turned in (triangles, triangles[:, [1, 2, 0, 0]], triangles[:, [2, 0, 1, 1]]):
             behind = moved(SQUARE[::-1], 0, 0, -1.0)[None]
-            occluders = Mesh("wall", np.concatenate([turned, behind]), np.full(3, 0.5)).occluders
+            occluders = Mesh(
+                name="wall", vertices=np.concatenate([turned, behind]), reflectance=np.full(3, 0.5)
+            ).occluders
             diagonals = np.cross(occluders[:, 2] - occluders[:, 0], occluders[:, 3] - occluders[:, 1])
             assert np.linalg.norm(diagonals, axis=1).sum() / 2 == pytest.approx(2)
 
@@ -129,7 +131,7 @@ def test_regions_of_triangles_are_merged_or_left_but_never_changed_in_area():
 def test_an_l_shaped_wall_stays_in_its_patches():
     shape = np.concatenate([SQUARE, moved(SQUARE, 1, 0, 0), moved(SQUARE, 0, 1, 0)])
     behind = SQUARE[::-1] - (0, 0, 1)
-    mesh = Mesh("l", np.concatenate([shape, behind]).reshape(-1, 4, 3), np.full(4, 0.5))
+    mesh = Mesh(name="l", vertices=np.concatenate([shape, behind]).reshape(-1, 4, 3), reflectance=np.full(4, 0.5))
     assert len(np.unique(mesh.region)) == 2
     assert len(mesh.occluders) == 4
 
@@ -142,7 +144,7 @@ def test_patches_of_unequal_size_may_meet_and_still_close_a_room():
     assert mesh.closed
     assert mesh.convex
     assert len(np.unique(mesh.region)) == 6
-    notes = problems(mesh, thorough=True)
+    notes = mesh_faults(mesh, thorough=True)
     assert [note.kind for note in notes] == ["t-junction"]
     assert not notes[0].refused
 
@@ -150,19 +152,19 @@ def test_patches_of_unequal_size_may_meet_and_still_close_a_room():
 def test_one_missing_patch_opens_a_room_and_its_neighbours_are_named():
     scene = paper_room()
     with pytest.raises(SimulationError, match=r"open: 4 patches: 0 at .*11 at .*287 at .*442 at .*closed=False"):
-        Mesh("hole", scene.vertices[1:], scene.reflectance[1:], closed=True)
+        Mesh(name="hole", vertices=scene.vertices[1:], reflectance=scene.reflectance[1:], closed=True)
     assert not Mesh.from_arrays("hole", scene.vertices[1:].reshape(-1, 3), np.arange(2300).reshape(-1, 4), 0.5).closed
 
 
 def test_a_room_lit_from_outside_is_not_closed():
     with pytest.raises(SimulationError, match=r"inverted: 576 patches.*lit from outside"):
-        Mesh("inside out", paper_room().vertices[:, ::-1], np.full(576, 0.5), closed=True)
+        Mesh(name="inside out", vertices=paper_room().vertices[:, ::-1], reflectance=np.full(576, 0.5), closed=True)
 
 
 def test_a_mesh_called_convex_must_be():
     scene = room_with_box(patch_size_m=0.8)
     with pytest.raises(SimulationError, match=r"not convex: .* patches"):
-        Mesh("box", scene.vertices, scene.reflectance, convex=True)
+        Mesh(name="box", vertices=scene.vertices, reflectance=scene.reflectance, convex=True)
 
 
 def fault(vertices):
@@ -188,7 +190,7 @@ def test_bad_patches_are_refused_by_kind_and_number(kind):
     assert 2 in found[kind].patches
     assert found[kind].refused
     with pytest.raises(SimulationError, match=rf"mesh bad: bad geometry\n  {kind}: .*2 "):
-        Mesh("bad", vertices, np.full(3, 0.5))
+        Mesh(name="bad", vertices=vertices, reflectance=np.full(3, 0.5))
 
 
 @pytest.mark.parametrize(
@@ -238,7 +240,7 @@ def test_all_faults_are_told_together_and_ten_of_each_are_named():
     vertices[5, 0] = np.inf
     vertices[20:40, 2] = vertices[20:40, 1]
     with pytest.raises(SimulationError) as refusal:
-        Mesh("bad", vertices, np.full(576, 0.5))
+        Mesh(name="bad", vertices=vertices, reflectance=np.full(576, 0.5))
     lines = str(refusal.value).splitlines()
     assert lines[1].startswith("  not finite: 1 patch: 5 at")
     assert lines[2].startswith("  degenerate: 20 patches: 20 at")
@@ -291,7 +293,7 @@ def test_small_patches_that_pierce_a_large_one_are_all_found():
 
 @pytest.mark.parametrize("name", LIBRARY)
 def test_the_library_scenes_have_no_fault(name):
-    assert problems(LIBRARY[name](0.4), thorough=True) == ()
+    assert mesh_faults(LIBRARY[name](0.4), thorough=True) == ()
 
 
 @pytest.mark.parametrize(
@@ -328,7 +330,7 @@ def test_another_reflectance_shares_the_geometry():
 
 def test_given_regions_do_not_spare_the_checks():
     with pytest.raises(SimulationError, match="degenerate"):
-        Mesh("bad", fault(BAD["degenerate"]), np.full(3, 0.5), region=np.arange(3))
+        Mesh(name="bad", vertices=fault(BAD["degenerate"]), reflectance=np.full(3, 0.5), region=np.arange(3))
 
 
 def test_regions_may_be_given():
@@ -349,7 +351,7 @@ def test_split_squares_are_joined_again():
     scene = room((1.2, 1.0, 0.8), 0.2)
     corners = np.arange(4 * scene.n_patches).reshape(-1, 4)
     triangles = np.concatenate([corners[:, [0, 1, 2]], corners[:, [2, 3, 0]]])
-    polygons, first = joined(scene.vertices.reshape(-1, 3), triangles, np.zeros(len(triangles)))
+    polygons, first = quads_from_triangles(scene.vertices.reshape(-1, 3), triangles, np.zeros(len(triangles)))
     assert len(polygons) == scene.n_patches
     assert np.array_equal(first, np.arange(scene.n_patches))
     mesh = Mesh.from_arrays("joined", scene.vertices.reshape(-1, 3), polygons, 0.5)
@@ -365,6 +367,6 @@ def test_triangles_of_two_groups_or_two_planes_stay_apart():
         (fold, [[0, 1, 4], [0, 4, 3]], [0, 0]),
         (np.array([[0, 0, 0], [1, 0, 0], [0.2, 0.2, 0], [0, 1.0, 0]]), [[0, 1, 2], [0, 2, 3]], [0, 0]),
     ):
-        polygons, _ = joined(points, np.array(triangles), group)
+        polygons, _ = quads_from_triangles(points, np.array(triangles), group)
         assert (polygons[:, 3] == -1).all()
         assert len(polygons) == 2

@@ -4,14 +4,22 @@ import numpy as np
 import pytest
 
 from sim import _kernel
-from sim.form_factors import ClosureWarning, form_factors, paper
+from sim.form_factors import ClosureWarning, form_factors
 from sim.geometry.mesh import Mesh
 from sim.reference import closed_form as closed_form_reference
+from sim.reference import paper as paper_reference
 from sim.scenes.library import furnace, paper_room, room, room_with_box
 
 
 def as_mesh(scene):
-    return Mesh(scene.name, scene.vertices, scene.reflectance, scene.convex, scene.closed, scene.region)
+    return Mesh(
+        name=scene.name,
+        vertices=scene.vertices,
+        reflectance=scene.reflectance,
+        convex=scene.convex,
+        closed=scene.closed,
+        region=scene.region,
+    )
 
 
 @pytest.fixture
@@ -100,7 +108,7 @@ def test_rectangles_of_any_size_agree_with_the_grid():
 def test_a_quartered_patch_exchanges_what_the_whole_did():
     coarse, fine = room((1.0, 1.0, 1.0), 1.0), room((1.0, 1.0, 1.0), 0.125)
     mixed = np.concatenate([coarse.vertices[:3], fine.vertices[fine.region >= 3]])
-    mesh = Mesh("mixed", mixed, np.full(len(mixed), 0.5), convex=True, closed=True)
+    mesh = Mesh(name="mixed", vertices=mixed, reflectance=np.full(len(mixed), 0.5), convex=True, closed=True)
     factors = form_factors(mesh)
     assert factors.method == "closed_form"
     assert factors.closure_max < 1e-12
@@ -111,7 +119,9 @@ def test_a_tilted_room_of_rectangles_still_has_its_closed_form():
     scene = room((2.0, 1.5, 1.0), 0.5)
     turn = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     turn *= np.sign(np.linalg.det(turn))
-    mesh = Mesh("tilted", scene.vertices @ turn.T, scene.reflectance, convex=True, closed=True)
+    mesh = Mesh(
+        name="tilted", vertices=scene.vertices @ turn.T, reflectance=scene.reflectance, convex=True, closed=True
+    )
     factors = form_factors(mesh)
     assert factors.method == "closed_form"
     assert np.allclose(factors.matrix, form_factors(scene).matrix, rtol=1e-9, atol=1e-15)
@@ -154,7 +164,7 @@ def test_one_thread_gives_the_bits_of_two():
 def test_the_papers_quadrature_agrees_with_its_definition():
     scene = room((1.2, 1.6, 0.8), 0.4)
     factors = form_factors(scene, "paper")
-    reference = paper.reference_exchange_areas(scene) / scene.areas[:, None]
+    reference = paper_reference.exchange_areas(scene) / scene.areas[:, None]
     assert np.allclose(factors.matrix, reference, rtol=1e-12, atol=0)
     assert np.allclose(factors.row_sums, reference.sum(axis=1), rtol=1e-12)
 

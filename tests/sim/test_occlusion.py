@@ -13,7 +13,7 @@ from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.form_factors.factors import ClosureWarning
 from sim.form_factors.occlusion import segments_blocked, visible_fraction, visible_fraction_of_pairs
-from sim.form_factors.visibility import visible_fraction_of_pairs as visible_by_rays
+from sim.form_factors.visibility import visible_fraction_of_pairs_by_rays as visible_by_rays
 from sim.geometry.mesh import Mesh
 from sim.scenes.library import paper_room, room_with_box
 
@@ -31,7 +31,7 @@ def screen(x, z=0.5):
 
 
 def mesh(*polygons):
-    return Mesh("test", np.array(polygons, dtype=float), np.full(len(polygons), 0.5))
+    return Mesh(name="test", vertices=np.array(polygons, dtype=float), reflectance=np.full(len(polygons), 0.5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ FLOOR, CEILING = rectangle((0, 1), (0, 1), 0), rectangle((0, 1), (0, 1), 1, faci
 
 
 def between_plates(*screens, points=6, plates=(FLOOR, CEILING)):
-    """Visible share of the two plates past some screens."""
+    """VisibleFractions share of the two plates past some screens."""
     surface = screened(screens, plates)
     return visible_fraction_of_pairs(surface, np.array([0]), np.array([1]), points=points)[0]
 
@@ -258,11 +258,11 @@ def test_the_listed_pairs_get_the_numbers_of_the_matrix(box_scene):
 
 def test_neither_turning_nor_scaling_the_scene_changes_what_is_visible():
     scene = room_with_box(patch_size_m=0.8)
-    here = Mesh("here", scene.vertices, scene.reflectance)
+    here = Mesh(name="here", vertices=scene.vertices, reflectance=scene.reflectance)
     found = visible_fraction(here, exchange(scene))
     turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
     turn *= np.sign(np.linalg.det(turn))
-    moved = Mesh("moved", 10 * scene.vertices @ turn.T + 50, scene.reflectance)
+    moved = Mesh(name="moved", vertices=10 * scene.vertices @ turn.T + 50, reflectance=scene.reflectance)
     again = visible_fraction_of_pairs(moved, found.first, found.second)
     assert np.abs(again - found.fraction).max() < 1e-2
     assert (np.abs(again - found.fraction) > 1e-9).mean() < 0.02

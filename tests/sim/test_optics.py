@@ -7,7 +7,13 @@ import pytest
 from sim.errors import SimulationError
 from sim.geometry.optics import Lens, Pose, pixel_rays, project, rays_at, solid_angles
 
-BENT = Lens(320, 240, (300.0, 310.0), (150.0, 130.0), (-0.2, 0.05, 0.002, -0.001, 0.01))
+BENT = Lens(
+    width_px=320,
+    height_px=240,
+    focal_px=(300.0, 310.0),
+    principal_point_px=(150.0, 130.0),
+    distortion=(-0.2, 0.05, 0.002, -0.001, 0.01),
+)
 POSE = Pose.look_at((1.0, 2.0, 1.5), (3.0, 2.5, 1.0), roll_deg=10.0)
 
 
@@ -83,11 +89,17 @@ def test_impossible_optics_are_refused():
     with pytest.raises(SimulationError, match="between 0 and 180"):
         Lens.from_horizontal_field_of_view(64, 48, 180.0)
     with pytest.raises(SimulationError, match="above 0"):
-        Lens(64, 48, (0.0, 1.0), (0.0, 0.0))
+        Lens(width_px=64, height_px=48, focal_px=(0.0, 1.0), principal_point_px=(0.0, 0.0))
     with pytest.raises(SimulationError, match="straight along"):
         Pose.look_at((0, 0, 0), (0, 0, 1))
     with pytest.raises(SimulationError, match="not one"):
         Pose(np.ones((3, 3)), np.zeros(3))
-    folding = Lens(320, 240, (100.0, 100.0), (160.0, 120.0), (-0.9, 0.0, 0.0, 0.0, 0.0))
+    folding = Lens(
+        width_px=320,
+        height_px=240,
+        focal_px=(100.0, 100.0),
+        principal_point_px=(160.0, 120.0),
+        distortion=(-0.9, 0.0, 0.0, 0.0, 0.0),
+    )
     with pytest.raises(SimulationError, match="cannot be undone"):
         pixel_rays(folding, POSE)

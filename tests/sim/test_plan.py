@@ -5,8 +5,8 @@ import pytest
 
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
-from sim.light.lighting import standard_light
-from sim.planning.plan import bounces_needed, distinct_channels, plan
+from sim.light.lighting import make_test_lighting
+from sim.planning.plan import bounces_needed, plan
 from sim.planning.simulation import Model, refined_check, simulate
 from sim.scenes.catalogue import SURFACES
 from sim.scenes.library import corner, paper_room
@@ -106,13 +106,6 @@ def test_equal_reflectances_share_a_solve_and_the_brightest_sets_the_patches():
     assert (B[:, 1] >= B[:, 2]).all()
 
 
-def test_distinct_columns_of_a_reflectance_are_counted():
-    rho = np.array([[0.7, 0.7, 0.5], [0.2, 0.2, 0.5]])
-    assert distinct_channels(rho) == 2
-    assert distinct_channels(rho[:, :2]) == 1
-    assert distinct_channels(rho[:, 0]) == 1
-
-
 def test_a_black_room_needs_no_bounce():
     made = plan(paper_room(reflectance=0.0), 1.0, "floor")
     assert made.bounces == 0
@@ -170,4 +163,4 @@ def test_a_light_that_is_not_there_is_refused():
 def test_every_standard_light_is_known():
     for entry in SURFACES.values():
         assert entry.light in ("projector", "floor", "uniform")
-    assert standard_light("uniform", planned("furnace", 1.0).cells).name == "uniform"
+    assert make_test_lighting("uniform", planned("furnace", 1.0).cells).name == "uniform"

@@ -12,12 +12,12 @@ from sim.form_factors.polygon import (
     TOLERANCE_OF_SAMPLES,
     exchange_areas,
     exchange_areas_of_pairs,
-    point_to_polygon,
-    reference_exchange_area,
 )
 from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Face, Scene
 from sim.reference import closed_form
+from sim.reference.polygon import exchange_area as exchange_area_reference
+from sim.reference.polygon import point_to_polygon
 from sim.scenes.library import furnace, paper_room
 from sim.scenes.meshes import grid_of_quad, integrating_sphere, sloped_room, wedge
 
@@ -27,7 +27,7 @@ TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 def mesh_of(*polygons, turn=TURN):
     corners = [np.asarray(polygon, dtype=float) for polygon in polygons]
     quads = [np.concatenate([p, p[-1:]]) if len(p) == 3 else p for p in corners]
-    return Mesh("polygons", np.array(quads) @ turn.T, np.zeros(len(quads)))
+    return Mesh(name="polygons", vertices=np.array(quads) @ turn.T, reflectance=np.zeros(len(quads)))
 
 
 def exchange_area(first, second, tolerance=1e-9):
@@ -40,13 +40,18 @@ def rectangle(origin, u, v):
 
 
 def closed_exchange_area(first, second):
-    faces = [Face(str(k), r[0], r[1] - r[0], r[3] - r[0], 1, 1, k) for k, r in enumerate((first, second))]
+    faces = [
+        Face(name=str(k), origin_m=r[0], edge_u_m=r[1] - r[0], edge_v_m=r[3] - r[0], rows=1, columns=1, first_patch=k)
+        for k, r in enumerate((first, second))
+    ]
     return closed_form.exchange_areas(Scene("pair", tuple(faces), np.zeros(2), convex=True))[0, 1]
 
 
 def turned_paper_room():
     scene = paper_room()
-    return Mesh("turned", scene.vertices @ TURN.T, scene.reflectance), closed_form.exchange_areas(scene)
+    return Mesh(
+        name="turned", vertices=scene.vertices @ TURN.T, reflectance=scene.reflectance
+    ), closed_form.exchange_areas(scene)
 
 
 def relative_errors(found, exact):
@@ -56,7 +61,7 @@ def relative_errors(found, exact):
 
 
 def test_the_turned_unit_cube_has_its_known_factors():
-    cube = Mesh("cube", furnace(patch_size_m=1.0).vertices @ TURN.T, np.zeros(6))
+    cube = Mesh(name="cube", vertices=furnace(patch_size_m=1.0).vertices @ TURN.T, reflectance=np.zeros(6))
     factors = exchange_areas(cube, tolerance=1e-11)
     assert factors[0, 1] == pytest.approx(0.199824895698, abs=1e-12)
     assert np.allclose(factors[0, 2:], 0.200043776075, atol=1e-12, rtol=0)
@@ -79,7 +84,7 @@ def test_samples_reach_their_bar_under_a_sloped_ceiling(samples, bar):
     first, second = np.nonzero(np.triu(found))
     for k in rng.choice(len(first), 60, replace=False):
         a, b = room.vertices[[first[k], second[k]]]
-        assert found[first[k], second[k]] == pytest.approx(reference_exchange_area(a, b, 8), rel=bar)
+        assert found[first[k], second[k]] == pytest.approx(exchange_area_reference(a, b, 8), rel=bar)
 
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-9])
@@ -162,7 +167,7 @@ class TestWedges:
 
     def test_plain_quadrature_agrees(self, angle_degrees):
         a, b = wedge(angle_degrees, widths_m=(0.7, 1.3)).vertices
-        assert exchange_area(a, b) == pytest.approx(reference_exchange_area(a, b, 40), rel=1e-5)
+        assert exchange_area(a, b) == pytest.approx(exchange_area_reference(a, b, 40), rel=1e-5)
 
 
 def _towards(polygon, point):
@@ -177,7 +182,7 @@ def test_any_two_triangles_agree_with_plain_quadrature(seed, distance, tolerance
     a, b = rng.normal(size=(2, 3, 3))
     b += distance * np.array([0.6, 0.0, 0.8])
     found = exchange_area(a, b, tolerance)
-    plain = [reference_exchange_area(*pair, order) for order in (24, 32) for pair in ((a, b), (b, a))]
+    plain = [exchange_area_reference(*pair, order) for order in (24, 32) for pair in ((a, b), (b, a))]
     assert found == pytest.approx(plain[-1], rel=tolerance, abs=2 * np.ptp(plain) + 1e-15)
 
 
@@ -190,7 +195,7 @@ def test_gauss_points_keep_the_error_that_their_bound_promises():
     polygons = quad @ turns.transpose(0, 2, 1)
     polygons[100:] += away[:, None]
     mesh, first, second = mesh_of(*polygons), np.arange(100), np.arange(100, 200)
-    exact = np.array([reference_exchange_area(polygons[k], polygons[100 + k], 20) for k in range(100)])
+    exact = np.array([exchange_area_reference(polygons[k], polygons[100 + k], 20) for k in range(100)])
     whole = exact > 0
     for tolerance in (1e-2, 1e-4, 1e-6, 1e-8):
         found = exchange_areas_of_pairs(mesh, first, second, tolerance)

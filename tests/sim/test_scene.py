@@ -94,14 +94,22 @@ def test_impossible_rooms_are_refused(build, message):
 def test_impossible_faces_are_refused():
     x, y = np.array([1.0, 0, 0]), np.array([0, 1.0, 0])
     with pytest.raises(SimulationError, match="instead of 90"):
-        Face("skew", np.zeros(3), x, x + y, 1, 1, 0)
+        Face(name="skew", origin_m=np.zeros(3), edge_u_m=x, edge_v_m=x + y, rows=1, columns=1, first_patch=0)
     with pytest.raises(SimulationError, match="above 0"):
-        Face("sliver", np.zeros(3), x, 0 * y, 1, 1, 0)
+        Face(name="sliver", origin_m=np.zeros(3), edge_u_m=x, edge_v_m=0 * y, rows=1, columns=1, first_patch=0)
     with pytest.raises(SimulationError, match="at least 1 x 1"):
-        Face("empty", np.zeros(3), x, y, 0, 1, 0)
+        Face(name="empty", origin_m=np.zeros(3), edge_u_m=x, edge_v_m=y, rows=0, columns=1, first_patch=0)
 
 
 def test_a_scene_whose_faces_do_not_follow_each_other_is_refused():
-    face = Face("floor", np.zeros(3), np.array([1.0, 0, 0]), np.array([0, 1.0, 0]), 1, 1, 3)
+    face = Face(
+        name="floor",
+        origin_m=np.zeros(3),
+        edge_u_m=np.array([1.0, 0, 0]),
+        edge_v_m=np.array([0, 1.0, 0]),
+        rows=1,
+        columns=1,
+        first_patch=3,
+    )
     with pytest.raises(SimulationError, match="first patch 3, expected 0"):
         Scene("gap", (face,), np.array([0.5]), True)

@@ -17,7 +17,7 @@ G, D = 0.4, 0.5
 BRIGHT = np.array([0.3, 0.05])
 """A first patch so bright that the second would have to swallow light."""
 DIVERGING = 0.6
-"""Exchange at which the global light is 1.5 times the direct."""
+"""FormFactorOperator at which the global light is 1.5 times the direct."""
 
 
 def two_patches(g: float, d: float = 0.5) -> LightTransport:
@@ -26,10 +26,18 @@ def two_patches(g: float, d: float = 0.5) -> LightTransport:
     With G = [[0, g], [g, 0]], T = d / (1 - g²) [[1, g], [g, 1]] and T⁻¹ = [[1, -g], [-g, 1]] / d.
     """
     share = np.array([[0.0, g / 0.9], [g / 0.9, 0.0]])
-    factors = FormFactors(share, np.ones(2), share.sum(axis=1), 0.0, "by hand", "none", 0.0)
+    factors = FormFactors(
+        matrix=share,
+        areas=np.ones(2),
+        row_sums=share.sum(axis=1),
+        closure_max=0.0,
+        method="by hand",
+        visibility="none",
+        seconds=0.0,
+    )
     eye = csr_array(np.eye(2))
     return LightTransport(
-        csr_array(d * np.eye(2)), csr_array(d * np.eye(2)), Radiosity(factors, 0.9), eye, np.arange(2)
+        csr_array(d * np.eye(2)), csr_array(d * np.eye(2)), Radiosity(factors, 0.9), eye, pixel_patch=np.arange(2)
     )
 
 
@@ -75,7 +83,7 @@ def test_the_undamped_series_takes_a_bounce_away_a_term(terms):
     H = G / (1 - G**2) * np.array([[G, 1.0], [1.0, G]])
     target = np.array([0.3, 0.25])
     expected = sum(np.linalg.matrix_power(-H, k) @ target for k in range(terms)) / D
-    p = compensate("series", two_patches(G, D), target, -9.0, 9.0, terms=terms, damping=1.0).projector_image
+    p = compensate("series", two_patches(G, D), target, lower=-9.0, upper=9.0, terms=terms, damping=1.0).projector_image
     assert p == pytest.approx(expected)
 
 
@@ -112,7 +120,7 @@ def test_remap_leaves_a_picture_alone_that_fits():
 
 def test_remap_says_by_how_much_no_gain_stays_in_range():
     # Without direct light no offset lifts the image to the range's lower end.
-    result = compensate("remap", two_patches(G, 0.0), [0.3, 0.2], 0.1, 0.8)
+    result = compensate("remap", two_patches(G, 0.0), [0.3, 0.2], lower=0.1, upper=0.8)
     assert result.notes["out_of_range"] == pytest.approx(0.1 / 0.7)
     assert result.projector_image.tolist() == [0.1, 0.1]
 
@@ -198,7 +206,7 @@ def test_targets_that_do_not_fit_are_refused(name):
     with pytest.raises(SimulationError, match="1 of 2 values not finite"):
         compensate(name, grey, [0.1, np.inf])
     with pytest.raises(SimulationError, match="is empty"):
-        compensate(name, grey, [0.1, 0.1], 1.0, 1.0)
+        compensate(name, grey, [0.1, 0.1], lower=1.0, upper=1.0)
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ _NEUTRAL_CONNECTOR = {
 _BLOBS = ("GAMMA_LUT", "DEGAMMA_LUT", "CTM")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
     """The way of a picture: plane, controller, connector; with their properties."""
 
@@ -78,13 +78,13 @@ def choose_path(card: Card, connector: Connector) -> Path:
         raise SettingRefused(f"{card.name} has no plane for {connector.name} that shows 32-bit pixels")
     plane = fitting[0].id
     return Path(
-        connector.id,
-        controller,
-        plane,
-        tuple(each.id for each in planes if each.id != plane and each.shown_by == controller),
-        properties,
-        card.properties(controller),
-        types[plane],
+        connector=connector.id,
+        controller=controller,
+        plane=plane,
+        other_planes=tuple(each.id for each in planes if each.id != plane and each.shown_by == controller),
+        connector_properties=properties,
+        controller_properties=card.properties(controller),
+        plane_properties=types[plane],
     )
 
 

@@ -17,7 +17,7 @@ from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown, 
 from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.replay.photographs import Manifest, grey, read_photograph
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
-from rig.files.images import read_exr
+from rig.files.exr import read_exr
 from rig.files.journal import JOURNAL_NAME, corrupt_line, read_events
 
 Pixels = NDArray[np.uint16]

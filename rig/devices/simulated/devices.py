@@ -80,7 +80,8 @@ class SimulatedProjector:
         on_screen_s = math.ceil(self._clock.now_s() / self._period_s + 1e-9) * self._period_s
         self._clock.wait_until_s(on_screen_s)
         projector = self._world.settings.projector
-        jitter = self._bench_random(on_screen_s).uniform(0, projector.jitter_s)
+        random = np.random.default_rng((self._world.settings.seed, 1, round(on_screen_s * 1e6)))
+        jitter = random.uniform(0, projector.jitter_s)
         self._pictures.append(LitPicture(codes.copy(), on_screen_s + projector.latency_s + jitter))
         del self._pictures[:-_KEPT_PICTURES]
         return Shown(on_screen_s, name)
@@ -91,9 +92,6 @@ class SimulatedProjector:
         lost_s = first_in(self._world.settings.projector.unplugged_s, opened_s, math.inf)
         ends = [min(p.light_s, lost_s) for p in self._pictures[1:]] + [lost_s]
         return [LitPicture(p.codes, p.light_s, end_s) for p, end_s in zip(self._pictures, ends, strict=True)]
-
-    def _bench_random(self, time_s: float) -> np.random.Generator:
-        return np.random.default_rng((self._world.settings.seed, 1, round(time_s * 1e6)))
 
 
 class SimulatedCamera:
@@ -165,23 +163,23 @@ class SimulatedCamera:
         opened_s = self._check_open()
         settings = self.world.settings.camera
         now_s = self._clock.now_s()
-        slot = self._slot_from(max(after_s, now_s))
-        slot = self._slot_from(end_of(settings.frozen_s, opened_s, slot * self._period_s))
-        while self._faults.is_dropped(slot) and slot * self._period_s < now_s + timeout_s:
-            slot += 1
-        exposure_s = self._exposure_at(slot)
-        end_s = slot * self._period_s + exposure_s + settings.readout_s
+        index = self._index_from(max(after_s, now_s))
+        index = self._index_from(end_of(settings.frozen_s, opened_s, index * self._period_s))
+        while self._faults.is_dropped(index) and index * self._period_s < now_s + timeout_s:
+            index += 1
+        exposure_s = self._exposure_at(index)
+        end_s = index * self._period_s + exposure_s + settings.readout_s
         self._wait(min(end_s, now_s + timeout_s), opened_s)
         if end_s - now_s > timeout_s:
             raise CaptureTimeout(f"no frame within {timeout_s:g} s: the exposure would end later; allow more time")
-        return self._frame(slot, exposure_s)
+        return self._frame(index, exposure_s)
 
-    def _slot_from(self, time_s: float) -> int:
+    def _index_from(self, time_s: float) -> int:
         return math.ceil(time_s / self._period_s - 1e-9)
 
-    def _exposure_at(self, slot: int) -> float:
+    def _exposure_at(self, index: int) -> float:
         settled_s = self._set_s + self.world.settings.camera.exposure_delay_frames * self._period_s
-        return self._exposure_s if slot * self._period_s >= settled_s else self._earlier_exposure_s
+        return self._exposure_s if index * self._period_s >= settled_s else self._earlier_exposure_s
 
     def _wait(self, until_s: float, opened_s: float) -> None:
         """Wait; raises DeviceLost at the moment of an unplugging."""
@@ -189,14 +187,21 @@ class SimulatedCamera:
         self._clock.wait_until_s(min(until_s, first_in(unplugged_s, opened_s, until_s)))
         _refuse_unplugged("camera", unplugged_s, opened_s, self._clock.now_s())
 
-    def _frame(self, slot: int, exposure_s: float) -> RawFrame:
-        fate, lost = self._faults.fate(slot), self._faults.lost_before(slot)
-        self._sequence = 1 if fate.restarts_count else self._sequence + 1 + lost
-        pixels = self._expose(fate.content_slot * self._period_s, exposure_s)
-        if fate.is_short:
+    def _frame(self, index: int, exposure_s: float) -> RawFrame:
+        fault, lost = self._faults.fault_of(index), self._faults.lost_before(index)
+        self._sequence = 1 if fault.restarts_count else self._sequence + 1 + lost
+        pixels = self._expose(fault.content_index * self._period_s, exposure_s)
+        if fault.is_short:
             pixels = pixels[: len(pixels) // _SHORT_SHARE]
-        started_s = fate.stamp_slot * self._period_s + fate.stamp_error_s
-        return RawFrame(pixels, exposure_s, started_s, self._sequence, lost, fate.repeats and not lost)
+        started_s = fault.stamp_index * self._period_s + fault.stamp_error_s
+        return RawFrame(
+            pixels=pixels,
+            exposure_s=exposure_s,
+            started_s=started_s,
+            sequence=self._sequence,
+            lost=lost,
+            repeats=fault.repeats and not lost,
+        )
 
     def _expose(self, start_s: float, exposure_s: float) -> NDArray[np.uint16]:
         """Rows are exposed one after the other when the shutter rolls."""
@@ -215,7 +220,7 @@ class SimulatedCamera:
                 light[..., band] += swell.astype(np.float32) * seen.through_lens(world.ambient)
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
-        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise)
+        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
@@ -238,7 +243,7 @@ def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) ->
 
 
 def sensor_response(
-    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, noise: Float32Array
+    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, *, noise: Float32Array
 ) -> NDArray[np.uint16]:
     """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip.
 

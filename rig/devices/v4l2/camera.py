@@ -15,7 +15,7 @@ from rig.devices.v4l2.controls import EXPOSURE_STEP_S, Setting, mismatch, read_c
 from rig.devices.v4l2.describe import ControlAbility
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.devices.v4l2.formats import layout_of, pixel_format
-from rig.devices.v4l2.frames import Frames, Seen
+from rig.devices.v4l2.frames import Frames, FrameSearch
 from rig.devices.v4l2.node import STALLED, Node
 from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
 from rig.devices.v4l2.setup import (
@@ -38,7 +38,7 @@ _LEAST_INTERVAL = 0.85
 """Of the exposure, between frames whose time stamps jitter."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Opened:
     """Everything that exists while the camera is open."""
 
@@ -136,7 +136,11 @@ class V4l2Camera:
         channels = self._shape[2]
         known_format = pixel_format(self._format_name, channels=channels, bit_depth=self._bit_depth)
         wishes = RequestedSettings(
-            self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls
+            shape=self._shape,
+            pixel_format=known_format,
+            frame_rate_hz=self._frame_rate_hz,
+            exposure_range_s=self._exposure_range_s,
+            controls=self._controls,
         )
         self._opened = self._set_up(find_camera(self.device_id), wishes)
         with ExitStack() as undo:
@@ -167,7 +171,16 @@ class V4l2Camera:
                 clock=self._clock,
             )
             stream.start()
-            return _Opened(node, stream, frames, period_s, settings, exposure, exposure_s, undo.pop_all())
+            return _Opened(
+                node=node,
+                stream=stream,
+                frames=frames,
+                period_s=period_s,
+                settings=settings,
+                exposure=exposure,
+                exposure_s=exposure_s,
+                undo=undo.pop_all(),
+            )
 
     def _see_first_frames(self, opened: _Opened) -> None:
         for _ in range(_FIRST_FRAMES):
@@ -213,7 +226,9 @@ class V4l2Camera:
         opened.valid_from_s = self._clock.now_s()
         ratio = got / opened.steps if opened.is_settled else 1.0
         opened.exposure_s, opened.is_settled = got * EXPOSURE_STEP_S, False
-        settling = Settling(before.pixels, ratio, self.full_scale_dn, opened.slowest_frames)
+        settling = Settling(
+            before=before.pixels, ratio=ratio, full_scale_dn=self.full_scale_dn, unmeasured_frames=opened.slowest_frames
+        )
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)
@@ -247,7 +262,7 @@ class V4l2Camera:
             )
 
     def _frame_within(self, opened: _Opened, after_s: float, when: str) -> RawFrame:
-        seen = Seen()
+        seen = FrameSearch()
         frame = self._next_frame(opened, after_s, self._limit_s(opened), seen)
         if frame is None:
             raise CaptureTimeout(f"{self._name}: no frame {when}: {seen}; plug the camera in again")
@@ -265,7 +280,7 @@ class V4l2Camera:
         """
         until_s = self._clock.now_s() + timeout_s
         with self._opened_for("capturing") as opened:
-            seen = Seen()
+            seen = FrameSearch()
             after_s = max(after_s, opened.valid_from_s)
             frame = self._next_frame(opened, after_s, until_s, seen)
             if frame is None:
@@ -290,7 +305,7 @@ class V4l2Camera:
             self.close()
             raise
 
-    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: Seen) -> RawFrame | None:
+    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: FrameSearch) -> RawFrame | None:
         """The next good frame that began after a time; a stream that breaks is started again, once."""
         try:
             return opened.frames.next(after_s, until_s, opened.exposure_s, seen)

@@ -24,7 +24,7 @@ UNMEASURED_FRAMES = 4
 """Where the change cannot be seen (darkness, saturation) so many frames have to be steady, or more."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Settling:
     """Looks at frames after an exposure change, under a still scene, until they are settled.
 

@@ -28,7 +28,7 @@ class StreamBroken(DeviceError):
     """The driver gave up this stream, but is still there; a new stream may run."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Filled:
     """A buffer that the driver has filled; it has to be given back."""
 
@@ -124,7 +124,16 @@ class Stream:
         lost, unseen = self._count(buffer.sequence)
         self._last = buffer.sequence, stamp_s
         has_error = bool(buffer.flags & abi.BUFFER_ERROR)
-        return Filled(buffer.index, buffer.bytesused, has_error, buffer.flags, stamp_s, self._number, lost, unseen)
+        return Filled(
+            index=buffer.index,
+            bytes_used=buffer.bytesused,
+            has_error=has_error,
+            flags=buffer.flags,
+            stamp_s=stamp_s,
+            number=self._number,
+            lost=lost,
+            unseen=unseen,
+        )
 
     def _count(self, sequence: int) -> tuple[int, int]:
         """Count on, and tell how many frames were lost, and how many skipped for want of a buffer.

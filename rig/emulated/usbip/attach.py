@@ -113,7 +113,9 @@ class Attachment:
             return
         iso_bytes = ISO_PACKET_BYTES * packet_count if 0 < packet_count <= _MOST_PACKETS else 0
         table = _whole(commands.read(iso_bytes), iso_bytes)
-        transfer = Transfer(number, endpoint, length, data, table, self._answer)
+        transfer = Transfer(
+            number=number, endpoint=endpoint, length=length, data=data, packet_table=table, answer=self._answer
+        )
         with self._lock:
             self._pending[number] = transfer
         self._device.submit(transfer)

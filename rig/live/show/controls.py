@@ -20,7 +20,7 @@ KEYS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Controls:
     """Settings that may change between two frames."""
 

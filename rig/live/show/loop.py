@@ -30,7 +30,7 @@ _AHEAD = 1.35
 """Refreshes before its own that a film's picture is begun at the earliest: what it may be held up, and its latency."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShownFrame:
     """A picture that was shown, for who records or watches."""
 
@@ -51,7 +51,7 @@ def nothing_more(frame: ShownFrame) -> None:
     """For who wants no frames."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Pending:
     """A picture that is on its way to the screen."""
 
@@ -67,7 +67,7 @@ class _Pending:
     """Begun when there was time enough."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LoopArguments:
     """All that the loop talks to."""
 
@@ -143,7 +143,15 @@ class LiveLoop:
             missed = pending.in_time and self.tally.is_late(on_screen_s, pending.target_s)
             self._lead.note(pending.busy_s, is_late=missed)
             self.tally.note_frame(frame.number, frame.ready_s, pending.busy_s, pending.deadline_s, on_screen_s)
-            self._around.on_shown(ShownFrame(frame.number, pending.codes, on_screen_s, pending.gain, pending.controls))
+            self._around.on_shown(
+                ShownFrame(
+                    number=frame.number,
+                    codes=pending.codes,
+                    on_screen_s=on_screen_s,
+                    gain=pending.gain,
+                    controls=pending.controls,
+                )
+            )
 
     @property
     def _ahead(self) -> bool:
@@ -190,14 +198,23 @@ class LiveLoop:
             deadline_s = self._display.target_s(frame.ready_s + self._lead.lead_s)
         self._follow_brightness(frame, codes)
         in_time = begun_s <= target_s - self._lead.lead_s
-        pending = _Pending(codes, self.gain, self.controls, frame, target_s, deadline_s, busy_s, in_time)
+        pending = _Pending(
+            codes=codes,
+            gain=self.gain,
+            controls=self.controls,
+            frame=frame,
+            target_s=target_s,
+            deadline_s=deadline_s,
+            busy_s=busy_s,
+            in_time=in_time,
+        )
         self._start(pending, target_s)
         if not self._ahead:
             self.complete()
 
     def _show_again(self, frame: LiveFrame, target_s: float) -> None:
         """Show the last picture once more, with the settings of now."""
-        self._start(_Pending(self._codes_of(frame.codes), self.gain, self.controls), target_s)
+        self._start(_Pending(codes=self._codes_of(frame.codes), gain=self.gain, controls=self.controls), target_s)
         self.complete()
 
     def _codes_of(self, codes: Pixels) -> Pixels:

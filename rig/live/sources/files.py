@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rig.errors import UsageError
+from rig.files.pictures import read_codes
 from rig.live.sources.source import Picture, Pixels, SourceBroken, SourceEnded
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
@@ -111,7 +113,7 @@ class FolderSource:
             pixels = _read_picture(self._left.pop())
             if pixels is not None:
                 self._good += 1
-                return Picture(pixels, is_bgr=True)
+                return Picture(pixels)
         if self._good == 0:
             raise SourceBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
         raise SourceEnded
@@ -122,12 +124,11 @@ class FolderSource:
 
 
 def _read_picture(path: Path) -> Pixels | None:
-    """(H, W, 3), blue first; None when it cannot be read."""
+    """(H, W, 3), red first; None when it cannot be read."""
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    except cv2.error:  # larger than the library allows
+        return read_codes(path)
+    except UsageError:
         return None
-    return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
 
 
 class PatternSource:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.files.pictures import cover, covering_shape
 
 Pixels = NDArray[np.uint8]
 
@@ -70,21 +71,11 @@ class Fitter:
 
     def fit(self, picture: Picture, out: Pixels) -> None:
         """Write a picture of any size to ``out``, (H, W, 3) of the shape, red first."""
-        pixels = self._covering(picture.pixels)
-        top, left = ((n - m) // 2 for n, m in zip(pixels.shape, self._shape, strict=False))
-        cropped = pixels[top : top + self._shape[0], left : left + self._shape[1]]
+        scaled = covering_shape(picture.pixels.shape, self._shape)
+        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape:
+            self._scaled = np.empty((*scaled, 3), np.uint8)
+        fitted = cover(picture.pixels, self._shape, cv2.INTER_LINEAR, self._scaled)
         if picture.is_bgr:
-            cv2.cvtColor(cropped, cv2.COLOR_BGR2RGB, dst=out)
+            cv2.cvtColor(fitted, cv2.COLOR_BGR2RGB, dst=out)
         else:
-            np.copyto(out, cropped)
-
-    def _covering(self, pixels: Pixels) -> Pixels:
-        if pixels.shape[:2] == self._shape:
-            return pixels
-        factor = max(n / m for n, m in zip(self._shape, pixels.shape, strict=False))
-        height, width = (max(n, round(m * factor)) for n, m in zip(self._shape, pixels.shape, strict=False))
-        if self._scaled.shape[:2] != (height, width):
-            self._scaled = np.empty((height, width, 3), np.uint8)
-        method = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
-        cv2.resize(pixels, (width, height), dst=self._scaled, interpolation=method)
-        return self._scaled
+            np.copyto(out, fitted)

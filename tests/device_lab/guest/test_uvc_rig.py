@@ -13,13 +13,13 @@ import pytest
 from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.devices.v4l2.camera import V4l2Camera
-from rig.emulated.test_pictures import PatternSource, encode_picture, read_number
 from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.profile.schema import load_profile
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
+from tests.device_lab.waiting import GENEROUS_S
+from tests.rig.emulated.numbered_pictures import PatternSource, encode_picture, read_number
 
-pytestmark = pytest.mark.timeout(90)
 LAMP_SHAPE = (12, 16)
 EXPOSURE_S = 0.01
 PROFILE = """
@@ -196,7 +196,7 @@ def test_a_sequence_goes_on_at_the_missing_frame_when_the_camera_returns_under_a
     lab.lamp.on_show = pull_the_cable
     with before.node.open("rb"), lab.rig() as rig:
         seen = shoot_levels(rig)
-        replugging.join(30)
+        replugging.join(GENEROUS_S)
         assert seen == pytest.approx(LEVELS, abs=1)
         assert {"unplugged", "replugged"} <= set(kinds_of(rig))
     assert after[0].node != before.node

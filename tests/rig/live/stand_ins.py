@@ -73,7 +73,7 @@ class ScriptedFeed:
         self.left = [entry for entry in self.left if entry[0] > self.clock.now_s()]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Stage:
     """A loop on a simulated display in virtual time, and what it has shown."""
 
@@ -123,16 +123,27 @@ def stage(
         codes.append(int(frame.codes[0, 0, 0]))
 
     surroundings = LoopArguments(
-        display,
-        feed,
-        compensators,
-        clock,
-        RATE_HZ,
-        replug_timeout_s,
+        projector=display,
+        feed=feed,
+        compensators=compensators,
+        clock=clock,
+        refresh_rate_hz=RATE_HZ,
+        replug_timeout_s=replug_timeout_s,
         keys=lambda: "".join(pressed.pop(0) for _ in range(len(pressed))),
         next_source=lambda: switched.append(clock.now_s()),
         on_shown=on_shown,
         notes=notes,
     )
-    loop = LiveLoop(surroundings, controls or Controls("exact"))
-    return Stage(clock, display, feed, loop, compensators, pressed, switched, shown, codes, notes)
+    loop = LiveLoop(surroundings, controls or Controls(strategy="exact"))
+    return Stage(
+        clock=clock,
+        display=display,
+        feed=feed,
+        loop=loop,
+        compensators=compensators,
+        pressed=pressed,
+        switched=switched,
+        shown=shown,
+        codes=codes,
+        notes=notes,
+    )

@@ -84,8 +84,15 @@ def film_shown(busy_s: float, copying_s: float, *, ahead: bool) -> tuple[LiveLoo
     display.open()
     film = Film(clock, 240)
     output: Output = SlowOutput(display, clock, copying_s) if ahead else DirectOutput(display)
-    surroundings = LoopArguments(display, film, {"exact": Doubler(clock, busy_s)}, clock, RATE_HZ, output=output)
-    loop = LiveLoop(surroundings, Controls("exact"))
+    surroundings = LoopArguments(
+        projector=display,
+        feed=film,
+        compensators={"exact": Doubler(clock, busy_s)},
+        clock=clock,
+        refresh_rate_hz=RATE_HZ,
+        output=output,
+    )
+    loop = LiveLoop(surroundings, Controls(strategy="exact"))
     while not loop.ended:
         loop.step()
     loop.complete()
@@ -113,7 +120,17 @@ def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_a
     display.open()
     film, doubler = Film(clock, 240), Doubler(clock, 0.5 * PERIOD_S)
     output = SlowOutput(display, clock, 0.1 * PERIOD_S)
-    loop = LiveLoop(LoopArguments(display, film, {"exact": doubler}, clock, RATE_HZ, output=output), Controls("exact"))
+    loop = LiveLoop(
+        LoopArguments(
+            projector=display,
+            feed=film,
+            compensators={"exact": doubler},
+            clock=clock,
+            refresh_rate_hz=RATE_HZ,
+            output=output,
+        ),
+        Controls(strategy="exact"),
+    )
     while not loop.ended:
         doubler.busy_s = (2.0 if loop.tally.frames == 100 else 0.5) * PERIOD_S
         loop.step()
@@ -211,16 +228,16 @@ def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None
     steps = iter(range(1000))
     loop = LiveLoop(
         LoopArguments(
-            display,
-            Film(clock, 60),
-            {"exact": Doubler(clock)},
-            clock,
-            RATE_HZ,
+            projector=display,
+            feed=Film(clock, 60),
+            compensators={"exact": Doubler(clock)},
+            clock=clock,
+            refresh_rate_hz=RATE_HZ,
             keys=lambda: "b" if next(steps) % 20 == 10 else "",
             on_shown=lambda frame: told.append((frame.controls.black, not frame.codes.any())),
             output=SlowOutput(display, clock, 0.1 * PERIOD_S),
         ),
-        Controls("exact"),
+        Controls(strategy="exact"),
     )
     while not loop.ended:
         loop.step()

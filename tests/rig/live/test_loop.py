@@ -187,7 +187,9 @@ def test_a_display_that_misses_its_refreshes_makes_late_frames() -> None:
 
 
 def test_automatic_gain_darkens_a_picture_that_clips_and_the_users_gain_is_its_limit() -> None:
-    bright = stage(every(PERIOD_S, 6.0), numbers=[99] * 360, controls=Controls("exact", auto_gain=True, gain=4.0))
+    bright = stage(
+        every(PERIOD_S, 6.0), numbers=[99] * 360, controls=Controls(strategy="exact", auto_gain=True, gain=4.0)
+    )
     bright.run()
     gains = bright.compensators["exact"].gains
     assert max(gains) == 4.0
@@ -196,13 +198,13 @@ def test_automatic_gain_darkens_a_picture_that_clips_and_the_users_gain_is_its_l
 
 
 def test_without_automatic_gain_the_gain_never_moves() -> None:
-    show = stage(every(PERIOD_S, 1.0), numbers=[99] * 60, controls=Controls("exact", gain=4.0))
+    show = stage(every(PERIOD_S, 1.0), numbers=[99] * 60, controls=Controls(strategy="exact", gain=4.0))
     show.run()
     assert set(show.compensators["exact"].gains) == {4.0}
 
 
 def test_without_any_strategy_pictures_are_shown_as_they_are() -> None:
-    show = stage(every(PERIOD_S, 0.2), controls=Controls("exact", compensating=False))
+    show = stage(every(PERIOD_S, 0.2), controls=Controls(strategy="exact", compensating=False))
     show.run()
     assert show.codes == [frame.number for frame in show.shown]
     assert show.loop.tally.result()["error_mean"] is None

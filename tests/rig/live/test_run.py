@@ -63,7 +63,7 @@ def witness(monkeypatch: pytest.MonkeyPatch) -> type[Witness]:
 
 
 def request(*sources: str, **settings: object) -> Request:
-    return Request(None, "ci-tiny", sources or ("pattern",), **{"seconds": 1.0, **settings})  # type: ignore[arg-type]
+    return Request(folder=None, profile="ci-tiny", sources=sources or ("pattern",), **{"seconds": 1.0, **settings})  # type: ignore[arg-type]
 
 
 def test_a_show_tells_what_it_did_and_leaves_black(witness: type[Witness]) -> None:
@@ -140,10 +140,10 @@ def test_a_recording_has_every_file_its_journal_names_and_how_it_ended(tmp_path:
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(path: Path, data: bytes) -> None:
+    def refuse(*_: object) -> None:
         raise SessionError("the disk is full")
 
-    monkeypatch.setattr(record, "write_bytes", refuse)
+    monkeypatch.setattr(record, "write_png", refuse)
     result = run_live(request(record=tmp_path / "record"), silent, quiet)
     assert result["ended_by"] == "time"
     assert result["recorded"]["frames"] == 0
@@ -157,7 +157,11 @@ def test_a_recording_is_not_mixed_with_other_files(tmp_path: Path) -> None:
 
 
 def test_a_session_is_shown_with_what_it_measured(finished: Finished, witness: type[Witness]) -> None:
-    result = run_live(Request(finished.folder, None, ("pattern",), "exact", seconds=1.0), silent, quiet)
+    result = run_live(
+        Request(folder=finished.folder, profile=None, sources=("pattern",), strategy="exact", seconds=1.0),
+        silent,
+        quiet,
+    )
     assert result["model"].startswith("session")
     assert result["frames"] > 0
     assert any("monochrome" in note for note in result["notes"])

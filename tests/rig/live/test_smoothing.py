@@ -90,12 +90,12 @@ def test_the_share_at_white_is_that_of_the_picture() -> None:
 
 
 def test_gain_by_keys_stays_within_its_range_and_other_keys_change_nothing() -> None:
-    controls = Controls("exact")
+    controls = Controls(strategy="exact")
     for _ in range(100):
         controls = pressed(controls, "+", ("exact",))
     assert controls.gain == 4.0
     assert pressed(controls, "x", ("exact",)) == controls
-    assert pressed(Controls("exact"), "s", ()) == Controls("exact")
+    assert pressed(Controls(strategy="exact"), "s", ()) == Controls(strategy="exact")
     assert TIME_CONSTANT_S > 0.5
 
 

@@ -13,7 +13,7 @@ import pytest
 from rig.devices.clock import SystemClock
 from rig.devices.protocols import RawFrame
 from rig.errors import UsageError
-from rig.files.images import write_png
+from rig.files.pictures import write_png
 from rig.live.sources.camera import codes_of
 from rig.live.sources.choose import SourceSettings, make_source, parse_size
 from rig.live.sources.files import FolderSource, PatternSource, VideoSource
