@@ -57,7 +57,7 @@ class Profile(Table):
     limits: Limits = Limits()
     replay: Replay | None = None
     simulation: SimulationSettings | None = None
-    """The simulated truth; only the simulated pair, the emulated rig and the scoring of results may look at it."""
+    """The simulated truth; only simulated devices, the emulated rig and the scoring of results may look at it."""
 
     _raw: bytes = PrivateAttr(default=b"")
     _path: Path = PrivateAttr(default=Path())

@@ -77,7 +77,7 @@ SUITES = (
     Suite(
         "virtual",
         (
-            f"tests/contract/test_camera.py tests/contract/test_projector.py tests/contract/test_pair.py "
+            f"tests/contract/test_camera.py tests/contract/test_projector.py tests/contract/test_rig.py "
             f"{LAB}/guest/test_virtual_rig.py -k virtual",
         ),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=virtual",
@@ -87,7 +87,7 @@ SUITES = (
         "kms",
         (
             f"{LAB}/guest/test_kms.py",
-            "tests/contract/test_projector.py tests/contract/test_pair.py -k 'vkms or virtio'",
+            "tests/contract/test_projector.py tests/contract/test_rig.py -k 'vkms or virtio'",
         ),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=vkms,virtio-gpu",
         machine=Machine(displays=2),
@@ -103,7 +103,7 @@ SUITES = (
     Suite("usb", (f"{LAB}/guest/test_usb.py {LAB}/guest/test_devices_verb.py",)),
     Suite(
         "windows",
-        (f"{LAB}/host {PATIENT}", f"tests/contract/test_projector.py tests/contract/test_pair.py {PATIENT}"),
+        (f"{LAB}/host {PATIENT}", f"tests/contract/test_projector.py tests/contract/test_rig.py {PATIENT}"),
         before="export PROCAM_DEVICE_LAB_BACK_ENDS=window",
         machine=None,
         limit_s=3600,

@@ -107,7 +107,8 @@ class PoweredProjector:
             self._clock.wait_until_s(min(self._clock.now_s() + _PERIOD_S, until_s))
         raise DeviceError(
             f"{self._control.where} was not ready within {self._warm_up_timeout_s:g} s "
-            f"({problem or 'it is still warming up or cooling down'}); does it need a longer pjlink.warm_up_timeout_s?"
+            f"({problem or 'it is still warming up or cooling down'}); does it need a longer "
+            "projector.pjlink.warm_up_timeout_s?"
         ) from problem
 
     def _is_lit(self) -> bool:

@@ -1,4 +1,4 @@
-"""The simulated pair: a camera and a projector on one simulated world, in virtual time.
+"""Simulated devices: a camera and a projector on one simulated world, in virtual time.
 
 Every random event is drawn from the simulated world's seed and the time at which it happens, so it is a function of
 time alone: a session that is killed and resumed at the time of its last frame sees what it would have seen. Only

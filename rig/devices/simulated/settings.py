@@ -1,6 +1,6 @@
 """The `[simulation]` table of a simulated rig's profile: the truth that calibration has to find out.
 
-Nothing outside the simulated pair and the scoring of its results may read these numbers.
+Nothing outside the simulated devices and the scoring of its results may read these numbers.
 """
 
 from __future__ import annotations

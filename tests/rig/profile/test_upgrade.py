@@ -99,7 +99,7 @@ def test_a_length_between_lenses_names_both() -> None:
 
 def test_tables_that_are_written_in_another_way_are_refused_unchanged(tmp_path: Path) -> None:
     path = tmp_path / "lab.toml"
-    path.write_text(OLD.replace("[room]\nclosed = true\n", "[timing.x]\n").replace("[timing.x]", "room.closed = true"))
+    path.write_text(OLD.replace("[room]\nclosed = true\n", "").replace('"lab"\n', '"lab"\nroom.closed = true\n'))
     before = path.read_bytes()
     with pytest.raises(ProfileError, match="cannot be upgraded line by line; write its tables as"):
         upgrade_profile(path)
