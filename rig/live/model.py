@@ -116,7 +116,7 @@ def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
 def guessed_transport(size_m: tuple[float, float, float], profile: Profile) -> tuple[LightTransport, NDArray[np.bool_]]:
     """Transport of the lit projector pixels, seen from the projector, and (H * W,) which these are."""
     projector = profile.projector
-    scene = room(size_m, profile.room.patch_size_m, _GUESSED_REFLECTANCE)
+    scene = room(size_m, profile.box.patch_size_m, _GUESSED_REFLECTANCE)
     lens = Lens.from_horizontal_field_of_view(projector.width_px, projector.height_px, projector.hfov_deg)
     place = np.array(size_m) * _GUESSED_PLACE
     pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))
