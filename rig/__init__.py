@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rig.benchmark import run_bench
     from rig.capture.rig import Rig, open_rig
-    from rig.emulated.commands import run_virtual
+    from rig.emulated.commands import run_emulated
     from rig.errors import RigError
     from rig.inventory.list import list_devices
     from rig.live.run import run_live
@@ -62,11 +62,11 @@ _HOMES = {
     "plan_session": "run.plan",
     "run_bench": "benchmark",
     "run_check": "self_check",
+    "run_emulated": "emulated.commands",
     "run_live": "live.run",
     "run_paper": "paper.experiments",
     "run_scan": "offline.scan",
     "run_session": "run.session",
-    "run_virtual": "emulated.commands",
     "separate": "run.script",
     "write_report": "run.script",
 }
@@ -91,11 +91,11 @@ __all__ = [
     "plan_session",
     "run_bench",
     "run_check",
+    "run_emulated",
     "run_live",
     "run_paper",
     "run_scan",
     "run_session",
-    "run_virtual",
     "separate",
     "write_report",
 ]

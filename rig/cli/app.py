@@ -42,7 +42,7 @@ VERBS: dict[str, Callable[..., int]] = {
     "live": live.live,
     "check": hardware.check,
     "devices": hardware.devices,
-    "virtual": hardware.virtual,
+    "emulate": hardware.emulate,
     "scan": studies.scan,
     "simulate": studies.simulate,
     "paper": studies.paper,

@@ -11,11 +11,11 @@ import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.files.images import linear_of_srgb
+from rig.files.pictures import LUMINANCE, linear_of_srgb
 from sim.errors import SimulationError
-from sim.geometry.checks import problems, refuse
+from sim.geometry.checks import mesh_faults, refuse
 from sim.geometry.mesh import Mesh
-from sim.geometry.quads import joined
+from sim.geometry.quads import quads_from_triangles
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -24,8 +24,6 @@ Unit = Literal["m", "cm", "mm", "in", "ft"]
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres of each unit."""
 FORMATS = (".obj", ".ply", ".gltf", ".glb")
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Share of linear red, green and blue in luminance (ITU-R BT.709)."""
 
 
 def read_mesh(
@@ -84,7 +82,7 @@ def read_mesh(
         polygons, rho = _polygons(points, soup.triangles, rho, join_quads)
         mesh = Mesh.from_arrays(path.stem, points, polygons, rho, convex=convex, closed=closed)
         if thorough:
-            refuse(mesh.name, problems(mesh, thorough=True))
+            refuse(mesh.name, mesh_faults(mesh, thorough=True))
     except SimulationError as error:
         raise UsageError(f"{path} (read as {unit}): {error}") from error
     return mesh
@@ -179,5 +177,5 @@ def _polygons(
     """Corner numbers and reflectance of each patch."""
     if not join_quads or not np.isfinite(points).all():
         return triangles, rho
-    polygons, first = joined(points, triangles, rho)
+    polygons, first = quads_from_triangles(points, triangles, rho)
     return polygons, rho[first]

@@ -14,7 +14,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from numpy.typing import NDArray
 
-from calibration.records import Response
+from calibration.radiometry.response import Response
 from rig.files.channels import PRIMARIES
 from rig.report.pictures import ERROR_RANGE, png_figure, svg
 from rig.stages.scene_model import PosedLens, SceneModel

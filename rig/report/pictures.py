@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig.files.channels import one_or_all
+from rig.files.pictures import png_of
 
 BoolArray = NDArray[np.bool_]
 Numbers = NDArray[np.integer] | NDArray[np.floating]
@@ -39,10 +40,7 @@ def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 420) -> EmbeddedPi
     if rgb.shape[1] > width_px:
         height = round(rgb.shape[0] * width_px / rgb.shape[1])
         rgb = np.asarray(cv2.resize(rgb, (width_px, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    coded, data = cv2.imencode(".png", rgb if rgb.ndim == 2 else rgb[..., ::-1])
-    if not coded:
-        raise ValueError(f"picture {alt!r} could not be coded as PNG")
-    return EmbeddedPicture("data:image/png;base64," + base64.b64encode(data.tobytes()).decode(), alt)
+    return EmbeddedPicture("data:image/png;base64," + base64.b64encode(png_of(rgb)).decode(), alt)
 
 
 def photograph(levels: Numbers, mask: BoolArray | None = None) -> NDArray[np.uint8]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rig.files.channels import image_of
-from rig.profile.schema import Limits
+from rig.profile.tables import Limits
 from rig.records import Verdict, all_met
 from rig.run.steps import VERBS, Verb
 from rig.session import Session
@@ -18,10 +18,10 @@ from rig.stages.model import load_model, load_model_record
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord
 from rig.stages.results import (
     ByBand,
-    ComparisonResult,
     CompensationResult,
     GeometryResult,
     MeasuredResult,
+    ModelComparison,
     ModelResult,
     PartialResult,
     SeparationResult,
@@ -150,10 +150,10 @@ def _strategies(session: Session) -> dict[str, StrategyResult]:
     }
 
 
-def _comparison(session: Session) -> ComparisonResult:
+def _comparison(session: Session) -> ModelComparison:
     record = load_comparison(session)
     overall = record.overall
-    return ComparisonResult(
+    return ModelComparison(
         rmse=overall.rmse,
         bias=overall.bias,
         within_3_sigma=overall.within_3_sigma,
@@ -162,7 +162,7 @@ def _comparison(session: Session) -> ComparisonResult:
     )
 
 
-def _verdicts(geometry: GeometryResult, comparison: ComparisonResult, limits: Limits) -> tuple[Verdict, ...]:
+def _verdicts(geometry: GeometryResult, comparison: ModelComparison, limits: Limits) -> tuple[Verdict, ...]:
     return (
         Verdict(
             what="geometry: reprojection rms",

@@ -9,10 +9,10 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import CalibrationError, Correspondence, PixelReason
-from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.gray import CodeName, bits_for
-from calibration.structured_light.patterns import flat, gray_code_patterns
+from calibration.errors import CalibrationError
+from calibration.structured_light.code import CODES
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.patterns import flat
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
 from rig.profile.schema import Profile
@@ -23,7 +23,7 @@ from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
 
-CODE: CodeName = "long-run"
+CODE = "long-run"
 _SIGMAS = 2.0
 """A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
 
@@ -40,7 +40,8 @@ class PairCorrespondence(Record):
     projector: str
     valid_share_of_image: float
     reasons: Mapping[str, float]
-    """Share of the camera's pixels by reason (:class:`calibration.records.PixelReason`), in the reasons' order."""
+    """Share of the camera's pixels by reason, in the order of
+    :class:`calibration.structured_light.correspondence.PixelReason`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +63,7 @@ def gray_settings(session: Session) -> JsonObject:
 
 def gray_frames(profile: Profile) -> int:
     """Return how many frames step `gray` takes."""
-    return 2 + 2 * sum(bits_for(n) for n in profile.projector.shape)
+    return 2 + len(CODES[CODE].pattern_names(profile.projector.shape))
 
 
 def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -73,7 +74,7 @@ def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep
         rig,
         session,
         step,
-        chain(flats, gray_code_patterns(shape, code=CODE)),
+        chain(flats, CODES[CODE].patterns(shape)),
         bracket=_gray_bracket(session),
         n_patterns=gray_frames(rig.profile),
         on_step=on_step,
@@ -117,22 +118,18 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
 
 def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
     radiometric = load_radiometric_calibration(session)
-    frames = {
-        name.rsplit(".e", 1)[0]: _grey(gray.load_frame(name).pixels, radiometric)
-        for name in gray.frame_names
-        if name.startswith(CODE)
-    }
+    code = CODES[CODE]
+    names = code.pattern_names(projector_shape)
+    frames = {name: _grey(gray.load_frame(frame_name(name)).pixels, radiometric) for name in names}
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
     limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
-    return decode_gray(
+    return code.decode(
         frames,
         projector_shape,
         white=_grey(white, radiometric),
         black=_grey(black, radiometric),
-        contrast_limit=limit,
-        bit_limit=limit,
+        noise_limit=limit,
         saturation=radiometric.saturation_dn * white.shape[2],
-        code=CODE,
     )
 
 

@@ -9,9 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.room import RoomBox, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
-from calibration.records import Correspondence, PinholeModel
+from calibration.structured_light.correspondence import Correspondence
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
@@ -109,7 +111,7 @@ def geometry_settings(session: Session) -> JsonObject:
     return {
         "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
         "scale": profile.scale.model_dump(mode="json"),
-        "room": profile.room.model_dump(mode="json", exclude={"patch_size_m"}),
+        "box": profile.box.model_dump(mode="json", exclude={"patch_size_m"}),
     }
 
 
@@ -118,18 +120,21 @@ def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
     profile = session.profile
     correspondence = load_correspondence(session)
     rows, columns = np.nonzero(_well_inside(correspondence))
-    pair = calibrate_stereo(
-        np.stack([columns, rows], axis=1).astype(np.float64),
-        correspondence.projector_xy_px[rows, columns].astype(np.float64),
+    nominal = NominalIntrinsics.of(
         camera_shape=profile.camera.shape[:2],
         projector_shape=profile.projector.shape,
         camera_hfov_deg=profile.camera.hfov_deg,
         projector_hfov_deg=profile.projector.hfov_deg,
-        right_angles=profile.room.right_angles,
+    )
+    pair = calibrate_stereo(
+        np.stack([columns, rows], axis=1).astype(np.float64),
+        correspondence.projector_xy_px[rows, columns].astype(np.float64),
+        nominal,
+        right_angles=profile.box.right_angles,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     pair = _in_metres(pair, profile)
-    box = room_from_stereo(pair, profile.room.size_m, profile.room.closed)
+    box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
     step.save_record("geometry", _record(profile, pair, box))
 
 

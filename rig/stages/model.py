@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import CalibrationError
-from calibration.reflectance import ReflectanceFit, Vignetting, estimate_reflectance, fit_vignetting
+from calibration.errors import CalibrationError
+from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
+from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
@@ -60,7 +61,7 @@ class BandModel(Record):
     reflectance: tuple[float, ...]
     """Of each patch."""
     source: tuple[int, ...]
-    """What each patch's reflectance is from (:class:`calibration.reflectance.Source`)."""
+    """What each patch's reflectance is from (:class:`calibration.light.reflectance.Source`)."""
     unseen_reflectance: float
     """Mean of the patches that nobody saw ..."""
     unseen_sigma: float
@@ -157,7 +158,7 @@ def model_settings(session: Session) -> JsonObject:
     """Return what step `model` depends on."""
     profile = session.profile
     return {
-        "patch_size_m": profile.room.patch_size_m,
+        "patch_size_m": profile.box.patch_size_m,
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": _SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
@@ -168,7 +169,7 @@ def model_settings(session: Session) -> JsonObject:
 def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `model`: fit what light does in the measured room; decide the brightness scale."""
     on_step("build model", 0, 4)
-    bare = _bare_geometry(load_geometry(session), session.profile.room.patch_size_m)
+    bare = _bare_geometry(load_geometry(session), session.profile.box.patch_size_m)
     bands, valid = _light(session)
     lit = _lit(bands, valid)
     gains = [_direct_gain(light, lit, bare.camera_hits) for light in bands]
@@ -256,7 +257,7 @@ def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignet
     return fit_vignetting(
         gain.ravel()[sample],
         e[sample],
-        hits.face[sample],
+        face=hits.face[sample],
         camera_r=geometry.camera.radius(camera_xy),
         projector_r=geometry.projector.radius(projector_xy),
     )
@@ -311,7 +312,7 @@ def _record(
         flux_sigma=tuple(fit.flux_sigma for fit in fits),
     )
     return ModelRecord(
-        patch_size_m=profile.room.patch_size_m,
+        patch_size_m=profile.box.patch_size_m,
         bands=bands,
         cameras={pair.camera: CameraModel(vignetting=vignetting.camera)},
         projectors={pair.projector: projector},
@@ -368,7 +369,7 @@ def load_model_record(session: Session) -> ModelRecord:
 
 
 @lru_cache(maxsize=1)
-def _read_model(session: Session, outputs_sha256: str) -> FittedScene:
+def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
     record, maps = load_model_record(session), session.finished("model").load_image("direct-gain")
     light = session.finished("separation").load_image("separation")
     gains, ratios = (_exact_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))

@@ -10,9 +10,8 @@ from skimage.color import deltaE_ciede2000
 from skimage.metrics import structural_similarity
 
 from rig.records import Record
-from sim.compensation.strategies.none import weighted_median
 from sim.compensation.strategies.perceptual import XYZ_FROM_LINEAR_SRGB
-from sim.light.criteria import difference
+from sim.light.criteria import difference, weighted_median
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

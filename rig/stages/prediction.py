@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import Response
+from calibration.radiometry.response import Response
 from rig.files.channels import image_of
 from rig.session import Step
 from rig.stages.linear_light import channel_light

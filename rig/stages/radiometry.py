@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
-from calibration.radiometry.response import fit_camera_response, fit_channel_responses, fit_noise_model
-from calibration.records import Response
-from calibration.structured_light.patterns import Pattern, flat, level_patterns
+from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
+from calibration.radiometry.response import Response, fit_camera_response, fit_channel_responses
+from calibration.structured_light.patterns import Pattern, flat, level_patterns, primary
 from rig.capture.rig import Rig
-from rig.errors import CalibrationFailed
 from rig.files.channels import PRIMARIES, image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
@@ -32,8 +32,8 @@ from rig.terminal import OnStep
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-_AIM = 0.85
-"""Where the brightest permille of projector white should lie, share of full scale."""
+_AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
+"""Of the brightest permille of projector white: below what the camera's curve is used to, with room for flicker."""
 _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
 _SWEEP_REPEATS = 2
@@ -108,7 +108,7 @@ class RadiometricRecord(Record):
 
 def exposure_settings(session: Session) -> JsonObject:
     """Return what step `exposure` depends on."""
-    return {"aim": _AIM, "start_s": session.profile.camera.exposure_s}
+    return {"aim": _AIM.share, "start_s": session.profile.camera.exposure_s}
 
 
 def exposure_frames(_: Profile) -> int:
@@ -118,7 +118,6 @@ def exposure_frames(_: Profile) -> int:
 
 def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `exposure`: projector white just below saturation."""
-    shortest, longest = rig.profile.camera.exposure_range_s
     white = flat(rig.projector.shape, 255, "white")
     exposure_s = rig.profile.camera.exposure_s
     full_scale = rig.camera.full_scale_dn
@@ -127,33 +126,19 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
         name = frame_name("white", attempt)
         if not step.has_frame(name):
             shoot_one(rig, session, step, white, name=name, exposure_s=exposure_s)
-        level = float(np.quantile(step.load_frame(name).pixels, 0.999, axis=(0, 1)).max()) / full_scale
-        if 0.9 * _AIM <= level <= 1.06 * _AIM:
+        level = brightest_share(step.load_frame(name).pixels, full_scale)
+        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s)
+        if chosen_s is None:
             break
-        factor = 0.25 if level > 0.98 else _AIM / max(level, 0.01)
-        chosen = float(np.clip(exposure_s * factor, shortest, longest))
-        if chosen == exposure_s:
-            break
-        exposure_s = chosen
+        exposure_s = chosen_s
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
     black_name, black = frame_name("black"), flat(rig.projector.shape, 0, "black")
     if not step.has_frame(black_name):
         shoot_one(rig, session, step, black, name=black_name, exposure_s=exposure_s)
-    _refuse_darkness(step, frame_name("white", attempt), exposure_s, full_scale)
+    dark, bright = (step.load_frame(name).pixels for name in (black_name, frame_name("white", attempt)))
+    refuse_darkness(bright, dark, full_scale_dn=full_scale, exposure_s=exposure_s)
     found = CameraExposure(exposure_s=exposure_s, brightest_share_of_full_scale=level)
     step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
-
-
-def _refuse_darkness(step: Step, white_name: str, exposure_s: float, full_scale_dn: int) -> None:
-    name = frame_name("black")
-    white, black = (step.load_frame(n).pixels.astype(np.float64) for n in (white_name, name))
-    difference = float(np.quantile(white - black, 0.99, axis=(0, 1)).min())
-    limit = 0.01 * full_scale_dn
-    if difference < limit:
-        raise CalibrationFailed(
-            f"projector white is only {difference:.1f} dn brighter than black at {exposure_s:.4g} s, the limit is "
-            f"{limit:.0f} dn: no light of the projector reaches the camera. Look at lens caps, aim and room light."
-        )
 
 
 def reference_exposure_s(session: Session) -> float:
@@ -234,12 +219,7 @@ def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnSte
 
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:
     """Flat pictures of each of the projector's channels; none for a grey camera."""
-    patterns = []
-    for channel, name in enumerate(PRIMARIES[channels]):
-        codes = np.zeros((*shape, channels), np.uint8)
-        codes[..., channel] = 255
-        patterns.append(Pattern(name, codes))
-    return patterns
+    return [primary(shape, channel, name, channels) for channel, name in enumerate(PRIMARIES[channels])]
 
 
 def _levels(count: int) -> list[int]:
@@ -262,7 +242,9 @@ def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, sweep: Expos
         [[_samples(step, frame_name("white-sweep", k, r), stride) for r in (0, 1)] for k in range(len(exposures))]
     )
     response = fit_camera_response(bright.mean(axis=1) - offset, exposures / reference_s, full_scale_dn - offset)
-    noise = fit_noise_model(bright[:, 0] - offset, bright[:, 1] - offset, 0.97 * (full_scale_dn - offset))
+    above = bright - offset
+    points = transfer_points(above[:, 0], above[:, 1], range_dn=(0.0, 0.97 * (full_scale_dn - offset)))
+    noise = fit_photon_transfer(points, rounds=0)
     bands = step.load_frame(frame_name("black")).pixels.shape[2]
     return RadiometricCalibration(
         reference_exposure_s=reference_s,

@@ -115,7 +115,7 @@ class StrategyResult(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ComparisonResult(ModelErrors):
+class ModelComparison(ModelErrors):
     """Measured against predicted light, over all frames; none of them was used for fitting."""
 
     frames: Mapping[str, ModelErrors]
@@ -147,7 +147,7 @@ class SessionResult(Record):
     compensation: CompensationResult
     measured: MeasuredResult
     strategies: Mapping[str, StrategyResult]
-    comparison: ComparisonResult
+    comparison: ModelComparison
     limits: tuple[Verdict, ...]
     within_limits: bool
     report: str | None = None

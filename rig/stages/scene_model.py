@@ -15,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from calibration.records import PinholeModel
+from calibration.geometry.pinhole import PinholeModel
 from rig.stages.devices_by_name import DevicePair, only
 from sim.form_factors import FormFactors
+from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at
 from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
-from sim.light.transport_of_scene import area_emission, bilinear, irradiance_at, smooth_view
+from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
 from sim.scenes.library import room
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +60,13 @@ class PosedLens:
 
 def posed_lens(model: PinholeModel, vignetting: Vignetting = (0.0, 0.0)) -> PosedLens:
     """Return the simulator's lens and pose for a calibrated device."""
-    lens = Lens(model.width_px, model.height_px, model.focal_px, model.principal_point_px, model.distortion)
+    lens = Lens(
+        width_px=model.width_px,
+        height_px=model.height_px,
+        focal_px=model.focal_px,
+        principal_point_px=model.principal_point_px,
+        distortion=model.distortion,
+    )
     return PosedLens(lens, Pose(model.rotation, model.translation_m), vignetting)
 
 
@@ -96,14 +103,15 @@ def white_irradiance(scene: Scene, projector: PosedLens, points_m: FloatArray, p
     with np.errstate(invalid="ignore"):
         inside = (xy > -0.5).all(axis=1) & (xy < (width - 0.5, height - 0.5)).all(axis=1) & (patch >= 0)
     e = np.zeros(len(points_m))
-    e[inside] = irradiance_at(scene, projector.lens, projector.pose, points_m[inside], patch[inside])
+    e[inside] = irradiance_at(scene, projector.lens, projector.pose, points_m=points_m[inside], patch=patch[inside])
     e[inside] *= projector.illumination(xy[inside])
     return e
 
 
 def unit_emission(scene: Scene, projector: PosedLens) -> csr_array:
     """Return (P, n pixels) irradiance of each patch by each projector pixel at unit flux, vignetting included."""
-    bare = area_emission(scene.with_reflectance(1.0), projector.lens, projector.pose, 2, "physical")
+    white = scene.with_reflectance(1.0)
+    bare = area_emission(white, projector.lens, projector.pose, subsamples=2, convention="physical")
     return csr_array(bare @ diags_array(projector.illumination(projector.lens.pixel_grid())))
 
 

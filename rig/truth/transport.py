@@ -1,4 +1,4 @@
-"""The simulated world's own light transport in the projector's view: what perfect knowledge would compute with.
+"""The simulated world's own light transport in the projector's view: what an oracle would compute with.
 
 Only scores may use it.
 """
@@ -85,7 +85,7 @@ def _true_band(world: SimulatedWorld, model: FittedScene, band: int) -> LightTra
     seen = csr_array(diags_array(reflected) @ view @ cells)[chosen]
     emission = csr_array(world.emission[:, chosen].astype(np.float64)) * scale
     patch = model.scene_model.projector_hits.hits.patch[chosen]
-    return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, patch)  # type: ignore[arg-type]
+    return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, pixel_patch=patch)  # type: ignore[arg-type]
 
 
 def _surface(world: SimulatedWorld) -> tuple[FloatArray, FloatArray, csr_array]:
