@@ -10,7 +10,7 @@ from typing import cast
 
 from rig.devices.driver_settings import CameraFactory, CameraSettings, ProjectorFactory, ProjectorSettings, RigFactory
 from rig.devices.protocols import Camera, Clock, Projector
-from rig.plug_ins import Kind, PlugIn, choose, load, others, own, wrong_type
+from rig.plug_ins import Kind, PlugIn, choose, load, names, own, wrong_type
 
 CAMERAS: Mapping[str, str] = {"v4l2": "rig.devices.v4l2.camera:from_profile"}
 """Of single cameras: a CameraFactory by name."""
@@ -33,7 +33,7 @@ def brought_along(kind: Kind) -> tuple[PlugIn, ...]:
 
 def driver_names(kind: Kind) -> tuple[str, ...]:
     """Return the names that a profile may give as a driver, this program's first."""
-    return (*(CAMERAS if kind == "camera driver" else PROJECTORS), *RIGS, *(one.name for one in others(kind)))
+    return names(kind, brought_along(kind))
 
 
 def make_camera(driver: str, settings: CameraSettings, clock: Clock) -> Camera:
