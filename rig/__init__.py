@@ -29,10 +29,12 @@ if TYPE_CHECKING:
     from rig.emulated.commands import run_emulated
     from rig.errors import RigError
     from rig.inventory.list import list_devices
+    from rig.live.plan import LiveRequest, plan_live
     from rig.live.run import run_live
     from rig.offline.scan import run_scan
+    from rig.offline.simulate import SimulationRequest, run_simulate
     from rig.paper.experiments import run_paper
-    from rig.profile.schema import Profile, load_profile
+    from rig.profile.schema import load_profile
     from rig.run.plan import plan_session
     from rig.run.request import SessionRequest
     from rig.run.script import calibrate, compare, compensate, model, separate, write_report
@@ -40,16 +42,18 @@ if TYPE_CHECKING:
     from rig.self_check import run_check
     from rig.session import Session
     from rig.stages.results import SessionResult
-    from rig.strategies.comparison import compare_strategies
+    from rig.strategies.comparison import Comparison, compare_strategies
     from rig.version import __version__
 
 _HOMES = {
-    "Profile": "profile.schema",
+    "Comparison": "strategies.comparison",
+    "LiveRequest": "live.plan",
     "Rig": "capture.rig",
     "RigError": "errors",
     "Session": "session",
     "SessionRequest": "run.request",
     "SessionResult": "stages.results",
+    "SimulationRequest": "offline.simulate",
     "__version__": "version",
     "calibrate": "run.script",
     "compare": "run.script",
@@ -59,6 +63,7 @@ _HOMES = {
     "load_profile": "profile.schema",
     "model": "run.script",
     "open_rig": "capture.rig",
+    "plan_live": "live.plan",
     "plan_session": "run.plan",
     "run_bench": "benchmark",
     "run_check": "self_check",
@@ -67,18 +72,21 @@ _HOMES = {
     "run_paper": "paper.experiments",
     "run_scan": "offline.scan",
     "run_session": "run.session",
+    "run_simulate": "offline.simulate",
     "separate": "run.script",
     "write_report": "run.script",
 }
 """Where each public name lives."""
 
 __all__ = [
-    "Profile",
+    "Comparison",
+    "LiveRequest",
     "Rig",
     "RigError",
     "Session",
     "SessionRequest",
     "SessionResult",
+    "SimulationRequest",
     "__version__",
     "calibrate",
     "compare",
@@ -88,6 +96,7 @@ __all__ = [
     "load_profile",
     "model",
     "open_rig",
+    "plan_live",
     "plan_session",
     "run_bench",
     "run_check",
@@ -96,6 +105,7 @@ __all__ = [
     "run_paper",
     "run_scan",
     "run_session",
+    "run_simulate",
     "separate",
     "write_report",
 ]

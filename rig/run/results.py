@@ -11,8 +11,7 @@ from rig.run.steps import VERBS, Verb
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
-from rig.stages.correspondence import load_correspondence, load_correspondence_figures
-from rig.stages.devices_by_name import only
+from rig.stages.correspondence import load_correspondence, load_correspondence_figures, only
 from rig.stages.geometry import load_geometry
 from rig.stages.model import load_model, load_model_record
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rig import plug_ins
 from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
 from rig.records import JsonObject, Record, json_of
@@ -17,9 +19,8 @@ from rig.stages.prediction import predict, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.target import Target
 from rig.terminal import OnStep
-from rig.version import __version__
-from sim.compensation import STRATEGIES, compensate
 from sim.compensation.result import Compensation
+from sim.light.colour import ColourTransport
 
 BEST_FIRST = ("bounded", "exact", "paper", "direct", "none")
 """Which strategy stands for 'compensated': the most complete one that was asked for."""
@@ -65,21 +66,44 @@ def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
 
     Raises UsageError for a name that is not known.
     """
-    names = tuple(STRATEGIES) if "all" in names else names
-    unknown = [name for name in names if name not in STRATEGIES]
+    known = plug_ins.names("strategy", plug_ins.own_strategies())
+    names = known if "all" in names else names
+    unknown = [name for name in names if name not in known]
     if unknown:
-        raise UsageError(f"unknown strategy {', '.join(unknown)}; there are {', '.join(STRATEGIES)}, or all")
+        raise UsageError(f"unknown strategy {', '.join(unknown)}; there are {', '.join(known)}, or all")
     return ("none", *(name for name in dict.fromkeys(names) if name != "none"))
 
 
 def compensation_settings(request: CompensationRequest) -> JsonObject:
-    """Return what step `compensate` depends on: a strategy's version is that of the package it comes from."""
+    """Return what step `compensate` depends on."""
     return {
         "target": request.target.name,
         "target_sha256": request.target.sha256,
         "strategies": json_of(request.strategies),
-        "versions": dict.fromkeys(request.strategies, __version__),
+        "versions": versions_of(request.strategies),
     }
+
+
+def versions_of(strategies: Iterable[str]) -> JsonObject:
+    """Return the strategies' versions: a new one, of this program or of another package, is computed again."""
+    return {name: plug_ins.strategy_version(name) for name in strategies}
+
+
+def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **options: float) -> Compensation:
+    """Return what a strategy computes, of this program or of another package.
+
+    Parameters
+    ----------
+    name
+        Of the strategy.
+    transport
+        In the projector's view.
+    wanted : (n, B)
+        Light at the n steered pixels.
+    options
+        Of the strategy (:func:`measured_options`).
+    """
+    return plug_ins.find_strategy(name).solve(transport, wanted, 0.0, 1.0, **options)
 
 
 def compute_compensation(session: Session, step: Step, request: CompensationRequest, on_step: OnStep) -> None:
@@ -90,7 +114,7 @@ def compute_compensation(session: Session, step: Step, request: CompensationRequ
     options, computed = measured_options(model), {}
     for k, name in enumerate(request.strategies):
         on_step("compute compensation images", k, len(request.strategies))
-        solution = compensate(name, transport, wanted, **options.get(name, {}))
+        solution = solve(name, transport, wanted, **options.get(name, {}))
         linear = whole_picture(model, solution.projector_image)
         codes = channel_codes(responses, linear, seed=k + 1)
         step.save_image(f"projector-{name}", layers("linear", linear) | code_layers(codes))

@@ -1,20 +1,26 @@
-"""Which projector pixel each camera pixel sees: steps `gray` and `correspondence`."""
+"""Which projector pixel each camera pixel sees: steps `gray` and `correspondence`.
+
+Results say by name which camera and which projector they belong to, and allow any number. The steps of this version
+serve one of each; :func:`only` is where they say so.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.structured_light.code import CODES
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.patterns import flat
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
+from rig.errors import SessionError
+from rig.plug_ins import code_version, find_code
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
@@ -23,13 +29,36 @@ from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
 
-CODE = "long-run"
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
 _SIGMAS = 2.0
 """A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
 
 An unlit pixel passes by chance in all of some twenty bits with a probability below 1e-20."""
 _LEAST_VALID_SHARE = 0.01
 """Of the camera's pixels; with fewer there is nothing to fit lenses to."""
+
+
+class DevicePair(NamedTuple):
+    """A camera and a projector, by name."""
+
+    camera: str
+    projector: str
+
+
+def pair_of(profile: Profile) -> DevicePair:
+    """Return the only camera and the only projector of a profile."""
+    return DevicePair(profile.camera.name, profile.projector.name)
+
+
+def only(by_name: Mapping[Key, Value]) -> Value:
+    """Return the single value of a mapping by device or by pair of devices. Raises SessionError for more."""
+    values = list(by_name.values())
+    if len(values) != 1:
+        names = ", ".join(map(str, by_name)) or "none"
+        raise SessionError(f"this version works with one camera and one projector; there are {names}")
+    return values[0]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,28 +82,29 @@ class CorrespondenceRecord(Record):
 
 def map_name(profile: Profile) -> str:
     """Return the name of the image that is the map of the only camera and the only projector."""
-    return f"correspondence-{profile.camera.name}-{profile.projector.name}"
+    return "-".join(("correspondence", *pair_of(profile)))
 
 
 def gray_settings(session: Session) -> JsonObject:
     """Return what step `gray` depends on."""
-    return {"code": CODE, "exposures_s": json_of(_gray_bracket(session).exposures_s)}
+    name = session.profile.patterns.code
+    return {"code": name, "version": code_version(name), "exposures_s": json_of(_gray_bracket(session).exposures_s)}
 
 
 def gray_frames(profile: Profile) -> int:
     """Return how many frames step `gray` takes."""
-    return 2 + len(CODES[CODE].pattern_names(profile.projector.shape))
+    return 2 + len(find_code(profile.patterns.code).pattern_names(profile.projector.shape))
 
 
 def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
-    """Step `gray`: white, black, and the planes of the Gray code with their inverses."""
+    """Step `gray`: white, black, and the patterns of the structured-light code."""
     shape = rig.projector.shape
     flats = (flat(shape, 255, "white"), flat(shape, 0, "black"))
     photograph(
         rig,
         session,
         step,
-        chain(flats, CODES[CODE].patterns(shape)),
+        chain(flats, find_code(rig.profile.patterns.code).patterns(shape)),
         bracket=_gray_bracket(session),
         n_patterns=gray_frames(rig.profile),
         on_step=on_step,
@@ -118,7 +148,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
 
 def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
     radiometric = load_radiometric_calibration(session)
-    code = CODES[CODE]
+    code = find_code(session.profile.patterns.code)
     names = code.pattern_names(projector_shape)
     frames = {name: _grey(gray.load_frame(frame_name(name)).pixels, radiometric) for name in names}
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))

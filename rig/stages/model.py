@@ -17,8 +17,7 @@ from rig.files.channels import image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
-from rig.stages.correspondence import load_correspondence
-from rig.stages.devices_by_name import only, pair_of
+from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import GeometryRecord, load_geometry
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import (
@@ -185,7 +184,7 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
     band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
-    step.save_record("model", _record(session.profile, vignetting, fits, band_models, lit))
+    step.save_record("model", _record(session.profile, vignetting, fits, bands=band_models, lit=lit))
     on_step("build model", 4, 4)
 
 

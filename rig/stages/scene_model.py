@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from calibration.geometry.pinhole import PinholeModel
-from rig.stages.devices_by_name import DevicePair, only
+from rig.stages.correspondence import DevicePair, only
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at

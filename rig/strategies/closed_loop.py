@@ -15,7 +15,7 @@ from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
 from rig.run.session import OpenSession
 from rig.session import Session, Step
-from rig.stages.compensation import check_strategies, measured_options
+from rig.stages.compensation import check_strategies, measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
@@ -26,7 +26,7 @@ from rig.stages.scene_model import sample_bands
 from rig.stages.target import Target
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
-from sim.compensation import Compensation, compensate
+from sim.compensation import Compensation
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import SplitTransport as Operator
 from sim.compensation.split_transport import split_transport_of
@@ -86,7 +86,7 @@ class ControlledScene:
     def solved(self, strategy: str, wanted: FloatArray) -> Compensation:
         """A strategy for a target (n, B), told what the session has measured of noise and brightness."""
         options = measured_options(self.model).get(strategy, {})
-        return compensate(strategy, self.transport, wanted, **options)
+        return solve(strategy, self.transport, wanted, **options)
 
     def judged(self, light: FloatArray) -> JudgedErrors:
         """All errors of a camera image (H, W, B) in camera values."""
@@ -153,7 +153,7 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
     session = work.session
     shot = measuring_bracket(session)
     settings = {
-        "strategy": loop.strategy,
+        "versions": versions_of((loop.strategy,)),
         "rule": loop.rule,
         "captures": loop.captures,
         "target_sha256": target.sha256,

@@ -18,7 +18,7 @@ from rig.run.session import OpenSession, opened_session
 from rig.run.steps import required
 from rig.session import Session, Step
 from rig.session.ledger import write_json
-from rig.stages.compensation import check_strategies
+from rig.stages.compensation import check_strategies, solve, versions_of
 from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
@@ -28,8 +28,8 @@ from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, contro
 from rig.strategies.page import write_strategies_page
 from rig.strategies.pictures import ComparisonPicture, pictures_for
 from rig.strategies.records import ClosedLoop, ComparedPicture, ComparisonResult, OracleRows, StrategyRow
-from rig.terminal import OnStep
-from sim.compensation import STRATEGIES, Compensation, compensate
+from rig.terminal import OnStep, silent
+from sim.compensation import Compensation
 
 FloatArray = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Comparison:
     """Also the two-wall picture, the dark and the bright photograph."""
 
 
-def compare_strategies(wanted: Comparison, on_step: OnStep) -> ComparisonResult:
+def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> ComparisonResult:
     """Project, photograph and judge every strategy; does first what the session lacks up to its model.
 
     Raises
@@ -61,7 +61,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> ComparisonResult:
         As `rig run`. The session keeps the answer as strategies.json.
     """
     started_s = time.perf_counter()
-    names = check_strategies(wanted.request.strategies or tuple(STRATEGIES))
+    names = check_strategies(wanted.request.strategies or ("all",))
     loops = [Loop(name, wanted.captures, wanted.rule).checked() for name in wanted.loops]
     plan = plan_session(wanted.request)
     target = required(plan.showing).target
@@ -106,7 +106,7 @@ def picture_step(
     """A step for pictures of strategies for one target, which it keeps as its image ``target``."""
     settings = {
         "target_sha256": picture.target.sha256,
-        "strategies": list(names),
+        "versions": versions_of(names),
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
     }
@@ -191,7 +191,7 @@ def oracle_rows(
         computed = {}
         for k, name in enumerate(names):
             on_step("knowing the simulated world", k + 1, len(names) + 1)
-            solution = compensate(name, transport, room.wanted)
+            solution = solve(name, transport, room.wanted)
             computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=k + 1)
         on_step("knowing the simulated world", len(names) + 1, len(names) + 1)
         rows = photographed_rows(work, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step)

@@ -9,7 +9,7 @@ from calibration.geometry import pinhole
 from calibration.geometry.pinhole import PinholeModel
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
-from rig.stages.devices_by_name import DevicePair
+from rig.stages.correspondence import DevicePair
 from rig.stages.scene_model import (
     MeasuredLight,
     PosedCamera,
