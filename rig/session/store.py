@@ -35,7 +35,23 @@ _OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
 
 
 class Session:
-    """A session's folder, open for one process; use it in a ``with`` statement."""
+    """A session's folder, open for one process; use it in a ``with`` statement.
+
+    :meth:`open` and :meth:`read` make one.
+
+    Parameters
+    ----------
+    folder
+        Where it is.
+    profile
+        What it was made with.
+    ledger
+        What its journal says.
+    lock
+        That this process holds; None to read alone.
+    verify
+        Compare every file that is read with its journalled hash, not only its size.
+    """
 
     def __init__(self, folder: Path, profile: Profile, ledger: Ledger, lock: SessionLock | None, *, verify: bool):
         self.path = folder
@@ -107,6 +123,11 @@ class Session:
         profile
             What it has to have been made with, if given.
 
+        Returns
+        -------
+        Session
+            That refuses to write.
+
         Raises
         ------
         SessionError
@@ -121,7 +142,17 @@ class Session:
 
     @staticmethod
     def exists(path: str | os.PathLike[str]) -> bool:
-        """Tell whether a folder holds a session."""
+        """Tell whether a folder holds a session.
+
+        Parameters
+        ----------
+        path
+            The folder.
+
+        Returns
+        -------
+        bool
+        """
         return (Path(path) / "session.json").is_file()
 
     def close(self) -> None:
@@ -153,6 +184,10 @@ class Session:
         needs
             Names of the steps whose results it reads.
 
+        Returns
+        -------
+        Step
+
         Raises
         ------
         SessionError
@@ -164,7 +199,18 @@ class Session:
         return Step(self._ledger, run, verify=self._verify)
 
     def is_done(self, name: str, *, settings: Mapping[str, object], needs: Sequence[str]) -> bool:
-        """Tell whether a step with these inputs would have nothing left to do; begins nothing."""
+        """Tell whether a step with these inputs would have nothing left to do; begins nothing.
+
+        Parameters
+        ----------
+        name, settings, needs
+            As for :meth:`step`.
+
+        Returns
+        -------
+        bool
+            False also when a needed step is not finished.
+        """
         run = self._ledger.last_run(name)
         own = {key: json_of(value) for key, value in settings.items()}
         if run is None or not all(self.is_finished(need) for need in needs):
@@ -177,9 +223,26 @@ class Session:
         return hash_json({"settings": settings, "needs": {need: self.finished(need).outputs_sha256 for need in needs}})
 
     def finished(self, name: str, *, verb: str = "run") -> Step:
-        """Return a finished step for reading; ``verb`` is the command to recommend when it is not there.
+        """Return a finished step for reading.
 
-        Raises SessionError when it is missing or not finished, SessionCorrupt when its files are damaged.
+        Parameters
+        ----------
+        name
+            Of the step.
+        verb
+            The command to recommend when it is not there.
+
+        Returns
+        -------
+        Step
+            Its last run.
+
+        Raises
+        ------
+        SessionError
+            It is missing or not finished.
+        SessionCorrupt
+            Its files are damaged.
         """
         run = self._ledger.last_run(name)
         if run is None or run.outputs_sha256 is None:
@@ -194,7 +257,17 @@ class Session:
         return step
 
     def is_finished(self, name: str) -> bool:
-        """Tell whether the last run of a step is finished."""
+        """Tell whether the last run of a step is finished.
+
+        Parameters
+        ----------
+        name
+            Of the step.
+
+        Returns
+        -------
+        bool
+        """
         run = self._ledger.last_run(name)
         return run is not None and run.outputs_sha256 is not None
 
@@ -215,21 +288,52 @@ class Session:
         return float(frames[-1]["started_s"] + frames[-1]["exposure_s"]) if frames else 0.0
 
     def note(self, event: Record | Mapping[str, object]) -> None:
-        """Journal something worth knowing later: a rejected frame, a retry, a warning."""
+        """Journal something worth knowing later: a rejected frame, a retry, a warning.
+
+        Parameters
+        ----------
+        event
+            A record, or numbers and words by name.
+        """
         self._ledger.record({"event": "note", "note": json_of(event)})
 
     def frame_log(self) -> list[Event]:
-        """Frames and notes, in the order in which they happened, as journalled."""
+        """Return frames and notes, in the order in which they happened.
+
+        Returns
+        -------
+        list of dict
+            As journalled, each with its time of day.
+        """
         return [dict(event) for event in self._ledger.events if event["event"] in ("frame", "note")]
 
     def events(self) -> list[Event]:
-        """Everything that the journal says, in order, each with its time of day."""
+        """Return everything that the journal says, in order.
+
+        Returns
+        -------
+        list of dict
+            As journalled, each with its time of day.
+        """
         return [dict(event) for event in self._ledger.events]
 
     def read_metrics(self, kind: type[Kind]) -> Kind:
         """Return what metrics.json holds, as a record of a kind.
 
-        Raises SessionError when there is none, or it lacks what the kind has: the session was not compared yet.
+        Parameters
+        ----------
+        kind
+            ``SessionResult`` of a session that was compared, else ``PartialResult``.
+
+        Returns
+        -------
+        Record
+            Of that kind.
+
+        Raises
+        ------
+        SessionError
+            There is none, or it lacks what the kind has: the session was not compared yet.
         """
         try:
             return read_record(kind, json.loads((self.path / "metrics.json").read_bytes()))
@@ -237,12 +341,34 @@ class Session:
             raise SessionError(f"{self.path}: nothing was compared yet; run `rig run {self.path}` first") from error
 
     def write_metrics(self, metrics: Record | Mapping[str, object]) -> Path:
-        """Write metrics.json. Raises ValueError for NaN and infinities."""
+        """Write metrics.json. Raises ValueError for NaN and infinities.
+
+        Parameters
+        ----------
+        metrics
+            What was measured.
+
+        Returns
+        -------
+        Path
+            Of the file.
+        """
         write_json(self.path / "metrics.json", json_of(metrics))
         return self.path / "metrics.json"
 
     def write_report(self, html: str) -> Path:
-        """Write report.html."""
+        """Write report.html.
+
+        Parameters
+        ----------
+        html
+            The whole page.
+
+        Returns
+        -------
+        Path
+            Of the file.
+        """
         write_bytes(self.path / "report.html", html.encode())
         return self.path / "report.html"
 
