@@ -15,7 +15,7 @@ from rig.devices.protocols import Codes, RawFrame, signature_of
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.exr import read_exr, write_exr
 from rig.records import JsonObject, Record, json_of, read_record
-from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, Run, write_json
+from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, StepRun, write_json
 
 Kind = TypeVar("Kind")
 
@@ -42,7 +42,7 @@ class Step:
         Compare every file that is read with its journalled hash, not only its size.
     """
 
-    def __init__(self, ledger: Ledger, run: Run, *, verify: bool):
+    def __init__(self, ledger: Ledger, run: StepRun, *, verify: bool):
         self._ledger = ledger
         self._run = run
         self._verify = verify

@@ -2,36 +2,24 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import os
-import platform
-import socket
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import TypeVar
 
-import cv2
-import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - the library's own documentation calls it so
-import scipy
-
 from rig.errors import SessionCorrupt, SessionError
-from rig.files.atomic import PART_SUFFIX, session_error, write_bytes
+from rig.files.atomic import PART_SUFFIX, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of, read_record
-from rig.session.header import SCHEMA, ProfileStamp, SessionHeader, read_header
+from rig.session.folder import check_folder, is_session, own_versions, read_folder, read_or_create
 from rig.session.ledger import Ledger, hash_json, write_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name
-from rig.version import __version__
 
 Kind = TypeVar("Kind")
-
-_OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
 
 
 class Session:
@@ -98,14 +86,14 @@ class Session:
             Its files contradict its journal.
         """
         folder = Path(path)
-        _check_folder(folder, may_create=profile is not None)
+        check_folder(folder, may_create=profile is not None)
         lock = SessionLock(folder)
         try:
-            header, own_profile = _read_or_create(folder, profile, seed)
+            header, own_profile = read_or_create(folder, profile, seed)
             for leftover in folder.rglob(f"*{PART_SUFFIX}"):
                 leftover.unlink()
             ledger = Ledger(folder, header, Journal(folder / JOURNAL_NAME))
-            ledger.record({"event": "open", "pid": os.getpid(), "versions": json_of(_versions())})
+            ledger.record({"event": "open", "pid": os.getpid(), "versions": json_of(own_versions())})
             ledger.write_summary()
         except BaseException:
             lock.release()
@@ -136,8 +124,8 @@ class Session:
             Its files contradict its journal.
         """
         folder = Path(path)
-        _check_folder(folder, may_create=False)
-        header, own_profile = _read(folder, profile)
+        check_folder(folder, may_create=False)
+        header, own_profile = read_folder(folder, profile)
         return cls(folder, own_profile, Ledger(folder, header, None), None, verify=False)
 
     @staticmethod
@@ -153,7 +141,7 @@ class Session:
         -------
         bool
         """
-        return (Path(path) / "session.json").is_file()
+        return is_session(Path(path))
 
     def close(self) -> None:
         """Let the folder go; any number of times."""
@@ -371,65 +359,3 @@ class Session:
         """
         write_bytes(self.path / "report.html", html.encode())
         return self.path / "report.html"
-
-
-def _check_folder(folder: Path, *, may_create: bool) -> None:
-    """Make the folder of a new session; refuse what is neither a session nor empty."""
-    if folder.exists() and not folder.is_dir():
-        raise SessionError(f"{folder}: is a file; a session is a folder, give another name")
-    if (folder / "session.json").is_file():
-        return
-    if not may_create:
-        raise SessionError(f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        foreign = sorted(p.name for p in folder.iterdir() if p.name.removesuffix(PART_SUFFIX) not in _OWN_NAMES)
-    except OSError as error:
-        raise session_error(error, folder) from error
-    if foreign:
-        raise SessionError(f"{folder}: has other files ({foreign[0]}, ...); give a new or an empty folder")
-
-
-def _read_or_create(folder: Path, profile: Profile | None, seed: int) -> tuple[SessionHeader, Profile]:
-    if Session.exists(folder) or profile is None:
-        return _read(folder, profile)
-    write_bytes(folder / "profile.toml", profile.raw)
-    created = datetime.now(UTC).isoformat(timespec="seconds")
-    header = SessionHeader(
-        schema=SCHEMA,
-        seed=seed,
-        versions=_versions(),
-        profile=ProfileStamp(name=profile.name, sha256=profile.sha256, source=str(profile.path)),
-        volatile={"created": created, "host": socket.gethostname()},
-    )
-    return header, profile
-
-
-def _read(folder: Path, profile: Profile | None) -> tuple[SessionHeader, Profile]:
-    """Read the header and the session's profile: the one that is handed in, if it is the same, else the copy."""
-    header = read_header(folder / "session.json")
-    made_with = header.profile
-    if profile is not None and profile.sha256 != made_with.sha256:
-        raise SessionError(
-            f"{folder}: was made with profile {made_with.name!r} ({made_with.sha256[:12]}), not {profile.name!r} "
-            f"({profile.sha256[:12]}); leave the profile out, or give a new folder"
-        )
-    copy = _read_copy(folder, made_with.sha256)
-    return header, profile or Profile.parse(copy, Path(made_with.source))
-
-
-def _read_copy(folder: Path, sha256: str) -> bytes:
-    """Return the exact bytes of the session's profile; its paths are relative to where the original lies."""
-    try:
-        raw = (folder / "profile.toml").read_bytes()
-    except OSError as error:
-        raise SessionCorrupt(f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it") from error
-    if hashlib.sha256(raw).hexdigest() != sha256:
-        raise SessionCorrupt(f"{folder / 'profile.toml'}: was changed; restore it, or start a new session")
-    return raw
-
-
-def _versions() -> dict[str, str]:
-    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "OpenImageIO": oiio}
-    own = {"procam-rig": __version__, "python": platform.python_version()}
-    return own | {name: str(module.__version__) for name, module in modules.items()}
