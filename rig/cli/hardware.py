@@ -1,24 +1,18 @@
-"""The verbs of the command line about what is plugged in, virtual rigs and profiles; no logic."""
+"""The verbs of the command line about what is plugged in, emulated rigs and profiles; no logic."""
 
 from __future__ import annotations
 
 import json
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from rig.cli.options import Json, names_of, print_json
 from rig.errors import UsageError
 
-profile_app = App(name="profile", help="Write and check hardware profiles.")
-
-Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
-
-
-def print_json(value: dict[str, Any]) -> None:
-    """A result on stdout, for programs."""
-    print(json.dumps(value, indent=2, allow_nan=False))
+profile_app = App(name="profile", help="Write, check and upgrade hardware profiles.")
 
 
 def devices(
@@ -43,10 +37,36 @@ def devices(
     return 0
 
 
-def virtual(
+def check(
+    *,
+    profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
+    only: Annotated[str, Parameter(help="Parts to measure, separated by commas; default: all.")] = "",
+    report: Annotated[Path | None, Parameter(help="HTML file to write, with charts.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Open a rig and measure what every rig must keep; prints values for its profile.
+
+    Parts: latency, exposure, pipeline, flicker, linearity, noise, saturation, pixels, darkness, additivity, checker,
+    ramp, stability.
+
+    Example: rig check -p sim-room --only latency,noise --report check.html
+    """
+    from rig.self_check import run_check
+    from rig.self_check.page import print_check, write_check_page
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        result = run_check(profile, progress, names_of(only) if only else ())
+    if report is not None:
+        result = result.with_report(write_check_page(result, report))
+    print_json(result.as_json()) if as_json else print_check(result)
+    return 0 if result.within_limits else 1
+
+
+def emulate(
     *,
     profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile with a [simulation]: the room.")] = (
-        "virtual-rig"
+        "emulated-rig"
     ),
     display: Annotated[
         str | None, Parameter(help="Display output to look at, e.g. HDMI-A-1; default: the profile's.")
@@ -58,15 +78,15 @@ def virtual(
 
     Needs root, and Linux with the modules vhci-hcd and uvcvideo. Ends with "quit" or Ctrl-C.
 
-    Example: sudo rig virtual --picture photograph.png
+    Example: sudo rig emulate --picture photograph.png
     """
-    from rig.emulated.commands import run_virtual
+    from rig.emulated.commands import PluggedCamera, run_emulated
 
-    def ready(found: dict[str, Any]) -> None:
-        text = "{node} is a virtual camera, {device_id}; it sees {display}. Type help or quit.".format(**found)
-        print(json.dumps(found) if as_json else text, flush=True)
+    def ready(found: PluggedCamera) -> None:
+        text = f"{found.node} is an emulated camera, {found.device_id}; it sees {found.display}. Type help or quit."
+        print(json.dumps(found.as_json()) if as_json else text, flush=True)
 
-    run_virtual(profile, display, picture, ready, lambda text: print(text, file=sys.stderr, flush=True))
+    run_emulated(profile, display, picture, ready, lambda text: print(text, file=sys.stderr, flush=True))
     return 0
 
 
@@ -87,6 +107,25 @@ def profile_check(*files: str, as_json: Json = False) -> int:
         for one in checked:
             print("\n".join(one.problems) if one.problems else one.summary)
     return 0 if all(one.ok for one in checked) else 2
+
+
+@profile_app.command(name="upgrade")
+def profile_upgrade(
+    path: Annotated[Path, Parameter(help="Profile of an older version (.toml).")], *, as_json: Json = False
+) -> int:
+    """Rewrite a profile of an older version as this one reads it; comments stay, the old file is kept beside it.
+
+    Example: rig profile upgrade lab.toml
+    """
+    from rig.profile.upgrade import upgrade_profile
+
+    upgraded = upgrade_profile(path)
+    if as_json:
+        print_json(upgraded.as_json())
+    else:
+        print(upgraded.diff)
+        print(f"{upgraded.path}: upgraded; the old file is {upgraded.backup}")
+    return 0
 
 
 @profile_app.command(name="new")

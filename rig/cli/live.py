@@ -7,7 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from rig.cli.hardware import Json, print_json
+from rig.cli.options import Json, print_json
 
 _INTERRUPTED = 130
 
@@ -47,18 +47,32 @@ def live(
 
     Example: rig live runs/first --source film.mp4
     """
-    from rig.live.run import Request, run_live
+    from rig.live.latency import with_light_latency
+    from rig.live.plan import LiveRequest, plan_live
+    from rig.live.run import run_live
     from rig.live.sources.choose import parse_size
     from rig.live.status import StatusLine, print_live
     from rig.terminal import TerminalProgress
 
-    request = Request(
-        session, profile, source, strategy, seconds, parse_size(size), rate, loop, gain, auto_gain, linear, record,
-        flashes, threads,
-    )  # fmt: skip
+    request = LiveRequest(
+        folder=session,
+        profile=profile,
+        sources=source,
+        strategy=strategy,
+        seconds=seconds,
+        size=parse_size(size),
+        rate_hz=rate,
+        endless=loop,
+        gain=gain,
+        auto_gain=auto_gain,
+        is_linear=linear,
+        record=record,
+        flashes=flashes,
+        threads=threads,
+    )
     with TerminalProgress() as progress:
-        on_step = progress
+        plan = with_light_latency(plan_live(request, progress), progress)
         with StatusLine() as status:
-            result = run_live(request, on_step, status)
-    print_json(result) if as_json else print_live(result)
-    return _INTERRUPTED if result["signal"] == "SIGINT" else 0
+            result = run_live(plan, status)
+    print_json(result.as_json()) if as_json else print_live(result)
+    return _INTERRUPTED if result.signal == "SIGINT" else 0

@@ -1,17 +1,19 @@
-"""Keep a virtual rig plugged in, and let a person break it: verb `virtual`."""
+"""Keep an emulated rig plugged in, and let a person break it: verb `emulate`."""
 
 from __future__ import annotations
 
 import select
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TextIO
+from typing import TextIO
 
 import numpy as np
 
-from rig.emulated.rig import Shows, VirtualRig, load_modules, open_display, still, wait_for_camera
+from rig.emulated.rig import EmulatedRig, OpenableDisplay, load_modules, open_display, still, wait_for_camera
 from rig.profile.schema import Profile, load_profile
+from rig.records import Record
 from rig.stages.target import load_target
 
 COMMANDS = {
@@ -29,15 +31,25 @@ COMMANDS = {
 _COUNTERS = {"drop": "dropped_frames", "short": "short_frames", "error": "error_frames", "repeat": "duplicate_frames"}
 
 
-def run_virtual(
+@dataclass(frozen=True, slots=True)
+class PluggedCamera(Record):
+    """The emulated camera, as the kernel has it."""
+
+    node: Path
+    device_id: str
+    display: str
+    """What it sees: an output's name, or the picture's file."""
+
+
+def run_emulated(
     profile_name: str,
     display: str | None,
     picture: Path | None,
-    on_ready: Callable[[dict[str, Any]], None],
+    on_ready: Callable[[PluggedCamera], None],
     tell: Callable[[str], None],
     commands: TextIO | None = None,
 ) -> None:
-    """Plug the virtual camera of a profile in, and serve it until "quit", an interrupt, or the kernel lets go.
+    """Plug the emulated camera of a profile in, and serve it until "quit", an interrupt, or the kernel lets go.
 
     Parameters
     ----------
@@ -46,7 +58,7 @@ def run_virtual(
     picture
         Still picture instead of a display.
     on_ready
-        Called once with ``node``, ``device_id``, ``display`` and ``formats``.
+        Called once the kernel has the camera.
     tell
         Called with lines for a person.
     commands
@@ -60,9 +72,9 @@ def run_virtual(
     profile = load_profile(profile_name)
     shown, name = _display(profile, display, picture)
     load_modules()
-    with VirtualRig(profile, shown, note=tell) as rig:
+    with EmulatedRig(profile=profile, display=shown, note=tell) as rig:
         found = wait_for_camera(profile)
-        on_ready({"node": str(found.node), "device_id": found.device_id, "display": name})
+        on_ready(PluggedCamera(node=found.node, device_id=found.device_id, display=name))
         for line in _typed(commands or sys.stdin):
             answer = obey(rig, line)
             if answer is None:
@@ -71,7 +83,7 @@ def run_virtual(
                 tell(answer)
 
 
-def _display(profile: Profile, display: str | None, picture: Path | None) -> tuple[Shows, str]:
+def _display(profile: Profile, display: str | None, picture: Path | None) -> tuple[OpenableDisplay, str]:
     if picture is not None:
         target = load_target(picture, profile.projector.shape, fit=True)
         return still(np.rint(target.grey).astype(np.uint8)), str(picture)
@@ -90,7 +102,7 @@ def _typed(commands: TextIO) -> Iterator[str]:
         select.select([], [], [], 3600.0)
 
 
-def obey(rig: VirtualRig, line: str) -> str | None:
+def obey(rig: EmulatedRig, line: str) -> str | None:
     """Do a typed command; returns what to answer, None to end."""
     word, _, number = line.partition(" ")
     count = int(number) if number.strip().isdigit() else 1

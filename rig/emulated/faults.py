@@ -9,7 +9,7 @@ from typing import Literal
 Counter = Literal["error_frames", "short_frames", "dropped_frames", "duplicate_frames"]
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Faults:
     """Faults of an emulated camera; every field may be set at any time, from any thread.
 

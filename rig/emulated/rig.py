@@ -1,4 +1,4 @@
-"""The virtual rig: a USB camera that looks at what a display shows, through the simulated room of a profile."""
+"""The emulated rig: a USB camera that looks at what a display shows, through the simulated room of a profile."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ from rig.devices.protocols import Codes
 from rig.devices.simulated.world import SimulatedWorld
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.emulated.faults import Faults
-from rig.emulated.room import Display, RoomSource
+from rig.emulated.room import ReadableDisplay, RoomSource, ignore
 from rig.emulated.usbip.attach import Attachment, attach
-from rig.emulated.uvc.camera import UvcCamera, VideoFormat, video_formats
+from rig.emulated.uvc.camera import UvcCamera
+from rig.emulated.uvc.descriptors import VideoFormat, video_formats
 from rig.errors import DeviceError, DeviceForbidden, DeviceLost, ProfileError
 from rig.profile.schema import Profile
 
 MODULES = ("vhci-hcd", "uvcvideo")
-"""Stock modules of the kernel that the virtual camera needs."""
+"""Stock modules of the kernel that the emulated camera needs."""
 _PROMPT_SHARE = 2 / 3
 """Of the latency that the profile allows for: frames that would come later are lost instead."""
 _LOOK_S = 0.1
+"""Between two looks whether the kernel has taken the camera."""
 _OTHER_FORMATS = ("GREY", "YUYV")
 
 
-class Shows(Display, Protocol):
+class OpenableDisplay(ReadableDisplay, Protocol):
     """A display that is opened and closed."""
 
     def open(self) -> None:
@@ -64,18 +66,18 @@ class StillPicture:
         return self.codes
 
 
-@dataclass(slots=True)
-class VirtualRig:
+@dataclass(slots=True, kw_only=True)
+class EmulatedRig:
     """Plugged in between :meth:`plug` and :meth:`unplug`; in a ``with`` statement, from the beginning.
 
     Needs root, and a kernel with the modules vhci-hcd and uvcvideo.
     """
 
     profile: Profile
-    """With a table [simulation]; ``camera.device_id`` says vendor, product and serial number of the virtual camera."""
-    display: Shows
+    """With a table [simulation]; ``camera.device_id`` says vendor, product and serial number of the emulated camera."""
+    display: OpenableDisplay
     faults: Faults = field(default_factory=Faults)
-    note: Callable[[str], None] = lambda text: None
+    note: Callable[[str], None] = ignore
     """Called with what is worth telling while it runs."""
     _source: RoomSource = field(init=False)
     _attachment: Attachment | None = field(init=False, default=None)
@@ -112,7 +114,7 @@ class VirtualRig:
             attachment.unplug()
         self.display.close()
 
-    def __enter__(self) -> VirtualRig:
+    def __enter__(self) -> EmulatedRig:
         self.plug()
         return self
 
@@ -143,14 +145,14 @@ def real_time_world(profile: Profile) -> SimulatedWorld:
     world = simulated_world_of(profile)
     if world.settings.projector.latency_s or world.settings.projector.jitter_s:
         raise ProfileError(
-            f"{profile.path}: simulation.projector.latency_s and jitter_s: a virtual rig has the latency of its real "
+            f"{profile.path}: simulation.projector.latency_s and jitter_s: an emulated rig has the latency of its real "
             "display; leave them out"
         )
     return world
 
 
 def wait_for_camera(profile: Profile, timeout_s: float = 30.0) -> FoundCamera:
-    """Until the kernel's driver has taken the virtual camera. Raises DeviceError when it does not."""
+    """Until the kernel's driver has taken the emulated camera. Raises DeviceError when it does not."""
     clock, device_id = SystemClock(), profile.camera.device_id or ""
     until_s = clock.now_s() + timeout_s
     while True:
@@ -175,8 +177,8 @@ def usb_identity(profile: Profile) -> tuple[int, int, str]:
     except ValueError:
         pass
     raise ProfileError(
-        f"{profile.path}: camera.device_id: {profile.camera.device_id!r} names no virtual camera; "
-        "give e.g. 'usb-1209:0001-VIRTUAL1'"
+        f"{profile.path}: camera.device_id: {profile.camera.device_id!r} names no emulated camera; "
+        "give e.g. 'usb-1209:0001-EMULATED1'"
     )
 
 
@@ -196,7 +198,7 @@ def open_display(profile: Profile, output: str | None = None) -> Readback:
     named = output or profile.projector.output
     if named is None or (output is None and profile.projector.driver != "kms"):
         raise ProfileError(
-            f"{profile.path}: projector.output: a virtual rig looks at a KMS output; name one (--display), "
+            f"{profile.path}: projector.output: an emulated rig looks at a KMS output; name one (--display), "
             "or give it a still picture (--picture)"
         )
     return Readback(named)
@@ -208,7 +210,7 @@ def still(codes: Codes) -> StillPicture:
 
 
 def load_modules() -> None:
-    """Have the kernel load what the virtual camera needs. Raises DeviceForbidden, DeviceError."""
+    """Have the kernel load what the emulated camera needs. Raises DeviceForbidden, DeviceError."""
     try:
         done = subprocess.run(["modprobe", "-a", *MODULES], capture_output=True, text=True, check=False)
     except OSError as error:
@@ -217,4 +219,4 @@ def load_modules() -> None:
         text = done.stderr.strip()
         if "not permitted" in text:
             raise DeviceForbidden(f"{text}; run this as root (sudo)")
-        raise DeviceError(f"{text}; the virtual camera needs the kernel modules {', '.join(MODULES)}")
+        raise DeviceError(f"{text}; the emulated camera needs the kernel modules {', '.join(MODULES)}")

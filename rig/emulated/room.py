@@ -1,4 +1,4 @@
-"""What the virtual camera sees: a display of this machine, read back, in the simulated room of a profile's world."""
+"""What the emulated camera sees: a display of this machine, read back, in the simulated room of a profile's world."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from rig.devices.protocols import Clock, Codes
 from rig.devices.simulated.devices import sensor_response
 from rig.devices.simulated.world import SeenLight, SimulatedWorld
 from rig.emulated.uvc.camera import FrameRequest
+from rig.emulated.uvc.formats import encoded, full_scale_dn
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 
 Float32Array = NDArray[np.float32]
@@ -21,11 +22,15 @@ Float32Array = NDArray[np.float32]
 _SAMPLE_S = 0.02
 """How often the display is looked at during an exposure."""
 _KEPT_PICTURES = 6
+"""Whose light is kept; chosen: an exposure sees one or two, and black and white come back often."""
 _NOISE_FRAMES = 8
-_DEPTH = {"GREY": 8, "Y10 ": 10, "Y12 ": 12, "Y16 ": 16, "YUYV": 8, "MJPG": 8}
 
 
-class Display(Protocol):
+def ignore(_: str) -> None:
+    """For who wants no notes."""
+
+
+class ReadableDisplay(Protocol):
     """Something that shows a picture; :class:`rig.devices.kms.readback.Readback` is one."""
 
     def shape(self) -> tuple[int, int]:
@@ -61,12 +66,12 @@ class RoomSource:
     def __init__(
         self,
         world: SimulatedWorld,
-        display: Display,
+        display: ReadableDisplay,
         clock: Clock,
         *,
         prompt_s: float = 0.1,
         seed: int = 0,
-        note: Callable[[str], None] = lambda text: None,
+        note: Callable[[str], None] = ignore,
     ):
         self._world = world
         self._display = display
@@ -140,9 +145,9 @@ class RoomSource:
 
     def _frame(self, light: Float32Array, request: FrameRequest) -> bytes:
         settings = self._world.settings.camera
-        full_scale_dn = 2 ** _DEPTH[request.fourcc] - 1
         gained = light * np.float32(request.gain)
-        pixels = sensor_response(settings, gained, request.exposure_s, full_scale_dn, self._fresh_noise())
+        full_scale = full_scale_dn(request.fourcc)
+        pixels = sensor_response(settings, gained, request.exposure_s, full_scale, noise=self._fresh_noise())
         return encoded(_sized(pixels, request), request.fourcc)
 
 
@@ -167,18 +172,3 @@ def _sized(pixels: NDArray[np.uint16], request: FrameRequest) -> NDArray[np.uint
     if pixels.shape[::-1] == size:
         return pixels
     return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA), dtype=np.uint16)
-
-
-def encoded(pixels: NDArray[np.uint16], fourcc: str) -> bytes:
-    """Grey digital numbers (H, W) in the bytes of a V4L2 pixel format.
-
-    Raises KeyError for a format that it does not know.
-    """
-    if _DEPTH[fourcc] > 8:
-        return pixels.astype("<u2").tobytes()
-    grey = pixels.astype(np.uint8)
-    if fourcc == "YUYV":
-        return np.stack([grey, np.full_like(grey, 128)], axis=-1).tobytes()
-    if fourcc == "MJPG":
-        return cv2.imencode(".jpg", grey, [cv2.IMWRITE_JPEG_QUALITY, 95])[1].tobytes()
-    return grey.tobytes()

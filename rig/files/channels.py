@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.records import JsonObject
+
 SUFFIXES: Mapping[int, tuple[str, ...]] = {1: ("",), 3: (".R", ".G", ".B")}
 """Of the channels of an image, by the number of bands."""
 PRIMARIES: Mapping[int, tuple[str, ...]] = {1: (), 3: ("red", "green", "blue")}
@@ -53,6 +55,6 @@ def of_bands(value: Any, n_bands: int) -> list[Any]:
     return [value] if n_bands == 1 else list(value)
 
 
-def merged(records: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def merged(records: Sequence[Mapping[str, Any]]) -> JsonObject:
     """Records of the bands, which have the same keys, as one."""
     return {key: by_band([record[key] for record in records]) for key in records[0]}

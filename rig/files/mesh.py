@@ -11,7 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.files.images import linear_of_srgb
+from rig.files.pictures import LUMINANCE, linear_of_srgb
 from sim.errors import SimulationError
 from sim.geometry.checks import mesh_faults, refuse
 from sim.geometry.mesh import Mesh
@@ -24,8 +24,6 @@ Unit = Literal["m", "cm", "mm", "in", "ft"]
 UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Metres of each unit."""
 FORMATS = (".obj", ".ply", ".gltf", ".glb")
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Share of linear red, green and blue in luminance (ITU-R BT.709)."""
 
 
 def read_mesh(

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from skimage.color import rgb2gray
 from skimage.transform import resize
 
+from rig.files.pictures import centre_crop
+
 FloatArray = NDArray[np.float64]
 
 
@@ -49,5 +51,4 @@ def rescaled(image: FloatArray, mean: float, sd: float) -> FloatArray:
 def _cut_to_aspect(image: FloatArray, aspect: float) -> FloatArray:
     height, width = image.shape
     wide, tall = min(width, round(height * aspect)), min(height, round(width / aspect))
-    left, top = (width - wide) // 2, (height - tall) // 2
-    return image[top : top + tall, left : left + wide]
+    return centre_crop(image, (tall, wide))

@@ -2,25 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
 
 if TYPE_CHECKING:
     from rig.devices.kms.find import OutputMode
     from rig.devices.v4l2.describe import ControlAbility, FormatAbility
 
-BIT_DEPTHS = {
-    **{"Y16": 16, "Y14": 14, "Y12": 12, "Y12P": 12, "Y10": 10, "Y10P": 10, "Y10B": 10, "GREY": 8},
-    **dict.fromkeys(("YUYV", "UYVY", "YVYU", "VYUY", "NV12"), 8),
-    **{"RG16": 16, "GB16": 16, "GR16": 16, "BYR2": 16, "RG12": 12, "GB12": 12, "BA12": 12, "BG12": 12},
-    **{"RG10": 10, "GB10": 10, "BA10": 10, "BG10": 10, "RGGB": 8, "GRBG": 8, "GBRG": 8, "BA81": 8},
-    **{"MJPG": 8, "JPEG": 8},
-}
-"""Pixel formats that a rig can use, best first: raw grey, brightness beside colour, mosaic, compressed; their bits."""
+PREFERRED_FORMATS = (
+    *("Y16", "Y14", "Y12", "Y12P", "Y10", "Y10P", "Y10B", "GREY"),
+    *("YUYV", "UYVY", "YVYU", "VYUY", "NV12"),
+    *("RG16", "GB16", "GR16", "BYR2", "RG12", "GB12", "BA12", "BG12"),
+    *("RG10", "GB10", "BA10", "BG10", "RGGB", "GRBG", "GBRG", "BA81"),
+    *("MJPG", "JPEG"),
+)
+"""Pixel formats that a rig can use, best first: raw grey, brightness beside colour, mosaic, compressed."""
 EXPOSURE_CONTROL = 0x009A0902
 """V4L2's exposure time, in steps of 100 µs."""
 EXPOSURE_UNIT_S = 1e-4
@@ -51,12 +51,11 @@ class CameraMode:
 
 def best_camera_mode(formats: Iterable[FormatAbility], facts: CameraFacts | None = None) -> CameraMode | None:
     """The best format first, then the largest size that comes at a usable rate; None when none can be used."""
-    modes = [_camera_mode(one, facts) for one in formats if one.pixel_format.strip() in BIT_DEPTHS]
-    ranks = list(BIT_DEPTHS)
+    modes = [_camera_mode(one, facts) for one in formats if one.pixel_format.strip() in PREFERRED_FORMATS]
     return max(
         modes,
         key=lambda mode: (
-            -ranks.index(mode.pixel_format),
+            -PREFERRED_FORMATS.index(mode.pixel_format),
             mode.frame_rate_hz is None or mode.frame_rate_hz >= LEAST_RATE_HZ,
             mode.width_px * mode.height_px,
         ),
@@ -68,7 +67,7 @@ def _camera_mode(one: FormatAbility, facts: CameraFacts | None) -> CameraMode:
     name = one.pixel_format.strip()
     slow = [rate for rate in one.frame_rates_hz if rate <= MOST_RATE_HZ + 0.5]
     rate = max(slow) if slow else min(one.frame_rates_hz, default=None)
-    bits = BIT_DEPTHS[name]
+    bits = PIXEL_FORMATS[name].bits
     if bits == 16 and facts is not None and facts.bit_depth is not None:
         bits = facts.bit_depth.value
     return CameraMode(name, bits, one.width_px, one.height_px, rate)
@@ -110,14 +109,3 @@ def best_output_mode(modes: Iterable[OutputMode], facts: ProjectorFacts | None =
         size = (facts.width_px.value, facts.height_px.value)
         known = [mode for mode in known if (mode.width_px, mode.height_px) == size] or known
     return next((mode for mode in known if mode.preferred), known[0] if known else None)
-
-
-def toml_value(value: Any) -> str:
-    """A number, text, truth value or list of numbers as TOML."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(toml_value(one) for one in value) + "]"
-    return f"{value:.9g}" if isinstance(value, float) and not value.is_integer() else repr(value)

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.errors import DeviceForbidden, RigError, UsageError
-from rig.inventory.choose import best_camera_mode, best_output_mode, exposure_range_s, toml_value
+from rig.files.toml import toml_value
+from rig.inventory.choose import best_camera_mode, best_output_mode, exposure_range_s
 from rig.profile.hardware_facts import CameraFile, known_cameras, known_projectors
 
 if TYPE_CHECKING:
@@ -183,7 +184,7 @@ def _camera_lines(found: FoundCamera, able: CameraAbilities, facts: CameraFile |
 
 def _toml_lines(table: str, keys: dict[str, Any]) -> list[str]:
     known = (f"{key} = {toml_value(value)}" for key, value in keys.items() if value is not None)
-    return [f"[{table}]", *known]
+    return [f"[[{table}]]", f"name = {toml_value(table)}", *known]
 
 
 def _output(found: FoundOutput, outputs: Sequence[FoundOutput], finders: Finders) -> dict[str, Any]:

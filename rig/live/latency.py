@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,14 +10,16 @@ from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.errors import UsageError
-from rig.live.show.compensator import Compensator
-from rig.live.show.controls import Controls
+from rig.live.plan import LivePlan
+from rig.live.results import LightLatency
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.loop import LiveLoop, LoopArguments
+from rig.live.show.priority import realtime_priority
 from rig.live.sources.source import Pixels
-from rig.profile.schema import Profile
-from rig.self_check.parts.exposure import find_subject, with_generous_latency
-from rig.self_check.parts.latency import check_latency
+from rig.self_check.parts.exposure import prepare_rig, with_generous_latency
+from rig.self_check.parts.latency import measure_latency
+from rig.stages.error_tree import one_error_tree
+from rig.terminal import OnStep
 
 
 class LivePath:
@@ -28,15 +29,15 @@ class LivePath:
     ----------
     projector
         That the loop shows on.
-    slot
+    mailbox
         That the loop takes from.
     loop
         Stepped here, in the caller's thread.
     """
 
-    def __init__(self, projector: Projector, slot: FrameMailbox, loop: LiveLoop, clock: Clock):
+    def __init__(self, projector: Projector, mailbox: FrameMailbox, loop: LiveLoop, clock: Clock):
         self._projector = projector
-        self._slot = slot
+        self._mailbox = mailbox
         self._loop = loop
         self._clock = clock
 
@@ -56,16 +57,16 @@ class LivePath:
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Hand a picture over as a source does, and let the loop show it. Raises DeviceError."""
         handed_over_s = self._clock.now_s()
-        there: Pixels = self._slot.writable()
+        there: Pixels = self._mailbox.writable()
         np.copyto(there, codes if codes.ndim == 3 else codes[..., None])
-        self._slot.offer(None)
-        shown = self._loop.tally.frames
-        while self._loop.tally.frames == shown and not self._loop.ended:
+        self._mailbox.offer(None)
+        shown = self._loop.statistics.frames
+        while self._loop.statistics.frames == shown and not self._loop.ended:
             self._loop.step()
         return Shown(handed_over_s, name)
 
 
-def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
+def measure_light_latency(rig: Rig, path: LivePath) -> LightLatency:
     """From a picture in memory to its light, over many flashes, in milliseconds.
 
     ``rig`` is closed and has a generous latency. Raises CalibrationFailed when the camera sees nothing, DeviceError.
@@ -73,25 +74,43 @@ def measure_light_latency(rig: Rig, path: LivePath) -> dict[str, Any]:
     flashing = Rig(rig.profile, rig.camera, path, rig.clock)
     with flashing:
         flashing.set_exposure(rig.profile.camera.exposure_s)
-        found = check_latency(find_subject(flashing)).numbers
-    return {
-        "p50": 1000 * found["median"],
-        "p99": 1000 * float(np.quantile(found["values_s"], 0.99)),
-        "max": 1000 * found["max"],
-        "flashes": len(found["values_s"]),
-        "unseen": 1000 * found["unseen_s"],
-    }
+        found = measure_latency(prepare_rig(flashing))
+    return LightLatency(
+        p50=1000 * found.median,
+        p99=1000 * float(np.quantile(found.values_s, 0.99)),
+        max=1000 * found.max,
+        flashes=len(found.values_s),
+        unseen=1000 * found.unseen_s,
+    )
 
 
-def light_latency(profile: Profile, compensators: Mapping[str, Compensator], controls: Controls) -> dict[str, Any]:
-    """Measure on a profile's rig; on a simulated one in virtual time, in which computing takes none.
+def with_light_latency(plan: LivePlan, on_step: OnStep) -> LivePlan:
+    """Return the plan of a show with its latency by light, where flashes are asked for; else the plan as it is.
 
+    A simulated rig is measured in virtual time, in which computing takes none.
     Raises UsageError for a recording, CalibrationFailed when the camera sees nothing, DeviceError.
     """
+    if not plan.request.flashes:
+        return plan
+    on_step("measure latency by light", 0, 1)
+    with one_error_tree(), realtime_priority():
+        found = _light_latency(plan)
+    on_step("measure latency by light", 1, 1)
+    return replace(plan, light_latency_ms=found)
+
+
+def _light_latency(plan: LivePlan) -> LightLatency:
+    profile = plan.profile
     if profile.camera.driver == "replay":
         raise UsageError(f"{profile.path}: a recording has no latency; give a profile of a real or simulated rig")
     rig = Rig(with_generous_latency(profile), *make_devices(profile))
     rate_hz = profile.projector.refresh_rate_hz
-    slot = FrameMailbox(rig.projector.shape, 1 / rate_hz, rig.clock)
-    loop = LiveLoop(LoopArguments(rig.projector, slot, compensators, rig.clock, rate_hz), controls)
-    return measure_light_latency(rig, LivePath(rig.projector, slot, loop, rig.clock))
+    mailbox = FrameMailbox(rig.projector.shape, 1 / rate_hz, rig.clock)
+    arguments = LoopArguments(
+        projector=rig.projector,
+        queue=mailbox,
+        compensators=plan.compensators,
+        clock=rig.clock,
+        refresh_rate_hz=rate_hz,
+    )
+    return measure_light_latency(rig, LivePath(rig.projector, mailbox, LiveLoop(arguments, plan.controls), rig.clock))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from rig.files.images import linear_of_srgb
+from rig.files.pictures import linear_of_srgb
 from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.linear_light import RadiometricCalibration
@@ -29,10 +29,12 @@ FloatArray = NDArray[np.float64]
 _BLACK_BLUR_SHARE = 0.003
 """Spread of the smoothing of the black image, of the picture's width: it is noise otherwise."""
 _DITHER_SEED = 1
+"""Any number does: two shows dither alike."""
 _GUESSED_SIZE_M = (4.8, 4.8, 2.4)
 _GUESSED_PLACE = (0.25, 0.25, 0.5)
 """Of a projector nobody has measured: shares of the room's edges; it looks along x and y, level."""
 _GUESSED_REFLECTANCE = 0.7
+"""Of painted walls; chosen, and said so in the notes."""
 _GUESSED_GAMMA = 2.2
 
 
@@ -91,14 +93,12 @@ def target_curve(*, is_linear: bool) -> FloatArray:
 
 def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
     """A room of the profile's size with a projector in a usual place: nothing measured, for trying out."""
-    size_m = profile.room.size_m or _GUESSED_SIZE_M
-    settings = profile.projector
-    lens = Lens.from_horizontal_field_of_view(settings.width_px, settings.height_px, settings.hfov_deg)
-    transport, active = guessed_transport(size_m, profile.room.patch_size_m, lens)
+    size_m = profile.box.size_m or _GUESSED_SIZE_M
+    transport, active = guessed_transport(size_m, profile)
     white = transport @ np.ones(transport.shape[1])
     frames = frame_model(
         transport,
-        lens.shape,
+        profile.projector.shape,
         active,
         target_scale=profile.brightness.target_white_share * float(np.median(white)),
         eotf=target_curve(is_linear=is_linear),
@@ -113,11 +113,11 @@ def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
     return LiveModel(frames, f"guess from profile {profile.name}", (note,))
 
 
-def guessed_transport(
-    size_m: tuple[float, float, float], patch_size_m: float, lens: Lens
-) -> tuple[LightTransport, NDArray[np.bool_]]:
+def guessed_transport(size_m: tuple[float, float, float], profile: Profile) -> tuple[LightTransport, NDArray[np.bool_]]:
     """Transport of the lit projector pixels, seen from the projector, and (H * W,) which these are."""
-    scene = room(size_m, patch_size_m, _GUESSED_REFLECTANCE)
+    projector = profile.projector
+    scene = room(size_m, profile.box.patch_size_m, _GUESSED_REFLECTANCE)
+    lens = Lens.from_horizontal_field_of_view(projector.width_px, projector.height_px, projector.hfov_deg)
     place = np.array(size_m) * _GUESSED_PLACE
     pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))
     whole = coaxial_transport(scene, form_factors(scene), lens, pose, convention="physical", emission_rule="area")
@@ -129,4 +129,7 @@ def guessed_transport(
     view = csr_array(smooth_view(scene, hits, reflectance)[chosen])
     emission = csr_array(whole.emission[:, chosen])
     matrix = csr_array(whole.direct_matrix[chosen][:, chosen])
-    return LightTransport(matrix, emission, whole.radiosity, view, pixel_patch=hits.patch[chosen]), active
+    transport = LightTransport(
+        direct=matrix, emission=emission, radiosity=whole.radiosity, view=view, pixel_patch=hits.patch[chosen]
+    )
+    return transport, active

@@ -6,25 +6,28 @@ A thread of its own writes; it takes the newest frame when it is free, so record
 from __future__ import annotations
 
 import threading
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 
 from rig.devices.protocols import Camera, Clock
 from rig.errors import CaptureTimeout, DeviceError, RigError, SessionError, UsageError
-from rig.files.atomic import write_bytes
-from rig.files.images import write_exr
+from rig.files.exr import write_exr
 from rig.files.journal import JOURNAL_NAME, Journal
+from rig.files.pictures import write_png
 from rig.live.show.loop import ShownFrame
 from rig.live.show.priority import normal_priority
+from rig.records import JsonObject
 
 RECORD_RATE_HZ = 5.0
 """Pictures a second that are kept, at most."""
 _PHOTOGRAPH_RATE_HZ = 1.0
-_PNG_SPEED = 1
+"""Enough to see what the room did; an exposure keeps the camera, not the show."""
+_PNG_COMPRESSION = 1
+"""Quick rather than small: the writing thread shares the machine with the show."""
 _IDLE_S = 0.5
+"""Between two looks whether it is time for a photograph."""
 _CHANNELS = {1: ("Y",), 3: ("R", "G", "B")}
 
 
@@ -37,17 +40,13 @@ class Recorder:
         New or empty.
     shape
         (height, width) of the frames.
-    header
-        What the journal begins with.
     clock
         That of the frames' times.
     camera
         Open; photographs what is shown, if there is one.
     """
 
-    def __init__(
-        self, folder: Path, shape: tuple[int, int], header: dict[str, Any], clock: Clock, camera: Camera | None = None
-    ):
+    def __init__(self, folder: Path, shape: tuple[int, int], clock: Clock, camera: Camera | None = None):
         self.notes: list[str] = []
         self.frames = 0
         self.photographs = 0
@@ -55,14 +54,18 @@ class Recorder:
         self._clock = clock
         self._camera = camera
         self._journal = Journal(folder / JOURNAL_NAME)
-        self._journal.append({"event": "begin", **header})
         self._codes = np.zeros((*shape, 3), np.uint8)
-        self._details: dict[str, Any] | None = None
+        self._details: JsonObject | None = None
         self._changed = threading.Condition()
         self._stopped = False
         self._last_frame_s = self._last_photograph_s = -1e9
         self._thread = threading.Thread(target=self._run, name="live record", daemon=True)
         self._thread.start()
+
+    def begin(self, *, profile: str, session: str, sources: Sequence[str]) -> None:
+        """Note what is shown: names of profile, session and sources."""
+        header = {"profile": profile, "session": session, "sources": list(sources)}
+        self._journal.append({"event": "begin", **header})
 
     def offer(self, frame: ShownFrame) -> None:
         """Keep a frame if it is time for one and the last one has been written; quick."""
@@ -70,20 +73,19 @@ class Recorder:
             return
         self._last_frame_s = frame.on_screen_s
         np.copyto(self._codes, frame.codes)
-        controls = frame.controls
-        details = {
+        details: JsonObject = {
             "number": frame.number,
             "on_screen_s": frame.on_screen_s,
             "gain": frame.gain,
-            "strategy": controls.strategy if controls.compensating else "none",
-            "black": controls.black,
+            "strategy": frame.controls.shown_strategy or "none",
+            "black": frame.controls.black,
         }
         with self._changed:
             self._details = details
             self._changed.notify()
 
-    def close(self, result: dict[str, Any]) -> None:
-        """Write what waits, and how it ended."""
+    def close(self, *, frames: int, ended_by: str) -> None:
+        """Write what waits, and how the show ended, after how many frames."""
         with self._changed:
             if self._stopped:
                 return
@@ -91,7 +93,7 @@ class Recorder:
             self._changed.notify()
         self._thread.join()
         try:
-            self._journal.append({"event": "end", **result})
+            self._journal.append({"event": "end", "frames": frames, "ended_by": ended_by})
         except SessionError as error:
             self.notes.append(str(error))
         self._journal.close()
@@ -116,7 +118,7 @@ class Recorder:
         if self._details is None:
             return
         name = f"shown-{self.frames:06d}.png"
-        write_bytes(self._folder / name, png_of(self._codes))
+        write_png(self._folder / name, self._codes, _PNG_COMPRESSION)
         self._journal.append({"event": "shown", "file": name, **self._details})
         self.frames += 1
         self._details = None
@@ -141,14 +143,6 @@ class Recorder:
         times = {"started_s": frame.started_s, "exposure_s": frame.exposure_s}
         self._journal.append({"event": "photograph", "file": name, **times})
         self.photographs += 1
-
-
-def png_of(codes: np.ndarray[Any, np.dtype[np.uint8]]) -> bytes:
-    """(H, W, 3) codes, red first, as the bytes of a PNG."""
-    done, data = cv2.imencode(".png", cv2.cvtColor(codes, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, _PNG_SPEED])
-    if not done:
-        raise SessionError("the picture could not be encoded as PNG")
-    return data.tobytes()
 
 
 def new_folder(folder: Path) -> Path:

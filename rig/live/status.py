@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any
 
 from rich.console import Console
 from rich.live import Live
 from rich.text import Text
 
+from rig.live.results import ShowResult
 from rig.live.show.controls import KEYS
 from rig.terminal import print_table
 
@@ -41,25 +41,26 @@ class StatusLine:
         self._live.update(Text(f"{line}\n{keys}", overflow="ellipsis", no_wrap=True), refresh=True)
 
 
-def print_live(result: dict[str, Any]) -> None:
-    """The result of `rig live` as a table."""
-    latency = result["latency_ms"]
+def print_live(result: ShowResult) -> None:
+    """The result of `rig live` as a table, and its notes on the other stream."""
+    figures, light = result.figures, result.light_latency_ms
+    on_time = figures.on_time_share
     rows = [
-        ("frames", result["frames"]),
-        ("frames a second, median", result["fps_median"]),
-        ("latency, median [ms]", latency["p50"]),
-        ("latency, 99 of 100 below [ms]", latency["p99"]),
-        ("computing, median [ms]", result["compute_ms"]["p50"]),
-        ("late", result["late_frames"]),
-        ("on time [%]", None if result["on_time_share"] is None else 100 * result["on_time_share"]),
-        ("dropped: a newer one came first", result["dropped"]),
-        ("refreshes without a new frame", result["repeated"]),
-        ("out of order", result["out_of_order"]),
-        ("expected error, rms [grey levels]", result["error_mean"]),
-        ("growth of memory [MB]", result["memory_growth_mb"]),
+        ("frames", figures.frames),
+        ("frames a second, median", figures.fps_median),
+        ("latency, median [ms]", figures.latency_ms.p50),
+        ("latency, 99 of 100 below [ms]", figures.latency_ms.p99),
+        ("computing, median [ms]", figures.compute_ms.p50),
+        ("late", figures.late_frames),
+        ("on time [%]", None if on_time is None else 100 * on_time),
+        ("dropped: a newer one came first", figures.dropped),
+        ("refreshes without a new frame", figures.repeated),
+        ("out of order", figures.out_of_order),
+        ("expected error, rms [grey levels]", figures.error_mean),
+        ("growth of memory [MB]", result.memory_growth_mb),
     ]
-    if result["light_latency_ms"]:
-        rows.append(("picture in memory to light, median [ms]", result["light_latency_ms"]["p50"]))
-    print_table(f"live, {result['strategy']}, {result['seconds']:.1f} s", ("", "value"), rows)
-    for note in result["notes"]:
+    if light is not None:
+        rows.append(("picture in memory to light, median [ms]", light.p50))
+    print_table(f"live, {result.strategy}, {result.seconds:.1f} s", ("", "value"), rows)
+    for note in result.notes:
         Console(stderr=True).print(note, style="yellow", markup=False, highlight=False)

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from calibration.records import Response
+from calibration.radiometry.response import Response
 from rig.files.channels import PRIMARIES
 from rig.report.pictures import ERROR_RANGE, png_figure, svg
 from rig.stages.scene_model import PosedLens, SceneModel

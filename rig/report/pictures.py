@@ -17,6 +17,7 @@ from matplotlib import colormaps
 from matplotlib.figure import Figure
 
 from rig.files.channels import one_or_all
+from rig.files.pictures import png_of
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -33,10 +34,7 @@ def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 420) -> Picture:
     if rgb.shape[1] > width_px:
         height = round(rgb.shape[0] * width_px / rgb.shape[1])
         rgb = np.asarray(cv2.resize(rgb, (width_px, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    coded, data = cv2.imencode(".png", rgb if rgb.ndim == 2 else rgb[..., ::-1])
-    if not coded:
-        raise ValueError(f"picture {alt!r} could not be coded as PNG")
-    return {"src": "data:image/png;base64," + base64.b64encode(data.tobytes()).decode(), "alt": alt}
+    return {"src": "data:image/png;base64," + base64.b64encode(png_of(rgb)).decode(), "alt": alt}
 
 
 def photograph(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[np.uint8]:

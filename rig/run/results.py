@@ -8,7 +8,7 @@ import numpy as np
 
 from rig.capture.rig import Rig
 from rig.files.channels import by_band, image_of, of_bands
-from rig.profile.schema import Limits
+from rig.profile.tables import Limits
 from rig.session import Session
 from rig.stages.correspondence import load_correspondence
 from rig.stages.model import load_model

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rig.devices.protocols import Codes, RawFrame, signature_of
 from rig.errors import SessionCorrupt, SessionError
-from rig.files.images import read_exr, write_exr
+from rig.files.exr import read_exr, write_exr
 from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, Run, write_json
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import Response
+from calibration.radiometry.response import Response
 from rig.errors import UsageError
 from rig.files.channels import code_layers, image_of, layers
 from rig.session import Session, Step

@@ -9,12 +9,14 @@ from typing import Any
 import cv2
 import numpy as np
 
+from calibration.errors import CalibrationError
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.room import RoomBox, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
-from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
-from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.gray import CodeName, bits_for
-from calibration.structured_light.patterns import flat, gray_code_patterns
+from calibration.structured_light.code import CODES
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.patterns import flat
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
 from rig.profile.schema import Profile
@@ -24,7 +26,7 @@ from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
 
-CODE: CodeName = "long-run"
+CODE = "long-run"
 _SIGMAS = 2.0
 """A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
 
@@ -41,14 +43,15 @@ def photograph_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
     if step.done:
         return
     shape = rig.projector.shape
-    count = 2 + 2 * sum(bits_for(n) for n in shape)
+    code = CODES[CODE]
+    count = 2 + len(code.pattern_names(shape))
     flats = [flat(shape, 255, "white"), flat(shape, 0, "black")]
     photograph(rig, session, step, flats, shot, 2, lambda label, done, total: on_step(label, done, count))
     photograph(
         rig,
         session,
         step,
-        gray_code_patterns(shape, code=CODE),
+        code.patterns(shape),
         shot,
         count - 2,
         lambda label, done, total: on_step(label, done + 2, count),
@@ -85,22 +88,18 @@ def decode_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
 
 def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
     radiometric = load_radiometric_calibration(session)
-    frames = {
-        name.rsplit(".e", 1)[0]: _grey(gray.load_frame(name).pixels, radiometric)
-        for name in gray.frame_names
-        if name.startswith(CODE)
-    }
+    code = CODES[CODE]
+    names = code.pattern_names(projector_shape)
+    frames = {name: _grey(gray.load_frame(frame_name(name)).pixels, radiometric) for name in names}
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
     limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
-    return decode_gray(
+    return code.decode(
         frames,
         projector_shape,
         white=_grey(white, radiometric),
         black=_grey(black, radiometric),
-        contrast_limit=limit,
-        bit_limit=limit,
+        noise_limit=limit,
         saturation=radiometric.saturation_dn * white.shape[2],
-        code=CODE,
     )
 
 
@@ -130,7 +129,7 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
     settings = {
         "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
         "scale": profile.scale.model_dump(),
-        "room": profile.room.model_dump(exclude={"patch_size_m"}),
+        "room": profile.box.model_dump(exclude={"patch_size_m"}),
     }
     step = session.step("geometry", settings=settings, needs=("correspondence",))
     if step.done:
@@ -139,18 +138,21 @@ def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
     rows, columns = np.nonzero(_well_inside(correspondence))
     camera_xy = np.stack([columns, rows], axis=1).astype(np.float64)
     projector_xy = correspondence.projector_xy_px[rows, columns].astype(np.float64)
+    nominal = NominalIntrinsics.of(
+        camera_shape=rig.camera.shape[:2],
+        projector_shape=rig.projector.shape,
+        camera_hfov_deg=profile.camera.hfov_deg,
+        projector_hfov_deg=profile.projector.hfov_deg,
+    )
     pair = calibrate_stereo(
         camera_xy,
         projector_xy,
-        rig.camera.shape[:2],
-        rig.projector.shape,
-        profile.camera.hfov_deg,
-        profile.projector.hfov_deg,
-        right_angles=profile.room.right_angles,
+        nominal,
+        right_angles=profile.box.right_angles,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     pair = _in_metres(pair, profile)
-    box = room_from_stereo(pair, profile.room.size_m, profile.room.closed)
+    box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
     step.save_record("geometry", _record(pair, box))
     step.finish()
 
@@ -200,11 +202,11 @@ def pinhole_of(record: Mapping[str, Any]) -> PinholeModel:
     """A PinholeModel from its JSON record."""
     k1, k2, p1, p2, k3 = record["distortion"]
     return PinholeModel(
-        record["width_px"],
-        record["height_px"],
-        (record["focal_px"][0], record["focal_px"][1]),
-        (record["principal_point_px"][0], record["principal_point_px"][1]),
-        (k1, k2, p1, p2, k3),
-        np.array(record["rotation"]),
-        np.array(record["translation_m"]),
+        width_px=record["width_px"],
+        height_px=record["height_px"],
+        focal_px=(record["focal_px"][0], record["focal_px"][1]),
+        principal_point_px=(record["principal_point_px"][0], record["principal_point_px"][1]),
+        distortion=(k1, k2, p1, p2, k3),
+        rotation=np.array(record["rotation"]),
+        translation_m=np.array(record["translation_m"]),
     )

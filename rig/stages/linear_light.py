@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.radiometry.response import codes_from_linear, linear_from_codes
-from calibration.records import Response
+from calibration.radiometry.response import Response, codes_from_linear, light_of_levels, linear_from_codes
 from rig.files.channels import layers, one_or_all
 from rig.session import Step
 from rig.stages.photograph import ExposureBracket, frame_name
@@ -72,12 +71,8 @@ class RadiometricCalibration:
 
     def table(self) -> Float32Array:
         """(full scale + 1,) linear light of each digital number; below the offset it goes on straight."""
-        above = np.arange(self.full_scale_dn + 1) - self.offset_dn
-        levels, linear = self.camera.levels, self.camera.linear
-        slope = (linear[1] - linear[0]) / (levels[1] - levels[0])
-        inside = np.interp(above, levels, linear)
-        low = np.where(above < levels[0], linear[0] + (above - levels[0]) * slope, inside)
-        return np.asarray(low, dtype=np.float32)
+        above = np.arange(self.full_scale_dn + 1, dtype=np.float64) - self.offset_dn
+        return np.asarray(light_of_levels(self.camera, above), dtype=np.float32)
 
     @property
     def saturation_dn(self) -> int:

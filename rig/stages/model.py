@@ -11,8 +11,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import CalibrationError
-from calibration.reflectance import ReflectanceFit, Vignetting, estimate_reflectance, fit_vignetting
+from calibration.errors import CalibrationError
+from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
+from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import image_of, layers, merged, of_bands
 from rig.profile.schema import Profile
 from rig.session import Session
@@ -85,7 +86,7 @@ class _Geometry:
 def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     """Fit what light does in the measured room; decide the brightness scale."""
     settings = {
-        "patch_size_m": profile.room.patch_size_m,
+        "patch_size_m": profile.box.patch_size_m,
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": _SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
@@ -95,7 +96,7 @@ def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
     if step.done:
         return
     on_step("build model", 0, 4)
-    geometry = _geometry(session, profile.room.patch_size_m)
+    geometry = _geometry(session, profile.box.patch_size_m)
     bands, valid = _light(session)
     lit = _lit(bands, valid)
     gains = [_direct_gain(light, lit, geometry.camera_look) for light in bands]
@@ -182,9 +183,9 @@ def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignet
     return fit_vignetting(
         gain.ravel()[sample],
         e[sample],
-        hits.face[sample],
-        geometry.camera.radius(camera_xy),
-        geometry.projector.radius(projector_xy),
+        face=hits.face[sample],
+        camera_r=geometry.camera.radius(camera_xy),
+        projector_r=geometry.projector.radius(projector_xy),
     )
 
 
@@ -226,7 +227,7 @@ def _record(
 ) -> dict[str, Any]:
     medians = [float(np.median(light["white"][lit])) for light in bands]
     return {
-        "patch_size_m": profile.room.patch_size_m,
+        "patch_size_m": profile.box.patch_size_m,
         **merged([_fit_record(fit) for fit in fits]),
         "vignetting_camera": vignetting.camera,
         "vignetting_projector": vignetting.projector,

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
-from calibration.radiometry.response import fit_camera_response, fit_channel_responses, fit_noise_model
-from calibration.records import Response
-from calibration.structured_light.patterns import Pattern, flat, level_patterns
+from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
+from calibration.radiometry.response import Response, fit_camera_response, fit_channel_responses
+from calibration.structured_light.patterns import Pattern, flat, level_patterns, primary
 from rig.capture.rig import Rig
-from rig.errors import CalibrationFailed
 from rig.files.channels import PRIMARIES, by_band, image_of, layers, of_bands
 from rig.session import Session, Step
 from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures, response_of, response_record
@@ -23,8 +23,8 @@ from rig.terminal import OnStep
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-_AIM = 0.85
-"""Where the brightest permille of projector white should lie, share of full scale."""
+_AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
+"""Of the brightest permille of projector white: the sweep goes to 1.1 times this exposure and must not clip."""
 _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
 _BLACK_REPEATS = 4
@@ -33,26 +33,21 @@ _MAX_TRIES = 10
 
 def find_exposure(rig: Rig, session: Session, on_step: OnStep) -> None:
     """Step `exposure`: projector white just below saturation."""
-    step = session.step("exposure", settings={"aim": _AIM, "start_s": rig.profile.camera.exposure_s})
+    step = session.step("exposure", settings={"aim": _AIM.share, "start_s": rig.profile.camera.exposure_s})
     if step.done:
         return
-    shortest, longest = rig.profile.camera.exposure_range_s
     white = flat(rig.projector.shape, 255, "white")
     exposure_s = rig.profile.camera.exposure_s
-    full_scale = rig.camera.full_scale_dn
     for attempt in range(_MAX_TRIES):
         on_step("photograph: exposure", attempt, _MAX_TRIES)
         name = frame_name("white", attempt)
         if not step.has_frame(name):
             shoot_one(rig, session, step, white, name, exposure_s)
-        level = float(np.quantile(step.load_frame(name).pixels, 0.999, axis=(0, 1)).max()) / full_scale
-        if 0.9 * _AIM <= level <= 1.06 * _AIM:
+        level = brightest_share(step.load_frame(name).pixels, rig.camera.full_scale_dn)
+        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s)
+        if chosen_s is None:
             break
-        factor = 0.25 if level > 0.98 else _AIM / max(level, 0.01)
-        chosen = float(np.clip(exposure_s * factor, shortest, longest))
-        if chosen == exposure_s:
-            break
-        exposure_s = chosen
+        exposure_s = chosen_s
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
     _refuse_darkness(rig, session, step, exposure_s, frame_name("white", attempt))
     step.save_record("exposure", {"exposure_s": exposure_s, "brightest_share_of_full_scale": level})
@@ -63,14 +58,8 @@ def _refuse_darkness(rig: Rig, session: Session, step: Step, exposure_s: float, 
     name = frame_name("black")
     if not step.has_frame(name):
         shoot_one(rig, session, step, flat(rig.projector.shape, 0, "black"), name, exposure_s)
-    white, black = (step.load_frame(n).pixels.astype(np.float64) for n in (white_name, name))
-    difference = float(np.quantile(white - black, 0.99, axis=(0, 1)).min())
-    limit = 0.01 * rig.camera.full_scale_dn
-    if difference < limit:
-        raise CalibrationFailed(
-            f"projector white is only {difference:.1f} dn brighter than black at {exposure_s:.4g} s, the limit is "
-            f"{limit:.0f} dn: no light of the projector reaches the camera. Look at lens caps, aim and room light."
-        )
+    white, black = (step.load_frame(n).pixels for n in (white_name, name))
+    refuse_darkness(white, black, full_scale_dn=rig.camera.full_scale_dn, exposure_s=exposure_s)
 
 
 def reference_exposure_s(session: Session) -> float:
@@ -119,12 +108,7 @@ def measure_responses(rig: Rig, session: Session, on_step: OnStep) -> None:
 
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:
     """Flat pictures of each of the projector's channels; none for a grey camera."""
-    patterns = []
-    for channel, name in enumerate(PRIMARIES[channels]):
-        codes = np.zeros((*shape, channels), np.uint8)
-        codes[..., channel] = 255
-        patterns.append(Pattern(name, codes))
-    return patterns
+    return [primary(shape, channel, name, channels) for channel, name in enumerate(PRIMARIES[channels])]
 
 
 def _levels(count: int) -> list[int]:
@@ -148,7 +132,9 @@ def _fit_camera(
         [[_samples(step, frame_name("white-sweep", k, r), stride) for r in (0, 1)] for k in range(len(exposures))]
     )
     response = fit_camera_response(bright.mean(axis=1) - offset, exposures / reference_s, full_scale_dn - offset)
-    noise = fit_noise_model(bright[:, 0] - offset, bright[:, 1] - offset, 0.97 * (full_scale_dn - offset))
+    above = bright - offset
+    points = transfer_points(above[:, 0], above[:, 1], range_dn=(0.0, 0.97 * (full_scale_dn - offset)))
+    noise = fit_photon_transfer(points, rounds=0)
     bands = step.load_frame(frame_name("black")).pixels.shape[2]
     bare = RadiometricCalibration(
         reference_s,

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
-from calibration.records import PinholeModel
+from calibration.geometry.pinhole import PinholeModel
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from calibration.records import Correspondence
-from calibration.separation import MARGIN_PX, Separation, separate, separate_by_pattern
+from calibration.light.separation import MARGIN_PX, Separation, separate, separate_by_pattern
+from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat
 from rig.capture.rig import Rig
 from rig.files.channels import layers

@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.files.images import read_picture
+from rig.files.pictures import LUMINANCE, cover, read_picture
 
 Float32Array = NDArray[np.float32]
-
-_LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
-"""Of red, green and blue (Rec. 709)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,9 @@ def _in_channels(picture: Float32Array, channels: int) -> Float32Array:
     """(H, W, C) of a picture in grey or colour."""
     if picture.shape[2] == channels:
         return picture
-    return (picture @ _LUMINANCE)[..., None] if channels == 1 else np.repeat(picture, channels, axis=2)
+    if channels > 1:
+        return np.repeat(picture, channels, axis=2)
+    return np.asarray((picture @ LUMINANCE.astype(np.float32))[..., None])
 
 
 def default_picture(shape: tuple[int, int], channels: int = 1) -> Float32Array:
@@ -78,10 +77,5 @@ def default_picture(shape: tuple[int, int], channels: int = 1) -> Float32Array:
 
 def _fitted(picture: Float32Array, shape: tuple[int, int]) -> Float32Array:
     """Scale (H, W, C) to cover the shape, and crop what stands over."""
-    factor = max(shape[0] / picture.shape[0], shape[1] / picture.shape[1])
-    height, width = (max(s, round(n * factor)) for n, s in zip(picture.shape[:2], shape, strict=True))
-    method = cv2.INTER_AREA if factor < 1 else cv2.INTER_CUBIC
-    scaled = np.clip(cv2.resize(picture, (width, height), interpolation=method), 0, 255)
-    top, left = (height - shape[0]) // 2, (width - shape[1]) // 2
-    cropped = scaled.reshape(height, width, -1)[top : top + shape[0], left : left + shape[1]]
-    return np.asarray(cropped, dtype=np.float32)
+    fitted = cover(picture, shape, cv2.INTER_CUBIC)
+    return np.clip(fitted, 0, 255, out=fitted)  # smooth curves overshoot

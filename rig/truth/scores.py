@@ -38,7 +38,7 @@ def score(rig: Rig, session: Session) -> dict[str, float] | None:
 def ground_truth_worlds(rig: Rig) -> tuple[SimulatedWorld, ...]:
     """The simulated world that a rig photographs, in each band of its camera.
 
-    The virtual rig's stands behind real drivers: made again, it is the same.
+    The emulated rig's stands behind real drivers: made again, it is the same.
     Raises ProfileError when the profile has none.
     """
     if rig.profile.camera.driver == "simulated" and isinstance(rig.camera, SimulatedCamera):

@@ -1,4 +1,4 @@
-"""The simulated world's own light transport in the projector's view: what perfect knowledge would compute with.
+"""The simulated world's own light transport in the projector's view: what an oracle would compute with.
 
 Only scores may use it.
 """

@@ -40,7 +40,7 @@ POSITION_M, AIM_M = (1.2, 1.2, 1.2), (2.2, 2.2, 1.2)
 PAN_PX = 8
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LiveScene:
     """One room seen by one projector."""
 
@@ -114,7 +114,15 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     white = np.median(transport.forward(np.ones((lens.n_pixels, 3))), axis=0)
     black = np.tile(BLACK_SHARE * white, (lens.n_pixels, 1)) * (seen / np.median(seen))[:, None]
     curve = (np.arange(256) / 255) ** GAMMA
-    return LiveScene(room, lens, hits, transport, TARGET_SHARE * white, black, curve)
+    return LiveScene(
+        scene=room,
+        lens=lens,
+        hits=hits,
+        transport=transport,
+        target_scale=TARGET_SHARE * white,
+        black=black,
+        curve=curve,
+    )
 
 
 def _vignetting(lens: Lens) -> FloatArray:

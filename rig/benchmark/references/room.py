@@ -35,7 +35,7 @@ def reference_blocks(scene: Scene, pitch_m: float) -> Iterator[tuple[slice, slic
         for other in scene.faces[number + 1 :]:
             first, second = (scene.centres[f.patches] / pitch_m for f in (face, other))
             opposite = abs(face.normal @ other.normal) > 0.5
-            block = (_opposite if opposite else _adjacent)(face, other, first, second, pitch_m)
+            block = (_opposite if opposite else _adjacent)(face, other, first, second, pitch_m=pitch_m)
             yield face.patches, other.patches, block * pitch_m**2
 
 

@@ -22,14 +22,13 @@ def write_codes(codes: Codes, pixels: Pixels) -> None:
     cv2.cvtColor(codes, conversion, dst=pixels)
 
 
-def as_pixels(memory: mmap.mmap, offset: int, height_px: int, width_px: int, pitch_bytes: int) -> Pixels:
-    """Mapped memory as pixels, not copied."""
-    shape, strides = (height_px, width_px, 4), (pitch_bytes, 4, 1)
-    return np.ndarray(shape, np.uint8, buffer=memory, offset=offset, strides=strides)
+def as_pixels(memory: mmap.mmap, shape: tuple[int, int], pitch_bytes: int, offset: int = 0) -> Pixels:
+    """Mapped memory as pixels (H, W, 4), not copied; ``shape`` is (height, width)."""
+    return np.ndarray((*shape, 4), np.uint8, buffer=memory, offset=offset, strides=(pitch_bytes, 4, 1))
 
 
-class Buffer:
-    """A framebuffer of 32 bits a pixel that a controller can show; raises OSError."""
+class DumbBuffer:
+    """A framebuffer of 32 bits a pixel in plain memory that a controller can show; raises OSError."""
 
     def __init__(self, card: Card, height_px: int, width_px: int):
         self._card = card
@@ -45,7 +44,7 @@ class Buffer:
             self.id = int(card.ioctl(abi.ADD_FRAMEBUFFER, asked).id)
             offset = card.ioctl(abi.MAP_BUFFER, abi.BufferOffset(made.handle)).offset
             self._memory = mmap.mmap(card.fd, made.size, offset=offset)
-            self._pixels = as_pixels(self._memory, 0, height_px, width_px, made.pitch)
+            self._pixels = as_pixels(self._memory, (height_px, width_px), made.pitch)
         except OSError:
             self.destroy()
             raise

@@ -23,7 +23,7 @@ _EVENT_BYTES = 4096
 _USUAL_PROPERTIES = 64
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Mode:
     """A video mode that shows whole frames, one line once."""
 
@@ -327,4 +327,10 @@ def _is_plain(mode: abi.ModeInfo) -> bool:
 
 def _mode(mode: abi.ModeInfo) -> Mode:
     refresh_rate_hz = mode.clock_khz * 1e3 / (mode.htotal * mode.vtotal * max(mode.vscan, 1))
-    return Mode(mode.width, mode.height, refresh_rate_hz, bool(mode.type & abi.PREFERRED), bytes(mode))
+    return Mode(
+        width_px=mode.width,
+        height_px=mode.height,
+        refresh_rate_hz=refresh_rate_hz,
+        preferred=bool(mode.type & abi.PREFERRED),
+        timings=bytes(mode),
+    )

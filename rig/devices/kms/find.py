@@ -26,7 +26,7 @@ class OutputMode:
     preferred: bool
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FoundOutput:
     """A connector of a graphics card."""
 
@@ -72,13 +72,13 @@ def _natural(path: Path) -> list[int | str]:
 def _output(folder: Path, root: Path, card: str, connector: str) -> FoundOutput:
     edid = parse_edid(_read(folder / "edid"))
     return FoundOutput(
-        connector,
-        root / "dev/dri" / card,
-        status_of(folder),
-        edid.id if edid else None,
-        edid.monitor_name if edid else None,
-        _listed_modes(folder),
-        folder,
+        connector=connector,
+        card=root / "dev/dri" / card,
+        status=status_of(folder),
+        edid_id=edid.id if edid else None,
+        monitor_name=edid.monitor_name if edid else None,
+        modes=_listed_modes(folder),
+        folder=folder,
     )
 
 

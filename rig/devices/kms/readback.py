@@ -18,6 +18,7 @@ from rig.devices.kms.find import choose_output, find_outputs, list_outputs, stat
 from rig.errors import CaptureTimeout, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
 
 _ATTEMPTS = 20
+"""To read a picture that does not change meanwhile."""
 _TO_RGB = {
     abi.XRGB8888: cv2.COLOR_BGRA2RGB,
     abi.ARGB8888: cv2.COLOR_BGRA2RGB,
@@ -26,7 +27,7 @@ _TO_RGB = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Shown:
     """Which part of which framebuffer is on screen."""
 
@@ -151,7 +152,13 @@ class Readback:
         if not (controller.mode_valid and controller.framebuffer and self._is_active(card, controller_id)):
             return None
         mode = controller.mode
-        return _Shown(controller.framebuffer, controller.x, controller.y, mode.width, mode.height)
+        return _Shown(
+            framebuffer=controller.framebuffer,
+            x_px=controller.x,
+            y_px=controller.y,
+            width_px=mode.width,
+            height_px=mode.height,
+        )
 
     def _is_active(self, card: Card, controller_id: int) -> bool:
         if controller_id not in self._active:
@@ -199,7 +206,7 @@ def _copied(card: Card, framebuffer: abi.Framebuffer, shown: _Shown) -> NDArray[
             f"{card.name}: the picture lies in memory that cannot be mapped ({error.strerror}); it cannot be read back"
         ) from error
     with memory:
-        pixels = as_pixels(memory, start, shown.height_px, shown.width_px, pitch)
+        pixels = as_pixels(memory, (shown.height_px, shown.width_px), pitch, start)
         picture = np.asarray(cv2.cvtColor(pixels, _TO_RGB[framebuffer.pixel_format]), dtype=np.uint8)
         del pixels
     return picture

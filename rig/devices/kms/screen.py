@@ -8,7 +8,7 @@ from contextlib import ExitStack, suppress
 import numpy as np
 
 from rig.devices.kms import abi
-from rig.devices.kms.buffers import Buffer
+from rig.devices.kms.buffers import DumbBuffer
 from rig.devices.kms.card import Card, Change
 from rig.devices.kms.find import FoundOutput, offers, status_of
 from rig.devices.kms.flips import Flip
@@ -24,9 +24,11 @@ from rig.devices.protocols import Clock, Codes
 from rig.errors import DeviceBusy, DeviceError, DeviceLost
 
 _FLIP_TIMEOUT_S = 3.0
+"""Many refreshes of the slowest display: without a flip by then there is none."""
 _MASTER_TIMEOUT_S = 0.5
 """A program that only looks at a card holds it for a moment."""
 _RETRY_S = 0.02
+"""About a refresh."""
 _LINK_BAD = 1
 
 
@@ -56,11 +58,11 @@ class Screen:
         self._path = choose_path(self._card, connector)
         self._frame_property = self._path.plane_properties["FB_ID"].id
         self._link = self._path.connector_properties.get("link-status")
-        self._buffers: list[Buffer] = []
+        self._buffers: list[DumbBuffer] = []
         undo.callback(self._destroy_buffers)
         black = np.zeros(self._shape, np.uint8)
         for _ in range(2):
-            self._buffers.append(Buffer(self._card, *self._shape))
+            self._buffers.append(DumbBuffer(self._card, *self._shape))
             self._buffers[-1].fill(black)
         blob = self._card.make_blob(mode.timings)
         self._set_mode(required_changes(self._path, mode, blob, self._buffers[1].id))

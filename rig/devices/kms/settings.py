@@ -10,6 +10,7 @@ from rig.devices.kms.card import Card, Change, Connector, Mode, Plane, Property
 from rig.errors import DeviceBusy, SettingRefused
 
 REFRESH_TOLERANCE_HZ = 0.5
+"""60 in a profile is 59.94 of a display."""
 
 Properties = dict[str, Property]
 
@@ -30,7 +31,7 @@ _NEUTRAL_CONNECTOR = {
 _BLOBS = ("GAMMA_LUT", "DEGAMMA_LUT", "CTM")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Path:
     """The way of a picture: plane, controller, connector; with their properties."""
 
@@ -78,13 +79,13 @@ def choose_path(card: Card, connector: Connector) -> Path:
         raise SettingRefused(f"{card.name} has no plane for {connector.name} that shows 32-bit pixels")
     plane = fitting[0].id
     return Path(
-        connector.id,
-        controller,
-        plane,
-        tuple(each.id for each in planes if each.id != plane and each.shown_by == controller),
-        properties,
-        card.properties(controller),
-        types[plane],
+        connector=connector.id,
+        controller=controller,
+        plane=plane,
+        other_planes=tuple(each.id for each in planes if each.id != plane and each.shown_by == controller),
+        connector_properties=properties,
+        controller_properties=card.properties(controller),
+        plane_properties=types[plane],
     )
 
 

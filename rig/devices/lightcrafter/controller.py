@@ -10,12 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.devices.lightcrafter import protocol
-from rig.devices.lightcrafter.protocol import Command, DisplayMode, InputSource, MainStatus, Pattern, Run, Version
+from rig.devices.lightcrafter.protocol import Command, DisplayMode, MainStatus, Pattern, Run, Version
 from rig.devices.protocols import Clock
-from rig.devices.usb.hid import HidrawTransport, HidTransport, find_hid_device
+from rig.devices.usb.hid import HidTransport, find_hid_device, open_hid
 from rig.errors import DeviceError, DeviceLost, SettingRefused
 
 _POLL_S = 0.1
+"""Between two questions whether it has done what it was told."""
 _STALE_REPORTS = 32
 """How many old reports are thrown away before the device is said to babble."""
 
@@ -35,7 +36,7 @@ def open_lightcrafter(serial: str | None, clock: Clock) -> LightCrafter:
     Raises DeviceLost, DeviceForbidden, DeviceBusy.
     """
     device = find_hid_device(protocol.VENDOR_ID, protocol.PRODUCT_ID, serial)
-    return LightCrafter(HidrawTransport(device), clock)
+    return LightCrafter(open_hid(device), clock)
 
 
 class LightCrafter:
@@ -105,15 +106,6 @@ class LightCrafter:
         if now is not mode:
             self._write(Command.DISPLAY_MODE, bytes([mode]))
             self._await(f"display mode {mode.name}", lambda: self.display_mode() is mode)
-
-    def input_source(self) -> InputSource:
-        """Where video comes from."""
-        return InputSource(self._read(Command.INPUT_SOURCE, 1)[0] & 0x03)
-
-    def set_input_source(self, source: InputSource) -> None:
-        """Choose where video comes from; the width of a parallel port stays."""
-        width = self._read(Command.INPUT_SOURCE, 1)[0] & 0x38
-        self._set(Command.INPUT_SOURCE, bytes([width | source]))
 
     def gamma_off(self) -> None:
         """Make codes linear light; video mode only. It comes back when the device is switched off."""

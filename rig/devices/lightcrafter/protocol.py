@@ -25,7 +25,6 @@ class Command(IntEnum):
     POWER = 0x0200
     SOFTWARE_VERSION = 0x0205
     LED_CURRENTS = 0x0B01
-    INPUT_SOURCE = 0x1A00
     LED_POLARITY = 0x1A05
     LED_ENABLE = 0x1A07
     HARDWARE_STATUS = 0x1A0A
@@ -51,16 +50,6 @@ class DisplayMode(IntEnum):
 
     VIDEO = 0
     PATTERN = 1
-
-
-class InputSource(IntEnum):
-    """Where video comes from."""
-
-    PARALLEL = 0
-    """The HDMI connector of the evaluation module."""
-    TEST_PATTERN = 1
-    FLASH = 2
-    FPD_LINK = 3
 
 
 class Run(IntEnum):
@@ -194,7 +183,7 @@ def validation(byte: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return invalid, doubtful
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Pattern:
     """One entry of a pattern sequence from streamed video."""
 

@@ -1,4 +1,4 @@
-"""PJLink, classes 1 and 2: a projector's power, input, shutter and state over the network.
+"""PJLink, classes 1 and 2: a projector's power, input and shutter over the network.
 
 Written from the public specification (JBMIA, version 2.00 of 2017-01-31) and tested against an emulation; never seen
 on a real projector by us. A command is ``%``, the class, four letters, a space, a parameter or ``?``, and a carriage
@@ -31,34 +31,6 @@ class Power(Enum):
     ON = "1"
     COOLING = "2"
     WARMING_UP = "3"
-
-
-class Health(Enum):
-    """Of one part of the projector; the values are PJLink's."""
-
-    OK = "0"
-    WARNING = "1"
-    ERROR = "2"
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorStatus:
-    """What the projector finds wrong with itself; what it does not watch is OK."""
-
-    fan: Health
-    lamp: Health
-    temperature: Health
-    cover: Health
-    filter: Health
-    other: Health
-
-
-@dataclass(frozen=True, slots=True)
-class Lamp:
-    """A light source: hours of light so far, and whether it is lit."""
-
-    hours: int
-    lit: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,13 +99,17 @@ class Pjlink:
         if len(words) != 3 or [word.upper() for word in words[:2]] != ["PJLINK", "1"]:
             raise DeviceError(f"{self.where} greets with {greeting!r}, which is no PJLink; check host and port")
         if self._password is None:
-            raise DeviceForbidden(f"{self.where} wants a password: name its variable in pjlink.password_variable")
+            raise DeviceForbidden(
+                f"{self.where} wants a password: name its variable in projector.pjlink.password_variable"
+            )
         return hashlib.md5((words[2] + self._password).encode(), usedforsecurity=False).hexdigest()
 
     def _checked(self, command: str, answer: str) -> str:
         """The answer's value, if it is the answer to this command."""
         if answer.upper() == "PJLINK ERRA":
-            raise DeviceForbidden(f"{self.where} does not accept the password; correct pjlink.password_variable")
+            raise DeviceForbidden(
+                f"{self.where} does not accept the password; correct projector.pjlink.password_variable"
+            )
         head, equals, value = answer.partition("=")
         if head.upper() != f"%{command[:5]}" or not equals:
             raise DeviceError(f"{self.where} answers {answer!r} to {command!r}; does another program control it?")
@@ -154,9 +130,6 @@ class Pjlink:
         if match is None:
             raise DeviceError(f"{self.where} answers {answer!r} to {command!r}, which PJLink does not know")
         return match
-
-    def _text(self, command: str) -> str:
-        return self._get(command)[0]
 
     def power(self) -> Power:
         """What the lamp does."""
@@ -182,11 +155,6 @@ class Pjlink:
         """Show another input; SettingRefused when there is none of that code."""
         self._set(f"{self._newest()}INPT", code)
 
-    def input_name(self, code: str) -> str:
-        """What the projector's menu calls an input. Class 2."""
-        (name,) = self.ask(f"2INNM ?{code}")
-        return name
-
     def mute(self) -> Mute:
         """Whether picture and sound are muted."""
         which, on = self._get("1AVMT", "([1-3])([01])").groups()
@@ -199,73 +167,9 @@ class Pjlink:
         except SettingRefused:  # some can only do one of the two
             self._set("1AVMT", f"1{on:d}")
 
-    def error_status(self) -> ErrorStatus:
-        """What the projector finds wrong with itself."""
-        return ErrorStatus(*(Health(digit) for digit in self._get("1ERST", "[0-2]{6}")[0]))
-
-    def lamps(self) -> list[Lamp]:
-        """Every light source; empty when the projector counts none."""
-        try:
-            words = self._get("1LAMP", r"\d{1,5} [01]( \d{1,5} [01])*")[0].split()
-        except SettingRefused:
-            return []
-        return [Lamp(int(hours), lit == "1") for hours, lit in zip(words[::2], words[1::2], strict=True)]
-
-    def name(self) -> str:
-        """The name that somebody gave it."""
-        return self._text("1NAME")
-
-    def manufacturer(self) -> str:
-        """Who made it."""
-        return self._text("1INF1")
-
-    def product(self) -> str:
-        """Its model."""
-        return self._text("1INF2")
-
-    def other_information(self) -> str:
-        """Whatever else its maker tells."""
-        return self._text("1INFO")
-
     def pjlink_class(self) -> int:
         """1, or 2."""
         return int(self._get("1CLSS", "[1-9]")[0])
-
-    def serial(self) -> str:
-        """Serial number. Class 2."""
-        return self._text("2SNUM")
-
-    def software_version(self) -> str:
-        """Of the projector. Class 2."""
-        return self._text("2SVER")
-
-    def resolution(self) -> tuple[int, int] | None:
-        """(height, width) in pixels of the signal at the input; None without one. Class 2."""
-        return _shape(self._get("2IRES", r"\d+x\d+|-|\*")[0])
-
-    def recommended_resolution(self) -> tuple[int, int] | None:
-        """(height, width) in pixels that the projector wants. Class 2."""
-        return _shape(self._get("2RRES", r"\d+x\d+")[0])
-
-    def filter_hours(self) -> int:
-        """Hours that the filter was in use. Class 2; SettingRefused without a filter."""
-        return int(self._get("2FILT", r"\d{1,5}")[0])
-
-    def lamp_models(self) -> list[str]:
-        """Model numbers of replacement lamps. Class 2."""
-        return self._text("2RLMP").split()
-
-    def filter_models(self) -> list[str]:
-        """Model numbers of replacement filters. Class 2."""
-        return self._text("2RFIL").split()
-
-    def frozen(self) -> bool:
-        """Whether the picture stands still, whatever the signal. Class 2."""
-        return self._get("2FREZ", "[01]")[0] == "1"
-
-    def freeze(self, on: bool) -> None:
-        """Hold the picture, or let it follow the signal. Class 2."""
-        self._set("2FREZ", f"{on:d}")
 
     def _newest(self) -> int:
         """The class to ask in: inputs beyond 9 and of kind 6 exist in class 2 only."""
@@ -278,11 +182,6 @@ _ERRORS: dict[str, tuple[type[DeviceError], str]] = {
     "ERR3": (DeviceBusy, "it cannot do this now; switch it on, or wait until it has warmed up or cooled down"),
     "ERR4": (DeviceError, "it reports a failure; look at its indicators and its error status"),
 }
-
-
-def _shape(text: str) -> tuple[int, int] | None:
-    width, found, height = text.partition("x")
-    return (int(height), int(width)) if found else None
 
 
 class _Lines:

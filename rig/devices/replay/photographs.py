@@ -9,13 +9,13 @@ from typing import Annotated, Any, Literal
 
 import cv2
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813 - the library's own documentation calls it so
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from calibration.records import PinholeModel
+from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.gray import bits_for
-from rig.errors import DeviceLost, ProfileError
+from rig.errors import DeviceLost, ProfileError, UsageError
+from rig.files.pictures import read_pixels
 from rig.files.toml import parse_toml, validate
 
 Photograph = NDArray[Any]
@@ -145,7 +145,8 @@ def load_manifest(path: Path) -> Manifest:
         raw = path.read_bytes()
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}; give the manifest's name") from error
-    document = validate(_Document, parse_toml(raw, path), path, _cross_checks)
+    data = parse_toml(raw, path)
+    document = validate(_Document, data, path, _cross_checks(data))
     pose, code = document.projector_from_camera, document.gray_code
     return Manifest(
         path=path,
@@ -219,38 +220,12 @@ def read_photograph(path: Path) -> Photograph:
     DeviceLost
         The file is missing, damaged, or holds no unsigned integers.
     """
-    if not path.is_file():
-        raise DeviceLost(f"{path}: no such file")
-    config = oiio.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)  # or colours come multiplied by the transparency
-    source = oiio.ImageInput.open(str(path), config)
-    if source is None:
-        raise DeviceLost(f"{path}: cannot be read ({_first_line(oiio.geterror())})")
     try:
-        orientation = source.spec().get_int_attribute("Orientation", 1)
-        pixels = source.read_image(source.spec().format)
-        problem = source.geterror()
-    finally:
-        source.close()
-    if pixels is None or problem:
-        raise DeviceLost(f"{path}: is damaged ({_first_line(problem)})")
+        pixels = read_pixels(path).pixels
+    except UsageError as error:
+        raise DeviceLost(str(error)) from error
     colours = pixels[..., :3] if pixels.shape[2] >= 3 else pixels[..., :1]
-    return _whole_numbers(_upright(colours, orientation), path)
-
-
-def _first_line(text: str) -> str:
-    return text.strip().splitlines()[0] if text.strip() else "no reason given"
-
-
-def _upright(pixels: NDArray[Any], orientation: int) -> NDArray[Any]:
-    """Undo Exif orientation 1 … 8."""
-    if orientation >= 5:
-        pixels = pixels.swapaxes(0, 1)
-    if orientation in (3, 4, 7, 8):
-        pixels = pixels[::-1]
-    if orientation in (2, 3, 6, 7):
-        pixels = pixels[:, ::-1]
-    return np.ascontiguousarray(pixels)
+    return _whole_numbers(np.ascontiguousarray(colours), path)
 
 
 def _whole_numbers(pixels: NDArray[Any], path: Path) -> Photograph:

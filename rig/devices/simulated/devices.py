@@ -1,4 +1,4 @@
-"""The simulated pair: a camera and a projector on one simulated world, in virtual time.
+"""Simulated devices: a camera and a projector on one simulated world, in virtual time.
 
 Every random event is drawn from the simulated world's seed and the time at which it happens, so it is a function of
 time alone: a session that is killed and resumed at the time of its last frame sees what it would have seen. Only
@@ -13,15 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.protocols import Clock, Codes, RawFrame, Shown
+from rig.devices.driver_settings import Devices, RigSettings
+from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown
+from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
 from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
-from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld
-from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
+from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld, make_simulated_worlds
+from rig.errors import CaptureTimeout, DeviceLost, ProfileError
 
 FloatArray = NDArray[np.float64]
 
 _KEPT_PICTURES = 16
+"""More than can light one exposure."""
 _KEPT_LIGHT = 4
 _SHORT_SHARE = 2
 """A short frame has the upper half of the rows."""
@@ -74,14 +77,12 @@ class SimulatedProjector:
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Show codes of exactly its shape, (H, W) or (H, W, 3), at the next refresh."""
         self.check_on_screen()
-        if codes.dtype != np.uint8 or codes.shape not in (self.shape, (*self.shape, 3)):
-            raise SettingRefused(
-                f"the projector shows uint8 codes of shape {self.shape}, not {codes.dtype} of {codes.shape}"
-            )
+        check_codes(codes, self.shape)
         on_screen_s = math.ceil(self._clock.now_s() / self._period_s + 1e-9) * self._period_s
         self._clock.wait_until_s(on_screen_s)
         projector = self._world.settings.projector
-        jitter = self._bench_random(on_screen_s).uniform(0, projector.jitter_s)
+        random = np.random.default_rng((self._world.settings.seed, 1, round(on_screen_s * 1e6)))
+        jitter = random.uniform(0, projector.jitter_s)
         self._pictures.append(LitPicture(codes.copy(), on_screen_s + projector.latency_s + jitter))
         del self._pictures[:-_KEPT_PICTURES]
         return Shown(on_screen_s, name)
@@ -92,9 +93,6 @@ class SimulatedProjector:
         lost_s = first_in(self._world.settings.projector.unplugged_s, opened_s, math.inf)
         ends = [min(p.light_s, lost_s) for p in self._pictures[1:]] + [lost_s]
         return [LitPicture(p.codes, p.light_s, end_s) for p, end_s in zip(self._pictures, ends, strict=True)]
-
-    def _bench_random(self, time_s: float) -> np.random.Generator:
-        return np.random.default_rng((self._world.settings.seed, 1, round(time_s * 1e6)))
 
 
 class SimulatedCamera:
@@ -116,8 +114,8 @@ class SimulatedCamera:
         self._clock = clock
         self._bit_depth = bit_depth
         self._period_s = 1.0 / frame_rate_hz
-        self._exposure_range_s = exposure_range_s
-        self._exposure_s = exposure_range_s[0]
+        self._exposure_range_s = ExposureRange(*exposure_range_s)
+        self._exposure_s = self._exposure_range_s.shortest_s
         self._earlier_exposure_s, self._set_s = self._exposure_s, -math.inf
         self._opened_s: float | None = None
         self._sequence = 0
@@ -135,7 +133,7 @@ class SimulatedCamera:
         return int(2**self._bit_depth - 1)
 
     @property
-    def exposure_range_s(self) -> tuple[float, float]:
+    def exposure_range_s(self) -> ExposureRange:
         """Shortest and longest exposure."""
         return self._exposure_range_s
 
@@ -145,7 +143,7 @@ class SimulatedCamera:
             now_s = self._clock.now_s()
             _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, now_s, now_s)
             self._opened_s = now_s
-            self._exposure_s = self._earlier_exposure_s = self._exposure_range_s[0]
+            self._exposure_s = self._earlier_exposure_s = self._exposure_range_s.shortest_s
 
     def close(self) -> None:
         """Let go."""
@@ -154,9 +152,7 @@ class SimulatedCamera:
     def set_exposure(self, exposure_s: float) -> float:
         """Choose the nearest multiple of 10 µs."""
         self._check_open()
-        shortest, longest = self._exposure_range_s
-        if not shortest <= exposure_s <= longest:
-            raise SettingRefused(f"exposure {exposure_s:.6g} s is outside the camera's {shortest:g} … {longest:g} s")
+        check_exposure(exposure_s, self._exposure_range_s)
         chosen_s = round(exposure_s * 1e5) / 1e5
         if chosen_s != self._exposure_s:
             self._earlier_exposure_s, self._set_s = self._exposure_s, self._clock.now_s()
@@ -168,23 +164,23 @@ class SimulatedCamera:
         opened_s = self._check_open()
         settings = self.world.settings.camera
         now_s = self._clock.now_s()
-        slot = self._slot_from(max(after_s, now_s))
-        slot = self._slot_from(end_of(settings.frozen_s, opened_s, slot * self._period_s))
-        while self._faults.is_dropped(slot) and slot * self._period_s < now_s + timeout_s:
-            slot += 1
-        exposure_s = self._exposure_at(slot)
-        end_s = slot * self._period_s + exposure_s + settings.readout_s
+        index = self._index_from(max(after_s, now_s))
+        index = self._index_from(end_of(settings.frozen_s, opened_s, index * self._period_s))
+        while self._faults.is_dropped(index) and index * self._period_s < now_s + timeout_s:
+            index += 1
+        exposure_s = self._exposure_at(index)
+        end_s = index * self._period_s + exposure_s + settings.readout_s
         self._wait(min(end_s, now_s + timeout_s), opened_s)
         if end_s - now_s > timeout_s:
             raise CaptureTimeout(f"no frame within {timeout_s:g} s: the exposure would end later; allow more time")
-        return self._frame(slot, exposure_s)
+        return self._frame(index, exposure_s)
 
-    def _slot_from(self, time_s: float) -> int:
+    def _index_from(self, time_s: float) -> int:
         return math.ceil(time_s / self._period_s - 1e-9)
 
-    def _exposure_at(self, slot: int) -> float:
+    def _exposure_at(self, index: int) -> float:
         settled_s = self._set_s + self.world.settings.camera.exposure_delay_frames * self._period_s
-        return self._exposure_s if slot * self._period_s >= settled_s else self._earlier_exposure_s
+        return self._exposure_s if index * self._period_s >= settled_s else self._earlier_exposure_s
 
     def _wait(self, until_s: float, opened_s: float) -> None:
         """Wait; raises DeviceLost at the moment of an unplugging."""
@@ -192,14 +188,21 @@ class SimulatedCamera:
         self._clock.wait_until_s(min(until_s, first_in(unplugged_s, opened_s, until_s)))
         _refuse_unplugged("camera", unplugged_s, opened_s, self._clock.now_s())
 
-    def _frame(self, slot: int, exposure_s: float) -> RawFrame:
-        fate, lost = self._faults.fate(slot), self._faults.lost_before(slot)
-        self._sequence = 1 if fate.restarts_count else self._sequence + 1 + lost
-        pixels = self._expose(fate.content_slot * self._period_s, exposure_s)
-        if fate.is_short:
+    def _frame(self, index: int, exposure_s: float) -> RawFrame:
+        fault, lost = self._faults.fault_of(index), self._faults.lost_before(index)
+        self._sequence = 1 if fault.restarts_count else self._sequence + 1 + lost
+        pixels = self._expose(fault.content_index * self._period_s, exposure_s)
+        if fault.is_short:
             pixels = pixels[: len(pixels) // _SHORT_SHARE]
-        started_s = fate.stamp_slot * self._period_s + fate.stamp_error_s
-        return RawFrame(pixels, exposure_s, started_s, self._sequence, lost, fate.repeats and not lost)
+        started_s = fault.stamp_index * self._period_s + fault.stamp_error_s
+        return RawFrame(
+            pixels=pixels,
+            exposure_s=exposure_s,
+            started_s=started_s,
+            sequence=self._sequence,
+            lost=lost,
+            repeats=fault.repeats and not lost,
+        )
 
     def _expose(self, start_s: float, exposure_s: float) -> NDArray[np.uint16]:
         """Rows are exposed one after the other when the shutter rolls."""
@@ -218,7 +221,7 @@ class SimulatedCamera:
                 light[..., band] += swell.astype(np.float32) * seen.through_lens(world.ambient)
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
-        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise)
+        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
@@ -241,7 +244,7 @@ def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) ->
 
 
 def sensor_response(
-    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, noise: Float32Array
+    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, *, noise: Float32Array
 ) -> NDArray[np.uint16]:
     """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip.
 
@@ -253,3 +256,25 @@ def sensor_response(
     y *= (1 + camera.compression) / (1 + camera.compression * y)
     digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y
     return np.asarray(np.clip(np.rint(digital), 0, full_scale_dn), dtype=np.uint16)
+
+
+def from_profile(profile: RigSettings, clock: Clock) -> Devices:
+    """Make the devices of a simulated rig, closed: driver ``simulated``. Raises ProfileError without a simulation."""
+    settings, bands = profile.camera, worlds_of(profile, profile.camera.shape[2])
+    projector = SimulatedProjector(bands[0], clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
+    camera = SimulatedCamera(
+        bands,
+        projector,
+        clock,
+        bit_depth=settings.bit_depth,
+        frame_rate_hz=settings.frame_rate_hz,
+        exposure_range_s=settings.exposure_range_s,
+    )
+    return Devices({settings.name: camera}, {profile.projector.name: projector}, clock)
+
+
+def worlds_of(profile: RigSettings, channels: int) -> tuple[SimulatedWorld, ...]:
+    """Make a profile's simulated world in each band of a camera of 1 or 3 channels. Raises ProfileError."""
+    if profile.simulation is None:
+        raise ProfileError(f"{profile.path}: simulation: missing; a simulated room needs a [simulation] table")
+    return make_simulated_worlds(profile.simulation, profile.camera.shape[:2], profile.projector.shape, channels)

@@ -24,7 +24,7 @@ IntArray = NDArray[np.int64]
 _AXIS_AND_SIDE = {"x0": (0, 0), "x1": (0, 1), "y0": (1, 0), "y1": (1, 1), "floor": (2, 0), "ceiling": (2, 1)}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Wall:
     """One face of the room; its cells are numbered along `axes[0]` first, `axes[1]` second (fastest)."""
 
@@ -63,7 +63,7 @@ class SurfacePoints:
     cos_incidence: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SimulatedRoom:
     """Walls, the reflectance of their cells and the point-to-cell form factors."""
 
@@ -107,7 +107,10 @@ def make_room(settings: SimulationSettings, band: int | None = None) -> Simulate
     for receiver, emitter in product(walls, walls):
         if receiver is not emitter:
             _fill_block(factors, receiver, emitter)
-    return in_light(SimulatedRoom(settings, tuple(walls), np.zeros(0, np.float32), factors), band)
+    return in_light(
+        SimulatedRoom(settings=settings, walls=tuple(walls), reflectance=np.zeros(0, np.float32), form_factors=factors),
+        band,
+    )
 
 
 def in_light(room: SimulatedRoom, band: int | None) -> SimulatedRoom:
@@ -123,7 +126,7 @@ def _make_wall(name: str, settings: SimulationSettings, first_cell: int) -> Wall
     size = settings.size_m
     counts = [max(1, round(size[k] / settings.cell_size_m)) for k in (a, b)]
     edges = (np.linspace(0, size[a], counts[0] + 1), np.linspace(0, size[b], counts[1] + 1))
-    return Wall(name, axis, side * size[axis], (a, b), edges, first_cell)
+    return Wall(name=name, axis=axis, position_m=side * size[axis], axes=(a, b), edges_m=edges, first_cell=first_cell)
 
 
 def _parallel_corner(a: FloatArray, b: FloatArray, distance: float) -> FloatArray:

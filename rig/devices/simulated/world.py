@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -34,7 +35,8 @@ from rig.devices.simulated.settings import BANDS, SimulatedProjectorSettings, Si
 FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 
-_BAND_ROWS = 16
+_STRIP_ROWS = 16
+"""Rows of sub-sampled pixels that are computed together: what they need stays in the cache."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,18 +224,19 @@ def _direct_path(
 ) -> tuple[tuple[Float32Array, Float32Array], Float32Array]:
     """Sub-sampled camera pixels: the projector coordinates that they see, and radiosity for white there.
 
-    In bands of rows, so that what is computed stays in the cache, on two threads.
+    Some rows at a time, on two threads.
     """
     grid = pixel_grid(camera.shape, room.settings.pixel_samples)
-    bands = [grid[first : first + _BAND_ROWS] for first in range(0, len(grid), _BAND_ROWS)]
+    strips = [grid[first : first + _STRIP_ROWS] for first in range(0, len(grid), _STRIP_ROWS)]
+    path = partial(_direct_strip, room=room, camera=camera, projector=projector, flux=flux)
     with ThreadPoolExecutor(2) as executor:
-        parts = list(executor.map(lambda band: _direct_band(room, camera, projector, flux, band), bands))
+        parts = list(executor.map(path, strips))
     map_x, map_y, gain = (np.concatenate(part) for part in zip(*parts, strict=True))
     return (map_x, map_y), gain
 
 
-def _direct_band(
-    room: SimulatedRoom, camera: SimulatedOptics, projector: SimulatedOptics, flux: float, grid: FloatArray
+def _direct_strip(
+    grid: FloatArray, *, room: SimulatedRoom, camera: SimulatedOptics, projector: SimulatedOptics, flux: float
 ) -> tuple[Float32Array, Float32Array, Float32Array]:
     surface = trace(room, camera.position_m, directions(camera, grid))
     pixels = pixels_of(projector, surface.points_m)

@@ -60,7 +60,7 @@ class ExtensionUnit:
     """Controls that it says it has."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VendorControl:
     """Length and limits of one control; what the camera does not tell is empty."""
 
@@ -135,8 +135,15 @@ class VendorControls:
         """Length, rights and limits of a control. Raises SettingRefused when there is none, DeviceLost."""
         length = int.from_bytes(self._ask(selector, Query.GET_LEN, bytes(2)), "little")
         info = self._ask(selector, Query.GET_INFO, bytes(1))[0]
-        limits = [self._limit(selector, query, length) for query in (Query.GET_MIN, Query.GET_MAX, Query.GET_DEF)]
-        return VendorControl(selector, length, bool(info & 1), bool(info & 2), *limits)
+        return VendorControl(
+            selector=selector,
+            length=length,
+            readable=bool(info & 1),
+            writable=bool(info & 2),
+            minimum=self._limit(selector, Query.GET_MIN, length),
+            maximum=self._limit(selector, Query.GET_MAX, length),
+            default=self._limit(selector, Query.GET_DEF, length),
+        )
 
     def read(self, selector: int) -> bytes:
         """Read the value of a control. Raises SettingRefused, DeviceLost, DeviceBusy."""
@@ -169,7 +176,9 @@ class VendorControls:
 
     def _ask(self, selector: int, query: Query, data: bytes) -> bytes:
         buffer = ctypes.create_string_buffer(data, max(1, len(data)))
-        request = XuControlQuery(self._unit_id, selector, query, len(data), ctypes.addressof(buffer))
+        request = XuControlQuery(
+            unit=self._unit_id, selector=selector, query=query, size=len(data), data=ctypes.addressof(buffer)
+        )
         try:
             self._ioctl(self._descriptor, UVCIOC_CTRL_QUERY, request)
         except OSError as error:

@@ -24,7 +24,7 @@ class UsbInterface:
     """Its place in sysfs."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FoundUsbDevice:
     """One USB device as the kernel enumerated it."""
 

@@ -1,4 +1,4 @@
-"""Handles of USB devices by pyusb: for devices that no kernel driver serves, and to cross-check sysfs."""
+"""Handles of USB devices by pyusb, for those that no kernel driver serves."""
 
 from __future__ import annotations
 
@@ -23,12 +23,6 @@ def libusb() -> Any:
     if backend is None:
         raise DeviceError(NO_LIBRARY)
     return backend
-
-
-def places_by_libusb() -> set[tuple[int, int, int, int]]:
-    """(bus, address, vendor, product) of each device that libusb enumerates. Raises DeviceError without libusb."""
-    devices = usb.core.find(find_all=True, backend=libusb())
-    return {(device.bus, device.address, device.idVendor, device.idProduct) for device in devices}
 
 
 def open_usb_device(found: FoundUsbDevice) -> Any:

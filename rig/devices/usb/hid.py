@@ -1,4 +1,4 @@
-"""Reports to and from a USB HID device: through the kernel's hidraw node, or by libusb when asked for."""
+"""Reports to and from a USB HID device: through the kernel's hidraw node, or by libusb where there is none."""
 
 from __future__ import annotations
 
@@ -67,15 +67,27 @@ def hidraw_node(device: FoundUsbDevice, root: Path = Path("/")) -> Path:
     )
 
 
+def open_hid(device: FoundUsbDevice, root: Path = Path("/")) -> HidTransport:
+    """Open a HID device by the kernel's hidraw node; by libusb where the kernel has none for it.
+
+    A kernel without hidraw, or without a driver for the interface, leaves the device to user space.
+    Raises DeviceLost, DeviceForbidden (with a udev rule), DeviceBusy; DeviceError without a libusb library.
+    """
+    try:
+        node = hidraw_node(device, root)
+    except DeviceLost:
+        return LibusbTransport(device)
+    return HidrawTransport(device, node)
+
+
 class HidrawTransport:
     """Reports through ``/dev/hidrawN``; the kernel's driver stays.
 
     Raises DeviceForbidden (with a udev rule), DeviceBusy when another program of ours has it, DeviceLost.
     """
 
-    def __init__(self, device: FoundUsbDevice, root: Path = Path("/")):
+    def __init__(self, device: FoundUsbDevice, node: Path):
         self._name = device.name
-        node = hidraw_node(device, root)
         try:
             self._descriptor = os.open(node, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
         except PermissionError as error:

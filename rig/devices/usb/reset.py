@@ -16,6 +16,7 @@ from rig.errors import DeviceError, DeviceLost
 USBDEVFS_RESET = 0x5514
 """_IO('U', 20) of linux/usbdevice_fs.h."""
 _POLL_S = 0.05
+"""Between two looks whether it is back."""
 
 
 def reset_usb_device(

@@ -10,6 +10,7 @@ _LATE_SHARE = 0.5
 _DRIFT_SHARE = 0.02
 """Of the time between two frames: rates are not quite what was set."""
 _REMEMBERED = 5
+"""Periods whose median is the usual one: two stamps that are wrong do not move it."""
 
 
 class Cadence:

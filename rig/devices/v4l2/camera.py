@@ -7,13 +7,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from rig.devices.protocols import Clock, RawFrame
+from rig.devices.driver_settings import CameraSettings
+from rig.devices.protocols import Clock, ExposureRange, RawFrame
+from rig.devices.refusals import check_exposure
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.controls import EXPOSURE_STEP_S, Setting, mismatch, read_control
 from rig.devices.v4l2.describe import ControlAbility
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.devices.v4l2.formats import layout_of, pixel_format
-from rig.devices.v4l2.frames import Frames, Seen
+from rig.devices.v4l2.frames import Frames, FrameSearch
 from rig.devices.v4l2.node import STALLED, Node
 from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
 from rig.devices.v4l2.setup import (
@@ -29,14 +31,16 @@ from rig.devices.v4l2.stream import Stream, StreamBroken
 from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
 
 _FIRST_FRAMES = 2
+"""To be seen before a camera counts as open: a first one may be left over from another program."""
 _SETTLING_S = 3.0
 """Time limit of waiting for frames that show a new exposure, and of the first frames; periods come on top."""
 _SETTLING_PERIODS = 20
+"""Of frames, on top of that; chosen: a camera that takes longer to follow its exposure is stuck."""
 _LEAST_INTERVAL = 0.85
 """Of the exposure, between frames whose time stamps jitter."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _Opened:
     """Everything that exists while the camera is open."""
 
@@ -103,7 +107,7 @@ class V4l2Camera:
         self._format_name = pixel_format
         self._bit_depth = bit_depth
         self._frame_rate_hz = frame_rate_hz
-        self._exposure_range_s = exposure_range_s
+        self._exposure_range_s = ExposureRange(*exposure_range_s)
         self._controls = dict(controls)
         self._clock = clock
         self._opened: _Opened | None = None
@@ -119,7 +123,7 @@ class V4l2Camera:
         return int(2**self._bit_depth - 1)
 
     @property
-    def exposure_range_s(self) -> tuple[float, float]:
+    def exposure_range_s(self) -> ExposureRange:
         """Shortest and longest exposure."""
         return self._exposure_range_s
 
@@ -134,7 +138,11 @@ class V4l2Camera:
         channels = self._shape[2]
         known_format = pixel_format(self._format_name, channels=channels, bit_depth=self._bit_depth)
         wishes = RequestedSettings(
-            self._shape, known_format, self._frame_rate_hz, self._exposure_range_s, self._controls
+            shape=self._shape,
+            pixel_format=known_format,
+            frame_rate_hz=self._frame_rate_hz,
+            exposure_range_s=self._exposure_range_s,
+            controls=self._controls,
         )
         self._opened = self._set_up(find_camera(self.device_id), wishes)
         with ExitStack() as undo:
@@ -165,7 +173,16 @@ class V4l2Camera:
                 clock=self._clock,
             )
             stream.start()
-            return _Opened(node, stream, frames, period_s, settings, exposure, exposure_s, undo.pop_all())
+            return _Opened(
+                node=node,
+                stream=stream,
+                frames=frames,
+                period_s=period_s,
+                settings=settings,
+                exposure=exposure,
+                exposure_s=exposure_s,
+                undo=undo.pop_all(),
+            )
 
     def _see_first_frames(self, opened: _Opened) -> None:
         for _ in range(_FIRST_FRAMES):
@@ -194,11 +211,7 @@ class V4l2Camera:
         camera takes another value, and when the frames do not follow; DeviceLost when closed or gone.
         """
         with self._opened_for("setting its exposure") as opened:
-            shortest_s, longest_s = self._exposure_range_s
-            if not shortest_s <= exposure_s <= longest_s:
-                raise SettingRefused(
-                    f"exposure {exposure_s:.6g} s is outside the camera's {shortest_s:g} … {longest_s:g} s"
-                )
+            check_exposure(exposure_s, self._exposure_range_s)
             if opened.exposure is not None:
                 self._set_exposure_control(opened, opened.exposure, round(exposure_s / EXPOSURE_STEP_S))
             return opened.exposure_s
@@ -215,7 +228,9 @@ class V4l2Camera:
         opened.valid_from_s = self._clock.now_s()
         ratio = got / opened.steps if opened.is_settled else 1.0
         opened.exposure_s, opened.is_settled = got * EXPOSURE_STEP_S, False
-        settling = Settling(before.pixels, ratio, self.full_scale_dn, opened.slowest_frames)
+        settling = Settling(
+            before=before.pixels, ratio=ratio, full_scale_dn=self.full_scale_dn, unmeasured_frames=opened.slowest_frames
+        )
         if got != steps:
             raise mismatch(control, steps, got)
         self._settle(opened, settling)
@@ -249,7 +264,7 @@ class V4l2Camera:
             )
 
     def _frame_within(self, opened: _Opened, after_s: float, when: str) -> RawFrame:
-        seen = Seen()
+        seen = FrameSearch()
         frame = self._next_frame(opened, after_s, self._limit_s(opened), seen)
         if frame is None:
             raise CaptureTimeout(f"{self._name}: no frame {when}: {seen}; plug the camera in again")
@@ -267,7 +282,7 @@ class V4l2Camera:
         """
         until_s = self._clock.now_s() + timeout_s
         with self._opened_for("capturing") as opened:
-            seen = Seen()
+            seen = FrameSearch()
             after_s = max(after_s, opened.valid_from_s)
             frame = self._next_frame(opened, after_s, until_s, seen)
             if frame is None:
@@ -275,6 +290,7 @@ class V4l2Camera:
                     f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
                     f"{seen}; check the cable, or give timing.timeout_s more time"
                 )
+            self._clock.wait_until_s(frame.started_s + frame.exposure_s)  # drivers may stamp a little ahead
             return frame
 
     @property
@@ -292,7 +308,7 @@ class V4l2Camera:
             self.close()
             raise
 
-    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: Seen) -> RawFrame | None:
+    def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: FrameSearch) -> RawFrame | None:
         """The next good frame that began after a time; a stream that breaks is started again, once."""
         try:
             return opened.frames.next(after_s, until_s, opened.exposure_s, seen)
@@ -301,3 +317,17 @@ class V4l2Camera:
             opened.stream.start()
         hold_controls(opened.node, opened.settings)
         return opened.frames.next(after_s, until_s, opened.exposure_s, seen)
+
+
+def from_profile(settings: CameraSettings, clock: Clock) -> V4l2Camera:
+    """Make the camera of a profile's table [[camera]], closed: driver ``v4l2``."""
+    return V4l2Camera(
+        settings.device_id or "",
+        shape=settings.shape,
+        pixel_format=settings.pixel_format or "",
+        bit_depth=settings.bit_depth,
+        frame_rate_hz=settings.frame_rate_hz,
+        exposure_range_s=settings.exposure_range_s,
+        controls=settings.controls,
+        clock=clock,
+    )

@@ -14,7 +14,7 @@ _SCALAR_KINDS = frozenset({"integer", "boolean", "menu", "bitmask", "integer men
 """Kinds whose value is a 32-bit integer; the others are listed without their value."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FormatAbility:
     """A pixel format in one size."""
 
@@ -26,7 +26,7 @@ class FormatAbility:
     """Highest first; the ends only where the camera takes anything between; empty where it does not say."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class ControlAbility:
     """A control: what it may be, and what it is."""
 
@@ -82,7 +82,13 @@ def list_formats(node: Node) -> Iterator[FormatAbility]:
         name, description = abi.name_of(found.pixelformat), found.description.decode(errors="replace")
         for width_px, height_px in _sizes(node, found.pixelformat):
             rates_hz = tuple(sorted(_rates_hz(node, found.pixelformat, width_px, height_px), reverse=True))
-            yield FormatAbility(name, description, width_px, height_px, rates_hz)
+            yield FormatAbility(
+                pixel_format=name,
+                description=description,
+                width_px=width_px,
+                height_px=height_px,
+                frame_rates_hz=rates_hz,
+            )
         index += 1
 
 
@@ -148,16 +154,16 @@ def _control(node: Node, query: abi.ControlQuery) -> ControlAbility:
         if value is not None and kind == "bitmask":
             value &= 0xFFFFFFFF
     return ControlAbility(
-        control_name(query.name.decode(errors="replace")),
-        int(query.id),
-        kind,
-        int(query.minimum),
-        int(query.maximum),
-        int(query.step),
-        int(query.default_value),
-        value,
-        _menu(node, query) if kind in ("menu", "integer menu") else {},
-        flags,
+        name=control_name(query.name.decode(errors="replace")),
+        id=int(query.id),
+        kind=kind,
+        minimum=int(query.minimum),
+        maximum=int(query.maximum),
+        step=int(query.step),
+        default=int(query.default_value),
+        value=value,
+        menu=_menu(node, query) if kind in ("menu", "integer menu") else {},
+        flags=flags,
     )
 
 

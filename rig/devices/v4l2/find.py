@@ -13,7 +13,7 @@ from rig.devices.v4l2.node import Node, forbidden
 from rig.errors import DeviceError, DeviceLost
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FoundCamera:
     """A camera that the kernel offers."""
 
@@ -122,7 +122,9 @@ def _first_that_captures(
 
 def _describe(device: Path, entry: Path, node: Path, facts: NodeFacts) -> FoundCamera:
     usb = _usb_device(device)
-    camera = FoundCamera("", node, _read(entry / "name") or entry.name, facts.driver, facts.bus_info)
+    camera = FoundCamera(
+        device_id="", node=node, name=_read(entry / "name") or entry.name, driver=facts.driver, bus_path=facts.bus_info
+    )
     if usb is None:
         return camera
     speed = _read(usb / "speed")

@@ -1,13 +1,15 @@
 """Pixel formats: what a buffer's bytes mean, as (H, W, C) unsigned integers of the sensor's own depth.
 
+:data:`PIXEL_FORMATS` is the one table of their facts: name, bits, channels, bytes, decoder.
+
 Luma of YUV formats is returned as it is (16 … 235 where the camera says so). Red, green and blue are computed from
 YUV with the matrix and range that the driver reports; chroma is taken from the nearest sample.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,7 +22,7 @@ Bytes = NDArray[np.uint8]
 Pixels = NDArray[np.uint16]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
     """How a picture lies in its buffer."""
 
@@ -37,7 +39,7 @@ Decoder = Callable[[Bytes, Layout, int], Pixels]
 """(buffer, layout, channels) to (H, W, C); always a copy."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PixelFormat:
     """A pixel format that is understood."""
 
@@ -45,6 +47,7 @@ class PixelFormat:
     depths: tuple[int, int]
     """Smallest and largest bit depth that its numbers may have."""
     channels: tuple[int, ...]
+    """Numbers of channels that it can give: 1 is grey, 3 is red, green and blue."""
     bytes_per_line: Callable[[int], int] | None
     """The least for a width; None for compressed pictures."""
     decode: Decoder
@@ -52,9 +55,19 @@ class PixelFormat:
     """Lines in the buffer, as a multiple of the picture's height."""
 
     @property
+    def bits(self) -> int:
+        """The most that its numbers may have."""
+        return self.depths[1]
+
+    @property
     def is_compressed(self) -> bool:
         """Its pictures have no fixed size."""
         return self.bytes_per_line is None
+
+    @property
+    def bits_per_pixel(self) -> int | None:
+        """Room that a pixel takes in the buffer, packed ones on the average; None for compressed pictures."""
+        return None if self.bytes_per_line is None else int(self.bytes_per_line(8) * self.planes)  # of 8 pixels
 
     def least_bytes(self, layout: Layout) -> int:
         """Size of a whole picture; a compressed one has at least a byte."""
@@ -96,10 +109,16 @@ def layout_of(pix: abi.PixFormat) -> Layout:
         quantization = abi.QUANTIZATION_FULL
     weights = {abi.YCBCR_709: (0.2126, 0.0722), abi.YCBCR_BT2020: (0.2627, 0.0593)}.get(encoding, (0.299, 0.114))
     full_range = quantization == abi.QUANTIZATION_FULL
-    return Layout(pix.width, pix.height, pix.bytesperline, weights, full_range)
+    return Layout(
+        width_px=pix.width,
+        height_px=pix.height,
+        bytes_per_line=pix.bytesperline,
+        luma_weights=weights,
+        full_range=full_range,
+    )
 
 
-def _lines(data: Bytes, layout: Layout, bytes_used: int, first_line: int = 0, lines: int | None = None) -> Bytes:
+def _lines(data: Bytes, layout: Layout, bytes_used: int, *, first_line: int = 0, lines: int | None = None) -> Bytes:
     """(lines, bytes_used) view of a buffer, without what pads its lines."""
     stride = max(layout.bytes_per_line, bytes_used)
     count = layout.height_px if lines is None else lines
@@ -109,12 +128,12 @@ def _lines(data: Bytes, layout: Layout, bytes_used: int, first_line: int = 0, li
     return np.lib.stride_tricks.as_strided(data[start:], (count, bytes_used), (stride, 1), writeable=False)
 
 
-def _grey8(data: Bytes, layout: Layout, channels: int) -> Pixels:
+def _grey8(data: Bytes, layout: Layout, _channels: int) -> Pixels:
     return _lines(data, layout, layout.width_px).astype(np.uint16)[:, :, np.newaxis]
 
 
 def _words(order: str) -> Decoder:
-    def decode(data: Bytes, layout: Layout, channels: int) -> Pixels:
+    def decode(data: Bytes, layout: Layout, _channels: int) -> Pixels:
         lines = _lines(data, layout, 2 * layout.width_px)
         return lines.view(order).astype(np.uint16)[:, :, np.newaxis]
 
@@ -126,7 +145,7 @@ def _tails(bits: int) -> Decoder:
     extra = bits - 8
     group = 8 // extra
 
-    def decode(data: Bytes, layout: Layout, channels: int) -> Pixels:
+    def decode(data: Bytes, layout: Layout, _channels: int) -> Pixels:
         groups = -(-layout.width_px // group)
         packed = _lines(data, layout, groups * (group + 1)).reshape(layout.height_px, groups, group + 1)
         low = packed[:, :, group:] >> (extra * np.arange(group, dtype=np.uint8)) & ((1 << extra) - 1)
@@ -136,7 +155,7 @@ def _tails(bits: int) -> Decoder:
     return decode
 
 
-def _bit_stream(data: Bytes, layout: Layout, channels: int) -> Pixels:
+def _bit_stream(data: Bytes, layout: Layout, _channels: int) -> Pixels:
     """Y10B: ten bits a pixel, highest first, one behind the other: four pixels in five bytes."""
     groups = -(-layout.width_px // 4)
     packed = _lines(data, layout, groups * 5).reshape(layout.height_px, groups, 5).astype(np.uint16)
@@ -146,7 +165,7 @@ def _bit_stream(data: Bytes, layout: Layout, channels: int) -> Pixels:
 
 
 def _rgb24(order: slice) -> Decoder:
-    def decode(data: Bytes, layout: Layout, channels: int) -> Pixels:
+    def decode(data: Bytes, layout: Layout, _channels: int) -> Pixels:
         lines = _lines(data, layout, 3 * layout.width_px).reshape(layout.height_px, layout.width_px, 3)
         return np.ascontiguousarray(lines[:, :, order]).astype(np.uint16)
 
@@ -172,7 +191,7 @@ def _nv12(data: Bytes, layout: Layout, channels: int) -> Pixels:
     brightness = _lines(data, layout, width)
     if channels == 1:
         return brightness.astype(np.uint16)[:, :, np.newaxis]
-    pairs = _lines(data, layout, 2 * -(-width // 2), height, -(-height // 2))
+    pairs = _lines(data, layout, 2 * -(-width // 2), first_line=height, lines=-(-height // 2))
     chroma = [np.repeat(np.repeat(pairs[:, at::2], 2, 1), 2, 0)[:height, :width] for at in (0, 1)]
     return _rgb(brightness, chroma[0], chroma[1], layout)
 
@@ -224,30 +243,41 @@ def _pairs(width: int) -> int:
     return 4 * -(-width // 2)
 
 
-def _grey(name: str, depths: tuple[int, int], bytes_per_line: Callable[[int], int], decode: Decoder) -> PixelFormat:
-    return PixelFormat(name, depths, (1,), bytes_per_line, decode)
+def _grey(
+    names: Iterable[str], depths: tuple[int, int], bytes_per_line: Callable[[int], int], decode: Decoder
+) -> list[PixelFormat]:
+    return [
+        PixelFormat(name=name, depths=depths, channels=(1,), bytes_per_line=bytes_per_line, decode=decode)
+        for name in names
+    ]
+
+
+def _colour(
+    name: str, channels: tuple[int, ...], bytes_per_line: Callable[[int], int] | None, decode: Decoder
+) -> PixelFormat:
+    return PixelFormat(name=name, depths=(8, 8), channels=channels, bytes_per_line=bytes_per_line, decode=decode)
 
 
 def _known() -> list[PixelFormat]:
     little, big = _words("<u2"), _words(">u2")
-    known = [_grey(name, (8, 8), _one_byte, _grey8) for name in ("GREY", "BA81", "GBRG", "GRBG", "RGGB")]
+    known = _grey(("GREY", "BA81", "GBRG", "GRBG", "RGGB"), (8, 8), _one_byte, _grey8)
     for depth, names in {
         10: ("Y10", "BG10", "GB10", "BA10", "RG10"),
         12: ("Y12", "BG12", "GB12", "BA12", "RG12"),
         14: ("Y14", "BG14", "GB14", "GR14", "RG14"),
     }.items():
-        known += [_grey(name, (depth, depth), _two_bytes, little) for name in names]
-    known += [_grey(name, (9, 16), _two_bytes, little) for name in ("Y16", "BYR2", "GB16", "GR16", "RG16")]
-    known.append(_grey("Y16-BE", (9, 16), _two_bytes, big))
-    known += [_grey(name, (10, 10), _five_for_four, _tails(10)) for name in ("Y10P", "pBAA", "pGAA", "pgAA", "pRAA")]
-    known += [_grey(name, (12, 12), _three_for_two, _tails(12)) for name in ("Y12P", "pBCC", "pGCC", "pgCC", "pRCC")]
-    known.append(_grey("Y10B", (10, 10), _five_for_four, _bit_stream))
+        known += _grey(names, (depth, depth), _two_bytes, little)
+    known += _grey(("Y16", "BYR2", "GB16", "GR16", "RG16"), (9, 16), _two_bytes, little)
+    known += _grey(("Y16-BE",), (9, 16), _two_bytes, big)
+    known += _grey(("Y10P", "pBAA", "pGAA", "pgAA", "pRAA"), (10, 10), _five_for_four, _tails(10))
+    known += _grey(("Y12P", "pBCC", "pGCC", "pgCC", "pRCC"), (12, 12), _three_for_two, _tails(12))
+    known += _grey(("Y10B",), (10, 10), _five_for_four, _bit_stream)
     yuv = {"YUYV": (0, 1, 3), "UYVY": (1, 0, 2), "YVYU": (0, 3, 1), "VYUY": (1, 2, 0)}
-    known += [PixelFormat(name, (8, 8), (1, 3), _pairs, _yuv422(*order)) for name, order in yuv.items()]
-    known.append(PixelFormat("NV12", (8, 8), (1, 3), _one_byte, _nv12, planes=1.5))
-    known.append(PixelFormat("RGB3", (8, 8), (3,), _three_bytes, _rgb24(slice(None))))
-    known.append(PixelFormat("BGR3", (8, 8), (3,), _three_bytes, _rgb24(slice(None, None, -1))))
-    known += [PixelFormat(name, (8, 8), (1, 3), None, _jpeg) for name in ("MJPG", "JPEG")]
+    known += [_colour(name, (1, 3), _pairs, _yuv422(*order)) for name, order in yuv.items()]
+    known.append(replace(_colour("NV12", (1, 3), _one_byte, _nv12), planes=1.5))
+    known.append(_colour("RGB3", (3,), _three_bytes, _rgb24(slice(None))))
+    known.append(_colour("BGR3", (3,), _three_bytes, _rgb24(slice(None, None, -1))))
+    known += [_colour(name, (1, 3), None, _jpeg) for name in ("MJPG", "JPEG")]
     return known
 
 

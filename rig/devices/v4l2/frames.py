@@ -15,14 +15,15 @@ from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
 
 _TIME_STAMP_SLACK_S = 1.0
+"""A stamp further off is of another clock, or nonsense."""
 _LARGEST = np.iinfo(np.uint64).max
 _JITTER_SHARE = 0.75
 """Of a frame period."""
 
 
-@dataclass(slots=True)
-class Seen:
-    """What came while a frame was waited for."""
+@dataclass(slots=True, kw_only=True)
+class FrameSearch:
+    """What came while a frame was searched for."""
 
     frames: int = 0
     with_error: int = 0
@@ -100,7 +101,7 @@ class Frames:
         self._ended_s = -math.inf
         self._cadence = Cadence(period_s)
 
-    def next(self, after_s: float, until_s: float, exposure_s: float, seen: Seen) -> RawFrame | None:
+    def next(self, after_s: float, until_s: float, exposure_s: float, seen: FrameSearch) -> RawFrame | None:
         """The next good frame that began at or after a time; None when none has come by ``until_s``.
 
         Raises DeviceLost, and StreamBroken when the stream has to be started again.
@@ -118,7 +119,7 @@ class Frames:
             if self._clock.now_s() >= until_s:
                 return None
 
-    def _look_at(self, filled: Filled, after_s: float, exposure_s: float, seen: Seen) -> RawFrame | None:
+    def _look_at(self, filled: Filled, after_s: float, exposure_s: float, seen: FrameSearch) -> RawFrame | None:
         """The frame in a buffer; None when it is bad, began too early, or nobody knows when.
 
         The first one after frames that nobody saw may be a copy of one of them: it only serves to judge the next.
@@ -145,7 +146,14 @@ class Frames:
             seen.early_s = after_s - started_s
         if pixels is None:
             return None
-        return RawFrame(pixels, exposure_s, started_s, filled.number, lost, repeats)
+        return RawFrame(
+            pixels=pixels,
+            exposure_s=exposure_s,
+            started_s=started_s,
+            sequence=filled.number,
+            lost=lost,
+            repeats=repeats,
+        )
 
     def _started_s(self, filled: Filled, exposure_s: float) -> float:
         """Start of exposure; where exposures abut, none is said to begin before the last one's end.
@@ -163,7 +171,7 @@ class Frames:
         self._ended_s = started_s + exposure_s
         return started_s
 
-    def _is_bad(self, filled: Filled, seen: Seen) -> bool:
+    def _is_bad(self, filled: Filled, seen: FrameSearch) -> bool:
         is_short = filled.bytes_used < self._format.least_bytes(self._layout)
         seen.with_error += filled.has_error
         seen.short += is_short and not filled.has_error

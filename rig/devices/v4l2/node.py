@@ -19,6 +19,7 @@ Argument = TypeVar("Argument", bound=ctypes.Structure)
 PATIENCE_S = 1.0
 """How long a refusal that may pass by itself is asked again."""
 _AGAIN_AFTER_S = 0.05
+"""Between two tries; a person does not notice it."""
 GONE = frozenset({errno.ENODEV, errno.ENXIO, errno.ESHUTDOWN})
 BUSY = frozenset({errno.EBUSY})
 STALLED = BUSY | {errno.EPIPE, errno.EIO, errno.ETIMEDOUT, errno.EPROTO, errno.EAGAIN}

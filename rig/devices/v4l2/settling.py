@@ -14,6 +14,7 @@ _SATURATED = 0.95
 _BLACK_SHARE = 0.01
 """The darkest hundredth of the pixels is taken for black: sensors add a level that no exposure changes."""
 _STEADY_SHARE = 0.01
+"""Of the mean: two frames nearer than that have one exposure."""
 _STEADY_DN_OF_255 = 0.3
 """Two means agree when they differ by less than a hundredth, or by less than this share of full scale."""
 _HAPPENED = 0.3
@@ -24,7 +25,7 @@ UNMEASURED_FRAMES = 4
 """Where the change cannot be seen (darkness, saturation) so many frames have to be steady, or more."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Settling:
     """Looks at frames after an exposure change, under a still scene, until they are settled.
 

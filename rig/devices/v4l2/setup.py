@@ -27,7 +27,7 @@ _SAME_RATE = 0.005
 """Relative; 30 and 29.97 Hz are the same."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RequestedSettings:
     """What a profile asks of a camera."""
 

@@ -19,6 +19,7 @@ from rig.devices.v4l2.node import BUSY, GONE, Node, device_error
 from rig.errors import DeviceError
 
 BUFFERS = 4
+"""One that fills, one that is read, two in reserve; more would only hold older frames."""
 _LONGEST_POLL_S = 60.0
 """Longer waits are several; poll's own limit is 24 days."""
 _HALF = 1 << 31
@@ -28,7 +29,7 @@ class StreamBroken(DeviceError):
     """The driver gave up this stream, but is still there; a new stream may run."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Filled:
     """A buffer that the driver has filled; it has to be given back."""
 
@@ -124,7 +125,16 @@ class Stream:
         lost, unseen = self._count(buffer.sequence)
         self._last = buffer.sequence, stamp_s
         has_error = bool(buffer.flags & abi.BUFFER_ERROR)
-        return Filled(buffer.index, buffer.bytesused, has_error, buffer.flags, stamp_s, self._number, lost, unseen)
+        return Filled(
+            index=buffer.index,
+            bytes_used=buffer.bytesused,
+            has_error=has_error,
+            flags=buffer.flags,
+            stamp_s=stamp_s,
+            number=self._number,
+            lost=lost,
+            unseen=unseen,
+        )
 
     def _count(self, sequence: int) -> tuple[int, int]:
         """Count on, and tell how many frames were lost, and how many skipped for want of a buffer.

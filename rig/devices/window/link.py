@@ -11,14 +11,17 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, TypeAlias
 
 from rig.devices.window.monitor import FoundMonitor
 from rig.errors import DeviceError, DeviceLost, SettingRefused
 
+Message: TypeAlias = dict[str, Any]
+"""One JSON object, as it goes between the two processes."""
 START_LIMIT_S = 30.0
 """To load the libraries, reach the display server and put a window on it."""
 SHOW_LIMIT_S = 5.0
+"""For one picture; a desktop that is locked presents none."""
 _END_LIMIT_S = 2.0
 _PACKET_BYTES = 1 << 16
 _PROBLEMS = {"lost": DeviceLost, "refused": SettingRefused}
@@ -71,14 +74,14 @@ class ScreenLink:
             self._process.wait()
         self._log.close()
 
-    def _request(self, request: dict[str, Any], limit_s: float) -> None:
+    def _request(self, request: Message, limit_s: float) -> None:
         try:
             self._socket.send(json.dumps(request).encode())
         except OSError as error:
             raise self._died() from error
         self._answer(limit_s)
 
-    def _answer(self, limit_s: float) -> dict[str, Any]:
+    def _answer(self, limit_s: float) -> Message:
         self._socket.settimeout(limit_s)
         try:
             packet = self._socket.recv(_PACKET_BYTES)
@@ -91,7 +94,7 @@ class ScreenLink:
             raise self._died() from error
         if not packet:
             raise self._died()
-        answer: dict[str, Any] = json.loads(packet)
+        answer: Message = json.loads(packet)
         if "problem" in answer:
             raise _problem(answer["problem"], answer["message"])
         return answer

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rig.errors import DeviceLost, SettingRefused
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FoundMonitor:
     """A monitor that is switched on, in its present mode."""
 

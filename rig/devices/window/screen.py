@@ -23,13 +23,17 @@ import socket
 import sys
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias
 
 EVENT_PERIOD_MS = 20
+"""Between two looks at the window's events."""
 AWAKE_PERIOD_S = 10.0
 SETTLE_S = 3.0
 """How long a window manager may take to give the window the whole monitor."""
 _PACKET_BYTES = 1 << 16
+_GONE = "it was unplugged or switched off; connect it and open the rig again"
+Message: TypeAlias = dict[str, Any]
+"""One JSON object, as it goes between the two processes."""
 
 
 class ScreenProblem(Exception):
@@ -84,8 +88,15 @@ class Display:
         """Every monitor's name, place and present mode, in the server's order."""
         return [self._monitor(index, monitor) for index, monitor in enumerate(self.glfw.get_monitors())]
 
+    def mode(self, monitor: Any) -> Any:
+        """A monitor's present mode. Raises ScreenProblem for one that went away just now."""
+        try:
+            return self.glfw.get_video_mode(monitor)
+        except ValueError as error:  # the library's answer is a null pointer
+            raise ScreenProblem("lost", _GONE) from error
+
     def _monitor(self, index: int, monitor: Any) -> dict[str, object]:
-        (x_px, y_px), mode = self.glfw.get_monitor_pos(monitor), self.glfw.get_video_mode(monitor)
+        (x_px, y_px), mode = self.glfw.get_monitor_pos(monitor), self.mode(monitor)
         return {
             "name": self.glfw.get_monitor_name(monitor).decode(errors="replace"),
             "index": index,
@@ -105,7 +116,7 @@ class Window:
         monitors = self._glfw.get_monitors()
         if index >= len(monitors):
             raise ScreenProblem("lost", "it was switched off")
-        mode = self._glfw.get_video_mode(monitors[index])
+        mode = display.mode(monitors[index])
         self._awake_until_s = 0.0
         self._size = tuple(mode.size)
         self._place = tuple(self._glfw.get_monitor_pos(monitors[index]))
@@ -182,6 +193,9 @@ class Window:
         if time.monotonic() >= self._awake_until_s:
             self._display.stay_awake()
             self._awake_until_s = time.monotonic() + AWAKE_PERIOD_S
+        if self._trouble() is None:
+            return
+        self._glfw.poll_events()  # one that was switched off just now seemed to be moved, until its event came
         trouble = self._trouble()
         if trouble is not None:
             raise trouble
@@ -190,15 +204,18 @@ class Window:
         glfw, window = self._glfw, self._window
         monitor = glfw.get_window_monitor(window)
         if not monitor:
-            return ScreenProblem("lost", "it was unplugged or switched off; connect it and open the rig again")
+            return ScreenProblem("lost", _GONE)
         if glfw.window_should_close(window):
             return ScreenProblem("lost", "its window was closed by somebody; open the rig again")
         if glfw.get_window_attrib(window, glfw.ICONIFIED):
             return ScreenProblem("lost", "its window was minimised by somebody; open the rig again")
-        return self._wrong_mode(monitor) or self._wrong_size() or self._wrong_place(monitor)
+        try:
+            return self._wrong_mode(monitor) or self._wrong_size() or self._wrong_place(monitor)
+        except ScreenProblem as problem:
+            return problem
 
     def _wrong_mode(self, monitor: Any) -> ScreenProblem | None:
-        mode = tuple(self._glfw.get_video_mode(monitor).size)
+        mode = tuple(self._display.mode(monitor).size)
         if mode == self._size:
             return None
         text = f"its mode is now {_size(mode)}, it was {_size(self._size)}; set that mode again"
@@ -278,7 +295,7 @@ class Server:
             self._answer({"problem": problem.kind, "message": str(problem)})
             self._next_request(None)  # the rig reads it as the answer to that
 
-    def _next_request(self, window: Window | None) -> dict[str, Any] | None:
+    def _next_request(self, window: Window | None) -> Message | None:
         """The rig's next request; None when it is gone. Answers the window's events meanwhile."""
         while os.getppid() == self.parent:
             if select.select([self.link], [], [], EVENT_PERIOD_MS / 1000)[0]:
@@ -287,13 +304,13 @@ class Server:
                 window.check()
         return None
 
-    def _receive(self) -> dict[str, Any] | None:
+    def _receive(self) -> Message | None:
         with contextlib.suppress(ConnectionResetError):
             packet = self.link.recv(_PACKET_BYTES)
             return json.loads(packet) if packet else None
         return None
 
-    def _answer(self, message: dict[str, Any]) -> None:
+    def _answer(self, message: Message) -> None:
         with contextlib.suppress(BrokenPipeError):
             self.link.send(json.dumps(message).encode())
 

@@ -44,8 +44,10 @@ _SUBMIT_REPLY = struct.Struct(">5IiIIII8x")
 _UNLINK_REPLY = struct.Struct(">5Ii24x")
 _MOST_PACKETS = 1024
 _SOCKET_BYTES = 4 << 20
+"""Several frames: the device's threads do not wait for the kernel."""
 _PORT_FREE = 4
 _JOIN_TIMEOUT_S = 30.0
+"""Longer than any exposure that a thread may still wait for."""
 
 
 class Attachment:
@@ -113,7 +115,9 @@ class Attachment:
             return
         iso_bytes = ISO_PACKET_BYTES * packet_count if 0 < packet_count <= _MOST_PACKETS else 0
         table = _whole(commands.read(iso_bytes), iso_bytes)
-        transfer = Transfer(number, endpoint, length, data, table, self._answer)
+        transfer = Transfer(
+            number=number, endpoint=endpoint, length=length, data=data, packet_table=table, answer=self._answer
+        )
         with self._lock:
             self._pending[number] = transfer
         self._device.submit(transfer)

@@ -44,7 +44,7 @@ class Stall(Exception):
     """The device refuses a request; the host sees EPIPE."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
     """The eight bytes that begin a control transfer."""
 
@@ -62,7 +62,8 @@ class Setup:
     @classmethod
     def parse(cls, data: bytes) -> Setup:
         """Read it from 8 bytes."""
-        return cls(*struct.unpack("<BBHHH", data))
+        request_type, request, value, index, length = struct.unpack("<BBHHH", data)
+        return cls(request_type=request_type, request=request, value=value, index=index, length=length)
 
 
 class IsoPacket(NamedTuple):
@@ -93,7 +94,7 @@ Bytes = bytes | bytearray | memoryview
 Answer = Callable[["Transfer", Sequence[Bytes], int, bytes], bool]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Transfer:
     """What the host wants of an endpoint other than 0; the device answers now or later, from any thread."""
 

@@ -12,8 +12,6 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
 from rig.devices.usb.extension_unit import Query
 from rig.emulated.faults import Faults
 from rig.emulated.usbip.device import Descriptors, Setup, Stall, Transfer, UsbSpeed
@@ -28,27 +26,28 @@ from rig.emulated.uvc.controls import (
     processing_controls,
 )
 from rig.emulated.uvc.descriptors import (
-    BITS_PER_PIXEL,
     INTERVAL_UNITS_PER_S,
     PROBE_BYTES,
     STREAMING_INTERFACE,
-    Stream,
+    NegotiatedStream,
     Transport,
     VideoFormat,
     camera_descriptors,
     negotiate,
     video_formats,
 )
+from rig.emulated.uvc.formats import mean_share
 from rig.emulated.uvc.stream import Sender
 
 _CLASS_TO_INTERFACE, _KIND_MASK = 0x21, 0x7F
 _PROBE, _COMMIT = 1, 2
 _LATE_S = 0.01
+"""An exposure may begin so much after its time; later, the grid of start times moves."""
 _AUTOMATIC_LEVEL = 0.45
 """Mean of a picture that the automatic exposure aims at, of full scale."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FrameRequest:
     """One exposure, as the camera asks its source for it."""
 
@@ -98,8 +97,8 @@ class UvcCamera:
         *,
         source: FrameSource,
         formats: tuple[VideoFormat, ...] = video_formats(),
-        name: str = "Virtual camera",
-        serial: str = "VIRTUAL1",
+        name: str = "Emulated camera",
+        serial: str = "EMULATED1",
         vendor_id: int = 0x1209,
         product_id: int = 0x0001,
         faults: Faults | None = None,
@@ -128,14 +127,14 @@ class UvcCamera:
         self._probed = self._committed = negotiate(formats, transport)
         self._sender = Sender(transport)
         self._change = threading.Condition()
-        self._stream: Stream | None = None
+        self._stream: NegotiatedStream | None = None
         self._plugged = False
         self._sensor: threading.Thread | None = None
 
     def plugged(self) -> None:
         """Begin, as if power came on."""
         self._plugged = True
-        self._sensor = threading.Thread(target=self._expose_frames, name="virtual camera")
+        self._sensor = threading.Thread(target=self._expose_frames, name="emulated camera")
         self._sensor.start()
 
     def unplugged(self) -> None:
@@ -196,12 +195,12 @@ class UvcCamera:
             return negotiate(self._formats, self._transport).pack()
         return (self._probed if selector == _PROBE else self._committed).pack()
 
-    def _commit(self, agreed: Stream) -> None:
+    def _commit(self, agreed: NegotiatedStream) -> None:
         self._committed = agreed
         if self._transport is Transport.BULK:
             self._start(agreed)
 
-    def _start(self, stream: Stream | None) -> None:
+    def _start(self, stream: NegotiatedStream | None) -> None:
         with self._change:
             self._stream = stream
             self._sender.clear()
@@ -221,22 +220,30 @@ class UvcCamera:
             period_s = max(stream.interval / INTERVAL_UNITS_PER_S, request.exposure_s)
             next_s = request.started_s + period_s
 
-    def _wait_until(self, time_s: float) -> Stream | None:
+    def _wait_until(self, time_s: float) -> NegotiatedStream | None:
         """What to stream at a time; waits for a stream to be wanted, and gives None when unplugged."""
         with self._change:
             self._change.wait_for(lambda: not self._plugged, max(0.0, time_s - time.monotonic()))
             self._change.wait_for(lambda: not self._plugged or self._stream is not None)
             return self._stream if self._plugged else None
 
-    def _request(self, stream: Stream, started_s: float, number: int) -> FrameRequest:
+    def _request(self, stream: NegotiatedStream, started_s: float, number: int) -> FrameRequest:
         wanted = self.controls.value("exposure") * EXPOSURE_UNIT_S, self.controls.value("gain") / UNITY_GAIN
         self._settings.append(wanted)
         exposure_s, gain = self._settings[0]
         chosen = self._formats[stream.format_index - 1]
         size = chosen.sizes[stream.size_index - 1]
-        return FrameRequest(chosen.fourcc, size.width_px, size.height_px, started_s, exposure_s, gain, number)
+        return FrameRequest(
+            fourcc=chosen.fourcc,
+            width_px=size.width_px,
+            height_px=size.height_px,
+            started_s=started_s,
+            exposure_s=exposure_s,
+            gain=gain,
+            number=number,
+        )
 
-    def _send(self, stream: Stream, picture: bytes, until_s: float) -> None:
+    def _send(self, stream: NegotiatedStream, picture: bytes, until_s: float) -> None:
         """Send a frame, with the next fault if there is one."""
         faults, sender = self.faults, self._sender
         if faults.frozen or faults.frozen_until_reset or faults.take("dropped_frames"):
@@ -255,7 +262,9 @@ class UvcCamera:
         """In automatic mode: bring the next exposures half the way to a picture of medium brightness."""
         if self.controls.value("exposure_mode") != AUTO_EXPOSURE or request.fourcc == "MJPG":
             return
-        wanted_s = request.exposure_s * min(max(_AUTOMATIC_LEVEL / max(_level(request.fourcc, frame), 0.01), 0.5), 2.0)
+        wanted_s = request.exposure_s * min(
+            max(_AUTOMATIC_LEVEL / max(mean_share(frame, request.fourcc), 0.01), 0.5), 2.0
+        )
         shortest_s, longest_s = self._exposure_range_s
         chosen_s = min(max((wanted_s + request.exposure_s) / 2, shortest_s), longest_s)
         self.controls.put("exposure", round(chosen_s / EXPOSURE_UNIT_S))
@@ -265,17 +274,3 @@ def _begin(planned_s: float) -> float:
     """When an exposure begins: as planned, or now, when whatever came before took too long."""
     now_s = time.monotonic()
     return planned_s if now_s - planned_s < _LATE_S else now_s
-
-
-_FULL_SCALE = {"Y10 ": 1023, "Y12 ": 4095, "Y16 ": 65535}
-
-
-def _level(fourcc: str, frame: bytes) -> float:
-    """Mean of a picture's grey, of full scale; of every hundredth pixel or so."""
-    if fourcc in _FULL_SCALE:
-        return float(np.frombuffer(frame, "<u2")[::97].mean()) / _FULL_SCALE[fourcc]
-    step = 2 * 47 if fourcc == "YUYV" else 97
-    return float(np.frombuffer(frame, np.uint8)[::step].mean()) / 255
-
-
-__all__ = ["BITS_PER_PIXEL", "FrameRequest", "FrameSource", "Transport", "UvcCamera", "VideoFormat", "video_formats"]

@@ -53,7 +53,7 @@ class Automatic:
     manual_value: int
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Control:
     """One control and its limits."""
 
@@ -88,11 +88,37 @@ def camera_controls(exposure_range_s: tuple[float, float], exposure_s: float) ->
     changing = Info.GET | Info.SET | Info.CHANGES_BY_ITSELF
     at = CAMERA_TERMINAL
     return (
-        Control("exposure_mode", at, 0x02, 1, 1, step=9, default=AUTO_EXPOSURE, choices=(1, 8)),
-        Control("exposure_priority", at, 0x03, 2, 1),
-        Control("exposure", at, 0x04, 3, 4, shortest, longest, 1, first, automatic=mode, info=changing),
-        Control("focus", at, 0x06, 5, 2, 0, 250, 5, 0, automatic=Automatic("focus_automatic", 0), info=changing),
-        Control("focus_automatic", at, 0x08, 17, 1, default=1),
+        Control(
+            name="exposure_mode", unit=at, selector=0x02, bit=1, length=1, step=9, default=AUTO_EXPOSURE, choices=(1, 8)
+        ),
+        Control(name="exposure_priority", unit=at, selector=0x03, bit=2, length=1),
+        Control(
+            name="exposure",
+            unit=at,
+            selector=0x04,
+            bit=3,
+            length=4,
+            minimum=shortest,
+            maximum=longest,
+            step=1,
+            default=first,
+            automatic=mode,
+            info=changing,
+        ),
+        Control(
+            name="focus",
+            unit=at,
+            selector=0x06,
+            bit=5,
+            length=2,
+            minimum=0,
+            maximum=250,
+            step=5,
+            default=0,
+            automatic=Automatic("focus_automatic", 0),
+            info=changing,
+        ),
+        Control(name="focus_automatic", unit=at, selector=0x08, bit=17, length=1, default=1),
     )
 
 
@@ -101,20 +127,72 @@ def processing_controls() -> tuple[Control, ...]:
     white = Automatic("white_balance_automatic", 0)
     at = PROCESSING_UNIT
     return (
-        Control("backlight_compensation", at, 0x01, 8, 2, 0, 2, 1, 0),
-        Control("brightness", at, 0x02, 0, 2, -64, 64, 1, 0, signed=True),
-        Control("contrast", at, 0x03, 1, 2, 0, 95, 1, 32),
-        Control("gain", at, 0x04, 9, 2, UNITY_GAIN, 1600, 1, UNITY_GAIN),
-        Control("power_line_frequency", at, 0x05, 10, 1, 0, 2, 1, 1),
-        Control("sharpness", at, 0x08, 4, 2, 0, 7, 1, 2),
-        Control("gamma", at, 0x09, 5, 2, 100, 300, 1, 220),
-        Control("white_balance", at, 0x0A, 6, 2, 2800, 6500, 10, 4600, automatic=white),
-        Control("white_balance_automatic", at, 0x0B, 12, 1, default=1),
+        Control(
+            name="backlight_compensation",
+            unit=at,
+            selector=0x01,
+            bit=8,
+            length=2,
+            minimum=0,
+            maximum=2,
+            step=1,
+            default=0,
+        ),
+        Control(
+            name="brightness",
+            unit=at,
+            selector=0x02,
+            bit=0,
+            length=2,
+            minimum=-64,
+            maximum=64,
+            step=1,
+            default=0,
+            signed=True,
+        ),
+        Control(name="contrast", unit=at, selector=0x03, bit=1, length=2, minimum=0, maximum=95, step=1, default=32),
+        Control(
+            name="gain",
+            unit=at,
+            selector=0x04,
+            bit=9,
+            length=2,
+            minimum=UNITY_GAIN,
+            maximum=1600,
+            step=1,
+            default=UNITY_GAIN,
+        ),
+        Control(
+            name="power_line_frequency",
+            unit=at,
+            selector=0x05,
+            bit=10,
+            length=1,
+            minimum=0,
+            maximum=2,
+            step=1,
+            default=1,
+        ),
+        Control(name="sharpness", unit=at, selector=0x08, bit=4, length=2, minimum=0, maximum=7, step=1, default=2),
+        Control(name="gamma", unit=at, selector=0x09, bit=5, length=2, minimum=100, maximum=300, step=1, default=220),
+        Control(
+            name="white_balance",
+            unit=at,
+            selector=0x0A,
+            bit=6,
+            length=2,
+            minimum=2800,
+            maximum=6500,
+            step=10,
+            default=4600,
+            automatic=white,
+        ),
+        Control(name="white_balance_automatic", unit=at, selector=0x0B, bit=12, length=1, default=1),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class VendorControl:
+class VendorRegister:
     """A control of the vendor's own: bytes of a fixed number, without limits."""
 
     name: str
@@ -123,15 +201,15 @@ class VendorControl:
     info: Info = Info.GET | Info.SET
 
 
-REGISTER = VendorControl("register", 1, bytes(32))
-FIRMWARE = VendorControl("firmware", 2, b"1.04", Info.GET)
+REGISTER = VendorRegister("register", 1, bytes(32))
+FIRMWARE = VendorRegister("firmware", 2, b"1.04", Info.GET)
 VENDOR_CONTROLS = (REGISTER, FIRMWARE)
 
 
 class ControlBank:
     """The controls of one camera and their present values; safe to share between threads."""
 
-    def __init__(self, controls: tuple[Control, ...], vendor_controls: tuple[VendorControl, ...] = VENDOR_CONTROLS):
+    def __init__(self, controls: tuple[Control, ...], vendor_controls: tuple[VendorRegister, ...] = VENDOR_CONTROLS):
         self.controls = controls
         self.last_error = RequestError.NONE
         """Why the last request was refused."""
@@ -230,7 +308,7 @@ class ControlBank:
             raise self.refuse(RequestError.INVALID_REQUEST)
         return answers[Query(request)]
 
-    def _set_vendor(self, control: VendorControl, data: bytes) -> None:
+    def _set_vendor(self, control: VendorRegister, data: bytes) -> None:
         if Info.SET not in control.info:
             raise self.refuse(RequestError.INVALID_REQUEST)
         if len(data) != len(control.default):

@@ -21,9 +21,8 @@ from rig.emulated.uvc.controls import (
     Control,
     bit_map,
 )
+from rig.emulated.uvc.formats import FOURCCS, bits_per_pixel
 
-BITS_PER_PIXEL = {"GREY": 8, "Y10 ": 16, "Y12 ": 16, "Y16 ": 16, "YUYV": 16, "RGGB": 8, "MJPG": 16}
-"""Formats that the camera can be given; for MJPG the room that a frame may take."""
 VIDEO_ENDPOINT = 1 | HOST_READS
 ISO_PACKET_BYTES = 3072
 """Three transactions of 1024 bytes in each microframe of 125 µs: the most of high speed."""
@@ -71,7 +70,7 @@ class VideoFormat:
 
     def frame_bytes(self, size: VideoSize) -> int:
         """Bytes of a frame; for MJPG the most it may have."""
-        return size.width_px * size.height_px * BITS_PER_PIXEL[self.fourcc] // 8
+        return size.width_px * size.height_px * bits_per_pixel(self.fourcc) // 8
 
 
 def video_formats(
@@ -81,18 +80,18 @@ def video_formats(
 ) -> tuple[VideoFormat, ...]:
     """Every format in every size, (width, height), at every frame rate; the first of each is the default.
 
-    Raises ValueError for a format that is not in ``BITS_PER_PIXEL``.
+    Raises ValueError for a format that is not one of the camera's.
     """
     padded = [fourcc.ljust(4) for fourcc in fourccs]
-    unknown = [fourcc for fourcc in padded if fourcc not in BITS_PER_PIXEL]
+    unknown = [fourcc for fourcc in padded if fourcc not in FOURCCS]
     if unknown:
-        raise ValueError(f"the emulated camera has no format {unknown[0]!r}; there are {', '.join(BITS_PER_PIXEL)}")
+        raise ValueError(f"the emulated camera has no format {unknown[0]!r}; there are {', '.join(FOURCCS)}")
     every = tuple(VideoSize(width, height, tuple(frame_rates_hz)) for width, height in sizes)
     return tuple(VideoFormat(fourcc, every) for fourcc in padded)
 
 
-@dataclass(frozen=True, slots=True)
-class Stream:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NegotiatedStream:
     """What host and camera have agreed on."""
 
     format_index: int
@@ -112,7 +111,7 @@ class Stream:
 PROBE_BYTES = _PROBE.size
 
 
-def negotiate(formats: Sequence[VideoFormat], transport: Transport, wish: bytes = b"") -> Stream:
+def negotiate(formats: Sequence[VideoFormat], transport: Transport, wish: bytes = b"") -> NegotiatedStream:
     """What the camera offers for a host's wish (the first 8 bytes of probe): the nearest that it has."""
     _, format_index, size_index, interval = struct.unpack_from("<HBBI", wish.ljust(8, b"\0"))
     format_index = min(max(format_index, 1), len(formats))
@@ -123,7 +122,13 @@ def negotiate(formats: Sequence[VideoFormat], transport: Transport, wish: bytes 
     frame_bytes = chosen.frame_bytes(size)
     payload = ISO_PACKET_BYTES if transport is Transport.ISOCHRONOUS else frame_bytes + PAYLOAD_HEADER_BYTES
     nearest = min(size.intervals, key=lambda each: abs(each - wanted))
-    return Stream(format_index, size_index, nearest, frame_bytes, payload)
+    return NegotiatedStream(
+        format_index=format_index,
+        size_index=size_index,
+        interval=nearest,
+        frame_bytes=frame_bytes,
+        payload_bytes=payload,
+    )
 
 
 def camera_descriptors(
@@ -203,7 +208,7 @@ def _format(index: int, described: VideoFormat) -> bytes:
         head = _class_specific(6, bytes([index, len(described.sizes), 0, 1, 0, 0, 0, 0]))
     else:
         guid = _FOURCC_GUIDS.get(described.fourcc, described.fourcc.encode()) + _GUID_TAIL
-        bits = BITS_PER_PIXEL[described.fourcc]
+        bits = bits_per_pixel(described.fourcc)
         head = _class_specific(4, bytes([index, len(described.sizes)]) + guid + bytes([bits, 1, 0, 0, 0, 0]))
     subtype = 7 if compressed else 5
     sizes = [_class_specific(subtype, _size(described, number)) for number in range(1, len(described.sizes) + 1)]

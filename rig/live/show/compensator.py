@@ -1,10 +1,16 @@
-"""What computes the projector's codes of each frame."""
+"""What computes the projector's codes of each frame, one for each strategy."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol
 
+import numpy as np
+
 from rig.live.sources.source import Pixels
+from sim.frame.compensator import FrameCompensator, FrameModel
+
+STRATEGIES = ("exact", "bounded")
 
 
 class FrameReport(Protocol):
@@ -31,3 +37,16 @@ class Compensator(Protocol):
     def reset(self) -> None:
         """Forget the frames before."""
         ...
+
+
+def warm_compensators(model: FrameModel, threads: int) -> Mapping[str, Compensator]:
+    """One for each strategy, which has computed a frame already: a first one takes longer than the others."""
+    compensators = {
+        "exact": FrameCompensator(model, "exact", threads),
+        "bounded": FrameCompensator(model, "bounded", threads),
+    }
+    codes = np.zeros((*model.shape, 3), np.uint8)
+    for compensator in compensators.values():
+        compensator.frame(codes, np.empty_like(codes))
+        compensator.reset()
+    return compensators

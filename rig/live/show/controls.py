@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 _GAIN_STEP = 2 ** (1 / 8)
+"""Of one key: eight make twice as bright; a single one is just seen."""
 _GAIN_RANGE = (1 / 16, 4.0)
+"""From hardly visible to what clips nearly every picture; chosen."""
 KEYS = {
     "n": "next source",
     "c": "compensation on or off",
@@ -20,7 +22,7 @@ KEYS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Controls:
     """Settings that may change between two frames."""
 
@@ -31,6 +33,11 @@ class Controls:
     auto_gain: bool = False
     frozen: bool = False
     black: bool = False
+
+    @property
+    def shown_strategy(self) -> str:
+        """The strategy that compensates; empty where pictures are shown as they are."""
+        return self.strategy if self.compensating else ""
 
 
 def pressed(controls: Controls, key: str, strategies: Sequence[str]) -> Controls:

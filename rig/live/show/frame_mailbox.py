@@ -17,6 +17,7 @@ from rig.live.sources.source import Pixels
 _NUDGE = 0.1
 """Share by which each picture moves its source's clock towards the display's."""
 _PATIENCE_S = 0.1
+"""Longest wait without a look at whether the show has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +70,7 @@ class _Waiting:
 
 
 class FrameMailbox:
-    """A thread-safe feed with room for one picture.
+    """A thread-safe frame queue with room for one picture.
 
     Pictures with a media time are due at that time on their source's clock, which begins when the first of them is
     taken and then follows the display's. The reader holds the one that follows until the one before is taken, or is

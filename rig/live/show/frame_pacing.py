@@ -7,9 +7,11 @@ import math
 _LEAST_LEAD, _MOST_LEAD = 0.25, 0.9
 """Shares of the period."""
 _BUSY_MARGIN = 1.25
+"""Over the longest of the last pictures: the next may take longer. Chosen; too late is dearer than early."""
 _FIRST_ALLOWANCE, _MOST_ALLOWANCE, _ALLOWANCE_STEP = 0.2, 0.6, 0.05
 """Shares of the period, for handing a picture to the display; more after each late one."""
 _FORGETTING = 0.99
+"""Of the longest, a picture: at 60 Hz half of it is forgotten in about a second."""
 
 
 class DisplayClock:

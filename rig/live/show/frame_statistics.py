@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.live.results import FrameFigures, Percentiles
 
 _KEPT = 1 << 16
 """Frames over which medians and percentiles are taken: 18 minutes at 60 Hz."""
@@ -66,7 +67,7 @@ class FrameStatistics:
         """Whether a picture missed the refresh nearest to its deadline."""
         return on_screen_s > deadline_s + _TOLERANCE * self._period_s
 
-    def note_frame(self, number: int, ready_s: float, busy_s: float, deadline_s: float, on_screen_s: float) -> None:
+    def note_frame(self, number: int, *, ready_s: float, busy_s: float, deadline_s: float, on_screen_s: float) -> None:
         """Count a frame that was shown, and the refreshes since the last one that had no new frame."""
         self.frames += 1
         self.late += self.is_late(on_screen_s, deadline_s)
@@ -90,24 +91,28 @@ class FrameStatistics:
         """The display was away: the next interval says nothing."""
         self._last_s = None
 
-    def result(self, dropped: int = 0) -> dict[str, Any]:
+    def figures(self, dropped: int = 0) -> FrameFigures:
         """Counts, medians and percentiles; ``dropped`` frames of the source were never shown, so never on time."""
         wanted = self.frames + dropped
         interval_s = self._intervals_s.quantile(0.5)
-        return {
-            "frames": self.frames,
-            "fps_median": 1 / interval_s if interval_s else None,
-            "latency_ms": {"p50": _ms(self._latencies_s.quantile(0.5)), "p99": _ms(self._latencies_s.quantile(0.99))},
-            "latency_frames_p99": _share(self._latencies_s.quantile(0.99), self._period_s),
-            "compute_ms": {"p50": _ms(self._busy_s.quantile(0.5)), "p99": _ms(self._busy_s.quantile(0.99))},
-            "late_frames": self.late,
-            "on_time_share": (self.frames - self.late) / wanted if wanted else None,
-            "dropped": dropped,
-            "repeated": self.repeated,
-            "out_of_order": self.out_of_order,
-            "unplugged": self.unplugged,
-            "error_mean": self._errors / self._error_count if self._error_count else None,
-        }
+        return FrameFigures(
+            frames=self.frames,
+            fps_median=1 / interval_s if interval_s else None,
+            latency_ms=_percentiles(self._latencies_s),
+            latency_frames_p99=_share(self._latencies_s.quantile(0.99), self._period_s),
+            compute_ms=_percentiles(self._busy_s),
+            late_frames=self.late,
+            on_time_share=(self.frames - self.late) / wanted if wanted else None,
+            dropped=dropped,
+            repeated=self.repeated,
+            out_of_order=self.out_of_order,
+            unplugged=self.unplugged,
+            error_mean=self._errors / self._error_count if self._error_count else None,
+        )
+
+
+def _percentiles(times_s: Ring) -> Percentiles:
+    return Percentiles(_ms(times_s.quantile(0.5)), _ms(times_s.quantile(0.99)))
 
 
 def _ms(seconds: float | None) -> float | None:

@@ -30,7 +30,7 @@ _AHEAD = 1.35
 """Refreshes before its own that a film's picture is begun at the earliest: what it may be held up, and its latency."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ShownFrame:
     """A picture that was shown, for who records or watches."""
 
@@ -47,11 +47,11 @@ def no_keys() -> str:
     return ""
 
 
-def nothing_more(frame: ShownFrame) -> None:
+def nothing_more(_: ShownFrame) -> None:
     """For who wants no frames."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class _Pending:
     """A picture that is on its way to the screen."""
 
@@ -67,14 +67,18 @@ class _Pending:
     """Begun when there was time enough."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class LoopArguments:
-    """All that the loop talks to."""
+    """All that the loop works with."""
 
-    projector: Projector
-    feed: FrameQueue
+    queue: FrameQueue
+    """Gives it pictures."""
     compensators: Mapping[str, Compensator]
     """By strategy; empty when pictures can only be shown as they are."""
+    projector: Projector
+    """Open; shows them."""
+    output: Output | None = None
+    """Hands them to the projector; by default in the loop's own thread."""
     clock: Clock
     refresh_rate_hz: float
     replug_timeout_s: float = 20.0
@@ -84,30 +88,29 @@ class LoopArguments:
     interrupting: Callable[[], AbstractContextManager[None]] = nullcontext
     """Around waits for a device."""
     notes: list[str] = field(default_factory=list)
-    output: Output | None = None
-    """Shows for the loop; by default in the loop's own thread."""
+    """What went wrong with the projector, and came right again."""
 
 
 class LiveLoop:
-    """Shows frames of a feed on a projector that is open; call :meth:`step` until :attr:`ended`, then `complete`."""
+    """Shows frames of a queue on a projector that is open; call :meth:`step` until :attr:`ended`, then `complete`."""
 
-    def __init__(self, surroundings: LoopArguments, controls: Controls):
+    def __init__(self, arguments: LoopArguments, controls: Controls):
         self.controls = controls
-        self.tally = FrameStatistics(1 / surroundings.refresh_rate_hz)
+        self.statistics = FrameStatistics(1 / arguments.refresh_rate_hz)
         self.ended = ""
         """Why: quit, or source; empty while it goes on."""
-        self._around = surroundings
-        self._period_s = 1 / surroundings.refresh_rate_hz
+        self._arguments = arguments
+        self._period_s = 1 / arguments.refresh_rate_hz
         self._display = DisplayClock(self._period_s)
-        self._lead = LatchTimer(self._period_s)
+        self._latch_timer = LatchTimer(self._period_s)
         self._frame: LiveFrame | None = None
-        self._output = surroundings.output or DirectOutput(surroundings.projector)
+        self._output = arguments.output or DirectOutput(arguments.projector)
         self._pending: _Pending | None = None
-        self._out, self._spare, self._black = (np.zeros((*surroundings.projector.shape, 3), np.uint8) for _ in range(3))
+        self._out, self._spare, self._black = (np.zeros((*arguments.projector.shape, 3), np.uint8) for _ in range(3))
         self._gain = GainState(controls.gain)
         self._scene = np.zeros((0, 0, 3), np.uint8)
         self._changed = False
-        self._watched_s = surroundings.clock.now_s()
+        self._watched_s = arguments.clock.now_s()
 
     @property
     def gain(self) -> float:
@@ -119,7 +122,7 @@ class LiveLoop:
         self._obey_keys()
         if self.ended:
             return
-        target_s = self._display.target_s(self._around.clock.now_s() + self._lead.lead_s)
+        target_s = self._display.target_s(self._arguments.clock.now_s() + self._latch_timer.lead_s)
         frame = self._take(target_s)
         if frame is not None:
             self._frame = frame
@@ -140,64 +143,87 @@ class LiveLoop:
         on_screen_s = self._finish(pending.codes)
         frame = pending.frame
         if frame is not None:
-            missed = pending.in_time and self.tally.is_late(on_screen_s, pending.target_s)
-            self._lead.note(pending.busy_s, is_late=missed)
-            self.tally.note_frame(frame.number, frame.ready_s, pending.busy_s, pending.deadline_s, on_screen_s)
-            self._around.on_shown(ShownFrame(frame.number, pending.codes, on_screen_s, pending.gain, pending.controls))
+            missed = pending.in_time and self.statistics.is_late(on_screen_s, pending.target_s)
+            self._latch_timer.note(pending.busy_s, is_late=missed)
+            self.statistics.note_frame(
+                frame.number,
+                ready_s=frame.ready_s,
+                busy_s=pending.busy_s,
+                deadline_s=pending.deadline_s,
+                on_screen_s=on_screen_s,
+            )
+            self._arguments.on_shown(
+                ShownFrame(
+                    number=frame.number,
+                    codes=pending.codes,
+                    on_screen_s=on_screen_s,
+                    gain=pending.gain,
+                    controls=pending.controls,
+                )
+            )
 
     @property
     def _ahead(self) -> bool:
         """Whether the next picture is computed while the last one is on its way."""
-        return self._around.feed.is_timed and self._output.is_concurrent
+        return self._arguments.queue.is_timed and self._output.is_concurrent
 
     def _obey_keys(self) -> None:
-        for key in self._around.keys():
+        for key in self._arguments.keys():
             if key == "q":
                 self.ended = "quit"
             elif key == "n":
-                self._around.next_source()
+                self._arguments.next_source()
                 self._restart()
             else:
                 before = self.controls
-                self.controls = pressed(before, key, tuple(self._around.compensators))
+                self.controls = pressed(before, key, tuple(self._arguments.compensators))
                 self._changed = self._changed or self.controls != before
 
     def _restart(self) -> None:
-        for compensator in self._around.compensators.values():
+        for compensator in self._arguments.compensators.values():
             compensator.reset()
 
     def _take(self, target_s: float) -> LiveFrame | None:
-        feed, clock = self._around.feed, self._around.clock
-        latch_s = target_s - self._lead.lead_s
+        queue, clock = self._arguments.queue, self._arguments.clock
+        latch_s = target_s - self._latch_timer.lead_s
         if self.controls.frozen:
-            feed.skip(target_s)
+            queue.skip(target_s)
             clock.wait_until_s(latch_s)
             return None
         if self._pending is not None:
             clock.wait_until_s(target_s - _AHEAD * self._period_s)
-        frame = feed.take(latch_s, target_s)
-        if frame is None and feed.ended:
+        frame = queue.take(latch_s, target_s)
+        if frame is None and queue.ended:
             self.ended = "source"
         return frame
 
     def _show_frame(self, frame: LiveFrame, target_s: float) -> None:
-        clock = self._around.clock
+        clock = self._arguments.clock
         begun_s = clock.now_s()
         codes = self._codes_of(frame.codes)
         busy_s = clock.now_s() - begun_s
         deadline_s = frame.due_s
         if deadline_s is None:
-            deadline_s = self._display.target_s(frame.ready_s + self._lead.lead_s)
+            deadline_s = self._display.target_s(frame.ready_s + self._latch_timer.lead_s)
         self._follow_brightness(frame, codes)
-        in_time = begun_s <= target_s - self._lead.lead_s
-        pending = _Pending(codes, self.gain, self.controls, frame, target_s, deadline_s, busy_s, in_time)
+        in_time = begun_s <= target_s - self._latch_timer.lead_s
+        pending = _Pending(
+            codes=codes,
+            gain=self.gain,
+            controls=self.controls,
+            frame=frame,
+            target_s=target_s,
+            deadline_s=deadline_s,
+            busy_s=busy_s,
+            in_time=in_time,
+        )
         self._start(pending, target_s)
         if not self._ahead:
             self.complete()
 
     def _show_again(self, frame: LiveFrame, target_s: float) -> None:
         """Show the last picture once more, with the settings of now."""
-        self._start(_Pending(self._codes_of(frame.codes), self.gain, self.controls), target_s)
+        self._start(_Pending(codes=self._codes_of(frame.codes), gain=self.gain, controls=self.controls), target_s)
         self.complete()
 
     def _codes_of(self, codes: Pixels) -> Pixels:
@@ -211,12 +237,12 @@ class LiveLoop:
             return self._out
         out = compensator.frame(codes, self._out, self.gain)
         if compensator.last is not None:
-            self.tally.note_error(compensator.last.error)
+            self.statistics.note_error(compensator.last.error)
         return out
 
     @property
     def _compensator(self) -> Compensator | None:
-        return self._around.compensators.get(self.controls.strategy) if self.controls.compensating else None
+        return self._arguments.compensators.get(self.controls.strategy) if self.controls.compensating else None
 
     def _follow_brightness(self, frame: LiveFrame, codes: Pixels) -> None:
         """Automatic gain: learn from this frame what the next one's should be."""
@@ -226,21 +252,21 @@ class LiveLoop:
         scene = thumbnail(frame.codes)
         is_cut, self._scene = is_scene_cut(self._scene, scene), scene
         if self._compensator is not None and not self.controls.black:
-            interval_s = self.tally.last_interval_s
+            interval_s = self.statistics.last_interval_s
             self._gain = next_gain(self._gain, share_at_white(codes), self.controls.gain, interval_s, is_cut=is_cut)
 
     def _start(self, pending: _Pending, target_s: float) -> None:
         """Let the output show a picture, once it has shown the last one."""
         self.complete()
-        now_s = self._around.clock.now_s()
+        now_s = self._arguments.clock.now_s()
         self._output.start(pending.codes, check=self._is_watch_due(now_s))
         self._pending = pending
         self._display.expect(target_s, now_s)
 
     def _finish(self, codes: Pixels) -> float:
         """When the codes that were started are on screen; waits for a projector that went away."""
-        around = self._around
-        recovery = Recovery(around.clock, around.replug_timeout_s, self._note)
+        arguments = self._arguments
+        recovery = Recovery(arguments.clock, arguments.replug_timeout_s, self._note)
         while True:
             try:
                 shown = self._output.finish()
@@ -253,11 +279,11 @@ class LiveLoop:
             self._output.start(codes, check=False)
 
     def _wait_for_display(self, recovery: Recovery, loss: DeviceLost) -> None:
-        self.tally.unplugged += 1
-        with self._around.interrupting():
-            recovery.bring_back(self._around.projector, "the projector", loss, lambda: None)
+        self.statistics.unplugged += 1
+        with self._arguments.interrupting():
+            recovery.bring_back(self._arguments.projector, "the projector", loss, lambda: None)
         self._display.forget()
-        self.tally.forget_interval()
+        self.statistics.forget_interval()
 
     def _is_watch_due(self, now_s: float) -> bool:
         """Whether it is time to ask if the picture is still on screen: some outputs take pictures without a cable."""
@@ -270,14 +296,14 @@ class LiveLoop:
         """Ask now and then, where nothing new is shown."""
         if self._frame is None or self.ended or self._pending is not None:
             return
-        if not self._is_watch_due(self._around.clock.now_s()):
+        if not self._is_watch_due(self._arguments.clock.now_s()):
             return
         try:
-            check_on_screen(self._around.projector)
+            check_on_screen(self._arguments.projector)
         except DeviceLost as loss:
-            recovery = Recovery(self._around.clock, self._around.replug_timeout_s, self._note)
+            recovery = Recovery(self._arguments.clock, self._arguments.replug_timeout_s, self._note)
             self._wait_for_display(recovery, loss)
-            self._show_again(self._frame, self._around.clock.now_s())
+            self._show_again(self._frame, self._arguments.clock.now_s())
 
     def _note(self, kind: str, detail: str) -> None:
-        self._around.notes.append(f"{kind}: {detail}")
+        self._arguments.notes.append(f"{kind}: {detail}")

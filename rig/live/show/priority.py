@@ -1,6 +1,6 @@
 """Who gets the processors first while pictures run: what the next refresh needs, before what can wait a little.
 
-A frame of a show is a few milliseconds of work that has to be done now. Under an ordinary scheduler a thread that
+A frame of a show is a few milliseconds of work that has to be done now. Under the normal scheduler a thread that
 decodes the next picture, or another program, may hold a processor for longer than that.
 """
 
@@ -12,13 +12,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _LOWEST = 1
-"""Of the real-time priorities: enough to come before all ordinary work, and behind what the system itself needs."""
+"""Of the real-time priorities: enough to come before all normal work, and behind what the system itself needs."""
 _THREADS = Path("/proc/self/task")
 
 
 @contextmanager
 def realtime_priority() -> Iterator[bool]:
-    """Let the threads that there are, and those that begin meanwhile, come before all ordinary work.
+    """Let the threads that there are, and those that begin meanwhile, come before all normal work.
 
     Yields whether they do: systems that cannot, or users that may not (a limit of the system, rtprio), go on as
     before. Threads that begin meanwhile and can wait call :func:`normal_priority`.

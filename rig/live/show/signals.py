@@ -34,7 +34,7 @@ class EndSignals:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
+    def _note(self, number: int, _frame: FrameType | None) -> None:
         is_first = self.received is None
         self.received = number if is_first else self.received
         if self._raises and is_first:

@@ -13,13 +13,16 @@ from rig.live.sources.source import Pixels
 WHITE_SHARE = 0.01
 """Share of the projector's pixels that automatic gain allows at white."""
 TIME_CONSTANT_S = 1.5
+"""Of automatic gain: brightness moves by under 1 % a frame, which nobody sees."""
 _CUT_GREY = 30.0
 """Mean change of a thumbnail, in grey levels, that no movement makes in one frame."""
 _AFTER_CUT_S = 0.08
 """Time constant while a new scene is still new: the eye does not follow a jump of the picture."""
 _NEW_SCENE_S = 0.4
+"""How long a scene counts as new: five of its time constants, so that the gain has arrived."""
 _STEPS = 16
 _FALL, _RISE = 0.5, 1.5
+"""Furthest that a step's aim may lie from the gain of now: the next frame tells more. Chosen."""
 _LEAST_GAIN = 0.05
 
 

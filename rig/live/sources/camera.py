@@ -12,6 +12,7 @@ from rig.devices.v4l2.camera import V4l2Camera
 from rig.devices.v4l2.controls import EXPOSURE_ABSOLUTE, EXPOSURE_STEP_S
 from rig.devices.v4l2.describe import ControlAbility, FormatAbility, describe
 from rig.devices.v4l2.find import find_camera
+from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.errors import CaptureTimeout, DeviceError
 from rig.live.sources.source import Picture, Pixels
 
@@ -99,7 +100,7 @@ def best_camera(device_id: str, shape: tuple[int, int], clock: Clock) -> Camera:
         return covers, -area if covers else area, rate_hz, -_FORMATS.index(ability.pixel_format.strip())
 
     best = max(known, key=rank)
-    channels = 1 if best.pixel_format.strip() == "GREY" else _COLOUR_CHANNELS
+    channels = max(PIXEL_FORMATS[best.pixel_format.strip()].channels)
     rate_hz = max(best.frame_rates_hz, default=30.0)
     return V4l2Camera(
         found.device_id,

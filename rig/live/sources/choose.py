@@ -12,6 +12,7 @@ from rig.live.sources.raw import SharedMemorySource, StreamSource
 from rig.live.sources.source import Source
 
 _FOLDER_RATE_HZ = 1.0
+"""Of a slide show; --rate says another."""
 _PATTERN_RATE_HZ = 60.0
 
 

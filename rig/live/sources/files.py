@@ -9,6 +9,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rig.errors import UsageError
+from rig.files.pictures import read_codes
 from rig.live.sources.source import Picture, Pixels, SourceBroken, SourceEnded
 
 _SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
@@ -17,6 +19,7 @@ _USUAL_RATE_HZ = 25.0
 _WHOLE = 0.95
 """Share of the pictures that a video announces; with fewer it broke off. Announcements are estimates."""
 _PAN_PX = 4
+"""A frame: at 60 Hz the eye still follows it."""
 
 
 class VideoSource:
@@ -54,7 +57,7 @@ class VideoSource:
         self._announced = int(announced) if math.isfinite(announced) and announced > 0 else 0
         self._video, self._count = video, 0
 
-    def read(self, timeout_s: float) -> Picture | None:
+    def read(self, _timeout_s: float) -> Picture | None:
         """Decode the next picture. Raises SourceEnded, SourceBroken when there are fewer than announced."""
         if self._video is None:
             raise SourceBroken(f"{self._path}: is closed")
@@ -105,13 +108,13 @@ class FolderSource:
             raise SourceBroken(f"{self._folder}: has no pictures ({', '.join(sorted(_SUFFIXES))}); check the name")
         self._left, self._good = files[::-1], 0
 
-    def read(self, timeout_s: float) -> Picture | None:
+    def read(self, _timeout_s: float) -> Picture | None:
         """Decode the next picture. Raises SourceEnded, SourceBroken when none can be read."""
         while self._left:
             pixels = _read_picture(self._left.pop())
             if pixels is not None:
                 self._good += 1
-                return Picture(pixels, is_bgr=True)
+                return Picture(pixels)
         if self._good == 0:
             raise SourceBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
         raise SourceEnded
@@ -122,12 +125,11 @@ class FolderSource:
 
 
 def _read_picture(path: Path) -> Pixels | None:
-    """(H, W, 3), blue first; None when it cannot be read."""
+    """(H, W, 3), red first; None when it cannot be read."""
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_COLOR)
-    except cv2.error:  # larger than the library allows
+        return read_codes(path)
+    except UsageError:
         return None
-    return None if pixels is None else np.asarray(pixels, dtype=np.uint8)
 
 
 class PatternSource:
@@ -154,7 +156,7 @@ class PatternSource:
         """Begin at the left."""
         self._count = 0
 
-    def read(self, timeout_s: float) -> Picture | None:
+    def read(self, _timeout_s: float) -> Picture | None:
         """Pan by a few pixels."""
         left = self._count * _PAN_PX % self._width_px
         self._count += 1

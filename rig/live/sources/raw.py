@@ -26,11 +26,14 @@ from rig.devices.protocols import Clock
 from rig.live.sources.source import Picture, Pixels, SourceBroken, SourceEnded
 
 _PIPE_BYTES = 1 << 20
+"""The most that Linux gives a user without asking root: fewer, larger reads."""
 _SET_PIPE_SIZE = 1031
 """F_SETPIPE_SZ, which Python 3.11 has no name for everywhere."""
 _LONGEST_HEADER = 64
+"""Of a PPM: magic, two sizes and 255 need 20 bytes."""
 _PPM = re.compile(rb"P6\s+(\d+)\s+(\d+)\s+255\s", re.DOTALL)
 _LARGEST_PX = 16384
+"""Larger sizes are garbage in a header, and would ask for gigabytes."""
 _LOOK_S = 0.002
 _MAGIC = b"RIGFRAME"
 _HEADER = struct.Struct("<8sIIQ")
@@ -272,7 +275,8 @@ class SharedMemoryWriter:
         self._write_header()
 
     def _write_header(self) -> None:
-        _HEADER.pack_into(self._map, 0, _MAGIC, self._shape[1], self._shape[0], self._counter)
+        height, width = self._shape
+        self._map[: _HEADER.size] = _HEADER.pack(_MAGIC, width, height, self._counter)
 
     def write(self, pixels: Pixels) -> None:
         """Hand over (H, W, 3) codes, red first."""

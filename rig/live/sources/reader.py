@@ -1,21 +1,26 @@
-"""The thread that reads sources, one after the other, into the slot; whatever happens to a source, it goes on."""
+"""The thread that reads sources, one after the other, into the mailbox; whatever happens to a source, it goes on."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
 
+import cv2
+import numpy as np
+
 from rig.devices.protocols import Clock
 from rig.errors import RigError
+from rig.files.pictures import cover, covering_shape
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.priority import normal_priority
-from rig.live.sources.source import Fitter, Source, SourceEnded
+from rig.live.sources.source import Picture, Pixels, Source, SourceEnded
 
 _READ_S = 0.1
 """How long a source may make the reader deaf to requests."""
 _SAME_RATE = 0.01
 """A source whose pace is that close to the display's, or to an n-th of it, is played in the display's."""
 _KEPT_NOTES = 50
+"""A source that breaks in an endless loop must not fill the memory."""
 _PAUSE_S = 0.5
 """After a failure, before the next try."""
 
@@ -27,6 +32,25 @@ def locked_rate(rate_hz: float, refresh_rate_hz: float) -> float:
     return near_hz if abs(rate_hz / near_hz - 1) <= _SAME_RATE else rate_hz
 
 
+class Fitter:
+    """Scales pictures to cover a shape, and crops what stands over; allocates only when their size changes."""
+
+    def __init__(self, shape: tuple[int, int]):
+        self._shape = shape
+        self._scaled = np.empty((0, 0, 3), np.uint8)
+
+    def fit(self, picture: Picture, out: Pixels) -> None:
+        """Write a picture of any size to ``out``, (H, W, 3) of the shape, red first."""
+        scaled = covering_shape(picture.pixels.shape, self._shape)
+        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape:
+            self._scaled = np.empty((*scaled, 3), np.uint8)
+        fitted = cover(picture.pixels, self._shape, cv2.INTER_LINEAR, self._scaled)
+        if picture.is_bgr:
+            cv2.cvtColor(fitted, cv2.COLOR_BGR2RGB, dst=out)
+        else:
+            np.copyto(out, fitted)
+
+
 class Reader:
     """Reads sources in a thread of its own.
 
@@ -34,7 +58,7 @@ class Reader:
     ----------
     sources
         Played one after the other, each to its end.
-    slot
+    mailbox
         Where the pictures go.
     shape
         (height, width) that they are scaled to.
@@ -49,17 +73,17 @@ class Reader:
     def __init__(
         self,
         sources: Sequence[Source],
-        slot: FrameMailbox,
+        mailbox: FrameMailbox,
+        *,
         shape: tuple[int, int],
         refresh_rate_hz: float,
         clock: Clock,
-        *,
         endless: bool,
     ):
         self.notes: list[str] = []
         """What went wrong with sources, the first of it."""
         self._left = list(sources)
-        self._slot = slot
+        self._mailbox = mailbox
         self._fitter = Fitter(shape)
         self._refresh_rate_hz = refresh_rate_hz
         self._clock = clock
@@ -82,12 +106,12 @@ class Reader:
     def next_source(self) -> None:
         """Leave the current source; its turn comes again after the others."""
         self._next.set()
-        self._slot.restart()
+        self._mailbox.restart()
 
     def close(self) -> None:
         """Stop, and wait for the thread as long as a source may be deaf."""
         self._stop.set()
-        self._slot.close()
+        self._mailbox.close()
         if self._thread.ident is not None:
             self._thread.join(20 * _READ_S)
 
@@ -100,13 +124,13 @@ class Reader:
                 if self._next.is_set() or (self._endless and self._count):
                     self._left.append(source)
         finally:
-            self._slot.finish()
+            self._mailbox.finish()
 
     def _play(self, source: Source) -> None:
         """Read a source to its end."""
         self._name, self._count = source.name, 0
         self._next.clear()
-        self._slot.restart()
+        self._mailbox.restart()
         try:
             source.open()
             self._read_all(source)
@@ -123,11 +147,11 @@ class Reader:
             try:
                 picture = source.read(_READ_S)
             except SourceEnded:
-                self._slot.hold(self._count * (period_s or 0.0))
+                self._mailbox.hold(self._count * (period_s or 0.0))
                 return
             if picture is not None:
-                self._fitter.fit(picture, self._slot.writable())
-                self._slot.offer(None if period_s is None else self._count * period_s)
+                self._fitter.fit(picture, self._mailbox.writable())
+                self._mailbox.offer(None if period_s is None else self._count * period_s)
                 self._count += 1
 
     def _note(self, text: str) -> None:

@@ -1,4 +1,4 @@
-"""A whole session of the command line on real drivers: `rig virtual` beside `rig run`, and a cable pulled meanwhile."""
+"""A whole session of the command line on real drivers: `rig emulate` beside `rig run`, and a cable pulled meanwhile."""
 
 import json
 import subprocess
@@ -12,7 +12,7 @@ from rig.devices.kms.readback import Readback
 from rig.files.journal import JOURNAL_NAME
 from tests.contract.lab import load_module
 
-pytestmark = pytest.mark.timeout(3500)
+pytestmark = pytest.mark.timeout(1700)
 RIG = (sys.executable, "-m", "rig")
 PULLED_AFTER_FRAMES = 30
 PICTURE = (480, 640)
@@ -38,15 +38,15 @@ def pull_the_cable(virtual: subprocess.Popen[str], session: Path, ended: threadi
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     load_module("vkms")
     session = tmp_path_factory.mktemp("runs") / "virtual"
-    command = [*RIG, "virtual", "-p", "virtual-rig", "--json"]
+    command = [*RIG, "emulate", "-p", "emulated-rig", "--json"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as virtual:
         found = json.loads(virtual.stdout.readline())
-        assert found["device_id"] == "usb-1209:0001-VIRTUAL1"
+        assert found["device_id"] == "usb-1209:0001-EMULATED1"
         ended = threading.Event()
         hand = threading.Thread(target=pull_the_cable, args=(virtual, session, ended))
         hand.start()
         done = subprocess.run(
-            [*RIG, "run", str(session), "-p", "virtual-rig", "--json"], capture_output=True, text=True, check=False
+            [*RIG, "run", str(session), "-p", "emulated-rig", "--json"], capture_output=True, text=True, check=False
         )
         ended.set()
         hand.join()

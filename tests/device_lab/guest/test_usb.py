@@ -1,40 +1,33 @@
 """USB devices on the kernel's own drivers: an emulated camera under uvcvideo, an emulated LightCrafter under usbhid."""
 
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import UUID
 
 import pytest
+import usb.core
 
 from rig.devices.clock import SystemClock
 from rig.devices.lightcrafter.controller import LightCrafter, open_lightcrafter
 from rig.devices.lightcrafter.protocol import PRODUCT_ID, VENDOR_ID, DisplayMode, Pattern, Run
 from rig.devices.usb.extension_unit import VendorControls, extension_units_of, vendor_controls
 from rig.devices.usb.find import FoundUsbDevice, find_usb_devices
-from rig.devices.usb.handle import open_usb_device, places_by_libusb
-from rig.devices.usb.hid import HidrawTransport, LibusbTransport, find_hid_device, hidraw_node
+from rig.devices.usb.handle import libusb, open_usb_device
+from rig.devices.usb.hid import LibusbTransport, find_hid_device, hidraw_node, open_hid
 from rig.devices.usb.reset import reset_usb_device
-from rig.emulated.test_pictures import PatternSource
 from rig.emulated.usbip.attach import Attachment, attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.emulated.uvc.descriptors import EXTENSION_GUID
 from rig.errors import DeviceBusy, DeviceForbidden, DeviceLost, SettingRefused
 from tests.device_lab.guest.rights import as_nobody
+from tests.device_lab.programs import output_of
+from tests.device_lab.waiting import wait_until
 from tests.rig.devices.lightcrafter.emulated_controller import LightCrafterEmulation
 from tests.rig.devices.lightcrafter.emulated_usb import LightCrafterUsb
+from tests.rig.emulated.numbered_pictures import PatternSource
 
 REGISTER, FIRMWARE = 1, 2
 CLOCK = SystemClock()
-
-
-def wait_for(what: str, condition: object, timeout_s: float = 15.0) -> None:
-    """Poll until a callable is true."""
-    assert callable(condition)
-    deadline_s = CLOCK.now_s() + timeout_s
-    while not condition():
-        assert CLOCK.now_s() < deadline_s, f"{what} not within {timeout_s} s"
-        CLOCK.wait_until_s(CLOCK.now_s() + 0.05)
 
 
 def found(serial: str) -> list[FoundUsbDevice]:
@@ -53,19 +46,19 @@ def video_node(device: FoundUsbDevice) -> Path:
 
 @pytest.fixture(scope="module")
 def camera() -> Iterator[UvcCamera]:
-    subprocess.run(["modprobe", "-a", "vhci-hcd", "uvcvideo"], check=True, timeout=60)
+    output_of("modprobe", "-a", "vhci-hcd", "uvcvideo")
     device = UvcCamera(source=PatternSource(), serial="LAB1", name="Lab camera")
     with attach(device):
-        wait_for("uvcvideo", lambda: with_drivers("LAB1", "uvcvideo") and video_node(found("LAB1")[0]).exists())
+        wait_until(lambda: with_drivers("LAB1", "uvcvideo") and video_node(found("LAB1")[0]).exists(), "uvcvideo")
         yield device
 
 
 @pytest.fixture
 def controller() -> Iterator[tuple[LightCrafterEmulation, Attachment]]:
-    subprocess.run(["modprobe", "-a", "vhci-hcd", "usbhid", "hid-generic"], check=True, timeout=60)
+    output_of("modprobe", "-a", "vhci-hcd", "usbhid", "hid-generic")
     emulation = LightCrafterEmulation()
     with attach(LightCrafterUsb(emulation, "LCR-7")) as plugged:
-        wait_for("hidraw", lambda: with_drivers("LCR-7", "usbhid") and has_hidraw())
+        wait_until(lambda: with_drivers("LCR-7", "usbhid") and has_hidraw(), "hidraw")
         yield emulation, plugged
 
 
@@ -103,7 +96,8 @@ def test_libusb_sees_what_sysfs_sees_and_can_take_a_hid_interface(
     places = {
         (int(each.node.parent.name), int(each.node.name), each.vendor_id, each.product_id) for each in devices.values()
     }
-    assert places <= places_by_libusb()
+    listed = usb.core.find(find_all=True, backend=libusb())
+    assert places <= {(each.bus, each.address, each.idVendor, each.idProduct) for each in listed}
     assert open_usb_device(devices["LAB1"]).serial_number == "LAB1"
     with as_nobody(), pytest.raises(DeviceForbidden, match=r"70-procam-rig-1209-0001\.rules"):
         open_usb_device(devices["LAB1"])
@@ -114,7 +108,7 @@ def test_libusb_sees_what_sysfs_sees_and_can_take_a_hid_interface(
     assert transport.read_report(0.01) is None
     device.close()
     device.close()
-    wait_for("usbhid", lambda: with_drivers("LCR-7", "usbhid"))
+    wait_until(lambda: with_drivers("LCR-7", "usbhid"), "usbhid")
 
 
 def test_vendor_controls_are_read_and_written_through_uvcvideo(vendor: VendorControls) -> None:
@@ -145,9 +139,9 @@ def test_a_reset_enumerates_a_hung_camera_anew_and_it_streams_again(camera: UvcC
     before = found("LAB1")[0]
     after = reset_usb_device(before)
     assert (after.serial, after.bus_path) == ("LAB1", before.bus_path)
-    wait_for("the video node", lambda: video_node(after).exists())
-    stream = ["v4l2-ctl", "-d", str(video_node(after)), "--stream-mmap=2", "--stream-count=3", "--stream-to=/dev/null"]
-    subprocess.run(stream, check=True, timeout=30, capture_output=True)
+    wait_until(lambda: video_node(after).exists(), "the video node")
+    stream = ("--stream-mmap=2", "--stream-count=3", "--stream-to=/dev/null")
+    output_of("v4l2-ctl", "-d", video_node(after), *stream)
 
 
 def test_a_reset_by_authorisation_works_without_the_ioctl(camera: UvcCamera, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -174,7 +168,7 @@ def test_a_lightcrafter_is_set_up_whole_over_hidraw(
     lightcrafter.prepare_video((80, 90, 100))
     assert (registers.gamma, registers.led_currents) == (0, bytes([175, 165, 155]))
     lightcrafter.set_trigger_out_1(0.0, 1e-6)
-    patterns = [Pattern(number, 1) for number in range(24)]
+    patterns = [Pattern(number=number, bit_depth=1) for number in range(24)]
     lightcrafter.set_up_patterns(patterns, exposure_us=400, frame_period_us=690, refresh_rate_hz=60.0)
     lightcrafter.run(Run.START)
     assert (registers.mode, registers.running) == (1, 2)
@@ -199,14 +193,14 @@ def test_a_pulled_cable_is_lost_and_the_device_is_found_again(
     controller: tuple[LightCrafterEmulation, Attachment], lightcrafter: LightCrafter
 ) -> None:
     controller[1].unplug()
-    wait_for("the kernel's notice", lambda: not found("LCR-7"))
+    wait_until(lambda: not found("LCR-7"), "the kernel's notice")
     with pytest.raises(DeviceLost, match="went away"):
         lightcrafter.version()
     lightcrafter.close()
     with pytest.raises(DeviceLost, match="0 USB devices 0451:6401 with serial LCR-7"):
         open_lightcrafter("LCR-7", CLOCK)
     with attach(LightCrafterUsb(LightCrafterEmulation(), "LCR-7")):
-        wait_for("hidraw", has_hidraw)
+        wait_until(has_hidraw, "hidraw")
         again = open_lightcrafter("LCR-7", CLOCK)
         assert again.main_status().gamma_on
         again.close()
@@ -221,5 +215,5 @@ def test_a_second_program_is_told_that_the_first_holds_it(
 
 def test_another_user_is_told_the_rule_for_hidraw(controller: tuple[LightCrafterEmulation, Attachment]) -> None:
     with as_nobody(), pytest.raises(DeviceForbidden, match="hidraw") as caught:
-        HidrawTransport(find_hid_device(VENDOR_ID, PRODUCT_ID))
+        open_hid(find_hid_device(VENDOR_ID, PRODUCT_ID))
     assert "70-procam-rig-0451-6401.rules" in str(caught.value)

@@ -12,7 +12,8 @@ import pytest
 
 from rig.cli.app import run_command
 from rig.files.atomic import write_atomic
-from rig.files.images import write_exr, write_png
+from rig.files.exr import write_exr
+from rig.files.pictures import write_png
 from rig.profile.schema import Profile
 from rig.session import Session
 
@@ -269,7 +270,7 @@ def test_a_full_disk_says_what_to_do_and_the_session_goes_on_afterwards(
 
     folder = tmp_path / "session"
     with monkeypatch.context() as patched:
-        patched.setattr("rig.files.images.write_atomic", disk_of_twenty_files)
+        patched.setattr("rig.files.exr.write_atomic", disk_of_twenty_files)
         said = rig("calibrate", folder, "-p", "ci-tiny")
     expect(said, SESSION, "the disk is full: ", "MB are free", "free some space and run the same command again")
     assert not list(folder.rglob("*.part"))

@@ -1,4 +1,4 @@
-"""What the virtual camera sees, without any kernel: a stand-in display, virtual time."""
+"""What the emulated camera sees, without any kernel: a stand-in display, virtual time."""
 
 from collections.abc import Callable
 
@@ -10,9 +10,10 @@ from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes
 from rig.devices.simulated.world import SimulatedWorld
 from rig.emulated.commands import COMMANDS, obey
-from rig.emulated.rig import VirtualRig, camera_formats, open_display, real_time_world, still, usb_identity
-from rig.emulated.room import RoomSource, encoded
+from rig.emulated.rig import EmulatedRig, camera_formats, open_display, real_time_world, still, usb_identity
+from rig.emulated.room import RoomSource
 from rig.emulated.uvc.camera import FrameRequest
+from rig.emulated.uvc.formats import encoded
 from rig.errors import DeviceLost, ProfileError
 from rig.profile.schema import Profile
 
@@ -53,7 +54,9 @@ def clock() -> VirtualClock:
 
 
 def request(started_s: float = 10.0, exposure_s: float = 0.04, fourcc: str = "Y12 ", gain: float = 1.0) -> FrameRequest:
-    return FrameRequest(fourcc, 320, 240, started_s, exposure_s, gain, 0)
+    return FrameRequest(
+        fourcc=fourcc, width_px=320, height_px=240, started_s=started_s, exposure_s=exposure_s, gain=gain, number=0
+    )
 
 
 def photograph(source: RoomSource, wanted: FrameRequest) -> np.ndarray:
@@ -130,26 +133,26 @@ def test_every_format_holds_the_picture(fourcc: str) -> None:
     assert np.abs(decoded.astype(int) - pixels).max() <= (3 if fourcc == "MJPG" else 0)
 
 
-def virtual_profile(tiny_profile: Profile, **camera: object) -> Profile:
+def emulated_profile(tiny_profile: Profile, **camera: object) -> Profile:
     named = {"driver": "v4l2", "device_id": "usb-1209:0001-V7", "pixel_format": "Y12", **camera}
-    return tiny_profile.model_copy(update={"camera": tiny_profile.camera.model_copy(update=named)})
+    return tiny_profile.with_device(tiny_profile.camera.model_copy(update=named))
 
 
 def test_the_profile_says_what_the_camera_calls_itself_and_offers(tiny_profile: Profile) -> None:
-    profile = virtual_profile(tiny_profile)
+    profile = emulated_profile(tiny_profile)
     assert usb_identity(profile) == (0x1209, 0x0001, "V7")
     assert [offered.fourcc for offered in camera_formats(profile)] == ["Y12 ", "GREY", "YUYV"]
 
 
 @pytest.mark.parametrize("device_id", ["platform:vivid-000", "usb-1209:0001", "usb-xyz:0001-A", None])
 def test_an_id_that_is_no_usb_identity_is_refused(tiny_profile: Profile, device_id: str | None) -> None:
-    with pytest.raises(ProfileError, match="usb-1209:0001-VIRTUAL1"):
-        usb_identity(virtual_profile(tiny_profile, device_id=device_id))
+    with pytest.raises(ProfileError, match="usb-1209:0001-EMULATED1"):
+        usb_identity(emulated_profile(tiny_profile, device_id=device_id))
 
 
 def test_a_format_that_the_camera_cannot_send_is_refused(tiny_profile: Profile) -> None:
     with pytest.raises(ProfileError, match="pixel_format"):
-        camera_formats(virtual_profile(tiny_profile, pixel_format="BA81"))
+        camera_formats(emulated_profile(tiny_profile, pixel_format="BA81"))
 
 
 def test_a_room_with_a_latency_of_its_own_is_refused(tiny_profile: Profile) -> None:
@@ -169,13 +172,15 @@ def test_a_profile_without_a_kms_display_needs_to_be_told_where_to_look(tiny_pro
 
 class TestTypedCommands:
     @pytest.fixture
-    def rig(self, tiny_profile: Profile) -> VirtualRig:
+    def rig(self, tiny_profile: Profile) -> EmulatedRig:
         assert tiny_profile.simulation is not None
         lens = tiny_profile.simulation.projector.model_copy(update={"latency_s": 0.0, "jitter_s": 0.0})
-        world = tiny_profile.simulation.model_copy(update={"projector": lens, "cell_size_m": 1.2})
-        return VirtualRig(virtual_profile(tiny_profile).model_copy(update={"simulation": world}), still(WHITE))
+        world = tiny_profile.simulation.with_device(lens).model_copy(update={"cell_size_m": 1.2})
+        return EmulatedRig(
+            profile=emulated_profile(tiny_profile).model_copy(update={"simulation": world}), display=still(WHITE)
+        )
 
-    def test_they_set_faults(self, rig: VirtualRig) -> None:
+    def test_they_set_faults(self, rig: EmulatedRig) -> None:
         assert [obey(rig, line) for line in ("drop 3", "short", "error 2", "repeat 4", "freeze")] == [""] * 5
         faults = rig.faults
         assert (faults.dropped_frames, faults.short_frames, faults.error_frames, faults.duplicate_frames) == (
@@ -188,12 +193,12 @@ class TestTypedCommands:
         obey(rig, "go")
         assert not faults.frozen
 
-    def test_unknown_words_are_answered_with_the_known_ones(self, rig: VirtualRig) -> None:
+    def test_unknown_words_are_answered_with_the_known_ones(self, rig: EmulatedRig) -> None:
         answer = obey(rig, "explode")
         assert answer is not None
         assert all(command in answer for command in COMMANDS)
 
-    def test_quit_ends_and_unplugging_twice_does_nothing(self, rig: VirtualRig) -> None:
+    def test_quit_ends_and_unplugging_twice_does_nothing(self, rig: EmulatedRig) -> None:
         assert obey(rig, "quit") is None
         assert obey(rig, "unplug") == obey(rig, "unplug") == ""
         assert not rig.alive

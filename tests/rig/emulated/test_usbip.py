@@ -12,7 +12,6 @@ import pytest
 
 from rig.devices.clock import SystemClock, VirtualClock
 from rig.emulated.faults import Faults
-from rig.emulated.test_pictures import PatternSource, encode_picture, read_number
 from rig.emulated.usbip import attach as usbip
 from rig.emulated.usbip.attach import Attachment, serve
 from rig.emulated.usbip.device import (
@@ -27,9 +26,10 @@ from rig.emulated.usbip.device import (
     pack_packets,
     parse_packets,
 )
-from rig.emulated.uvc.camera import FrameRequest, UvcCamera, video_formats
-from rig.emulated.uvc.descriptors import Transport
+from rig.emulated.uvc.camera import FrameRequest, UvcCamera
+from rig.emulated.uvc.descriptors import Transport, video_formats
 from rig.errors import DeviceError
+from tests.rig.emulated.numbered_pictures import PatternSource, encode_picture, read_number
 
 GET, SET = 0xA1, 0x21
 FRAME_PARITY, END_OF_FRAME, ERROR = 1, 2, 0x40
@@ -466,14 +466,16 @@ def test_a_camera_can_be_plugged_in_again() -> None:
     for _ in range(2):
         ours, theirs = socket.socketpair()
         with theirs, serve(camera, ours):
-            assert Host(theirs).control(0x80, 6, 0x0303, 0, 255).data[2:].decode("utf-16-le") == "VIRTUAL1"
+            assert Host(theirs).control(0x80, 6, 0x0303, 0, 255).data[2:].decode("utf-16-le") == "EMULATED1"
 
 
 @pytest.mark.parametrize("fourcc", ["GREY", "YUYV", "MJPG", "RGGB", "Y10 ", "Y12 ", "Y16 "])
 def test_a_test_picture_tells_its_number_and_its_exposure(fourcc: str) -> None:
     clock = VirtualClock()
     source = PatternSource(clock)
-    request = FrameRequest(fourcc, 320, 240, 5.0, 0.004, 2.0, 40_503)
+    request = FrameRequest(
+        fourcc=fourcc, width_px=320, height_px=240, started_s=5.0, exposure_s=0.004, gain=2.0, number=40_503
+    )
     picture = source.picture(request)
     assert read_number(picture) == 40_503
     assert (
@@ -484,10 +486,22 @@ def test_a_test_picture_tells_its_number_and_its_exposure(fourcc: str) -> None:
     frame = source.expose(request)
     assert clock.now_s() == 5.004
     assert frame == encode_picture(picture, fourcc)
-    assert np.any(source.picture(FrameRequest(fourcc, 320, 240, 5.0, 0.004, 2.0, 40_504))[40] != picture[40])
+    assert np.any(
+        source.picture(
+            FrameRequest(
+                fourcc=fourcc, width_px=320, height_px=240, started_s=5.0, exposure_s=0.004, gain=2.0, number=40_504
+            )
+        )[40]
+        != picture[40]
+    )
 
 
 def test_an_overexposed_picture_is_clipped_and_a_uniform_one_has_no_number() -> None:
-    assert PatternSource.level(FrameRequest("GREY", 320, 240, 0.0, 0.5, 1.0, 0)) == 255
+    assert (
+        PatternSource.level(
+            FrameRequest(fourcc="GREY", width_px=320, height_px=240, started_s=0.0, exposure_s=0.5, gain=1.0, number=0)
+        )
+        == 255
+    )
     with pytest.raises(ValueError, match="too close"):
         read_number(np.full((240, 320), 7, np.uint8))

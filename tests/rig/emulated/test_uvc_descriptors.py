@@ -20,16 +20,16 @@ from rig.emulated.uvc.controls import (
     processing_controls,
 )
 from rig.emulated.uvc.descriptors import (
-    BITS_PER_PIXEL,
     PROBE_BYTES,
     Transport,
     camera_descriptors,
     negotiate,
     video_formats,
 )
+from rig.emulated.uvc.formats import FOURCCS
 
 CONTROLS = (*camera_controls((0.0001, 0.5), 0.01), *processing_controls())
-FORMATS = video_formats(tuple(BITS_PER_PIXEL), ((640, 480), (320, 240)), (30, 15, 7.5))
+FORMATS = video_formats(FOURCCS, ((640, 480), (320, 240)), (30, 15, 7.5))
 EXPOSURE_MODE, EXPOSURE, GAIN, BRIGHTNESS = (1, 2), (1, 4), (2, 4), (2, 2)
 
 

@@ -51,8 +51,8 @@ def test_the_answer_is_plain_data() -> None:
 
 def test_the_lines_to_paste_are_valid_in_a_profile() -> None:
     found = list_devices(finders=finders())
-    camera = tomllib.loads("\n".join(found["cameras"][0]["profile"]))["camera"]
-    projector = tomllib.loads("\n".join(found["outputs"][0]["profile"]))["projector"]
+    camera = tomllib.loads("\n".join(found["cameras"][0]["profile"]))["camera"][0]
+    projector = tomllib.loads("\n".join(found["outputs"][0]["profile"]))["projector"][0]
     assert camera["device_id"] == "usb-2bb8:0001-0007"
     checked = CameraProfile.model_validate({**camera, "exposure_s": 0.01, "hfov_deg": 60.0})
     assert (checked.shape, checked.full_scale_dn, checked.exposure_range_s) == ((960, 1280, 1), 255, (1e-4, 0.2))

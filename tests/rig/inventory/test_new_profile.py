@@ -57,7 +57,7 @@ def test_what_is_only_guessed_is_named(tmp_path: Path) -> None:
         "projector.latency_s",
         "projector.hfov_deg",
         "scale.baseline_m",
-        "room.closed",
+        "surface.closed",
     ]
     text = (tmp_path / "lab.toml").read_text(encoding="utf-8")
     assert text.count("# MEASURE") == len(result["to_measure"])
@@ -122,7 +122,7 @@ def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
         write_profile(Request(path), finders())
     assert path.read_text(encoding="utf-8") == "precious"
     write_profile(Request(path, force=True), finders())
-    assert tomllib.loads(path.read_text(encoding="utf-8"))["schema"] == 1
+    assert tomllib.loads(path.read_text(encoding="utf-8"))["schema"] == 2
 
 
 def test_two_cameras_are_refused_with_their_ids_and_one_can_be_chosen(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ class Doubler:
         self.resets += 1
 
 
-class ScriptedFeed:
+class ScriptedQueue:
     """Frames that arrive at given times, each filled with its number's code; newest wins."""
 
     def __init__(self, clock: VirtualClock, arrivals_s: Iterable[float], numbers: Iterable[int] | None = None):
@@ -73,13 +73,13 @@ class ScriptedFeed:
         self.left = [entry for entry in self.left if entry[0] > self.clock.now_s()]
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Stage:
     """A loop on a simulated display in virtual time, and what it has shown."""
 
     clock: VirtualClock
     display: ClockedDisplay
-    feed: ScriptedFeed
+    queue: ScriptedQueue
     loop: LiveLoop
     compensators: dict[str, Doubler]
     pressed: list[str]
@@ -110,7 +110,7 @@ def stage(
     clock = VirtualClock()
     display = ClockedDisplay(SHAPE, RATE_HZ, clock)
     display.open()
-    feed = ScriptedFeed(clock, arrivals_s, numbers)
+    queue = ScriptedQueue(clock, arrivals_s, numbers)
     compensators = {"exact": Doubler(clock, busy_s), "bounded": Doubler(clock, busy_s, factor=1)}
     pressed: list[str] = []
     switched: list[float] = []
@@ -122,17 +122,28 @@ def stage(
         shown.append(frame)
         codes.append(int(frame.codes[0, 0, 0]))
 
-    surroundings = LoopArguments(
-        display,
-        feed,
-        compensators,
-        clock,
-        RATE_HZ,
-        replug_timeout_s,
+    arguments = LoopArguments(
+        projector=display,
+        queue=queue,
+        compensators=compensators,
+        clock=clock,
+        refresh_rate_hz=RATE_HZ,
+        replug_timeout_s=replug_timeout_s,
         keys=lambda: "".join(pressed.pop(0) for _ in range(len(pressed))),
         next_source=lambda: switched.append(clock.now_s()),
         on_shown=on_shown,
         notes=notes,
     )
-    loop = LiveLoop(surroundings, controls or Controls("exact"))
-    return Stage(clock, display, feed, loop, compensators, pressed, switched, shown, codes, notes)
+    loop = LiveLoop(arguments, controls or Controls(strategy="exact"))
+    return Stage(
+        clock=clock,
+        display=display,
+        queue=queue,
+        loop=loop,
+        compensators=compensators,
+        pressed=pressed,
+        switched=switched,
+        shown=shown,
+        codes=codes,
+        notes=notes,
+    )

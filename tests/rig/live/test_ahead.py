@@ -84,8 +84,15 @@ def film_shown(busy_s: float, copying_s: float, *, ahead: bool) -> tuple[LiveLoo
     display.open()
     film = Film(clock, 240)
     output: Output = SlowOutput(display, clock, copying_s) if ahead else DirectOutput(display)
-    surroundings = LoopArguments(display, film, {"exact": Doubler(clock, busy_s)}, clock, RATE_HZ, output=output)
-    loop = LiveLoop(surroundings, Controls("exact"))
+    arguments = LoopArguments(
+        projector=display,
+        queue=film,
+        compensators={"exact": Doubler(clock, busy_s)},
+        clock=clock,
+        refresh_rate_hz=RATE_HZ,
+        output=output,
+    )
+    loop = LiveLoop(arguments, Controls(strategy="exact"))
     while not loop.ended:
         loop.step()
     loop.complete()
@@ -96,15 +103,15 @@ def test_computing_and_showing_together_may_take_longer_than_a_refresh() -> None
     serial, film = film_shown(0.7 * PERIOD_S, 0.5 * PERIOD_S, ahead=False)
     assert film.dropped > 60
     overlapped, film = film_shown(0.7 * PERIOD_S, 0.5 * PERIOD_S, ahead=True)
-    result = overlapped.tally.result(film.dropped)
-    assert result["on_time_share"] > 0.98
-    assert result["out_of_order"] == 0
-    assert overlapped.tally.frames > serial.tally.frames
+    figures = overlapped.statistics.figures(film.dropped)
+    assert figures.on_time_share > 0.98
+    assert figures.out_of_order == 0
+    assert overlapped.statistics.frames > serial.statistics.frames
 
 
 def test_a_picture_is_begun_ahead_but_less_than_a_refresh_and_a_half() -> None:
     loop, _ = film_shown(0.3 * PERIOD_S, 0.1 * PERIOD_S, ahead=True)
-    assert 1.2 < loop.tally.result()["latency_frames_p99"] <= 1.5
+    assert 1.2 < loop.statistics.figures().latency_frames_p99 <= 1.5
 
 
 def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_after() -> None:
@@ -113,12 +120,22 @@ def test_a_picture_that_took_too_long_costs_itself_and_what_it_hid_but_nothing_a
     display.open()
     film, doubler = Film(clock, 240), Doubler(clock, 0.5 * PERIOD_S)
     output = SlowOutput(display, clock, 0.1 * PERIOD_S)
-    loop = LiveLoop(LoopArguments(display, film, {"exact": doubler}, clock, RATE_HZ, output=output), Controls("exact"))
+    loop = LiveLoop(
+        LoopArguments(
+            projector=display,
+            queue=film,
+            compensators={"exact": doubler},
+            clock=clock,
+            refresh_rate_hz=RATE_HZ,
+            output=output,
+        ),
+        Controls(strategy="exact"),
+    )
     while not loop.ended:
-        doubler.busy_s = (2.0 if loop.tally.frames == 100 else 0.5) * PERIOD_S
+        doubler.busy_s = (2.0 if loop.statistics.frames == 100 else 0.5) * PERIOD_S
         loop.step()
     loop.complete()
-    assert 1 <= loop.tally.late <= 3
+    assert 1 <= loop.statistics.late <= 3
     assert film.dropped <= 3
 
 
@@ -183,12 +200,12 @@ def test_a_show_comes_first_where_the_system_allows_it_and_goes_back_afterwards(
         normal_priority()
         policies.append(os.sched_getscheduler(0))
 
-    with realtime_priority() as is_urgent:
+    with realtime_priority() as is_realtime:
         during = os.sched_getscheduler(0)
         thread = threading.Thread(target=reads)
         thread.start()
         thread.join()
-    assert during == (os.SCHED_RR if is_urgent else os.SCHED_OTHER)
+    assert during == (os.SCHED_RR if is_realtime else os.SCHED_OTHER)
     assert policies == [during, os.SCHED_OTHER]
     assert os.sched_getscheduler(0) == os.SCHED_OTHER
 
@@ -198,9 +215,9 @@ def test_a_user_who_may_not_come_first_shows_all_the_same(monkeypatch: pytest.Mo
         raise PermissionError(1, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", refused)
-    with realtime_priority() as is_urgent:
+    with realtime_priority() as is_realtime:
         normal_priority()
-    assert not is_urgent
+    assert not is_realtime
 
 
 def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None:
@@ -211,16 +228,16 @@ def test_a_picture_is_told_with_the_settings_that_it_was_computed_with() -> None
     steps = iter(range(1000))
     loop = LiveLoop(
         LoopArguments(
-            display,
-            Film(clock, 60),
-            {"exact": Doubler(clock)},
-            clock,
-            RATE_HZ,
+            projector=display,
+            queue=Film(clock, 60),
+            compensators={"exact": Doubler(clock)},
+            clock=clock,
+            refresh_rate_hz=RATE_HZ,
             keys=lambda: "b" if next(steps) % 20 == 10 else "",
             on_shown=lambda frame: told.append((frame.controls.black, not frame.codes.any())),
             output=SlowOutput(display, clock, 0.1 * PERIOD_S),
         ),
-        Controls("exact"),
+        Controls(strategy="exact"),
     )
     while not loop.ended:
         loop.step()

@@ -17,14 +17,14 @@ SHAPE = (4, 6)
 PERIOD_S = 1 / 60
 
 
-def slot_in_virtual_time() -> tuple[FrameMailbox, VirtualClock]:
+def mailbox_in_virtual_time() -> tuple[FrameMailbox, VirtualClock]:
     clock = VirtualClock(100.0)
     return FrameMailbox(SHAPE, PERIOD_S, clock), clock
 
 
-def put(slot: FrameMailbox, code: int, media_s: float | None = None) -> None:
-    slot.writable()[:] = code
-    slot.offer(media_s)
+def put(mailbox: FrameMailbox, code: int, media_s: float | None = None) -> None:
+    mailbox.writable()[:] = code
+    mailbox.offer(media_s)
 
 
 def code_of(frame: LiveFrame | None) -> int | None:
@@ -32,63 +32,63 @@ def code_of(frame: LiveFrame | None) -> int | None:
 
 
 def test_the_newest_frame_wins_and_the_others_are_counted() -> None:
-    slot, clock = slot_in_virtual_time()
+    mailbox, clock = mailbox_in_virtual_time()
     for code in (1, 2, 3):
-        put(slot, code)
-    assert code_of(slot.take(clock.now_s(), 100.01)) == 3
-    assert slot.dropped == 2
-    assert slot.take(clock.now_s(), 100.01) is None
+        put(mailbox, code)
+    assert code_of(mailbox.take(clock.now_s(), 100.01)) == 3
+    assert mailbox.dropped == 2
+    assert mailbox.take(clock.now_s(), 100.01) is None
 
 
 def test_a_taken_frame_is_not_written_over_by_those_that_come() -> None:
-    slot, clock = slot_in_virtual_time()
-    put(slot, 1)
-    taken = slot.take(clock.now_s(), 100.01)
+    mailbox, clock = mailbox_in_virtual_time()
+    put(mailbox, 1)
+    taken = mailbox.take(clock.now_s(), 100.01)
     for code in (2, 3, 4):
-        put(slot, code)
+        put(mailbox, code)
     assert code_of(taken) == 1
-    assert code_of(slot.take(clock.now_s(), 100.02)) == 4
+    assert code_of(mailbox.take(clock.now_s(), 100.02)) == 4
 
 
 def test_a_frame_that_is_being_filled_stays_what_it_is_while_another_is_taken() -> None:
-    slot, clock = slot_in_virtual_time()
-    put(slot, 1)
-    slot.writable()[:] = 2
-    assert code_of(slot.take(clock.now_s(), 100.01)) == 1
-    slot.offer(None)
-    assert code_of(slot.take(clock.now_s(), 100.02)) == 2
+    mailbox, clock = mailbox_in_virtual_time()
+    put(mailbox, 1)
+    mailbox.writable()[:] = 2
+    assert code_of(mailbox.take(clock.now_s(), 100.01)) == 1
+    mailbox.offer(None)
+    assert code_of(mailbox.take(clock.now_s(), 100.02)) == 2
 
 
 def test_numbers_rise_also_over_dropped_frames() -> None:
-    slot, clock = slot_in_virtual_time()
+    mailbox, clock = mailbox_in_virtual_time()
     numbers = []
     for count in (1, 3, 2):
         for _ in range(count):
-            put(slot, 0)
-        frame = slot.take(clock.now_s(), 100.01)
+            put(mailbox, 0)
+        frame = mailbox.take(clock.now_s(), 100.01)
         assert frame is not None
         numbers.append(frame.number)
     assert numbers == [1, 4, 6]
 
 
 def test_the_first_frame_of_a_film_is_due_at_once_and_sets_its_clock() -> None:
-    slot, clock = slot_in_virtual_time()
-    put(slot, 1, 0.0)
-    first = slot.take(clock.now_s(), 100.01)
+    mailbox, clock = mailbox_in_virtual_time()
+    put(mailbox, 1, 0.0)
+    first = mailbox.take(clock.now_s(), 100.01)
     assert first is not None
     assert first.due_s == pytest.approx(100.01)
-    put(slot, 2, 0.5)
-    assert slot.take(clock.now_s(), 100.01 + PERIOD_S) is None
-    assert code_of(slot.take(clock.now_s(), 100.51)) == 2
+    put(mailbox, 2, 0.5)
+    assert mailbox.take(clock.now_s(), 100.01 + PERIOD_S) is None
+    assert code_of(mailbox.take(clock.now_s(), 100.51)) == 2
 
 
 def test_a_frame_is_due_at_the_refresh_nearest_to_its_time() -> None:
-    slot, clock = slot_in_virtual_time()
-    put(slot, 1, 0.0)
-    slot.take(clock.now_s(), 100.0)
-    put(slot, 2, 1.0)
-    assert slot.take(clock.now_s(), 101.0 - 0.6 * PERIOD_S) is None
-    assert code_of(slot.take(clock.now_s(), 101.0 - 0.4 * PERIOD_S)) == 2
+    mailbox, clock = mailbox_in_virtual_time()
+    put(mailbox, 1, 0.0)
+    mailbox.take(clock.now_s(), 100.0)
+    put(mailbox, 2, 1.0)
+    assert mailbox.take(clock.now_s(), 101.0 - 0.6 * PERIOD_S) is None
+    assert code_of(mailbox.take(clock.now_s(), 101.0 - 0.4 * PERIOD_S)) == 2
 
 
 @contextmanager
@@ -102,49 +102,49 @@ def reading(work: Callable[[], None]) -> Iterator[None]:
 
 def test_a_film_in_the_displays_pace_loses_no_frame_although_the_reader_is_ahead() -> None:
     clock = SystemClock()
-    slot = FrameMailbox(SHAPE, 0.01, clock)
+    mailbox = FrameMailbox(SHAPE, 0.01, clock)
     codes: list[int | None] = []
 
     def read() -> None:
         for k in range(30):
-            put(slot, k, k * 0.01)
-        slot.finish()
+            put(mailbox, k, k * 0.01)
+        mailbox.finish()
 
     with reading(read):
         target_s = clock.now_s() + 10.0  # on a display whose refreshes are far apart in real time
-        while not slot.ended:
-            frame = slot.take(clock.now_s() + 5.0, target_s)
+        while not mailbox.ended:
+            frame = mailbox.take(clock.now_s() + 5.0, target_s)
             if frame is not None:
                 codes.append(code_of(frame))
                 target_s += 0.01
     assert codes == list(range(30))
-    assert slot.dropped == 0
+    assert mailbox.dropped == 0
 
 
 def test_a_loop_that_is_late_gets_the_frame_that_is_due_now() -> None:
     clock = SystemClock()
-    slot = FrameMailbox(SHAPE, 0.01, clock)
+    mailbox = FrameMailbox(SHAPE, 0.01, clock)
 
     def read() -> None:
         for k in range(3):
-            put(slot, k, k * 0.01)
+            put(mailbox, k, k * 0.01)
 
     with reading(read):
         target_s = clock.now_s() + 10.0
-        assert code_of(slot.take(clock.now_s() + 5.0, target_s)) == 0
-        while code_of(slot.take(clock.now_s() + 5.0, target_s + 0.02)) != 2:
+        assert code_of(mailbox.take(clock.now_s() + 5.0, target_s)) == 0
+        while code_of(mailbox.take(clock.now_s() + 5.0, target_s + 0.02)) != 2:
             pass
 
 
 def test_closing_frees_a_reader_that_waits_for_its_turn() -> None:
-    slot, _ = slot_in_virtual_time()
+    mailbox, _ = mailbox_in_virtual_time()
 
     def read() -> None:
         for k in range(5):
-            put(slot, k, float(k))
+            put(mailbox, k, float(k))
 
     with reading(read):
-        slot.close()
+        mailbox.close()
 
 
 class Pictures:
@@ -178,13 +178,13 @@ def play(
     *sources: Pictures, endless: bool = False, frames: int = 1000, press_after: int = -1
 ) -> tuple[list[int], Reader]:
     clock = SystemClock()
-    slot = FrameMailbox(SHAPE, 0.01, clock)
-    reader = Reader(sources, slot, SHAPE, 100.0, clock, endless=endless)
+    mailbox = FrameMailbox(SHAPE, 0.01, clock)
+    reader = Reader(sources, mailbox, shape=SHAPE, refresh_rate_hz=100.0, clock=clock, endless=endless)
     reader.start()
     codes: list[int] = []
     target_s = clock.now_s()
-    while not slot.ended and len(codes) < frames:
-        frame = slot.take(clock.now_s() + 0.05, target_s)
+    while not mailbox.ended and len(codes) < frames:
+        frame = mailbox.take(clock.now_s() + 0.05, target_s)
         target_s = max(target_s + 0.01, clock.now_s())
         if frame is not None:
             codes.append(int(frame.codes[0, 0, 0]))

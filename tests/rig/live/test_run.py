@@ -19,16 +19,19 @@ from rig.devices.protocols import Codes, Shown
 from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import SessionError, UsageError
 from rig.files.journal import read_events
-from rig.live import record
-from rig.live import run as live_run
-from rig.live.run import Request, run_live
+from rig.live import pipeline, record
+from rig.live.latency import with_light_latency
+from rig.live.plan import LiveRequest, plan_live
+from rig.live.results import ShowResult
+from rig.live.run import run_live
 from rig.profile.schema import load_profile
 from rig.terminal import silent
 from tests.rig.conftest import Finished
 
 
-def quiet(line: str) -> None:
-    pass
+def show(request: LiveRequest) -> ShowResult:
+    plan = with_light_latency(plan_live(request, silent), silent)
+    return run_live(plan, lambda _: None)
 
 
 class Witness(ClockedDisplay):
@@ -57,26 +60,26 @@ class Witness(ClockedDisplay):
 
 @pytest.fixture
 def witness(monkeypatch: pytest.MonkeyPatch) -> type[Witness]:
-    monkeypatch.setattr(live_run, "ClockedDisplay", Witness)
+    monkeypatch.setattr(pipeline, "ClockedDisplay", Witness)
     monkeypatch.setattr(Witness, "on_show_of_all", staticmethod(lambda: None))
     return Witness
 
 
-def request(*sources: str, **settings: object) -> Request:
-    return Request(None, "ci-tiny", sources or ("pattern",), **{"seconds": 1.0, **settings})  # type: ignore[arg-type]
+def request(*sources: str, **settings: object) -> LiveRequest:
+    return LiveRequest(profile="ci-tiny", sources=sources or ("pattern",), **{"seconds": 1.0, **settings})  # type: ignore[arg-type]
 
 
 def test_a_show_tells_what_it_did_and_leaves_black(witness: type[Witness]) -> None:
-    result = run_live(request(strategy="exact"), silent, quiet)
-    assert result["frames"] > 0
-    assert result["ended_by"] == "time"
-    assert result["strategy"] == "exact"
-    assert result["out_of_order"] == 0
-    assert any("guessed" in note for note in result["notes"])
+    result = show(request(strategy="exact"))
+    assert result.figures.frames > 0
+    assert result.ended_by == "time"
+    assert result.strategy == "exact"
+    assert result.figures.out_of_order == 0
+    assert any("guessed" in note for note in result.notes)
     assert max(witness.last.brightest) > 200
     assert witness.last.brightest[-1] == 0
     assert not witness.last.is_open
-    json.dumps(result, allow_nan=False)
+    json.dumps(result.as_json(), allow_nan=False)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
@@ -89,9 +92,9 @@ def test_a_signal_ends_the_show_in_order_and_black_comes_last(witness: type[Witn
             os.kill(os.getpid(), number)
 
     witness.on_show_of_all = staticmethod(interrupt)
-    result = run_live(request(seconds=30.0), silent, quiet)
-    assert result["ended_by"] == "signal"
-    assert result["signal"] == signal.Signals(number).name
+    result = show(request(seconds=30.0))
+    assert result.ended_by == "signal"
+    assert result.signal == signal.Signals(number).name
     assert witness.last.brightest[-1] == 0
     assert signal.getsignal(number) == before
 
@@ -104,7 +107,7 @@ def test_an_error_in_the_middle_leaves_black_and_the_signals_as_they_were(witnes
 
     witness.on_show_of_all = staticmethod(fail)
     with pytest.raises(RuntimeError):
-        run_live(request(), silent, quiet)
+        show(request())
     assert witness.last.brightest[-1] == 0
     assert signal.getsignal(signal.SIGTERM) == before
 
@@ -115,65 +118,65 @@ def test_sources_that_break_are_told_and_the_show_ends_with_the_last(tmp_path: P
     folder = tmp_path / "pictures"
     folder.mkdir()
     cv2.imwrite(str(folder / "a.png"), np.full((50, 60, 3), 90, np.uint8))
-    result = run_live(request(str(bad), str(folder), seconds=20.0, rate_hz=5.0), silent, quiet)
-    assert result["ended_by"] == "source"
-    assert result["frames"] == 1
-    assert 0.15 < result["seconds"] < 10
-    assert any("bad.mp4" in note for note in result["notes"])
+    result = show(request(str(bad), str(folder), seconds=20.0, rate_hz=5.0))
+    assert result.ended_by == "source"
+    assert result.figures.frames == 1
+    assert 0.15 < result.seconds < 10
+    assert any("bad.mp4" in note for note in result.notes)
 
 
 def test_a_recording_has_every_file_its_journal_names_and_how_it_ended(tmp_path: Path) -> None:
     folder = tmp_path / "record"
-    result = run_live(request(record=folder, seconds=1.5, strategy="exact"), silent, quiet)
+    result = show(request(record=folder, seconds=1.5, strategy="exact"))
     events = read_events(folder / "journal.jsonl")
     shown = [event for event in events if event["event"] == "shown"]
     assert [event["event"] for event in (events[0], events[-1])] == ["begin", "end"]
-    assert len(shown) == result["recorded"]["frames"] > 1
+    assert len(shown) == result.recorded.frames > 1
     assert [event["number"] for event in shown] == sorted({event["number"] for event in shown})
     shape = load_profile("ci-tiny").projector.shape
     for event in shown:
         assert cv2.imread(str(folder / event["file"])).shape == (*shape, 3)
     photographs = [event for event in events if event["event"] == "photograph"]
-    assert len(photographs) == result["recorded"]["photographs"] > 0
+    assert len(photographs) == result.recorded.photographs > 0
     assert all((folder / event["file"]).is_file() and event["exposure_s"] > 0 for event in photographs)
     assert not list(folder.glob("*.part"))
 
 
 def test_a_full_disk_ends_the_recording_and_not_the_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(path: Path, data: bytes) -> None:
+    def refuse(*_: object) -> None:
         raise SessionError("the disk is full")
 
-    monkeypatch.setattr(record, "write_bytes", refuse)
-    result = run_live(request(record=tmp_path / "record"), silent, quiet)
-    assert result["ended_by"] == "time"
-    assert result["recorded"]["frames"] == 0
-    assert "recording stopped: the disk is full" in result["notes"]
+    monkeypatch.setattr(record, "write_png", refuse)
+    result = show(request(record=tmp_path / "record"))
+    assert result.ended_by == "time"
+    assert result.recorded.frames == 0
+    assert "recording stopped: the disk is full" in result.notes
 
 
 def test_a_recording_is_not_mixed_with_other_files(tmp_path: Path) -> None:
     (tmp_path / "letter.txt").write_text("mine", encoding="utf-8")
     with pytest.raises(UsageError, match="has files already"):
-        run_live(request(record=tmp_path), silent, quiet)
+        show(request(record=tmp_path))
 
 
 def test_a_session_is_shown_with_what_it_measured(finished: Finished, witness: type[Witness]) -> None:
-    result = run_live(Request(finished.folder, None, ("pattern",), "exact", seconds=1.0), silent, quiet)
-    assert result["model"].startswith("session")
-    assert result["frames"] > 0
-    assert any("monochrome" in note for note in result["notes"])
+    result = show(LiveRequest(folder=finished.folder, strategy="exact", seconds=1.0))
+    assert result.model.startswith("session")
+    assert result.figures.frames > 0
+    assert any("monochrome" in note for note in result.notes)
     assert max(witness.last.brightest) > 200
 
 
 def test_flashes_measure_from_memory_to_light() -> None:
-    result = run_live(request(flashes=True, strategy="exact", seconds=0.1), silent, quiet)
+    result = show(request(flashes=True, strategy="exact", seconds=0.1))
     world = load_profile("ci-tiny").simulation
     assert world is not None
     projector = world.projector
     shortest_ms = 1000 * projector.latency_s
     longest_ms = shortest_ms + 1000 * projector.jitter_s + 2 * 1000 / 60
-    assert shortest_ms - 2 < result["light_latency_ms"]["p50"] < longest_ms
-    assert result["light_latency_ms"]["max"] < longest_ms + 2
-    assert result["light_latency_ms"]["flashes"] > 4
+    assert shortest_ms - 2 < result.light_latency_ms.p50 < longest_ms
+    assert result.light_latency_ms.max < longest_ms + 2
+    assert result.light_latency_ms.flashes > 4
 
 
 @pytest.mark.parametrize(

@@ -90,12 +90,12 @@ def test_the_share_at_white_is_that_of_the_picture() -> None:
 
 
 def test_gain_by_keys_stays_within_its_range_and_other_keys_change_nothing() -> None:
-    controls = Controls("exact")
+    controls = Controls(strategy="exact")
     for _ in range(100):
         controls = pressed(controls, "+", ("exact",))
     assert controls.gain == 4.0
     assert pressed(controls, "x", ("exact",)) == controls
-    assert pressed(Controls("exact"), "s", ()) == Controls("exact")
+    assert pressed(Controls(strategy="exact"), "s", ()) == Controls(strategy="exact")
     assert TIME_CONSTANT_S > 0.5
 
 
@@ -108,11 +108,11 @@ def test_a_ring_holds_the_last_numbers_only() -> None:
 
 
 def test_a_frame_that_was_never_shown_was_not_on_time() -> None:
-    tally = FrameStatistics(0.01)
+    statistics = FrameStatistics(0.01)
     for k in range(1, 10):
-        tally.note_frame(k, 0.01 * k, 0.001, 0.01 * k, 0.01 * k)
-    assert tally.result()["on_time_share"] == 1.0
-    assert tally.result(dropped=1)["on_time_share"] == pytest.approx(0.9)
-    tally.note_error(float("nan"))
-    assert tally.result()["error_mean"] is None
+        statistics.note_frame(k, ready_s=0.01 * k, busy_s=0.001, deadline_s=0.01 * k, on_screen_s=0.01 * k)
+    assert statistics.figures().on_time_share == 1.0
+    assert statistics.figures(dropped=1).on_time_share == pytest.approx(0.9)
+    statistics.note_error(float("nan"))
+    assert statistics.figures().error_mean is None
     assert resident_mb() > 1

@@ -13,12 +13,13 @@ import pytest
 from rig.devices.clock import SystemClock
 from rig.devices.protocols import RawFrame
 from rig.errors import UsageError
-from rig.files.images import write_png
+from rig.files.pictures import write_png
 from rig.live.sources.camera import codes_of
 from rig.live.sources.choose import SourceSettings, make_source, parse_size
 from rig.live.sources.files import FolderSource, PatternSource, VideoSource
 from rig.live.sources.raw import SharedMemorySource, SharedMemoryWriter, StreamSource
-from rig.live.sources.source import Fitter, Picture, Pixels, Source, SourceBroken, SourceEnded
+from rig.live.sources.reader import Fitter
+from rig.live.sources.source import Picture, Pixels, Source, SourceBroken, SourceEnded
 
 SHAPE = (48, 64)
 CLOCK = SystemClock()

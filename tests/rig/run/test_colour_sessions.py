@@ -15,7 +15,7 @@ from rig.capture.devices import simulated_world_of, simulated_worlds_of
 from rig.capture.rig import open_rig
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.channels import image_of
-from rig.files.images import write_png
+from rig.files.pictures import write_png
 from rig.live.model import black_at_pixels, session_model
 from rig.profile.schema import load_profile
 from rig.run import script as verbs
@@ -26,7 +26,7 @@ from rig.stages.linear_light import channel_codes, channel_light
 from rig.stages.model import FittedScene, load_model
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.target import Target, load_target
-from rig.strategies.closed_loop import Loop, Seen, controlled_scene_of, corrected
+from rig.strategies.closed_loop import CapturedLight, Loop, controlled_scene_of, corrected
 from rig.terminal import silent
 from rig.truth.scores import ground_truth_worlds
 from rig.truth.transport import ground_truth_transport
@@ -196,14 +196,14 @@ def test_a_live_picture_comes_as_near_to_its_target_as_the_sessions_own(coloured
 def test_a_band_that_is_too_dark_gets_its_light_from_all_channels(coloured: Coloured) -> None:
     """The correction undoes the mixing: direct light changes in that band alone."""
     with Session.open(coloured.folder) as session:
-        plant = controlled_scene_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
-    image = np.full_like(plant.wanted, 0.5)
-    error = np.array([0.0, 0.02, 0.0]) * plant.operator.diagonal
-    seen = Seen(image, plant.wanted - error, np.full_like(image, 1e-12))
-    change = corrected(plant, Loop("bounded", 2, "image"), image, seen) - image
+        room = controlled_scene_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
+    image = np.full_like(room.wanted, 0.5)
+    error = np.array([0.0, 0.02, 0.0]) * room.operator.diagonal
+    seen = CapturedLight(image, room.wanted - error, np.full_like(image, 1e-12))
+    change = corrected(room, Loop("bounded", 2, "image"), image, seen) - image
     assert (np.abs(change).mean(axis=0) > 1e-4).all()
-    assert change @ plant.transport.mixing.T == pytest.approx(
-        np.broadcast_to([0.0, 0.02 * plant.damping, 0.0], change.shape), abs=1e-9
+    assert change @ room.transport.mixing.T == pytest.approx(
+        np.broadcast_to([0.0, 0.02 * room.damping, 0.0], change.shape), abs=1e-9
     )
 
 

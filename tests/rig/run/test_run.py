@@ -12,7 +12,8 @@ import pytest
 from calibration.structured_light.patterns import flat
 from rig.capture.rig import Rig, open_rig
 from rig.errors import UsageError
-from rig.files.images import write_exr, write_png
+from rig.files.exr import write_exr
+from rig.files.pictures import write_png
 from rig.profile.schema import Profile
 from rig.run.session import _Opening
 from rig.session import Session, Step

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.geometry.stereo import pinhole
-from calibration.records import PinholeModel
+from calibration.geometry import pinhole
+from calibration.geometry.pinhole import PinholeModel
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
 from rig.stages.scene_model import (
@@ -29,13 +29,13 @@ def model_of(lens, rotation) -> PinholeModel:  # type: ignore[no-untyped-def]
     position = np.array(lens.position_m)
     width, height = (320, 240) if lens.principal_point_px[0] > 140 else (256, 192)
     return PinholeModel(
-        width,
-        height,
-        (lens.focal_px, lens.focal_px),
-        tuple(lens.principal_point_px),
-        tuple(lens.distortion),
-        rotation,
-        -rotation @ position,
+        width_px=width,
+        height_px=height,
+        focal_px=(lens.focal_px, lens.focal_px),
+        principal_point_px=tuple(lens.principal_point_px),
+        distortion=tuple(lens.distortion),
+        rotation=rotation,
+        translation_m=-rotation @ position,
     )
 
 

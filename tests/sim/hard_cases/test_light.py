@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.structured_light.decode import PixelReason, decode_gray
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.correspondence import PixelReason
+from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.gray import gray_code_patterns
 from sim.compensation import STRATEGIES, compensate
 from sim.geometry.optics import Lens, Pose
 from sim.geometry.scene import intersect

@@ -1,10 +1,9 @@
 """Pictures of a lit scene: eq. 9, the light transport's matrices, and a path tracer."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
+from rig.benchmark.checkout import data_file
 from sim import _kernel
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
@@ -32,7 +31,7 @@ BENT = Lens(
     distortion=(-0.1, 0.02, 1e-3, -2e-3, 0.0),
 )
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.3, 1.1))
-TRACED = Path(__file__).parents[2] / "data" / "path_tracer_blocks.npz"
+TRACED = data_file("path_tracer_blocks.npz")
 
 
 def _picture(lens=LENS, seed=0):

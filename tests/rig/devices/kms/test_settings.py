@@ -10,12 +10,21 @@ from rig.devices.kms.settings import Path, choose_mode, earlier_values, neutral_
 from rig.errors import SettingRefused
 
 MODES = tuple(
-    Mode(w, h, hz, False, b"") for w, h, hz in [(640, 480, 59.94), (640, 480, 60.3), (640, 480, 75), (800, 600, 60)]
+    Mode(width_px=w, height_px=h, refresh_rate_hz=hz, preferred=False, timings=b"")
+    for w, h, hz in [(640, 480, 59.94), (640, 480, 60.3), (640, 480, 75), (800, 600, 60)]
 )
 
 
 def path(connector: dict[str, Property], controller: dict[str, Property], plane: dict[str, Property]) -> Path:
-    return Path(1, 2, 3, (), connector, controller, plane)
+    return Path(
+        connector=1,
+        controller=2,
+        plane=3,
+        other_planes=(),
+        connector_properties=connector,
+        controller_properties=controller,
+        plane_properties=plane,
+    )
 
 
 class TestMode:

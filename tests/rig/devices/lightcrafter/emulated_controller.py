@@ -20,7 +20,7 @@ MODE_DELAY, CHECK_DELAY = 3, 2
 """How many messages a change of mode, and a check of a sequence, outlast."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class LightCrafterFaults:
     """What goes wrong; may be changed at any time."""
 
@@ -35,7 +35,7 @@ class LightCrafterFaults:
     hardware_status: int = 0x01
 
 
-@dataclass
+@dataclass(kw_only=True)
 class _Registers:
     power: int = 0
     source: int = 0x08

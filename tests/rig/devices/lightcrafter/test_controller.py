@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rig.devices.clock import VirtualClock
 from rig.devices.lightcrafter import protocol
 from rig.devices.lightcrafter.controller import LightCrafter
-from rig.devices.lightcrafter.protocol import Command, DisplayMode, EntryTrigger, InputSource, Pattern, Run
+from rig.devices.lightcrafter.protocol import Command, DisplayMode, EntryTrigger, Pattern, Run
 from rig.errors import DeviceError, DeviceLost, SettingRefused
 from tests.rig.devices.lightcrafter.emulated_controller import InProcessTransport, LightCrafterEmulation
 
@@ -32,7 +32,8 @@ def lightcrafter(transport: InProcessTransport) -> LightCrafter:
 def grey_patterns(count: int = 2, bit_depth: int = 8) -> list[Pattern]:
     first = EntryTrigger.EXTERNAL_POSITIVE
     return [
-        Pattern(number, bit_depth, trigger=first if number == 0 else EntryTrigger.CONTINUE) for number in range(count)
+        Pattern(number=number, bit_depth=bit_depth, trigger=first if number == 0 else EntryTrigger.CONTINUE)
+        for number in range(count)
     ]
 
 
@@ -51,7 +52,7 @@ def test_long_commands_go_over_several_reports_with_one_head() -> None:
 
 
 def test_pattern_entries_have_the_bits_of_the_guide() -> None:
-    entry = Pattern(2, 8, leds=7, trigger=EntryTrigger.CONTINUE, insert_black=True, buffer_swap=True)
+    entry = Pattern(number=2, bit_depth=8, leds=7, trigger=EntryTrigger.CONTINUE, insert_black=True, buffer_swap=True)
     assert entry.packed() == bytes([0b000010_11, 0b0111_1000, 0b0110])
 
 
@@ -87,14 +88,6 @@ def test_standby_is_left_and_entered(lightcrafter: LightCrafter, device: LightCr
     assert device.registers.power == 0
 
 
-def test_the_input_is_chosen_and_the_ports_width_stays(
-    lightcrafter: LightCrafter, device: LightCrafterEmulation
-) -> None:
-    lightcrafter.set_input_source(InputSource.TEST_PATTERN)
-    assert lightcrafter.input_source() is InputSource.TEST_PATTERN
-    assert device.registers.source == 0x09
-
-
 def test_a_sequence_from_streamed_video_is_set_up_checked_and_started(
     lightcrafter: LightCrafter, device: LightCrafterEmulation
 ) -> None:
@@ -127,9 +120,9 @@ def test_a_long_look_up_table_is_written_and_read_back_whole(
         (grey_patterns(1), 9000, 8500, "make them equal"),
         (grey_patterns(3), 8333, 8333, "last 24999 µs, a video frame at 60 Hz only 16667"),
         ([], 8333, 8333, "0 patterns"),
-        ([Pattern(3, 8)], 8333, 8333, "patterns are 0 … 2"),
-        ([Pattern(0, 5)], 8333, 8333, "one of 1, 2, 4, 7, 8"),
-        ([Pattern(0, 8, leds=8)], 8333, 8333, "LEDs 0 … 7"),
+        ([Pattern(number=3, bit_depth=8)], 8333, 8333, "patterns are 0 … 2"),
+        ([Pattern(number=0, bit_depth=5)], 8333, 8333, "one of 1, 2, 4, 7, 8"),
+        ([Pattern(number=0, bit_depth=8, leds=8)], 8333, 8333, "LEDs 0 … 7"),
     ],
 )
 def test_a_sequence_that_cannot_be_shown_is_refused_before_anything_is_sent(

@@ -47,7 +47,7 @@ FAULTS = {
 """What a broken projector sends before it hangs up."""
 
 
-@dataclass
+@dataclass(kw_only=True)
 class EmulatedProjector:
     """What a projector knows and does. `answers` overrule: a command line without % to a whole answer line."""
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from rig.capture.devices import _real_projector
+from rig.capture.devices import make_devices
 from rig.devices.clock import VirtualClock
-from rig.devices.network.pjlink import ErrorStatus, Health, Lamp, Mute, Pjlink, Power
+from rig.devices.network.pjlink import Mute, Pjlink, Power
 from rig.devices.network.powered_projector import PoweredProjector
 from rig.devices.protocols import Codes, Projector, Shown, check_on_screen
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, ProfileError, SettingRefused
@@ -73,25 +73,13 @@ class TestClass1:
         control.set_mute(True)
         assert emulated.state["1AVMT"] == "11"
 
-    def test_faults_are_told_by_part(self, emulated: EmulatedProjector, control: Pjlink) -> None:
-        emulated.state["1ERST"] = "012010"
-        ok, warning, error = Health.OK, Health.WARNING, Health.ERROR
-        assert control.error_status() == ErrorStatus(ok, warning, error, ok, warning, ok)
-
-    def test_every_lamp_tells_its_hours(self, emulated: EmulatedProjector, control: Pjlink) -> None:
-        emulated.state["1LAMP"] = "12345 1 7 0"
-        assert control.lamps() == [Lamp(12345, lit=True), Lamp(7, lit=False)]
-        del emulated.state["1LAMP"]
-        assert control.lamps() == []
-
-    def test_it_tells_who_it_is(self, control: Pjlink) -> None:
-        told = (control.name(), control.manufacturer(), control.product(), control.other_information())
-        assert told == ("Wall", "Maker", "Model 5", "fits")
+    def test_whatever_else_it_tells_can_be_asked_for(self, control: Pjlink) -> None:
+        assert control.ask("1NAME ?", "1INF1 ?", "1INF2 ?") == ["Wall", "Maker", "Model 5"]
         assert control.pjlink_class() == 1
 
     def test_commands_of_class_2_are_refused(self, control: Pjlink) -> None:
         with pytest.raises(SettingRefused, match=r"ERR1 to '2SNUM \?'.*class 2"):
-            control.serial()
+            control.ask("2SNUM ?")
 
 
 class TestClass2:
@@ -99,31 +87,11 @@ class TestClass2:
     def _switched_on(self, emulated: EmulatedProjector) -> None:
         emulated.state["1POWR"] = "1"
 
-    def test_inputs_have_letters_and_names(self, emulated: EmulatedProjector, control: Pjlink) -> None:
+    def test_inputs_have_letters(self, emulated: EmulatedProjector, control: Pjlink) -> None:
         assert control.inputs() == ["11", "31", "3A", "61"]
-        assert control.input_name("3A") == "HDMI 3A"
         control.select_input("3A")
         assert control.input() == "3A"
         assert emulated.state["1INPT"] == "11"
-
-    def test_resolutions_are_shapes(self, emulated: EmulatedProjector, control: Pjlink) -> None:
-        assert control.resolution() == (1080, 1920)
-        assert control.recommended_resolution() == (1200, 1920)
-        for no_signal in ("-", "*"):
-            emulated.state["2IRES"] = no_signal
-            assert control.resolution() is None
-
-    def test_the_picture_is_frozen_and_let_go(self, control: Pjlink) -> None:
-        assert not control.frozen()
-        control.freeze(True)
-        assert control.frozen()
-        control.freeze(False)
-        assert not control.frozen()
-
-    def test_it_tells_serial_version_and_spare_parts(self, control: Pjlink) -> None:
-        assert (control.serial(), control.software_version()) == ("SN 0042", "1.07")
-        assert control.filter_hours() == 77
-        assert (control.lamp_models(), control.filter_models()) == (["LMP-1", "LMP-2"], ["FLT-9"])
 
 
 class TestConversation:
@@ -135,7 +103,7 @@ class TestConversation:
 
     def test_names_may_hold_any_letters(self, emulated: EmulatedProjector, control: Pjlink) -> None:
         emulated.state["1NAME"] = "Wohnzimmer = groß, 居間"
-        assert control.name() == "Wohnzimmer = groß, 居間"
+        assert control.ask("1NAME ?") == ["Wohnzimmer = groß, 居間"]
 
     def test_lower_case_answers_are_understood(self, emulated: EmulatedProjector, control: Pjlink) -> None:
         emulated.answers = {"1POWR 0": "%1powr=ok"}
@@ -143,21 +111,21 @@ class TestConversation:
 
     def test_the_right_password_opens(self, emulated: EmulatedProjector) -> None:
         emulated.password = "JBMIAProjectorLink"
-        assert Pjlink("127.0.0.1", emulated.port, "JBMIAProjectorLink").name() == "Wall"
+        assert Pjlink("127.0.0.1", emulated.port, "JBMIAProjectorLink").ask("1NAME ?") == ["Wall"]
 
     def test_a_password_that_nobody_asks_for_does_no_harm(self, emulated: EmulatedProjector) -> None:
-        assert Pjlink("127.0.0.1", emulated.port, "needless").name() == "Wall"
+        assert Pjlink("127.0.0.1", emulated.port, "needless").ask("1NAME ?") == ["Wall"]
 
     def test_a_wrong_password_is_forbidden(self, emulated: EmulatedProjector) -> None:
         emulated.password = "right"
         with pytest.raises(DeviceForbidden, match="does not accept the password"):
-            Pjlink("127.0.0.1", emulated.port, "wrong").name()
+            Pjlink("127.0.0.1", emulated.port, "wrong").ask("1NAME ?")
         assert emulated.commands == []
 
     def test_a_missing_password_is_asked_for(self, emulated: EmulatedProjector, control: Pjlink) -> None:
         emulated.password = "right"
         with pytest.raises(DeviceForbidden, match=r"wants a password.*pjlink\.password_variable"):
-            control.name()
+            control.ask("1NAME ?")
 
     @pytest.mark.parametrize(
         ("code", "error", "words"),
@@ -183,13 +151,13 @@ class TestFaults:
     def test_what_is_no_pjlink_is_named(self, emulated: EmulatedProjector, control: Pjlink, fault: str) -> None:
         emulated.fault = fault
         with pytest.raises(DeviceError, match=r"127\.0\.0\.1:\d+ (hung up|greets with|sends lines of over 1024)"):
-            control.name()
+            control.ask("1NAME ?")
 
     @pytest.mark.parametrize("fault", ["silence", "slow letters"])
     def test_an_answer_is_waited_for_within_a_limit(self, emulated: EmulatedProjector, fault: str) -> None:
         emulated.fault = fault
         with pytest.raises(DeviceLost, match=r"did not answer within 0\.3 s"):
-            Pjlink("127.0.0.1", emulated.port, timeout_s=0.3).name()
+            Pjlink("127.0.0.1", emulated.port, timeout_s=0.3).ask("1NAME ?")
 
     @pytest.mark.parametrize("answer", ["%1POWR=7", "%1POWR=", "%1INPT=11", "%1POWR 1", "", "%2POWR=1"])
     def test_answers_that_make_no_sense_are_named(
@@ -353,13 +321,14 @@ class TestProfile:
     @pytest.fixture
     def profile(self, tiny_profile: Profile, emulated: EmulatedProjector) -> Profile:
         """A rig whose projector hangs on a desktop and has a network control with a password."""
-        camera, projector = tiny_profile.raw.decode().split("[simulation]")[0].split("[projector]")
+        camera, projector = tiny_profile.raw.decode().split("[simulation]")[0].split("[[projector]]")
         camera = camera.replace('"simulated"', '"v4l2"\ndevice_id = "any"\npixel_format = "GREY"')
         projector = projector.replace('"simulated"', '"window"\noutput = "HDMI-1"')
         control = (
-            f'[pjlink]\nhost = "127.0.0.1"\nport = {emulated.port}\npassword_variable = "WALL_PASSWORD"\ninput = "31"\n'
+            f'[projector.pjlink]\nhost = "127.0.0.1"\nport = {emulated.port}\ninput = "31"\n'
+            'password_variable = "WALL_PASSWORD"\n'
         )
-        return Profile.parse(f"{camera}[projector]{projector}\n{control}".encode(), tiny_profile.path)
+        return Profile.parse(f"{camera}[[projector]]{projector}\n{control}".encode(), tiny_profile.path)
 
     def test_its_table_puts_the_network_control_before_the_display(
         self, profile: Profile, emulated: EmulatedProjector, monkeypatch: pytest.MonkeyPatch
@@ -369,7 +338,7 @@ class TestProfile:
         monkeypatch.delenv("DISPLAY", raising=False)
         monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
         with pytest.raises(DeviceError, match="no desktop"):
-            _real_projector(profile, VirtualClock()).open()
+            make_devices(profile).projector.open()
         assert emulated.state["2INPT"] == "31"
 
     def test_a_password_that_is_not_set_is_a_mistake_of_the_profile(
@@ -377,4 +346,4 @@ class TestProfile:
     ) -> None:
         monkeypatch.delenv("WALL_PASSWORD", raising=False)
         with pytest.raises(ProfileError, match=r"pjlink\.password_variable: the variable WALL_PASSWORD is not set"):
-            _real_projector(profile, VirtualClock())
+            make_devices(profile)

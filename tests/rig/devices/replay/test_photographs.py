@@ -8,7 +8,7 @@ import pytest
 
 from rig.devices.replay.photographs import check_photographs, grey, load_manifest, load_photographs, read_photograph
 from rig.errors import DeviceLost, ProfileError
-from rig.files.images import write_exr
+from rig.files.exr import write_exr
 
 SHAPE = (24, 32)
 TEXT = """

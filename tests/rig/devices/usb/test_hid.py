@@ -13,7 +13,7 @@ import usb.util
 
 from rig.devices.usb import hid
 from rig.devices.usb.find import FoundUsbDevice, UsbInterface
-from rig.devices.usb.hid import HidrawTransport, LibusbTransport
+from rig.devices.usb.hid import HidrawTransport, LibusbTransport, hidraw_node, open_hid
 from rig.emulated.usbip.device import Setup, Stall, StandardRequests, Transfer
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost
 from tests.rig.devices.lightcrafter.emulated_controller import LightCrafterEmulation
@@ -38,7 +38,7 @@ def found(tmp_path: Path) -> FoundUsbDevice:
 
 @pytest.fixture
 def transport(found: FoundUsbDevice, tmp_path: Path) -> Iterator[HidrawTransport]:
-    transport = HidrawTransport(found, tmp_path)
+    transport = HidrawTransport(found, hidraw_node(found, tmp_path))
     yield transport
     transport.close()
     transport.close()
@@ -56,9 +56,9 @@ def test_waiting_for_a_report_ends_in_time(transport: HidrawTransport) -> None:
 
 def test_a_second_opener_is_told_to_wait(transport: HidrawTransport, found: FoundUsbDevice, tmp_path: Path) -> None:
     with pytest.raises(DeviceBusy, match="another program controls"):
-        HidrawTransport(found, tmp_path)
+        HidrawTransport(found, hidraw_node(found, tmp_path))
     transport.close()
-    HidrawTransport(found, tmp_path).close()
+    HidrawTransport(found, hidraw_node(found, tmp_path)).close()
 
 
 def raiser(number: int) -> object:
@@ -82,7 +82,7 @@ def test_a_node_that_does_not_open_is_named(
 ) -> None:
     monkeypatch.setattr("os.open", raiser(number))
     with pytest.raises(kind, match=text):
-        HidrawTransport(found, tmp_path)
+        HidrawTransport(found, hidraw_node(found, tmp_path))
 
 
 @pytest.mark.parametrize(("number", "text"), [(errno.EIO, "went away"), (errno.ETIMEDOUT, "takes no report")])
@@ -156,6 +156,20 @@ def test_libusb_takes_the_device_from_the_kernel_and_gives_it_back(
     assert pyusb.endpoints[1].written == [QUESTION]
 
 
+def test_the_kernels_node_is_taken_where_there_is_one_and_libusb_where_there_is_none(
+    found: FoundUsbDevice, pyusb: FakePyusbDevice, tmp_path: Path
+) -> None:
+    by_kernel = open_hid(found, tmp_path)
+    assert isinstance(by_kernel, HidrawTransport)
+    by_kernel.close()
+    assert pyusb.calls == []
+    (tmp_path / "sys/1-2:1.0/0003:0451:6401.0001/hidraw/hidraw3").rmdir()
+    by_libusb = open_hid(found, tmp_path)
+    assert isinstance(by_libusb, LibusbTransport)
+    by_libusb.close()
+    assert pyusb.calls[-1] == "dispose"
+
+
 @pytest.mark.parametrize(("number", "kind"), [(19, DeviceLost), (5, DeviceLost), (13, DeviceForbidden)])
 def test_libusbs_errors_are_named(
     found: FoundUsbDevice, pyusb: FakePyusbDevice, number: int, kind: type[DeviceError]
@@ -201,7 +215,9 @@ class Host:
         self.cancelled: set[int] = set()
 
     def submit(self, number: int, endpoint: int, data: bytes = b"") -> None:
-        self.device.submit(Transfer(number, endpoint, 64, data, b"", self.answer))
+        self.device.submit(
+            Transfer(number=number, endpoint=endpoint, length=64, data=data, packet_table=b"", answer=self.answer)
+        )
 
     def answer(self, transfer: Transfer, data: object, status: int, table: bytes) -> bool:
         if transfer.number in self.cancelled:
@@ -233,10 +249,12 @@ def test_an_answer_whose_question_was_taken_back_goes_to_the_next() -> None:
 def test_the_emulated_device_says_that_it_is_a_hid_device_with_64_byte_reports() -> None:
     device = LightCrafterUsb(LightCrafterEmulation(), "S1")
     requests = StandardRequests(device)
-    assert requests.answer(Setup(0x80, 6, 0x0100, 0, 18), b"")[8:12] == bytes.fromhex("51 04 01 64")
-    reports = requests.answer(Setup(0x81, 6, 0x2200, 0, 255), b"")
+    assert requests.answer(Setup(request_type=0x80, request=6, value=0x0100, index=0, length=18), b"")[
+        8:12
+    ] == bytes.fromhex("51 04 01 64")
+    reports = requests.answer(Setup(request_type=0x81, request=6, value=0x2200, index=0, length=255), b"")
     assert reports.count(b"\x95\x40") == 1
     assert reports.endswith(b"\xc0")
-    assert requests.answer(Setup(0x21, 0x0A, 0, 0, 0), b"") == b""
+    assert requests.answer(Setup(request_type=0x21, request=0x0A, value=0, index=0, length=0), b"") == b""
     with pytest.raises(Stall):
-        requests.answer(Setup(0xA1, 1, 0, 0, 64), b"")
+        requests.answer(Setup(request_type=0xA1, request=1, value=0, index=0, length=64), b"")

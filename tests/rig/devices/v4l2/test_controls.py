@@ -221,5 +221,7 @@ def test_a_control_that_stalls_on_and_on_is_an_error_in_time(node: TableNode) ->
     ("flags", "refused"), [((), False), (("read-only",), True), (("disabled",), True), (("inactive",), False)]
 )
 def test_read_only_controls_cannot_be_set(flags: tuple[str, ...], refused: bool) -> None:
-    control = ControlAbility("gain", GAIN, "integer", 0, 1, 1, 0, 0, {}, flags)
+    control = ControlAbility(
+        name="gain", id=GAIN, kind="integer", minimum=0, maximum=1, step=1, default=0, value=0, menu={}, flags=flags
+    )
     assert control.is_settable is not refused

@@ -15,7 +15,7 @@ RANDOM = np.random.default_rng(11)
 def decode(name: str, lines: np.ndarray, channels: int = 1, height: int = HEIGHT, **layout: object) -> np.ndarray:
     """Decode (lines, bytes) with padding behind each line, as (H, W, C)."""
     padded = np.pad(lines, ((0, 0), (0, PADDING)), constant_values=0xA5)
-    described = Layout(WIDTH, height, padded.shape[1], **layout)
+    described = Layout(width_px=WIDTH, height_px=height, bytes_per_line=padded.shape[1], **layout)
     known = PIXEL_FORMATS[name]
     assert padded.size - PADDING == known.least_bytes(described)
     pixels = known.decode(padded.reshape(-1), described, channels)
@@ -108,7 +108,9 @@ class TestColour:
         assert np.abs(pixels[0, 0].astype(int) - [255, 0, 0]).max() <= 2
 
     def test_matrix_and_range_default_by_colour_space(self) -> None:
-        assert layout_of(abi.PixFormat(width=4, height=2, bytesperline=8)) == Layout(4, 2, 8)
+        assert layout_of(abi.PixFormat(width=4, height=2, bytesperline=8)) == Layout(
+            width_px=4, height_px=2, bytes_per_line=8
+        )
         hd = layout_of(abi.PixFormat(colorspace=abi.COLORSPACE_REC709))
         assert (hd.luma_weights, hd.full_range) == ((0.2126, 0.0722), False)
         assert layout_of(abi.PixFormat(colorspace=abi.COLORSPACE_JPEG)).full_range
@@ -122,27 +124,35 @@ class TestJpeg:
     def test_pictures_are_decoded_red_first(self) -> None:
         blue_first = np.full((HEIGHT, WIDTH, 3), (200, 100, 30), np.uint8)
         data = self.compressed(blue_first)
-        colour = PIXEL_FORMATS["MJPG"].decode(data, Layout(WIDTH, HEIGHT, 0), 3)
+        colour = PIXEL_FORMATS["MJPG"].decode(data, Layout(width_px=WIDTH, height_px=HEIGHT, bytes_per_line=0), 3)
         assert np.abs(colour.astype(int) - [30, 100, 200]).max() <= 2
-        grey = PIXEL_FORMATS["MJPG"].decode(data, Layout(WIDTH, HEIGHT, 0), 1)
+        grey = PIXEL_FORMATS["MJPG"].decode(data, Layout(width_px=WIDTH, height_px=HEIGHT, bytes_per_line=0), 1)
         assert grey.shape == (HEIGHT, WIDTH, 1)
         assert abs(int(grey[0, 0, 0]) - round(0.299 * 30 + 0.587 * 100 + 0.114 * 200)) <= 2
 
-    @pytest.mark.parametrize("layout", [Layout(WIDTH + 2, HEIGHT, 0), Layout(WIDTH, HEIGHT // 2, 0)])
+    @pytest.mark.parametrize(
+        "layout",
+        [
+            Layout(width_px=WIDTH + 2, height_px=HEIGHT, bytes_per_line=0),
+            Layout(width_px=WIDTH, height_px=HEIGHT // 2, bytes_per_line=0),
+        ],
+    )
     def test_a_picture_of_another_size_is_none(self, layout: Layout) -> None:
         with pytest.raises(Undecodable, match="10 x 6 px"):
             PIXEL_FORMATS["MJPG"].decode(self.compressed(np.zeros((HEIGHT, WIDTH), np.uint8)), layout, 1)
 
     def test_rubbish_is_no_picture(self) -> None:
         with pytest.raises(Undecodable, match="no JPEG"):
-            PIXEL_FORMATS["JPEG"].decode(RANDOM.integers(0, 256, 500, np.uint8), Layout(WIDTH, HEIGHT, 0), 1)
+            PIXEL_FORMATS["JPEG"].decode(
+                RANDOM.integers(0, 256, 500, np.uint8), Layout(width_px=WIDTH, height_px=HEIGHT, bytes_per_line=0), 1
+            )
 
 
 class TestEveryFormat:
     @pytest.mark.parametrize("name", [name for name, known in PIXEL_FORMATS.items() if not known.is_compressed])
     def test_a_buffer_that_is_a_byte_short_is_refused(self, name: str) -> None:
         known = PIXEL_FORMATS[name]
-        layout = Layout(WIDTH, HEIGHT, 64)
+        layout = Layout(width_px=WIDTH, height_px=HEIGHT, bytes_per_line=64)
         enough = known.least_bytes(layout)
         assert known.decode(np.zeros(enough, np.uint8), layout, known.channels[-1]).shape[:2] == (HEIGHT, WIDTH)
         with pytest.raises(Undecodable):
@@ -150,7 +160,7 @@ class TestEveryFormat:
 
     @pytest.mark.parametrize("name", [name for name, known in PIXEL_FORMATS.items() if not known.is_compressed])
     def test_pixels_outlive_the_buffer(self, name: str) -> None:
-        known, layout = PIXEL_FORMATS[name], Layout(WIDTH, HEIGHT, 64)
+        known, layout = PIXEL_FORMATS[name], Layout(width_px=WIDTH, height_px=HEIGHT, bytes_per_line=64)
         buffer = np.zeros(known.least_bytes(layout), np.uint8)
         before = known.decode(buffer, layout, known.channels[0])
         kept = before.copy()

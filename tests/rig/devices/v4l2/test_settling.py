@@ -16,7 +16,7 @@ def frames(level_dn: float, *, noise_dn: float = 1.0, seed: int = 1) -> np.ndarr
 
 def settle(before_dn: float, levels_dn: list[float], ratio: float) -> int | None:
     """After how many frames it is settled."""
-    settling = Settling(frames(before_dn), ratio, FULL)
+    settling = Settling(before=frames(before_dn), ratio=ratio, full_scale_dn=FULL)
     for count, level_dn in enumerate(levels_dn, 1):
         if settling.add(frames(level_dn, seed=count)):
             return count
@@ -49,7 +49,7 @@ def test_a_response_curve_may_bend_the_change() -> None:
 def test_saturated_pixels_say_nothing() -> None:
     before = frames(60)
     before[:, :48] = FULL
-    settling = Settling(before, 0.5, FULL)
+    settling = Settling(before=before, ratio=0.5, full_scale_dn=FULL)
     stale = before.copy()
     assert [settling.add(stale) for _ in range(5)] == [False] * 5
     fresh = before // 2
@@ -57,7 +57,7 @@ def test_saturated_pixels_say_nothing() -> None:
 
 
 def test_in_darkness_several_frames_have_to_be_steady() -> None:
-    settling = Settling(frames(0.0), 8.0, FULL)
+    settling = Settling(before=frames(0.0), ratio=8.0, full_scale_dn=FULL)
     assert not settling.is_measurable
     assert settle(0.0, [0.0] * 10, 8.0) == UNMEASURED_FRAMES
 
@@ -68,7 +68,7 @@ def test_a_change_that_is_smaller_than_the_noise_is_not_waited_for() -> None:
 
 def test_the_message_says_what_was_expected_and_what_was_seen() -> None:
     half_lit = np.repeat([[[0]], [[100]]], 8, axis=0).repeat(16, axis=1).astype(np.uint16)
-    settling = Settling(half_lit, 2.0, FULL)
+    settling = Settling(before=half_lit, ratio=2.0, full_scale_dn=FULL)
     settling.add(np.full((16, 16, 1), 51, np.uint16))
     assert settling.state() == "mean of unsaturated pixels before 50.00 dn, expected about 100.00, seen 51.00"
 
@@ -76,6 +76,6 @@ def test_the_message_says_what_was_expected_and_what_was_seen() -> None:
 def test_a_black_level_is_no_light_that_a_longer_exposure_would_raise() -> None:
     """A nearly dark picture on a pedestal of 64: its mean follows the exposure by next to nothing."""
     dark = np.random.default_rng(1).normal(64.0, 0.4, (64, 64, 1))
-    settling = Settling(np.rint(dark).astype(np.uint16), 2.4, FULL)
+    settling = Settling(before=np.rint(dark).astype(np.uint16), ratio=2.4, full_scale_dn=FULL)
     assert not settling.is_measurable
     assert [settling.add(np.rint(dark + 0.2).astype(np.uint16)) for _ in range(4)] == [False, False, False, True]

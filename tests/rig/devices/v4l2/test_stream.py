@@ -11,7 +11,7 @@ import pytest
 from rig.devices.clock import VirtualClock
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.formats import PIXEL_FORMATS, Layout
-from rig.devices.v4l2.frames import Fingerprint, Frames, Seen
+from rig.devices.v4l2.frames import Fingerprint, Frames, FrameSearch
 from rig.devices.v4l2.node import Node, device_error
 from rig.devices.v4l2.stream import BUFFERS, Stream, StreamBroken
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
@@ -21,7 +21,7 @@ BYTES = WIDTH * HEIGHT
 START_OF_EXPOSURE = abi.TIMESTAMP_MONOTONIC | abi.TIMESTAMP_START_OF_EXPOSURE
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Step:
     """What the driver does next: a frame, or an errno."""
 
@@ -33,7 +33,7 @@ class Step:
     error: int = 0
 
 
-@dataclass
+@dataclass(kw_only=True)
 class ScriptNode(Node):
     """A node whose driver follows a script; time passes while there is nothing to do."""
 
@@ -86,7 +86,7 @@ class ScriptNode(Node):
 
 @pytest.fixture
 def node(tmp_path: Path) -> Iterator[ScriptNode]:
-    with ScriptNode(tmp_path / "video0", VirtualClock(100.0)) as node:
+    with ScriptNode(path=tmp_path / "video0", _clock=VirtualClock(100.0)) as node:
         yield node
 
 
@@ -99,18 +99,18 @@ def stream(node: ScriptNode) -> Iterator[Stream]:
 
 
 def frames_of(stream: Stream, node: ScriptNode, *, name: str = "GREY", exposes_always: bool = False) -> Frames:
-    layout = Layout(WIDTH, HEIGHT, WIDTH)
+    layout = Layout(width_px=WIDTH, height_px=HEIGHT, bytes_per_line=WIDTH)
     return Frames(
         stream, PIXEL_FORMATS[name], layout, 1, period_s=PERIOD_S, exposes_always=exposes_always, clock=node._clock
     )
 
 
-def next_frame(frames: Frames, *, after_s: float = 0.0, until_s: float = 200.0, seen: Seen | None = None):
-    return frames.next(after_s, until_s, EXPOSURE_S, seen or Seen())
+def next_frame(frames: Frames, *, after_s: float = 0.0, until_s: float = 200.0, seen: FrameSearch | None = None):
+    return frames.next(after_s, until_s, EXPOSURE_S, seen or FrameSearch())
 
 
 def regular(*sequences: int) -> list[Step]:
-    return [Step(sequence, 100 + sequence * PERIOD_S, level=sequence) for sequence in sequences]
+    return [Step(sequence=sequence, stamp_s=100 + sequence * PERIOD_S, level=sequence) for sequence in sequences]
 
 
 class TestErrors:
@@ -244,8 +244,8 @@ class TestFrames:
     def test_a_frame_never_claims_to_have_begun_later_than_it_may_have(
         self, node: ScriptNode, stream: Stream, flags: int, name: str, earlier_s: float
     ) -> None:
-        seen = Seen()
-        node.steps = [Step(0, 100.5, flags)]
+        seen = FrameSearch()
+        node.steps = [Step(sequence=0, stamp_s=100.5, flags=flags)]
         assert next_frame(frames_of(stream, node, name=name), after_s=101.0, until_s=100.6, seen=seen) is None
         assert seen.early_s == pytest.approx(101.0 - (100.5 - earlier_s))
 
@@ -265,8 +265,8 @@ class TestFrames:
     def test_bad_frames_are_passed_over_told_and_counted_as_lost(
         self, node: ScriptNode, stream: Stream, bad: dict[str, int], told: str
     ) -> None:
-        seen = Seen()
-        node.steps = [*regular(0), Step(1, 100.04, **bad), *regular(2, 3)]
+        seen = FrameSearch()
+        node.steps = [*regular(0), Step(sequence=1, stamp_s=100.04, **bad), *regular(2, 3)]
         frames = frames_of(stream, node)
         assert [next_frame(frames, seen=seen).lost for _ in range(3)] == [0, 1, 0]
         assert told in str(seen)
@@ -283,14 +283,16 @@ class TestFrames:
         node.steps = regular(0, 1, 2, 3)
         node._clock.wait_until_s(110.0)
         got = [next_frame(frames) for _ in range(4)]
-        node.steps = [Step(251, 110.04), Step(252, 110.08)]
+        node.steps = [Step(sequence=251, stamp_s=110.04), Step(sequence=252, stamp_s=110.08)]
         got.append(next_frame(frames))
         assert [frame.lost for frame in got] == [0] * 5
         assert got[-1].sequence - got[-2].sequence == 249
 
     def test_a_counter_that_overflows_or_begins_anew_counts_on(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node)
-        node.steps = [Step(n & 0xFFFFFFFF, 100 + k * PERIOD_S) for k, n in enumerate((-2, -1, 0, 1, 3))]
+        node.steps = [
+            Step(sequence=n & 0xFFFFFFFF, stamp_s=100 + k * PERIOD_S) for k, n in enumerate((-2, -1, 0, 1, 3))
+        ]
         assert [next_frame(frames).sequence for _ in range(5)] == [1, 2, 3, 4, 6]
         stream.stop()
         stream.start()
@@ -300,9 +302,9 @@ class TestFrames:
     def test_a_frame_whose_stamp_came_late_is_not_trusted_and_the_next_one_is(
         self, node: ScriptNode, stream: Stream
     ) -> None:
-        seen = Seen()
+        seen = FrameSearch()
         frames = frames_of(stream, node)
-        node.steps = [*regular(0, 1, 2), Step(3, 100 + 3.6 * PERIOD_S), *regular(4, 5)]
+        node.steps = [*regular(0, 1, 2), Step(sequence=3, stamp_s=100 + 3.6 * PERIOD_S), *regular(4, 5)]
         got = [next_frame(frames, seen=seen) for _ in range(5)]
         assert [frame.sequence for frame in got] == [1, 2, 3, 5, 6]
         assert seen.late == 1
@@ -310,15 +312,17 @@ class TestFrames:
 
     def test_a_copy_of_the_frame_before_says_so_even_if_that_was_stale(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node)
-        node.steps = [Step(n, 100 + n * PERIOD_S, level=level) for n, level in enumerate((5, 5, 6, 6, 5))]
+        node.steps = [
+            Step(sequence=n, stamp_s=100 + n * PERIOD_S, level=level) for n, level in enumerate((5, 5, 6, 6, 5))
+        ]
         assert next_frame(frames, after_s=100.02).repeats
         assert [next_frame(frames).repeats for _ in range(3)] == [False, True, False]
 
     @pytest.mark.parametrize(
         ("step", "message"),
         [
-            (Step(0, 100.0, flags=abi.TIMESTAMP_START_OF_EXPOSURE), "not of the monotonic clock"),
-            (Step(0, 50.0), r"-50\.\d+ s from now, so it is of another clock"),
+            (Step(sequence=0, stamp_s=100.0, flags=abi.TIMESTAMP_START_OF_EXPOSURE), "not of the monotonic clock"),
+            (Step(sequence=0, stamp_s=50.0), r"-50\.\d+ s from now, so it is of another clock"),
         ],
     )
     def test_times_of_another_clock_are_refused(
@@ -331,7 +335,10 @@ class TestFrames:
 
     def test_exposures_that_abut_do_not_overlap_by_jitter(self, node: ScriptNode, stream: Stream) -> None:
         frames = frames_of(stream, node, exposes_always=True)
-        node.steps = [Step(n, stamp_s) for n, stamp_s in enumerate((100.002, 100.0105, 100.0305, 100.0245, 99.99))]
+        node.steps = [
+            Step(sequence=n, stamp_s=stamp_s)
+            for n, stamp_s in enumerate((100.002, 100.0105, 100.0305, 100.0245, 99.99))
+        ]
         started_s = [next_frame(frames).started_s for _ in range(5)]
         assert started_s[:4] == pytest.approx([99.952, 99.962, 99.9805, 99.9905])
         assert started_s[4] == pytest.approx(99.94), "more than jitter is left as it is"
@@ -339,7 +346,7 @@ class TestFrames:
     def test_without_exposure_control_both_kinds_of_time_stamp_count_alike(
         self, node: ScriptNode, stream: Stream
     ) -> None:
-        node.steps = [Step(0, 100.0), Step(1, 100.05, flags=abi.TIMESTAMP_MONOTONIC)]
+        node.steps = [Step(sequence=0, stamp_s=100.0), Step(sequence=1, stamp_s=100.05, flags=abi.TIMESTAMP_MONOTONIC)]
         frames = frames_of(stream, node, exposes_always=True)
         assert [next_frame(frames).started_s for _ in range(2)] == pytest.approx([99.95, 100.0])
 

@@ -10,9 +10,9 @@ from rig.devices.window.monitor import check_mode, choose_monitor
 from rig.devices.window.projector import WindowProjector
 from rig.errors import DeviceError, DeviceLost, SettingRefused
 
-OPERATOR = FoundMonitor("eDP-1", 0, 0, 0, 1920, 1080, 60.0)
-WALL = FoundMonitor("HDMI-1", 1, 1920, 0, 1280, 800, 60.0)
-TWIN = FoundMonitor("HDMI-1", 2, 3200, 0, 1280, 800, 0.0)
+OPERATOR = FoundMonitor(name="eDP-1", index=0, x_px=0, y_px=0, width_px=1920, height_px=1080, refresh_rate_hz=60.0)
+WALL = FoundMonitor(name="HDMI-1", index=1, x_px=1920, y_px=0, width_px=1280, height_px=800, refresh_rate_hz=60.0)
+TWIN = FoundMonitor(name="HDMI-1", index=2, x_px=3200, y_px=0, width_px=1280, height_px=800, refresh_rate_hz=0.0)
 
 
 def test_a_monitor_is_chosen_by_name_or_number() -> None:

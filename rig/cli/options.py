@@ -1,0 +1,41 @@
+"""Options and arguments that several verbs share, once each, and how a result is printed for programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+ProfileOption = Annotated[
+    str | None,
+    Parameter(name=["--profile", "-p"], help="Profile file or name; needed once, then the session keeps its copy."),
+]
+SessionFolder = Annotated[Path, Parameter(help="Folder of the session; made if it does not exist.")]
+Target = Annotated[Path | None, Parameter(help="Picture to show (PNG, JPEG, TIFF, EXR); default: a test picture.")]
+Fit = Annotated[
+    bool, Parameter(name="--fit", negative="", help="Scale and crop a target of another size to the projector's.")
+]
+Strategies = Annotated[
+    str,
+    Parameter(
+        name=["--strategies", "--strategy"],
+        help="Strategies to project, separated by commas, or all: none, direct, paper, exact, reverse_radiosity, "
+        "block_fixed_point, tikhonov, series, dual, bounded, perceptual, remap, content_scale, smooth_attenuation.",
+    ),
+]
+DEFAULT_STRATEGIES = "none,direct,paper,exact,bounded"
+
+
+Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
+
+
+def print_json(value: dict[str, Any]) -> None:
+    """A result on stdout, for programs."""
+    print(json.dumps(value, indent=2, allow_nan=False))
+
+
+def names_of(text: str) -> tuple[str, ...]:
+    """The words of a list that is separated by commas."""
+    return tuple(name.strip() for name in text.split(","))

@@ -1,0 +1,189 @@
+"""The verbs of the command line that compare, replicate, simulate and measure; no logic."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
+
+from rig.cli.options import Fit, Json, ProfileOption, Strategies, Target, names_of, print_json
+from rig.errors import UsageError
+
+
+def compare_strategies(
+    session: Annotated[Path | None, Parameter(help="Folder of the session; made if it does not exist.")] = None,
+    *,
+    on_paper: Annotated[
+        bool, Parameter(name="--paper", negative="", help="The paper's six configurations instead; no device.")
+    ] = False,
+    profile: ProfileOption = None,
+    target: Target = None,
+    fit: Fit = False,
+    strategies: Strategies = "all",
+    loop: Annotated[str, Parameter(help="Strategies whose loop is closed, separated by commas; or none.")] = "bounded",
+    captures: Annotated[int, Parameter(help="Most captures of a closed loop, the uncorrected one included.")] = 4,
+    rule: Annotated[
+        Literal["image", "model"],
+        Parameter(help="What a closed loop corrects: each pixel towards the target, or the model under the strategy."),
+    ] = "image",
+    oracle: Annotated[
+        bool,
+        Parameter(negative="", help="Simulated rigs: also what knowing the simulated world would give."),
+    ] = False,
+    only_target: Annotated[
+        bool, Parameter(negative="", help="Leave the two-wall picture, the dark and the bright photograph out.")
+    ] = False,
+    report: Annotated[Path | None, Parameter(help="HTML file to write, with --paper.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Project and photograph every strategy, close the loop, and judge them side by side.
+
+    Does first what the session lacks up to its model; after an interruption run the same command again.
+
+    Example: rig compare-strategies runs/first --captures 8
+
+    Example: rig compare-strategies --paper --report strategies.html
+    """
+    from rig.paper.comparison import compare_on_paper
+    from rig.run.session import Request
+    from rig.strategies.comparison import Comparison
+    from rig.strategies.comparison import compare_strategies as compared
+    from rig.strategies.page import print_strategies
+    from rig.terminal import TerminalProgress
+
+    if (session is None) != on_paper:
+        raise UsageError("name a session or give --paper, one of the two")
+    with TerminalProgress() as progress:
+        if session is None:
+            result = compare_on_paper(names_of(strategies), report, progress)
+        else:
+            request = Request(session, profile, target, names_of(strategies), fit)
+            loops = () if loop == "none" else names_of(loop)
+            wanted = Comparison(
+                request=request,
+                loops=loops,
+                captures=captures,
+                rule=rule,
+                oracle=oracle,
+                test_pictures=not only_target,
+            )
+            result = compared(wanted, progress)
+    print_json(result.as_json()) if as_json else print_strategies(result)
+    return 0
+
+
+def paper(
+    *,
+    figures: Annotated[Path | None, Parameter(help="Folder for pictures like the paper's figures.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Repeat the six configurations of Dehos et al. 2014, the published figures beside ours.
+
+    Example: rig paper --figures figures/
+    """
+    from rig.paper.experiments import run_paper
+    from rig.paper.tables import print_paper
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        result = run_paper(figures, progress)
+    print_json(result.as_json()) if as_json else print_paper(result)
+    return 0
+
+
+def simulate(
+    scene: Annotated[
+        str,
+        Parameter(
+            help="paper-room, corner, furnace, room-with-box, sloped-room, furnished-room, sphere, or a mesh file."
+        ),
+    ],
+    *,
+    tolerance: Annotated[float | None, Parameter(help="Error allowed, % of white; default: 1.")] = None,
+    grey_levels: Annotated[float | None, Parameter(help="The same in grey levels, white = 255.")] = None,
+    light: Annotated[
+        Literal["projector", "floor", "uniform"] | None, Parameter(help="White light; default: the scene's own.")
+    ] = None,
+    reflectance: Annotated[
+        str, Parameter(help="One number, or one for each colour, separated by commas; default: the scene's own.")
+    ] = "",
+    unit: Annotated[Literal["m", "cm", "mm", "in", "ft"], Parameter(help="Unit of a mesh file.")] = "m",
+    memory_mb: Annotated[float | None, Parameter(help="Memory that may be used; default: half of the free.")] = None,
+    check: Annotated[
+        bool, Parameter(name="--check", negative="", help="Measure the error against a refined solution.")
+    ] = False,
+    as_json: Json = False,
+) -> int:
+    """Plan and run a simulation as fine as a tolerance needs, without any device.
+
+    Example: rig simulate paper-room --tolerance 0.5
+    """
+    from rig.offline.simulate import SimulationRequest, plan_simulation, reflectances_of, run_planned, tolerance_of
+    from rig.offline.tables import print_simulation, print_simulation_plan
+    from rig.terminal import TerminalProgress
+
+    percent = tolerance_of(tolerance, grey_levels)
+    request = SimulationRequest(
+        scene=scene,
+        tolerance=percent,
+        light=light,
+        reflectance=reflectances_of(reflectance),
+        unit=unit,
+        memory_mb=memory_mb,
+    )
+    with TerminalProgress() as progress:
+        planned, result = plan_simulation(request, progress)
+    if not as_json:
+        print_simulation_plan(result)
+    with TerminalProgress() as progress:
+        result = replace(result, actual=run_planned(planned, progress, check))
+    print_json(result.as_json()) if as_json else print_simulation(result)
+    return 0
+
+
+def bench(
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate or live.")],
+    *,
+    quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
+    full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,
+    table: Annotated[Path | None, Parameter(name="--csv", help="CSV file to write the points to.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Measure error, seconds and memory of the radiosity engine, beside the peers that are installed.
+
+    Status 1 if an accuracy bar is missed; seconds and memory are shown, but decide nothing.
+
+    Example: rig bench form-factors
+    """
+    from rig.benchmark import run_bench
+    from rig.benchmark.tables import print_bench
+    from rig.terminal import TerminalProgress
+
+    if quick and full:
+        raise UsageError("--quick and --full exclude each other; give one")
+    with TerminalProgress() as progress:
+        result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
+    print_json(result.as_json()) if as_json else print_bench(result)
+    return 0 if result.within_limits else 1
+
+
+def scan(
+    manifest: Annotated[Path, Parameter(help="Manifest of a folder of Gray-code photographs (docs/how-to/replay.md).")],
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Point cloud to write.")] = Path("cloud.ply"),
+    as_json: Json = False,
+) -> int:
+    """Turn Gray-code photographs and known lenses into a point cloud (.ply).
+
+    Example: rig scan photographs/replay.toml -o cloud.ply
+    """
+    from rig.offline.scan import run_scan
+    from rig.offline.tables import print_scan
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        result = run_scan(manifest, output, on_step=progress)
+    print_json(result.as_json()) if as_json else print_scan(result)
+    return 0

@@ -1,0 +1,221 @@
+"""Pictures on disk and in their size: one reader with the camera's orientation, one PNG writer, one cover-and-crop."""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cv2
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - the library's own documentation calls it so
+from numpy.typing import NDArray
+
+from rig.errors import UsageError
+from rig.files.atomic import write_bytes
+
+Float32Array = NDArray[np.float32]
+Codes = NDArray[np.uint8]
+Sample = TypeVar("Sample", np.uint8, np.float32, np.float64)
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Share of linear red, green and blue in luminance (ITU-R BT.709)."""
+_PICTURE_CHANNELS = (("R", "G", "B"), ("Y",), ("I",))
+_PICTURE_SUFFIXES = "PNG, JPEG, TIFF or EXR"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ImageFile:
+    """What an image file holds."""
+
+    pixels: NDArray[np.generic]
+    """(H, W, C), upright: the orientation that a camera noted is applied."""
+    channels: tuple[str, ...]
+    """Names of the C channels."""
+
+
+def read_pixels(path: Path, sample_format: str = "") -> ImageFile:
+    """Read an image file, colours not multiplied by the transparency.
+
+    Parameters
+    ----------
+    path
+        Of a PNG, JPEG, TIFF, EXR, or whatever else OpenImageIO reads.
+    sample_format
+        OpenImageIO's name of the numbers wanted; default: the file's own.
+
+    Raises
+    ------
+    UsageError
+        The file is missing, unreadable, ends early, or has no pixels.
+    """
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file; check the name")
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)  # or the colours come multiplied by the transparency
+    source = oiio.ImageInput.open(str(path), config)
+    if source is None:
+        raise UsageError(f"{path}: cannot be read ({_first_line(oiio.geterror())}); use {_PICTURE_SUFFIXES}")
+    spec = source.spec()
+    pixels = source.read_image(sample_format or spec.format)
+    problem = source.geterror()
+    source.close()
+    if pixels is None or problem:
+        raise UsageError(f"{path}: is damaged ({_first_line(problem)}); copy or export it again")
+    if math.prod(pixels.shape) == 0:
+        raise UsageError(f"{path}: has no pixels")
+    return ImageFile(_upright(pixels, spec.get_int_attribute("Orientation", 1)), tuple(spec.channelnames))
+
+
+def _first_line(text: str) -> str:
+    return text.strip().splitlines()[0] if text.strip() else "no reason given"
+
+
+def _upright(pixels: NDArray[np.generic], orientation: int) -> NDArray[np.generic]:
+    """Undo the Exif orientation 1 … 8."""
+    if orientation in (5, 6, 7, 8):
+        pixels = pixels.swapaxes(0, 1)
+    if orientation in (3, 4, 7, 8):
+        pixels = pixels[::-1]
+    if orientation in (2, 3, 6, 7):
+        pixels = pixels[:, ::-1]
+    return pixels
+
+
+def read_picture(path: str | os.PathLike[str]) -> Float32Array:
+    """Read a target picture: (H, W, C) float32, C = 1 or 3, grey levels 0 … 255 that are linear in light.
+
+    The numbers in the file are taken as they are, as in the paper: 8-bit codes are the levels, 16-bit codes
+    are divided by 257, EXR values (0 … 1) are multiplied by 255. No display gamma is undone; transparency
+    is ignored; the orientation that a camera noted is applied.
+
+    Raises
+    ------
+    UsageError
+        The file is missing or unreadable, or has NaN, infinite or negative values.
+    """
+    path = Path(path)
+    levels = _grey_levels(_colours(path))
+    _check_levels(path, levels)
+    return levels
+
+
+def _colours(path: Path) -> NDArray[np.generic]:
+    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it."""
+    image = read_pixels(path)
+    known = next((names for names in _PICTURE_CHANNELS if set(names) <= set(image.channels)), None)
+    if known is None:
+        there = ", ".join(image.channels)
+        raise UsageError(f"{path}: has channels {there}; a picture needs R, G, B or Y: export it as such")
+    return image.pixels[..., [image.channels.index(name) for name in known]]
+
+
+def _grey_levels(picture: NDArray[np.generic]) -> Float32Array:
+    full_scale = 256**picture.dtype.itemsize - 1 if picture.dtype.kind == "u" else 1
+    return (picture.astype(np.float64) * (255.0 / full_scale)).astype(np.float32)
+
+
+def _check_levels(path: Path, levels: Float32Array) -> None:
+    bad = int(np.count_nonzero(~np.isfinite(levels)))
+    if bad:
+        raise UsageError(f"{path}: {bad} of {levels.size} values are NaN or infinite; replace them by numbers")
+    negative = int(np.count_nonzero(levels < 0))
+    if negative:
+        raise UsageError(
+            f"{path}: {negative} of {levels.size} values are negative (lowest {levels.min() / 255:.4g}); "
+            "light cannot be: set them to 0"
+        )
+
+
+def read_codes(path: Path) -> Codes:
+    """Read a picture as a display takes it: (H, W, 3) codes, red first; of 16 bits the upper eight.
+
+    Raises
+    ------
+    UsageError
+        The file is missing or unreadable, or has no codes of 8 or 16 bits.
+    """
+    colours = _colours(path)
+    if colours.dtype not in (np.uint8, np.uint16):
+        raise UsageError(f"{path}: has values of {colours.dtype}; export it with 8 or 16 bits")
+    eight = colours.astype(np.uint8) if colours.dtype == np.uint8 else (colours >> 8).astype(np.uint8)  # type: ignore[operator]
+    return np.ascontiguousarray(np.broadcast_to(eight, (*eight.shape[:2], 3)))
+
+
+def png_of(codes: Codes, compression: int | None = None) -> bytes:
+    """Return a picture as the bytes of a PNG.
+
+    Parameters
+    ----------
+    codes
+        (H, W) or (H, W, 1) grey, or (H, W, 3), red first.
+    compression
+        0 … 9, from quick to small; None: the library's choice.
+
+    Raises
+    ------
+    ValueError
+        Another shape or type.
+    """
+    if codes.dtype != np.uint8 or codes.ndim not in (2, 3) or codes.shape[2:] not in ((), (1,), (3,)):
+        raise ValueError(f"PNG takes uint8 of 1 or 3 channels, not {codes.dtype} of shape {codes.shape}")
+    effort = [] if compression is None else [cv2.IMWRITE_PNG_COMPRESSION, compression]
+    coded, data = cv2.imencode(".png", codes[..., ::-1] if codes.ndim == 3 else codes, effort)
+    if not coded:
+        raise ValueError(f"a picture of shape {codes.shape} could not be coded as PNG")
+    return data.tobytes()
+
+
+def write_png(path: Path, codes: Codes, compression: int | None = None) -> None:
+    """Write a picture as PNG; parameters and ValueError as for :func:`png_of`.
+
+    Raises
+    ------
+    SessionError
+        The disk is full or refuses.
+    """
+    write_bytes(path, png_of(codes, compression))
+
+
+def covering_shape(shape: tuple[int, ...], wanted: tuple[int, int]) -> tuple[int, int]:
+    """Return (height, width), in pixels, of a picture that is scaled until it covers the wanted (height, width)."""
+    factor = max(wanted[0] / shape[0], wanted[1] / shape[1])
+    return max(wanted[0], round(shape[0] * factor)), max(wanted[1], round(shape[1] * factor))
+
+
+def centre_crop(picture: NDArray[Sample], shape: tuple[int, int]) -> NDArray[Sample]:
+    """Return the middle (height, width) pixels of a picture (H, W) or (H, W, C), a view."""
+    top, left = (picture.shape[0] - shape[0]) // 2, (picture.shape[1] - shape[1]) // 2
+    return picture[top : top + shape[0], left : left + shape[1]]
+
+
+def cover(
+    picture: NDArray[Sample], shape: tuple[int, int], enlarging: int, scaled: NDArray[Sample] | None = None
+) -> NDArray[Sample]:
+    """Return a picture (H, W, C) scaled to cover a shape, and cropped to it; itself where it has the shape.
+
+    Parameters
+    ----------
+    picture
+        Of any size.
+    shape
+        (height, width) wanted. [px]
+    enlarging
+        OpenCV's interpolation where the picture is too small; where it is too large, areas are averaged.
+    scaled
+        Memory of :func:`covering_shape` to scale into; default: new memory.
+    """
+    if picture.shape[:2] == shape:
+        return picture
+    height, width = covering_shape(picture.shape, shape)
+    shrinks = max(shape[0] / picture.shape[0], shape[1] / picture.shape[1]) < 1
+    method = cv2.INTER_AREA if shrinks else enlarging
+    data: NDArray[Any] = cv2.resize(picture, (width, height), dst=scaled, interpolation=method)
+    return centre_crop(data.reshape(height, width, -1), shape)
+
+
+def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Linear light of sRGB codes, both 0 … 1 (IEC 61966-2-1)."""
+    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
