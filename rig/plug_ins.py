@@ -7,13 +7,17 @@ brings along is described in the same way, so that one function finds, and one l
 from __future__ import annotations
 
 import difflib
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points, version
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from rig.errors import UsageError
 from rig.records import Record
+
+if TYPE_CHECKING:
+    from calibration import StructuredLightCode
+    from sim import Strategy
 
 Kind = Literal["camera driver", "projector driver", "strategy", "code"]
 GROUPS: Mapping[Kind, str] = {
@@ -102,13 +106,15 @@ def choose(kind: Kind, name: str, brought: Iterable[PlugIn] = ()) -> PlugIn:
         return named[0]
     if named:
         raise UsageError(_clash(named))
-    raise UsageError(f"no {kind} is named {name!r}{suggestion(name, [one.name for one in offered])}")
-
-
-def suggestion(name: str, known: Collection[str]) -> str:
-    """Return what may have been meant, as the end of a sentence, and what there is."""
+    known = [one.name for one in offered]
     near = difflib.get_close_matches(name, known, n=1)
-    return (f"; did you mean {near[0]}?" if near else "") + f" There are {', '.join(sorted(known)) or 'none'}"
+    meant = f"; did you mean {near[0]}?" if near else ""
+    raise UsageError(f"no {kind} is named {name!r}{meant}; there are {', '.join(known) or 'none'}")
+
+
+def names(kind: Kind, brought: Iterable[PlugIn] = ()) -> tuple[str, ...]:
+    """Return the names that there are, this program's first."""
+    return tuple(dict.fromkeys(one.name for one in (*brought, *others(kind))))
 
 
 def load(plug_in: PlugIn) -> object:
@@ -136,3 +142,74 @@ def wrong_type(plug_in: PlugIn, found: object, wanted: str) -> UsageError:
         f"{plug_in.kind} {plug_in.name!r} of {plug_in.source} gives {type(found).__name__}, not {wanted}; "
         "tell its author (docs/how-to/plug-ins.md says what is expected)"
     )
+
+
+def own_strategies() -> tuple[PlugIn, ...]:
+    """Return the compensation strategies that this program brings along."""
+    from sim.compensation import STRATEGIES
+
+    values = {name: f"{one.solve.__module__}:{one.solve.__qualname__}" for name, one in STRATEGIES.items()}
+    return own("strategy", values)
+
+
+def find_strategy(name: str) -> Strategy:
+    """Return a compensation strategy: this program's, or one that another package offers.
+
+    Raises
+    ------
+    UsageError
+        There is none of that name, or two; or it cannot be loaded, or is no ``sim.Strategy`` of that name.
+    """
+    from sim.compensation import STRATEGIES
+    from sim.compensation.strategy import Strategy
+
+    plug_in = choose("strategy", name, own_strategies())
+    if plug_in.is_own:
+        return STRATEGIES[name]
+    found = load(plug_in)
+    if not isinstance(found, Strategy) or found.name != name:
+        raise wrong_type(plug_in, found, f"a sim.Strategy of the name {name!r}")
+    return found
+
+
+def strategy_version(name: str) -> str:
+    """Return what the hash of a step has to hold of a strategy: its version, and its package's if that is another."""
+    found = find_strategy(name)
+    return _version_of(choose("strategy", name, own_strategies()), found.version)
+
+
+def own_codes() -> tuple[PlugIn, ...]:
+    """Return the structured-light codes that this program brings along."""
+    from calibration.structured_light.code import CODES
+
+    return own("code", {name: f"{type(one).__module__}:{type(one).__qualname__}" for name, one in CODES.items()})
+
+
+def find_code(name: str) -> StructuredLightCode:
+    """Return a structured-light code: this program's, or one that another package offers.
+
+    Raises
+    ------
+    UsageError
+        There is none of that name, or two; or it cannot be loaded, or is no ``calibration.StructuredLightCode`` of
+        that name.
+    """
+    from calibration.structured_light.code import CODES, StructuredLightCode
+
+    plug_in = choose("code", name, own_codes())
+    if plug_in.is_own:
+        return CODES[name]
+    found = load(plug_in)
+    if not isinstance(found, StructuredLightCode) or found.name != name:
+        raise wrong_type(plug_in, found, f"a calibration.StructuredLightCode of the name {name!r}")
+    return found
+
+
+def code_version(name: str) -> str:
+    """Return what the hash of a step has to hold of a code: its version, and its package's if that is another."""
+    found = find_code(name)
+    return _version_of(choose("code", name, own_codes()), found.version)
+
+
+def _version_of(plug_in: PlugIn, own_version: str) -> str:
+    return own_version if plug_in.is_own else f"{own_version} of {plug_in.source}"

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from calibration.structured_light.gray import CodeName, bits_for, gray_code_patt
 from calibration.structured_light.patterns import Pattern
 
 
+@runtime_checkable
 class StructuredLightCode(Protocol):
     """Pictures that tell a camera which projector pixel it sees, and how to read their photographs.
 

@@ -25,7 +25,10 @@ def devices(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """List what is plugged in: cameras, display outputs, monitors, controllers, and their lines for a profile.
+    """List what is plugged in, with its lines for a profile, and the installed drivers, strategies and codes.
+
+    Cameras, display outputs, monitors of the desktop, projector controllers; other packages may add drivers, strategies
+    and structured-light codes (docs/how-to/plug-ins.md).
 
     Example: rig devices --json
     """
@@ -33,7 +36,7 @@ def devices(
     from rig.inventory.tables import print_devices
 
     result = list_devices(name)
-    print_json(result) if as_json else print_devices(result, everything or name is not None)
+    print_json(result.as_json()) if as_json else print_devices(result, everything or name is not None)
     return 0
 
 
@@ -144,9 +147,18 @@ def profile_new(
 
     Example: rig profile new lab.toml --projector-model PW800
     """
-    from rig.inventory.new_profile import Request, write_profile
+    from rig.inventory.new_profile import ProfileRequest, write_profile
     from rig.inventory.tables import print_new_profile
 
-    result = write_profile(Request(path, camera, output, camera_model, projector_model, name, force))
-    print_json(result) if as_json else print_new_profile(result)
+    request = ProfileRequest(
+        path=path,
+        camera=camera,
+        output=output,
+        camera_model=camera_model,
+        projector_model=projector_model,
+        name=name,
+        force=force,
+    )
+    result = write_profile(request)
+    print_json(result.as_json()) if as_json else print_new_profile(result)
     return 0

@@ -22,7 +22,8 @@ Strategies = Annotated[
     Parameter(
         name=["--strategies", "--strategy"],
         help="Strategies to project, separated by commas, or all: none, direct, paper, exact, reverse_radiosity, "
-        "block_fixed_point, tikhonov, series, dual, bounded, perceptual, remap, content_scale, smooth_attenuation.",
+        "block_fixed_point, tikhonov, series, dual, bounded, perceptual, remap, content_scale, smooth_attenuation; "
+        "rig devices lists those of other packages, too.",
     ),
 ]
 DEFAULT_STRATEGIES = "none,direct,paper,exact,bounded"

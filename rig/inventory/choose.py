@@ -21,9 +21,6 @@ PREFERRED_FORMATS = (
     *("MJPG", "JPEG"),
 )
 """Pixel formats that a rig can use, best first: raw grey, brightness beside colour, mosaic, compressed."""
-EXPOSURE_CONTROL = 0x009A0902
-"""V4L2's exposure time, in steps of 100 µs."""
-EXPOSURE_UNIT_S = 1e-4
 LEAST_RATE_HZ = 5.0
 """A larger picture is not worth waiting longer than this for."""
 MOST_RATE_HZ = 60.0
@@ -71,14 +68,6 @@ def _camera_mode(one: FormatAbility, facts: CameraFacts | None) -> CameraMode:
     if bits == 16 and facts is not None and facts.bit_depth is not None:
         bits = facts.bit_depth.value
     return CameraMode(name, bits, one.width_px, one.height_px, rate)
-
-
-def exposure_range_s(controls: Iterable[ControlAbility]) -> tuple[float, float] | None:
-    """Shortest and longest exposure that the control takes; None when it has none in seconds."""
-    for control in controls:
-        if control.id == EXPOSURE_CONTROL:
-            return max(control.minimum, 1) * EXPOSURE_UNIT_S, control.maximum * EXPOSURE_UNIT_S
-    return None
 
 
 def fixed_controls(controls: Iterable[ControlAbility]) -> dict[str, tuple[int, str]]:

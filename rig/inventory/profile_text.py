@@ -6,12 +6,14 @@ import math
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from rig.devices.v4l2.controls import exposure_range_of
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.files.toml import toml_value
-from rig.inventory.choose import CameraMode, exposure_range_s, fixed_controls
-from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
+from rig.inventory.choose import CameraMode, fixed_controls
+from rig.inventory.found import DisplayMode
+from rig.profile.hardware_facts import CameraFacts, Fact, ProjectorFacts, Value
 from rig.profile.schema import SCHEMA
 
 if TYPE_CHECKING:
@@ -43,11 +45,11 @@ class Entry(NamedTuple):
     """A line of a profile."""
 
     key: str
-    value: Any
+    value: object
     origin: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedCamera:
     """A camera, and how it is going to be run."""
 
@@ -59,14 +61,13 @@ class PlannedCamera:
     """Maker and model of the facts; empty when none are known."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedDisplay:
     """A display, and the mode it is going to show."""
 
     driver: str
     output: str
-    mode: Any
-    """Has width_px, height_px, refresh_rate_hz."""
+    mode: DisplayMode
     facts: ProjectorFacts
     facts_of: str
 
@@ -154,7 +155,7 @@ def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Entr
     return entries
 
 
-def _cited(model: str, fact: Any) -> str:
+def _cited(model: str, fact: Fact[Value]) -> str:
     words = textwrap.shorten(fact.quote, _QUOTE_WIDTH, placeholder=" …")
     return f"cited: {model}, “{words}”"
 
@@ -168,7 +169,7 @@ def _bit_depth_origin(camera: PlannedCamera) -> str:
 
 
 def _exposure_range(camera: PlannedCamera) -> tuple[tuple[float, float], str]:
-    asked = exposure_range_s(camera.controls)
+    asked = exposure_range_of(camera.controls)
     if asked is not None:
         period_s = 1 / (camera.mode.frame_rate_hz or _GUESSED_RATE_HZ)
         too_long = asked[1] > period_s
