@@ -20,7 +20,7 @@ from rig.errors import UsageError
 from rig.files.atomic import write_bytes
 from rig.records import Json
 from rig.stages.error_tree import one_error_tree
-from rig.terminal import OnStep
+from rig.terminal import OnStep, silent
 from sim.form_factors.factors import ClosureWarning
 from sim.threads import threads
 
@@ -31,7 +31,7 @@ BENCHES: Mapping[str, str] = {
 COLUMNS = ("problem", "method", "n", "tolerance", "seconds", "error", "peak_mb", "error_of")
 
 
-def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> BenchResult:
+def run_bench(name: str, size: Size = "default", table: Path | None = None, on_step: OnStep = silent) -> BenchResult:
     """Measure, hold against the criteria, describe.
 
     Parameters

@@ -47,7 +47,7 @@ def compare_strategies(
     Example: rig compare-strategies --paper --report strategies.html
     """
     from rig.paper.comparison import compare_on_paper
-    from rig.run.session import Request
+    from rig.run.request import SessionRequest
     from rig.strategies.comparison import Comparison
     from rig.strategies.comparison import compare_strategies as compared
     from rig.strategies.page import print_strategies
@@ -59,7 +59,9 @@ def compare_strategies(
         if session is None:
             result = compare_on_paper(names_of(strategies), report, progress)
         else:
-            request = Request(session, profile, target, names_of(strategies), fit)
+            request = SessionRequest(
+                folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies)
+            )
             loops = () if loop == "none" else names_of(loop)
             wanted = Comparison(
                 request=request,

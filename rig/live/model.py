@@ -79,7 +79,7 @@ def black_at_pixels(model: FittedScene, radiometric: RadiometricCalibration) -> 
     black = radiometric.black[exposure_s] / ratio * radiometric.balance.astype(np.float32)
     sigma = max(_BLACK_BLUR_SHARE * black.shape[1], 0.5)
     smooth = cv2.GaussianBlur(black, (0, 0), sigma).reshape(black.shape).astype(np.float64)
-    where = project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
+    where = project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_hits.points_m)
     # `sample` takes 0 for missing
     seen = sample_bands(np.maximum(smooth, 0.0) + 1.0, where)[model.room.active] - 1.0
     return np.where(np.isfinite(seen), seen, np.nanmedian(seen, axis=0))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
 from rig.offline.records import Estimate, PlanSummary, SimulationOutcome, SimulationResult
-from rig.terminal import OnStep
+from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.surface import Surface
@@ -136,7 +136,7 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> Simulati
     return _checked(actual, planned, simulation, on_step) if check else actual
 
 
-def run_simulate(request: SimulationRequest, on_step: OnStep, check: bool = False) -> SimulationResult:
+def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bool = False) -> SimulationResult:
     """Plan, estimate, simulate and measure."""
     planned, result = plan_simulation(request, on_step)
     return replace(result, actual=run_planned(planned, on_step, check))

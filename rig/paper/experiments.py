@@ -27,7 +27,7 @@ from rig.paper.records import (
     StatedPose,
 )
 from rig.paper.scores import WHITE, Scored, certificate, compensated, strategy_scores
-from rig.terminal import OnStep
+from rig.terminal import OnStep, silent
 from sim.compensation import compensate
 from sim.form_factors import ClosureWarning, FormFactors, form_factors
 from sim.geometry.optics import Lens, Pose
@@ -151,7 +151,7 @@ CONFIGURATIONS = (
 )
 
 
-def run_paper(figures_dir: Path | None, on_step: OnStep) -> PaperResult:
+def run_paper(figures_dir: Path | None = None, on_step: OnStep = silent) -> PaperResult:
     """Replicate the paper's six configurations.
 
     Parameters

@@ -228,6 +228,8 @@ class Viewer(Table):
 class Patterns(Table):
     """How much is captured."""
 
+    code: str = "long-run"
+    """Structured-light code: ``gray``, ``long-run``, or that of another package."""
     checker_size_px: Count = 8
     checker_shifts: Count = 25
     response_levels: Annotated[int, Field(ge=3, le=256)] = 17

@@ -73,7 +73,7 @@ def write_check_page(result: SelfCheck, path: Path) -> Path:
         "title": f"Check of {result.profile}",
         "subtitle": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC; {result.device_s:.0f} s of the rig's time; "
         f"working exposure {1e3 * result.exposure_s:.3f} ms.",
-        "passed": result.within_limits,
+        "met": result.within_limits,
         "verdict": f"{len(rows) - len(broken)} of {len(rows)} rows without objection",
         "rows": [
             {"part": part, "verdict": verdict, "value": number(verdict.value), "limit": limit_of(verdict)}

@@ -27,7 +27,7 @@ from rig.self_check.parts.stability import check_stability, take_reference_image
 from rig.self_check.results import PartResult, SelfCheck
 from rig.self_check.rig_under_test import RigUnderTest
 from rig.stages.error_tree import one_error_tree
-from rig.terminal import OnStep
+from rig.terminal import OnStep, silent
 
 
 class _Check:
@@ -64,13 +64,15 @@ PARTS = ("latency", *_PARTS)
 """What `--only` knows, in the order in which it is measured."""
 
 
-def run_check(profile_name: str, on_step: OnStep, only: Sequence[str] = ()) -> SelfCheck:
+def run_check(profile_name: str, on_step: OnStep = silent, only: Sequence[str] = ()) -> SelfCheck:
     """Measure a rig; value, limit and verdict of each row, values for its profile, and all raw numbers.
 
     Parameters
     ----------
     profile_name
         File or bare name of a profile that is not a replay.
+    on_step
+        Told how far it is.
     only
         Some of ``PARTS``; default: all.
 

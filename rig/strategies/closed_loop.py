@@ -11,33 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.structured_light.patterns import Pattern
-from rig.capture.rig import Rig
 from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
-from rig.records import read_record
+from rig.run.session import OpenSession
 from rig.session import Session, Step
-from rig.stages.compensation import (
-    JudgedPixels,
-    check_strategies,
-    judged_pixels,
-    measured_options,
-    wanted_light,
-    whole_picture,
-)
+from rig.stages.compensation import check_strategies, measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
-from rig.stages.picture_errors import contrast, perceived_errors, picture_errors
+from rig.stages.picture_errors import contrast, perceived_errors
+from rig.stages.prediction import JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.stages.scene_model import sample_bands
 from rig.stages.target import Target
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
-from sim.compensation import Compensation, compensate
+from sim.compensation import Compensation
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import SplitTransport as Operator
 from sim.compensation.split_transport import split_transport_of
-from sim.geometry.optics import project
 from sim.light.colour import ColourTransport
 
 FloatArray = NDArray[np.float64]
@@ -94,7 +86,7 @@ class ControlledScene:
     def solved(self, strategy: str, wanted: FloatArray) -> Compensation:
         """A strategy for a target (n, B), told what the session has measured of noise and brightness."""
         options = measured_options(self.model).get(strategy, {})
-        return compensate(strategy, self.transport, wanted, **options)
+        return solve(strategy, self.transport, wanted, **options)
 
     def judged(self, light: FloatArray) -> JudgedErrors:
         """All errors of a camera image (H, W, B) in camera values."""
@@ -120,22 +112,14 @@ class ControlledScene:
     def seen(self, image: FloatArray) -> FloatArray:
         """(n, B) a camera image (H, W, B) at the steered pixels; NaN where it is not judged."""
         # Light may be 0 or, by noise, below: shift so that `sample` does not take it for missing.
-        shifted = sample_bands(np.where(self.view.mask[..., None], image + 1.0, 0.0), self._camera_xy_px) - 1.0
-        return np.asarray(shifted[self.model.room.active])
-
-    @cached_property
-    def _camera_xy_px(self) -> FloatArray:
-        scene_model = self.model.scene_model
-        return project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
+        shifted = np.where(self.view.mask[..., None], image + 1.0, 0.0)
+        seen = sample_bands(shifted, self.model.scene_model.camera_xy_px) - 1.0
+        return np.asarray(seen[self.model.room.active])
 
 
 def judged_errors(shown: FloatArray, wanted: FloatArray, mask: NDArray[np.bool_]) -> JudgedErrors:
     """All errors of a picture in grey levels; :mod:`rig.stages.picture_errors` says what is compared."""
-    return JudgedErrors(
-        **picture_errors(shown, wanted, mask),
-        **perceived_errors(shown, wanted, mask),
-        contrast=contrast(shown, wanted, mask),
-    )
+    return JudgedErrors(**vars(perceived_errors(shown, wanted, mask)), contrast=contrast(shown, wanted, mask))
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +132,7 @@ class CapturedLight:
     variance: FloatArray
 
 
-def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: OnStep) -> ClosedLoop:
+def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -> ClosedLoop:
     """Photograph a strategy's picture, correct it by what was measured, and again; the best picture is kept.
 
     Needs `model`. Stops when the measured mean error does not fall by more than its noise. A run that was interrupted
@@ -166,9 +150,10 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
         For an unknown strategy or rule, or an impossible number of captures.
     """
     loop.checked()
-    shot = measuring_bracket(rig, session)
+    session = work.session
+    shot = measuring_bracket(session)
     settings = {
-        "strategy": loop.strategy,
+        "versions": versions_of((loop.strategy,)),
         "rule": loop.rule,
         "captures": loop.captures,
         "target_sha256": target.sha256,
@@ -178,12 +163,10 @@ def close_loop(rig: Rig, session: Session, target: Target, loop: Loop, on_step: 
     step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
     if not step.done:
         step.save_image("target", layers("grey", target.levels))
-        record = _closed(
-            rig, session, step, room=controlled_scene_of(session, step, target), loop=loop, shot=shot, on_step=on_step
-        )
-        step.save_record(step.name, record.as_json())
+        room = controlled_scene_of(session, step, target)
+        step.save_record(step.name, _closed(work, step, room, loop=loop, shot=shot, on_step=on_step))
         step.finish()
-    return read_record(ClosedLoop, step.load_record(step.name))
+    return step.load_record(step.name, ClosedLoop)
 
 
 def controlled_scene_of(session: Session, step: Step, target: Target) -> ControlledScene:
@@ -199,7 +182,7 @@ def controlled_scene_of(session: Session, step: Step, target: Target) -> Control
 
 
 def _closed(
-    rig: Rig, session: Session, step: Step, room: ControlledScene, loop: Loop, shot: ExposureBracket, on_step: OnStep
+    work: OpenSession, step: Step, room: ControlledScene, *, loop: Loop, shot: ExposureBracket, on_step: OnStep
 ) -> ClosedLoop:
     image = room.solved(loop.strategy, room.wanted).projector_image
     errors: list[JudgedErrors] = []
@@ -208,7 +191,7 @@ def _closed(
         on_step(f"closed loop: {loop.strategy}", number - 1, loop.captures)
         codes = room.codes(image, seed=number)
         pattern = Pattern(f"{step.name}-{number}", codes)
-        photograph(rig, session, step, patterns=[pattern], shot=shot, n_patterns=1, on_step=silent)
+        photograph(work.rig(), work.session, step, [pattern], bracket=shot, n_patterns=1, on_step=silent)
         light = merge_exposures(step, pattern.name, shot, room.radiometric)
         errors.append(room.judged_light(light))
         if not _falls(errors, best):

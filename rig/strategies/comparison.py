@@ -10,25 +10,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.structured_light.patterns import Pattern
-from rig.capture.rig import Rig
 from rig.errors import SessionError
 from rig.files.channels import code_layers, codes_of, layers
-from rig.records import read_record
-from rig.run import script as verbs
-from rig.run.session import Request, opened_session, target_of
+from rig.run.plan import plan_session
+from rig.run.request import SessionRequest
+from rig.run.session import OpenSession, opened_session
+from rig.run.steps import required
 from rig.session import Session, Step
 from rig.session.ledger import write_json
-from rig.stages.compensation import check_strategies, predict
+from rig.stages.compensation import check_strategies, solve, versions_of
 from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.prediction import predict
 from rig.stages.radiometry import measuring_bracket
 from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
 from rig.strategies.page import write_strategies_page
 from rig.strategies.pictures import ComparisonPicture, pictures_for
 from rig.strategies.records import ClosedLoop, ComparedPicture, ComparisonResult, OracleRows, StrategyRow
-from rig.terminal import OnStep
-from sim.compensation import STRATEGIES, Compensation, compensate
+from rig.terminal import OnStep, silent
+from sim.compensation import Compensation
 
 FloatArray = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ RECORD = "strategies"
 class Comparison:
     """What is to be compared."""
 
-    request: Request
+    request: SessionRequest
     """Its strategies are those that are projected; none: all that there are."""
     loops: tuple[str, ...] = ("bounded",)
     """Strategies whose loop is closed."""
@@ -51,7 +52,7 @@ class Comparison:
     """Also the two-wall picture, the dark and the bright photograph."""
 
 
-def compare_strategies(wanted: Comparison, on_step: OnStep) -> ComparisonResult:
+def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> ComparisonResult:
     """Project, photograph and judge every strategy; does first what the session lacks up to its model.
 
     Raises
@@ -60,17 +61,17 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> ComparisonResult:
         As `rig run`. The session keeps the answer as strategies.json.
     """
     started_s = time.perf_counter()
-    names = check_strategies(wanted.request.strategies or tuple(STRATEGIES))
+    names = check_strategies(wanted.request.strategies or ("all",))
     loops = [Loop(name, wanted.captures, wanted.rule).checked() for name in wanted.loops]
-    target = target_of(wanted.request)
-    with opened_session(wanted.request) as (rig, session):
-        verbs.calibrate(rig, session, on_step)
-        verbs.separate(rig, session, on_step)
-        verbs.model(rig, session, on_step)
+    plan = plan_session(wanted.request)
+    target = required(plan.showing).target
+    with opened_session(plan) as work:
+        session = work.session
+        work.do_up_to("model", on_step)
         pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
-        compared = tuple(_compare_picture(rig, session, picture, names=names, on_step=on_step) for picture in pictures)
-        closed = tuple(close_loop(rig, session, target, loop=loop, on_step=on_step) for loop in loops)
-        known = oracle_rows(rig, session, pictures[0], names=wanted.loops, on_step=on_step) if wanted.oracle else ()
+        compared = tuple(_compare_picture(work, picture, names=names, on_step=on_step) for picture in pictures)
+        closed = tuple(close_loop(work, target, loop=loop, on_step=on_step) for loop in loops)
+        known = oracle_rows(work, pictures[0], names=wanted.loops, on_step=on_step) if wanted.oracle else ()
         result = _result(session, compared, closed, known)
         result = replace(result, report=str(write_strategies_page(session, result, on_step)))
         write_json(session.path / "strategies.json", result.as_json())
@@ -78,10 +79,11 @@ def compare_strategies(wanted: Comparison, on_step: OnStep) -> ComparisonResult:
 
 
 def _compare_picture(
-    rig: Rig, session: Session, picture: ComparisonPicture, names: Sequence[str], on_step: OnStep
+    work: OpenSession, picture: ComparisonPicture, names: Sequence[str], on_step: OnStep
 ) -> ComparedPicture:
     """Step `strategies-PICTURE`: each strategy's picture computed, photographed and judged."""
-    shot = measuring_bracket(rig, session)
+    session = work.session
+    shot = measuring_bracket(session)
     step = picture_step(session, f"strategies-{picture.name}", picture, names=names, shot=shot)
     if not step.done:
         room = controlled_scene_of(session, step, picture.target)
@@ -91,13 +93,11 @@ def _compare_picture(
             solution = room.solved(name, room.wanted)
             computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=k + 1)
         on_step(f"compute strategies: {picture.name}", len(names), len(names))
-        rows = photographed_rows(
-            rig, session, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step
-        )
+        rows = photographed_rows(work, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step)
         record = ComparedPicture(name=picture.name, title=picture.target.name, rows=rows)
-        step.save_record(step.name, record.as_json())
+        step.save_record(step.name, record)
         step.finish()
-    return read_record(ComparedPicture, step.load_record(step.name))
+    return step.load_record(step.name, ComparedPicture)
 
 
 def picture_step(
@@ -106,7 +106,7 @@ def picture_step(
     """A step for pictures of strategies for one target, which it keeps as its image ``target``."""
     settings = {
         "target_sha256": picture.target.sha256,
-        "strategies": list(names),
+        "versions": versions_of(names),
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
     }
@@ -136,8 +136,7 @@ def keep_solution(
 
 
 def photographed_rows(
-    rig: Rig,
-    session: Session,
+    work: OpenSession,
     step: Step,
     room: ControlledScene,
     picture: ComparisonPicture,
@@ -150,7 +149,15 @@ def photographed_rows(
         name: Pattern(f"{step.name}-{name}", codes_of(step.load_image(f"projector-{picture.name}-{name}")))
         for name in computed
     }
-    photograph(rig, session, step, patterns=patterns.values(), shot=shot, n_patterns=len(patterns), on_step=on_step)
+    photograph(
+        work.rig(),
+        work.session,
+        step,
+        patterns.values(),
+        bracket=shot,
+        n_patterns=len(patterns),
+        on_step=on_step,
+    )
     rows = []
     for k, (name, known) in enumerate(computed.items()):
         on_step(f"judge strategies: {picture.name}", k, len(computed))
@@ -163,7 +170,7 @@ def photographed_rows(
 
 
 def oracle_rows(
-    rig: Rig, session: Session, picture: ComparisonPicture, names: Sequence[str], on_step: OnStep
+    work: OpenSession, picture: ComparisonPicture, names: Sequence[str], on_step: OnStep
 ) -> tuple[StrategyRow, ...]:
     """Step `oracle`: strategies with the true light transport of the simulated world, photographed like all others.
 
@@ -172,26 +179,25 @@ def oracle_rows(
     from rig.truth.scores import ground_truth_worlds
     from rig.truth.transport import ground_truth_transport
 
-    if rig.profile.simulation is None:
+    session = work.session
+    if session.profile.simulation is None:
         raise SessionError(f"{session.path}: only a simulated rig knows its truth; leave --oracle out")
-    shot = measuring_bracket(rig, session)
+    shot = measuring_bracket(session)
     step = picture_step(session, "oracle", picture, names=names, shot=shot)
     if not step.done:
         room = controlled_scene_of(session, step, picture.target)
         on_step("knowing the simulated world", 0, len(names) + 1)
-        transport = ground_truth_transport(ground_truth_worlds(rig), room.model)
+        transport = ground_truth_transport(ground_truth_worlds(work.rig()), room.model)
         computed = {}
         for k, name in enumerate(names):
             on_step("knowing the simulated world", k + 1, len(names) + 1)
-            solution = compensate(name, transport, room.wanted)
+            solution = solve(name, transport, room.wanted)
             computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=k + 1)
         on_step("knowing the simulated world", len(names) + 1, len(names) + 1)
-        rows = photographed_rows(
-            rig, session, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step
-        )
-        step.save_record("oracle", OracleRows(rows=rows).as_json())
+        rows = photographed_rows(work, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step)
+        step.save_record("oracle", OracleRows(rows=rows))
         step.finish()
-    return read_record(OracleRows, step.load_record("oracle")).rows
+    return step.load_record("oracle", OracleRows).rows
 
 
 def _result(

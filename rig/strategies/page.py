@@ -19,8 +19,8 @@ from rig.files.channels import codes_of, image_of
 from rig.report import figures, pictures
 from rig.report.render import headline_of, rendered
 from rig.session import Session, Step
-from rig.stages.compensation import JudgedPixels, judged_pixels
 from rig.stages.model import load_model
+from rig.stages.prediction import JudgedPixels, judged_pixels
 from rig.strategies.figures import TitledRow, errors_figure, loops_figure, mean_of, speed_figure, title_of
 from rig.strategies.records import ClosedLoop, ComparedPicture, ComparisonResult, StrategyRow
 from rig.terminal import OnStep
@@ -119,7 +119,7 @@ def _frame(title: str, subtitle: str, result: ComparisonResult) -> dict[str, obj
     return {
         "title": title,
         "subtitle": subtitle,
-        "passed": True,
+        "met": True,
         "word": f"{len(result.pictures[0].rows)} strategies",
         "verdict": f"{len(result.pictures)} pictures; {warned} results are worse than direct light alone",
         "legend": LEGEND,

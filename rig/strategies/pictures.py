@@ -46,7 +46,7 @@ def two_walls(scene_model: SceneModel) -> NDArray[np.float32]:
     With one wall only, the left half is white.
     """
     height, width = scene_model.projector.lens.shape
-    face = scene_model.projector_look.hits.face
+    face = scene_model.projector_hits.hits.face
     column = np.tile(np.arange(width), height)
     upright = [k for k, each in enumerate(scene_model.scene.faces) if each.name not in ("floor", "ceiling")]
     counts = {k: int((face == k).sum()) for k in upright}

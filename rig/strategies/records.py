@@ -6,24 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from rig.records import JsonObject, Record
+from rig.stages.picture_errors import PerceivedErrors
 
 AFTER = (1, 2, 4, 8)
 """Numbers of captures after which a closed loop's error is told."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class JudgedErrors(Record):
-    """How far a picture is from its target: :mod:`rig.stages.picture_errors` says what each figure means."""
+class JudgedErrors(PerceivedErrors):
+    """How far a picture is from its target, how rich it is in contrast, and how much of that may be noise."""
 
-    mean: float
-    sd: float
-    max: float
-    rms: float
-    bias: float
-    ssim: float
-    delta_e_2000: float
-    best_gain: float
-    mean_at_best_gain: float
     contrast: float | None = None
     """None for a picture that has not both black and white."""
     noise_rms: float | None = None

@@ -13,7 +13,9 @@ import pytest
 
 from rig.capture.rig import Rig
 from rig.errors import UsageError
-from rig.run.session import Request, opened_session
+from rig.run.plan import plan_session
+from rig.run.request import SessionRequest
+from rig.run.session import opened_session
 from rig.session import Session
 from rig.stages.target import load_target
 from rig.strategies import closed_loop
@@ -37,8 +39,8 @@ def session_folder(finished: Any, tmp_path: Path) -> Path:
 
 
 def close(folder: Path, loop: Loop) -> dict[str, Any]:
-    with opened_session(Request(folder, None)) as (rig, session):
-        return close_loop(rig, session, load_target(None, SHAPE), loop, silent)
+    with opened_session(plan_session(SessionRequest(folder=folder))) as work:
+        return close_loop(work, load_target(None, SHAPE), loop, silent)
 
 
 @pytest.mark.parametrize("rule", ["image", "model"])

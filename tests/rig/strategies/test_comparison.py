@@ -146,7 +146,7 @@ def test_the_two_walls_are_those_that_fill_the_picture_and_not_its_floor(finishe
     with Session.open(finished.folder) as session:
         scene_model: SceneModel = load_model(session).scene_model
     grey = two_walls(scene_model).ravel()
-    face = scene_model.projector_look.hits.face
+    face = scene_model.projector_hits.hits.face
     whiteness = {
         each.name: (grey[face == k] == 255).mean()
         for k, each in enumerate(scene_model.scene.faces)
