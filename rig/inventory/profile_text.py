@@ -12,7 +12,7 @@ from rig.devices.v4l2.controls import exposure_range_of
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.files.toml import toml_value
 from rig.inventory.choose import CameraMode, fixed_controls
-from rig.inventory.found import DisplayMode
+from rig.inventory.found import ShownMode
 from rig.profile.hardware_facts import CameraFacts, Fact, ProjectorFacts, Value
 from rig.profile.schema import SCHEMA
 
@@ -67,7 +67,7 @@ class PlannedDisplay:
 
     driver: str
     output: str
-    mode: DisplayMode
+    mode: ShownMode
     facts: ProjectorFacts
     facts_of: str
 

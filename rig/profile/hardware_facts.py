@@ -12,7 +12,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from rig.errors import ProfileError
-from rig.files.toml import parse_toml, validate
+from rig.files.toml import parse_toml, read_model
 
 FOLDER = Path(__file__).parents[2] / "hw_profiles"
 KINDS = ("camera", "projector")
@@ -173,10 +173,9 @@ def kind_of(raw: bytes, path: Path) -> str | None:
 
 def parse_facts(raw: bytes, path: Path) -> HardwareFile:
     """Validate a file of facts; raises ProfileError with a line for each problem."""
-    data = parse_toml(raw, path)
-    if data.get("kind") == "projector":
-        return validate(ProjectorFile, data, path, _cross_checks(data))
-    return validate(CameraFile, data, path, _cross_checks(data))
+    if kind_of(raw, path) == "projector":
+        return read_model(ProjectorFile, raw, path, _cross_checks)
+    return read_model(CameraFile, raw, path, _cross_checks)
 
 
 def _cross_checks(data: dict[str, Any]) -> list[str]:
