@@ -38,7 +38,12 @@ class SessionPlan:
     steps: tuple[PlannedStep, ...]
 
     def as_json(self) -> JsonObject:
-        """The plan as `rig run --dry-run --json` prints it."""
+        """Return the plan as `rig run --dry-run --json` prints it.
+
+        Returns
+        -------
+        dict
+        """
         return {
             "session": str(self.folder),
             "profile": self.profile.name,
@@ -56,6 +61,11 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
         What was asked for.
     verb
         The last one whose steps belong to the plan.
+
+    Returns
+    -------
+    SessionPlan
+        Profile and target, and which steps are done.
 
     Raises
     ------
