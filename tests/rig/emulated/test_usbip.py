@@ -21,7 +21,7 @@ from rig.emulated.usbip.device import (
     device_descriptor,
 )
 from rig.errors import DeviceError
-from tests.rig.emulated.usb_host import Host, Reply
+from tests.rig.emulated.usb_host import Host, HostReply
 
 GET, SET = 0xA1, 0x21
 FRAME_PARITY, END_OF_FRAME, ERROR = 1, 2, 0x40
@@ -81,7 +81,7 @@ def test_descriptors_are_cut_to_what_the_host_asked_for(echo: tuple[Echo, Host, 
 
 @pytest.mark.parametrize("value", [0x0304, 0x0201, 0x0F00])
 def test_a_descriptor_that_is_not_there_stalls(echo: tuple[Echo, Host, Attachment], value: int) -> None:
-    assert echo[1].control((0x80, 6, value, 0), 255) == Reply(-errno.EPIPE, b"")
+    assert echo[1].control((0x80, 6, value, 0), 255) == HostReply(-errno.EPIPE, b"")
 
 
 def test_the_host_can_configure_and_ask_back(echo: tuple[Echo, Host, Attachment]) -> None:
@@ -108,8 +108,8 @@ def test_data_written_to_one_endpoint_are_read_from_the_other(echo: tuple[Echo, 
     read = host.command(1, 2, 64)
     written = host.command(0, 1, 5)
     host.link.sendall(b"hello")
-    assert host.reply() == (written, Reply(0, b""))
-    assert host.reply() == (read, Reply(0, b"hello"))
+    assert host.reply() == (written, HostReply(0, b""))
+    assert host.reply() == (read, HostReply(0, b"hello"))
     host.control((0x80, 8, 0, 0), 1)
     assert device.took == [True]
 
@@ -118,10 +118,10 @@ def test_a_transfer_that_was_taken_back_is_not_answered(echo: tuple[Echo, Host, 
     device, host, _ = echo
     victim = host.command(1, 2, 64)
     unlinked = host.unlink(victim)
-    assert host.reply() == (unlinked, Reply(-errno.ECONNRESET, b""))
+    assert host.reply() == (unlinked, HostReply(-errno.ECONNRESET, b""))
     written = host.command(0, 1, 5)
     host.link.sendall(b"hello")
-    assert host.reply() == (written, Reply(0, b""))
+    assert host.reply() == (written, HostReply(0, b""))
     host.control((0x80, 8, 0, 0), 1)
     assert device.took == [False]
 
@@ -132,14 +132,14 @@ def test_a_transfer_that_was_answered_cannot_be_taken_back(echo: tuple[Echo, Hos
     host.link.sendall(b"done")
     assert host.reply()[0] == written
     unlinked = host.unlink(written)
-    assert host.reply() == (unlinked, Reply(0, b""))
+    assert host.reply() == (unlinked, HostReply(0, b""))
 
 
 def test_a_halted_endpoint_says_so(echo: tuple[Echo, Host, Attachment]) -> None:
     _, host, _ = echo
     written = host.command(0, 1, 4)
     host.link.sendall(b"halt")
-    assert host.reply() == (written, Reply(-errno.EPIPE, b""))
+    assert host.reply() == (written, HostReply(-errno.EPIPE, b""))
 
 
 @pytest.mark.parametrize(

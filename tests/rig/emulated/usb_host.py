@@ -12,7 +12,7 @@ from rig.emulated.usbip.device import (
 
 
 @dataclass(frozen=True)
-class Reply:
+class HostReply:
     status: int
     data: bytes
     packets: list[IsoPacket] = field(default_factory=list)
@@ -48,16 +48,16 @@ class Host:
             data += piece
         return data
 
-    def reply(self) -> tuple[int, Reply]:
+    def reply(self) -> tuple[int, HostReply]:
         """Number of the command that it answers, and the answer."""
         command, number, _, _, _, status, length, _, count, _ = struct.unpack(">5IiIIII8x", self.receive(48))
         if command == 4:
-            return number, Reply(status, b"")
+            return number, HostReply(status, b"")
         assert command == 3
         data = self.receive(length) if self.reads[number] else b""
-        return number, Reply(status, data, parse_packets(self.receive(16 * count)))
+        return number, HostReply(status, data, parse_packets(self.receive(16 * count)))
 
-    def control(self, asked: tuple[int, int, int, int], data: bytes | int = 0) -> Reply:
+    def control(self, asked: tuple[int, int, int, int], data: bytes | int = 0) -> HostReply:
         """Ask by (request type, request, value, index); ``data`` to write, or how many bytes to read."""
         length = data if isinstance(data, int) else len(data)
         setup = struct.pack("<BBHHH", *asked, length)
