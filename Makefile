@@ -5,13 +5,14 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 DEMO_SESSION ?= runs/demo
+SITE := build/site
 
-.PHONY: demo test test-devices lint check-tools clean
+.PHONY: demo test test-devices lint docs check-tools clean
 
 demo: $(READY)
 	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
 
-test: $(READY) lint
+test: $(READY) lint docs
 	$(BIN)/python -m pytest -n auto
 
 test-devices: $(READY)
@@ -22,6 +23,16 @@ lint: $(READY)
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+# The site of docs/ and of the docstrings: warnings are errors; ends by printing the path of its start page.
+docs: $(VENV)/.docs-ready
+	rm -rf $(SITE)
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet --jobs auto --conf-dir docs . $(SITE)
+	$(BIN)/python docs/site/check.py $(SITE)
+
+$(VENV)/.docs-ready: $(READY)
+	$(BIN)/python -m pip install --quiet --group docs
+	@touch $@
 
 check-tools:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \

@@ -142,7 +142,15 @@ def main() -> None:
     given = parser.parse_args()
     width_px, height_px = map(int, given.size.split("x"))
     node = find_camera(given.device_id).node
-    mode = Mode(given.device_id, node, given.format, width_px, height_px, given.rate, given.frames)
+    mode = Mode(
+        device_id=given.device_id,
+        node=node,
+        pixel_format=given.format,
+        width_px=width_px,
+        height_px=height_px,
+        rate_hz=given.rate,
+        frames=given.frames,
+    )
     exposures = tuple(given.exposures or (1 / given.rate, 1 / given.rate))
     costs = [ours(mode, exposures), v4l2_ctl(mode), opencv(mode), bare_copy(mode)]
     print(f"{given.format} {given.size} at {given.rate:g} Hz, {given.frames} frames, load {os.getloadavg()[0]:.1f}")

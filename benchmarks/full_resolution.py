@@ -35,13 +35,15 @@ def transport_of(lens: Lens, patch_size_m: float, reflectance: float) -> LightTr
     """Textured walls: direct light and view vary from pixel to pixel."""
     scene = room((4.8, 4.8, 2.4), patch_size_m, reflectance)
     factors = form_factors(scene)
-    even = coaxial_transport(scene, factors, lens, POSE, "physical", "area", 1)
+    even = coaxial_transport(scene, factors, lens, POSE, convention="physical", emission_rule="area", subsamples=1)
     texture = 1 + TEXTURE * np.random.default_rng(1).normal(size=lens.n_pixels)
     hits = intersect(scene, POSE.position_m, rays_at(lens, POSE, lens.pixel_grid()))
     view = smooth_view(scene, hits, reflectance * texture)
     direct = csr_array(diags_array(even.direct_matrix.diagonal() * texture))
     radiosity = Radiosity(factors, scene.reflectance, solver="direct")
-    return LightTransport(direct, even.emission, radiosity, view, even.pixel_patch, lens.pixel_grid())
+    return LightTransport(
+        direct, even.emission, radiosity, view, pixel_patch=even.pixel_patch, pixel_xy_px=lens.pixel_grid()
+    )
 
 
 def report(title: str, transport: LightTransport | ColourTransport, target: np.ndarray, names: list[str]) -> None:
@@ -73,8 +75,8 @@ def main() -> None:
     bands = [transport_of(lens, options.patch, reflectance) for reflectance in REFLECTANCES]
     for band in bands:
         # Made once a scene, not once a picture.
-        _ = band.coupling
-    lit, viewed = bands[0].coupling.interreflection.shape[::-1]
+        _ = band.interreflection
+    lit, viewed = bands[0].interreflection.patch_to_patch.shape[::-1]
     print(f"{width} x {height}, {bands[0].radiosity.n_patches} patches, {lit} lit, {viewed} viewed")
     white = bands[0] @ np.ones(lens.n_pixels)
     report("grey", bands[0], picture.mean(axis=1) * TARGET_WHITE_SHARE * np.median(white), options.names)

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.gray import CodeName
-from calibration.structured_light.patterns import flat, gray_code_patterns
+from calibration.structured_light.gray import CodeName, gray_code_patterns
+from calibration.structured_light.patterns import flat
 from rig import Rig, open_rig
 from rig.devices.simulated.devices import SimulatedCamera
 from rig.devices.simulated.optics import directions, pixels_of
@@ -54,7 +54,13 @@ def read_code(rig: Rig, code: CodeName) -> Reading:
     error = np.linalg.norm(found.projector_xy_px - true_projector_xy(world), axis=-1)[found.valid]
     wrong = error > _WRONG_PX
     median = float(np.median(error[wrong])) if wrong.any() else 0.0
-    return Reading(code, float(found.valid.mean()), float(wrong.mean()), median, float(error.max()))
+    return Reading(
+        code=code,
+        valid_share=float(found.valid.mean()),
+        wrong_share=float(wrong.mean()),
+        wrong_median_px=median,
+        worst_px=float(error.max()),
+    )
 
 
 def simulated_world_of(rig: Rig) -> SimulatedWorld:

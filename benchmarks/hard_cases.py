@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-TESTS = Path(__file__).parents[1] / "tests" / "sim" / "test_hard_cases.py"
+TESTS = Path(__file__).parents[1] / "tests" / "sim" / "hard_cases"
 
 
 class Figures:

@@ -23,8 +23,9 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from sim.arrays import FloatArray
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.light.radiosity import Radiosity
 from sim.scenes.library import furnished_room
 

@@ -73,7 +73,9 @@ def kill_once(folder: Path, profile: str, after_s: float, how: signal.Signals) -
         return None
     journal = folder / "journal.jsonl"
     lines = journal.read_bytes().splitlines() if journal.exists() else []
-    return Kill(after_s, run.returncode, len(lines), _short(lines), said)
+    return Kill(
+        after_s=after_s, exit_status=run.returncode, journal_lines=len(lines), last_written=_short(lines), said=said
+    )
 
 
 def _short(lines: list[bytes]) -> str:
@@ -129,7 +131,7 @@ def measure(
     while done < kills:
         session += 1
         place = folder / f"disturbed-{session}" / NAME
-        made = disturbed(place, profile, [how] * min(each, kills - done), whole_s, dice)
+        made = disturbed(place, profile, [how] * min(each, kills - done), whole_s=whole_s, dice=dice)
         for kill in made:
             done += 1
             print(
@@ -155,7 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--signal", choices=("KILL", "INT"), default="KILL")
     given = parser.parse_args(arguments)
-    wrong = measure(given.profile, given.kills, given.each, given.seed, signal.Signals[f"SIG{given.signal}"])
+    wrong = measure(given.profile, given.kills, given.each, seed=given.seed, how=signal.Signals[f"SIG{given.signal}"])
     print("\n".join(wrong) if wrong else f"{given.kills} kills: every resumed session equals the undisturbed one")
     return 1 if wrong else 0
 

@@ -2,7 +2,7 @@
 
 Mitsuba 3 renders the coaxial picture that ``sim.picture.image`` computes (paper convention, white image, rho 0.7) and
 leaves the means of its 16 x 16-pixel blocks, their standard error from the spread of the runs, and its times in a
-small file: tests/data/path_tracer_blocks.npz came from here.
+small file: rig/benchmark/data/path_tracer_blocks.npz came from here.
 
 Needs ``pip install mitsuba`` and, for the ``llvm`` variants, LLVM 16 or newer (Debian: ``apt-get install libllvm19``;
 its LLVM 14 and 15 crash on processors with AVX-512). DRJIT_LIBLLVM_PATH is respected and otherwise searched for.
@@ -143,7 +143,14 @@ def main() -> None:
         blocks.append(block_means(picture))
         seconds.append(took)
         if seed > 1:
-            store(options, mi.__version__, deviation, np.array(blocks), seconds, pixel_noise(total, squares, seed))
+            store(
+                options,
+                mi.__version__,
+                deviation,
+                blocks=np.array(blocks),
+                seconds=seconds,
+                noise=pixel_noise(total, squares, seed),
+            )
 
 
 def pixel_noise(total: FloatArray, squares: FloatArray, runs: int) -> float:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 
-from rig.offline.simulate import Request, run_simulate
+from rig.offline.simulate import SimulationRequest, run_simulate
 from rig.terminal import silent
 from sim.scenes.catalogue import SURFACES
 
@@ -24,12 +24,14 @@ def verdict(error: float, tolerance: float) -> str:
 
 
 def row(scene: str, tolerance: float) -> str:
-    result = run_simulate(Request(scene, tolerance), silent, check=True)
-    estimated, actual = result["estimated"], result["actual"]
+    result = run_simulate(SimulationRequest(scene=scene, tolerance=tolerance), silent, check=True)
+    estimated, actual = result.estimated, result.actual
+    if actual is None or actual.error is None:
+        raise RuntimeError(f"{scene}: was not simulated and checked")
     return (
-        f"{scene:14} {tolerance:5.2f} {result['plan']['patches']:8d} {estimated['error']:10.3f} {actual['error']:7.3f} "
-        f"{actual['error_max']:6.2f} {estimated['seconds']:7.3f} {actual['seconds']:7.3f} {estimated['peak_mb']:8.2f} "
-        f"{actual['peak_mb']:7.2f}  {verdict(actual['error'], tolerance)}"
+        f"{scene:14} {tolerance:5.2f} {result.plan.patches:8d} {estimated.error:10.3f} {actual.error:7.3f} "
+        f"{actual.error_max:6.2f} {estimated.seconds:7.3f} {actual.seconds:7.3f} {estimated.peak_mb:8.2f} "
+        f"{actual.peak_mb:7.2f}  {verdict(actual.error, tolerance)}"
     )
 
 

@@ -83,11 +83,11 @@ DRAWINGS: Mapping[str, Drawing] = {
         lambda p: p["problem"], lambda p: p["problem"], lambda p: f"{p['tolerance']:g} %, {p['n']}", "error, % of white"
     ),
     "compensate": Drawing(
-        lambda p: p["problem"] if p["problem"].startswith("reference") else None,
-        lambda p: p["method"],
-        lambda p: p["method"].replace("_", " "),
-        "mean error, grey levels",
-        (5.2, 4.4),
+        panel=lambda p: p["problem"] if p["problem"].startswith("reference") else None,
+        series=lambda p: p["method"],
+        label=lambda p: p["method"].replace("_", " "),
+        error="mean error, grey levels",
+        size=(5.2, 4.4),
     ),
     "live": Drawing(lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "rms error, grey levels"),
 }
@@ -199,7 +199,7 @@ def insert(page: Path, name: str, lines: list[str]) -> None:
     if begin not in text:
         raise SystemExit(f"{page} has no {begin}")
     body = "\n".join([begin, "", *lines, "", end])
-    new = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda match: body, text, flags=re.DOTALL)
+    new = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _: body, text, flags=re.DOTALL)
     page.write_text(new, encoding="utf-8")
 
 

@@ -1,1 +1,84 @@
-"""From captured arrays to calibrated ones: no device, no file, no terminal; does not know `sim`."""
+"""From photographs of projected patterns to lenses, poses, light and reflectance: arrays in, frozen records out.
+
+Nothing here opens a device, reads a file or prints. A camera sees a projector's picture on walls:
+
+>>> import numpy as np
+>>> from calibration import CODES, flat, refine_subpixel
+>>> projector_shape = (48, 64)
+>>> code = CODES["long-run"]
+>>> shown = {pattern.name: pattern.codes for pattern in code.patterns(projector_shape)}
+>>> len(shown)
+24
+
+A camera that sees every projector pixel as two of its own, one level of light on black:
+
+>>> def photograph(codes):
+...     return 10.0 + 0.7 * np.kron(codes, np.ones((2, 2)))
+>>> frames = {name: photograph(codes) for name, codes in shown.items()}
+>>> white, black = (photograph(flat(projector_shape, level).codes) for level in (255, 0))
+>>> found = code.decode(frames, projector_shape, white=white, black=black, noise_limit=5.0)
+>>> found.projector_xy_px[20, 31].tolist()
+[15.0, 10.0]
+>>> bool(np.abs(refine_subpixel(found).projector_xy_px[20, 31] - [15.25, 9.75]).max() < 0.05)
+True
+
+From such correspondences, :func:`calibrate_stereo` finds both lenses, the relative pose and the walls; a tape measure
+(:func:`scale_from_baseline`) gives metres, :func:`room_from_stereo` a room. :func:`fit_camera_response`,
+:func:`fit_projector_response` and :func:`fit_photon_transfer` turn digital numbers into light with its noise,
+:func:`separate` splits light into direct and global, and :func:`estimate_reflectance` finds what the walls reflect.
+
+What cannot be determined raises :class:`CalibrationError`, whose message says what to try.
+"""
+
+from importlib.metadata import version as _version
+
+from calibration.errors import CalibrationError
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.room import RoomBox, room_from_stereo
+from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline
+from calibration.geometry.triangulation import triangulate
+from calibration.light.reflectance import estimate_reflectance
+from calibration.light.separation import separate
+from calibration.light.vignetting import fit_vignetting
+from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
+from calibration.radiometry.response import Response, fit_camera_response, fit_projector_response
+from calibration.structured_light.code import CODES, StructuredLightCode
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.patterns import Pattern, checker_patterns, flat
+from calibration.structured_light.subpixel import refine_subpixel
+
+__version__ = _version("procam-rig")
+
+__all__ = [
+    "CODES",
+    "CalibrationError",
+    "Correspondence",
+    "NominalIntrinsics",
+    "Pattern",
+    "PinholeModel",
+    "PixelReason",
+    "Response",
+    "RoomBox",
+    "StereoCalibration",
+    "StructuredLightCode",
+    "__version__",
+    "calibrate_stereo",
+    "checker_patterns",
+    "estimate_reflectance",
+    "fit_camera_response",
+    "fit_photon_transfer",
+    "fit_projector_response",
+    "fit_vignetting",
+    "flat",
+    "refine_subpixel",
+    "room_from_stereo",
+    "scale_from_baseline",
+    "separate",
+    "transfer_points",
+    "triangulate",
+]
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,64 +1,125 @@
-"""Controller of projector-camera rigs.
+"""Controller of projector-camera rigs: measure a scene, model its interreflection, compensate it, see what was gained.
 
-A script opens a session and a rig and calls the verbs of the command line one after the other:
-:func:`calibrate`, :func:`separate`, :func:`model`, :func:`compensate`, :func:`compare`, :func:`write_report`
-(docs/tutorials/first-session.md).
+Every verb of the command line is a function. A whole session is one call, or one call a stage:
+
+    import rig
+
+    profile = rig.load_profile("ci-tiny")
+    with (
+        rig.Session.open("runs/first", profile) as session,
+        rig.open_rig(profile, resume_at_s=session.last_clock_s) as pair,
+    ):
+        rig.calibrate(pair, session)
+        rig.separate(pair, session)
+        rig.model(session)
+        rig.compensate(session, "picture.png")
+        result = rig.compare(pair, session)
+    print(result.measured.compensated.mean, "grey levels of 255")
+
+What is done is kept in the session's folder, and skipped when it is asked for again. ``pair`` is a camera and a
+projector: simulated, replayed or real, as the profile says. Errors are those of :mod:`rig.errors`; all are a
+:class:`RigError`. What a session left on the disk is read with :meth:`Session.finished`.
 """
 
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from rig.benchmark import run_bench
     from rig.capture.rig import Rig, open_rig
-    from rig.errors import (
-        CalibrationFailed,
-        CaptureTimeout,
-        DeviceError,
-        DeviceLost,
-        ProfileError,
-        RigError,
-        SessionCorrupt,
-        SessionError,
-        SessionLocked,
-        SettingRefused,
-        UsageError,
-    )
+    from rig.emulated.commands import run_emulated
+    from rig.errors import RigError
+    from rig.inventory.list import list_devices
+    from rig.live.plan import LiveRequest, plan_live
+    from rig.live.run import run_live
+    from rig.offline.scan import run_scan
+    from rig.offline.simulate import SimulationRequest, run_simulate
+    from rig.paper.experiments import run_paper
     from rig.profile.schema import load_profile
+    from rig.run.plan import plan_session
+    from rig.run.request import SessionRequest
     from rig.run.script import calibrate, compare, compensate, model, separate, write_report
+    from rig.run.session import run_session
+    from rig.self_check import run_check
     from rig.session import Session
+    from rig.stages.results import SessionResult
+    from rig.strategies.comparison import Comparison, compare_strategies
+    from rig.version import __version__
+
+_HOMES = {
+    "Comparison": "strategies.comparison",
+    "LiveRequest": "live.plan",
+    "Rig": "capture.rig",
+    "RigError": "errors",
+    "Session": "session",
+    "SessionRequest": "run.request",
+    "SessionResult": "stages.results",
+    "SimulationRequest": "offline.simulate",
+    "__version__": "version",
+    "calibrate": "run.script",
+    "compare": "run.script",
+    "compare_strategies": "strategies.comparison",
+    "compensate": "run.script",
+    "list_devices": "inventory.list",
+    "load_profile": "profile.schema",
+    "model": "run.script",
+    "open_rig": "capture.rig",
+    "plan_live": "live.plan",
+    "plan_session": "run.plan",
+    "run_bench": "benchmark",
+    "run_check": "self_check",
+    "run_emulated": "emulated.commands",
+    "run_live": "live.run",
+    "run_paper": "paper.experiments",
+    "run_scan": "offline.scan",
+    "run_session": "run.session",
+    "run_simulate": "offline.simulate",
+    "separate": "run.script",
+    "write_report": "run.script",
+}
+"""Where each public name lives."""
 
 __all__ = [
-    "CalibrationFailed",
-    "CaptureTimeout",
-    "DeviceError",
-    "DeviceLost",
-    "ProfileError",
+    "Comparison",
+    "LiveRequest",
     "Rig",
     "RigError",
     "Session",
-    "SessionCorrupt",
-    "SessionError",
-    "SessionLocked",
-    "SettingRefused",
-    "UsageError",
+    "SessionRequest",
+    "SessionResult",
+    "SimulationRequest",
+    "__version__",
     "calibrate",
     "compare",
+    "compare_strategies",
     "compensate",
+    "list_devices",
     "load_profile",
     "model",
     "open_rig",
+    "plan_live",
+    "plan_session",
+    "run_bench",
+    "run_check",
+    "run_emulated",
+    "run_live",
+    "run_paper",
+    "run_scan",
+    "run_session",
+    "run_simulate",
     "separate",
     "write_report",
 ]
 
+
+def __dir__() -> list[str]:
+    return __all__
+
+
 if not TYPE_CHECKING:
     # Each name is imported when it is first used: `rig --help` needs no numpy, and Ctrl-C meets a quiet import.
-    _HOMES = {"Rig": "pair", "open_rig": "pair", "load_profile": "profile", "Session": "session"} | dict.fromkeys(
-        ("calibrate", "compare", "compensate", "model", "separate", "write_report"), "workflows.verbs"
-    )
-
     def __getattr__(name):
-        if name not in __all__:
+        if name not in _HOMES:
             raise AttributeError(f"module 'rig' has no attribute {name!r}")
         from importlib import import_module
 
-        return getattr(import_module(f"rig.{_HOMES.get(name, 'errors')}"), name)
+        return getattr(import_module(f"rig.{_HOMES[name]}"), name)

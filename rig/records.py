@@ -6,10 +6,14 @@ records. Only the places that read or write JSON see it as anything else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from pathlib import PurePath
-from typing import TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
+
+if TYPE_CHECKING:
+    from pydantic import TypeAdapter
 
 Json: TypeAlias = "bool | int | float | str | list[Json] | dict[str, Json] | None"
 """What JSON knows."""
@@ -65,9 +69,15 @@ def read_record(kind: type[RecordType], value: object) -> RecordType:
     ValueError
         A field is missing, unknown in type, or of another kind; the message names it.
     """
+    reader: TypeAdapter[RecordType] = _reader(cast("Hashable", kind))
+    return reader.validate_python(value)
+
+
+@cache
+def _reader(kind: Any) -> TypeAdapter[Any]:
     from pydantic import TypeAdapter  # here, so that `rig --help` does not wait for it
 
-    return TypeAdapter(kind).validate_python(value)
+    return TypeAdapter(kind)
 
 
 @dataclass(frozen=True, kw_only=True)

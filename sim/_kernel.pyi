@@ -128,7 +128,7 @@ def segments_blocked(
 ) -> None: ...
 
 class CompressedMatrix:
-    """Compressed exchange areas: sim/kernel/compressed_matrix.hpp."""
+    """Compressed exchange areas: sim/kernel/compressed/matrix.hpp."""
 
     def __init__(
         self,
@@ -147,7 +147,7 @@ class CompressedMatrix:
     def numbers(self) -> tuple[int, int, int, int]: ...
 
 class FrameKernel:
-    """A frame model's kernel: sim/kernel/frame.cpp."""
+    """A frame model's kernel: sim/kernel/frame/frame.cpp."""
 
     def __init__(
         self, model: object, response: NDArray[uint32], cubics: NDArray[float32], unmixing: NDArray[float64]

@@ -7,7 +7,7 @@ from sim.errors import SimulationError
 
 
 def threads() -> int:
-    """Threads that the kernel's parallel loops use."""
+    """Return how many threads the kernel's parallel loops use."""
     return _kernel.threads()
 
 

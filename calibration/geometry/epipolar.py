@@ -7,21 +7,35 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from calibration.geometry.pinhole import bearings, image_of, rotation_of, vector_of, world_rays
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel, bearings, image_of, rotation_of, vector_of, world_rays
 from calibration.geometry.robust_fit import Fit, Priors, Residual, robust_fit
-from calibration.records import BoolArray, CalibrationError, FloatArray, PinholeModel
+from calibration.geometry.triangulation import triangulate
 
+UNDISTORTIONS = 8
+"""Of a triangulation while a fit goes on: what is left is far below its residual."""
 MIN_PARALLAX_PX = 2.0
+"""Median; below, a tenth of a pixel of noise is a twentieth of the depth."""
 COLUMN_SHARES = (0.5, 0.6, 0.4)
+"""Where the projector's principal point may be, as shares of the width: rarely off the middle."""
 _ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
 """Where the projector's principal point may be, as shares of width and height: lens shift is mostly vertical."""
 _FIT_POINTS = 1000
+"""Of a start: its fit takes a second, and more points move it by less than the next stage does."""
 _FLAT_SHARE, _FLAT_PX = 0.97, 3.0
+"""So many points so near to one plane's homography leave nothing that would tell the lenses."""
+_RANSAC_PX, _HOMOGRAPHY_PX = 5, 20
+"""Inlier limits before the lenses are known: distortion moves points by some pixels, at a flat scene's rim by more."""
+_IN_FRONT = 0.98
+"""Share of the points: a start with fewer in front of both devices is a mirrored one."""
+_SAME_POSE = 0.01
+"""Of a rotation's entries and of the baseline: starts nearer to each other end in one fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class NominalIntrinsics:
-    """What is known of both devices beforehand."""
+    """What the data sheets say of both lenses."""
 
     camera_focal_px: float
     projector_focal_px: float
@@ -31,12 +45,26 @@ class NominalIntrinsics:
     @classmethod
     def of(
         cls,
+        *,
         camera_shape: tuple[int, int],
         projector_shape: tuple[int, int],
         camera_hfov_deg: float,
         projector_hfov_deg: float,
     ) -> NominalIntrinsics:
-        """From shapes (height, width) and horizontal fields of view."""
+        """Make them from what data sheets say.
+
+        Parameters
+        ----------
+        camera_shape, projector_shape : (height, width)
+            Of the pictures. [px]
+        camera_hfov_deg, projector_hfov_deg : float
+            Horizontal fields of view, to some ten percent. [degrees]
+
+        Returns
+        -------
+        NominalIntrinsics
+            Focal lengths in pixels.
+        """
         focal = [
             float(shape[1] / 2 / np.tan(np.radians(hfov) / 2))
             for shape, hfov in ((camera_shape, camera_hfov_deg), (projector_shape, projector_hfov_deg))
@@ -52,60 +80,76 @@ _START_SIGMA = (0.03, 0.12)
 _POSE = 8
 
 
-def models_of(q: FloatArray, sheets: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
+def models_of(q: FloatArray, nominal: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
     """Camera and projector of a vector of unknowns; baseline 1."""
-    (h1, w1), (h2, w2) = sheets.camera_shape, sheets.projector_shape
-    f1, f2 = float(q[0] * sheets.camera_focal_px), float(q[3] * sheets.projector_focal_px)
+    (h1, w1), (h2, w2) = nominal.camera_shape, nominal.projector_shape
+    f1, f2 = float(q[0] * nominal.camera_focal_px), float(q[3] * nominal.projector_focal_px)
     k_camera, k_projector = ((float(a), float(b), 0.0, 0.0, 0.0) for a, b in (q[1:3], q[4:6]))
     centre, shifted = ((w1 - 1) / 2, (h1 - 1) / 2), (float(q[6] * w2), float(q[7] * h2))
-    camera = PinholeModel(w1, h1, (f1, f1), centre, k_camera, np.eye(3), np.zeros(3))
-    translation = np.asarray(q[11:14] / np.linalg.norm(q[11:14]))
-    return camera, PinholeModel(w2, h2, (f2, f2), shifted, k_projector, rotation_of(q[8:11]), translation)
+    camera = PinholeModel(
+        width_px=w1,
+        height_px=h1,
+        focal_px=(f1, f1),
+        principal_point_px=centre,
+        distortion=k_camera,
+        rotation=np.eye(3),
+        translation_m=np.zeros(3),
+    )
+    projector = PinholeModel(
+        width_px=w2,
+        height_px=h2,
+        focal_px=(f2, f2),
+        principal_point_px=shifted,
+        distortion=k_projector,
+        rotation=rotation_of(q[8:11]),
+        translation_m=np.asarray(q[11:14] / np.linalg.norm(q[11:14])),
+    )
+    return camera, projector
 
 
 def fit_epipolar(
-    x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, column_share: float
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, column_share: float
 ) -> list[tuple[PinholeModel, PinholeModel]]:
-    """Candidates for both devices, the best first; each from another vertical lens shift to start at.
+    """List candidates for both devices, the best first; each from another vertical lens shift to start at.
 
-    The fit is tied to the data sheets: with optical axes that nearly meet, two views do not determine the
+    The fit is held by the data sheets: with optical axes that nearly meet, two views do not determine the
     focal lengths; the planes of the next stage come out as planes even so.
 
     Empty where no relative pose fits.
     """
     few = slice(0, _FIT_POINTS)
     starts = [(column_share, row_share) for row_share in _ROW_SHARES]
-    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], sheets, shares)) is not None]
-    return _distinct(fits, x1[few], x2[few], sheets) if fits else []
+    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares)) is not None]
+    return _distinct(fits, x1[few], x2[few], nominal) if fits else []
 
 
-def _fit_near(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, shares: tuple[float, float]) -> Fit | None:
+def _fit_near(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float]) -> Fit | None:
     """Fit with the projector's principal point held near a start.
 
     The epipolar lines hardly tell it from a rotation, but with a wrong one points come to lie behind the devices.
     """
-    start = _essential_start(x1, x2, sheets, shares)
+    start = _essential_start(x1, x2, nominal, shares)
     if start is None:
         return None
     expected, sigma = _EXPECTED.copy(), _SIGMA.copy()
     expected[6:8], sigma[6:8] = shares, _START_SIGMA
     return robust_fit(
-        _sampson(x1, x2, sheets), start, _ties(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
+        _sampson(x1, x2, nominal), start, _priors(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
     )
 
 
 def _distinct(
-    fits: list[Fit], x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics
+    fits: list[Fit], x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """Solutions that differ, those with nearly all points in front first, then the likeliest."""
-    ties = _ties(_EXPECTED, _SIGMA, len(x1))
+    priors = _priors(_EXPECTED, _SIGMA, len(x1))
     limit = max(1.0, 2 * min(_median(fit) for fit in fits))
     found: list[tuple[tuple[PinholeModel, PinholeModel], float]] = []
-    for fit in sorted(fits, key=lambda fit: _merit(fit, ties)):
-        pair, share = _in_front(*models_of(fit.z, sheets), x1, x2)
-        if _median(fit) <= limit and not any(_same_pose(pair[1], other[1]) for other, _ in found):
-            found.append((pair, share))
-    return [pair for pair, _ in sorted(found, key=lambda entry: entry[1] < 0.98)]
+    for fit in sorted(fits, key=lambda fit: _merit(fit, priors)):
+        devices, share = _in_front(*models_of(fit.z, nominal), x1, x2)
+        if _median(fit) <= limit and not any(_same_pose(devices[1], other[1]) for other, _ in found):
+            found.append((devices, share))
+    return [devices for devices, _ in sorted(found, key=lambda entry: entry[1] < _IN_FRONT)]
 
 
 def _median(fit: Fit) -> float:
@@ -117,34 +161,37 @@ def _in_front(
 ) -> tuple[tuple[PinholeModel, PinholeModel], float]:
     """Choose the translation's sign with most points in front (distances do not change); their share."""
     other = replace(projector, translation_m=-projector.translation_m)
-    shares = [float(triangulated(camera, p, x1, x2)[1].mean()) for p in (projector, other)]
+    seen = [
+        triangulate(x1, x2, camera, p, on_camera_rays=True, undistortions=UNDISTORTIONS) for p in (projector, other)
+    ]
+    shares = [float(points.in_front.mean()) for points in seen]
     return (camera, projector if shares[0] >= shares[1] else other), max(shares)
 
 
 def _same_pose(a: PinholeModel, b: PinholeModel) -> bool:
     turn = np.abs(a.rotation - b.rotation).max()
-    return bool(turn < 0.01 and np.abs(a.position_m - b.position_m).max() < 0.01)
+    return bool(turn < _SAME_POSE and np.abs(a.position_m - b.position_m).max() < _SAME_POSE)
 
 
-def _ties(expected: FloatArray, sigma: FloatArray, n: int) -> Priors:
+def _priors(expected: FloatArray, sigma: FloatArray, n: int) -> Priors:
     # One standard deviation off the data sheet must be worth 0.1 px over all points.
     return Priors(expected, sigma, n * 0.1**2)
 
 
-def _merit(fit: Fit, ties: Priors) -> float:
+def _merit(fit: Fit, priors: Priors) -> float:
     squares = np.minimum((fit.residual**2).sum(axis=1), 4.0)
-    return float(squares.sum() + ties.cost(fit.z))
+    return float(squares.sum() + priors.cost(fit.z))
 
 
 def _essential_start(
-    x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, shares: tuple[float, float]
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float]
 ) -> FloatArray | None:
     q = _EXPECTED.copy()
     q[6:8], q[11] = shares, 1
-    camera, projector = models_of(q, sheets)
+    camera, projector = models_of(q, nominal)
     a, b = ((x - m.principal_point_px) / m.focal_px[0] for x, m in ((x1, camera), (x2, projector)))
     cv2.setRNGSeed(0)
-    limit = 5 / sheets.camera_focal_px
+    limit = _RANSAC_PX / nominal.camera_focal_px
     essential, _ = cv2.findEssentialMat(a, b, np.eye(3), method=cv2.RANSAC, prob=0.99, threshold=limit, maxIters=200)
     if essential is None or essential.shape[0] < 3:
         return None
@@ -152,11 +199,11 @@ def _essential_start(
     return np.concatenate([q[:_POSE], vector_of(np.asarray(rotation, dtype=np.float64)), np.ravel(translation)])
 
 
-def _sampson(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> Residual:
+def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Residual:
     """Sampson distances (N, 1) in px, as a function of the unknowns."""
 
     def residual(q: FloatArray) -> FloatArray:
-        camera, projector = models_of(q, sheets)
+        camera, projector = models_of(q, nominal)
         a, b = (
             bearings(x, m.focal_px[0], m.principal_point_px, m.distortion) for x, m in ((x1, camera), (x2, projector))
         )
@@ -169,20 +216,7 @@ def _sampson(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> Resid
     return residual
 
 
-def triangulated(
-    camera: PinholeModel, projector: PinholeModel, x1: FloatArray, x2: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """(N, 3) points on the camera's rays nearest to the projector's; whether they lie in front of both."""
-    a, b = world_rays(camera, x1), world_rays(projector, x2)
-    offset = projector.position_m - camera.position_m
-    cosine = (a * b).sum(1)
-    sine2 = np.maximum(1 - cosine**2, 1e-12)
-    along = (a @ offset - cosine * (b @ offset)) / sine2
-    back = (cosine * (a @ offset) - b @ offset) / sine2
-    return camera.position_m + along[:, None] * a, np.asarray((along > 0) & (back > 0))
-
-
-def check_parallax(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> None:
+def check_parallax(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> None:
     """Fit a pure rotation between the devices: what is left over is parallax.
 
     Raises
@@ -194,17 +228,17 @@ def check_parallax(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) ->
     x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
 
     def residual(q: FloatArray) -> FloatArray:
-        camera, projector = models_of(np.concatenate([q, [0, 0, 1]]), sheets)
+        camera, projector = models_of(np.concatenate([q, [0, 0, 1]]), nominal)
         rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
         turned = rays @ projector.rotation.T
         error = image_of(turned, projector.focal_px[0], projector.principal_point_px, projector.distortion) - x2
         return np.asarray(np.clip(error, -1e4, 1e4))
 
-    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), sheets)
+    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
     u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
     start = np.concatenate([_EXPECTED[:_POSE], vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)])
-    ties = _ties(_EXPECTED[free], _SIGMA[free], len(x1))
-    fit = robust_fit(residual, start, ties, iterations=15, least_scale_px=1.0)
+    priors = _priors(_EXPECTED[free], _SIGMA[free], len(x1))
+    fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
     parallax_px = float(np.median(np.linalg.norm(fit.residual, axis=1)))
     if parallax_px < MIN_PARALLAX_PX:
         raise CalibrationError(
@@ -214,7 +248,7 @@ def check_parallax(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) ->
         )
 
 
-def check_not_flat(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) -> None:
+def check_not_flat(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> None:
     """Fit one plane's homography between both pictures, with distortion: it must leave points over.
 
     Raises
@@ -222,12 +256,12 @@ def check_not_flat(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) ->
     CalibrationError
         If it explains 97 % of the points to within 3 px.
     """
-    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), sheets)
+    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
     x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
     a = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
     b = bearings(x2, projector.focal_px[0], projector.principal_point_px, projector.distortion)
     cv2.setRNGSeed(0)
-    homography, _ = cv2.findHomography(a[:, :2], b[:, :2], cv2.RANSAC, 20 / projector.focal_px[0])
+    homography, _ = cv2.findHomography(a[:, :2], b[:, :2], cv2.RANSAC, _HOMOGRAPHY_PX / projector.focal_px[0])
     if np.size(homography) != 9:
         return
 
@@ -238,8 +272,8 @@ def check_not_flat(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics) ->
         return np.asarray(np.clip(image - x2, -1e4, 1e4))
 
     start = np.append(np.asarray(homography, dtype=np.float64).ravel()[:8], np.zeros(4))
-    ties = _ties(start, np.array([np.inf] * 8 + [0.05, 0.02] * 2), len(x1))
-    fit = robust_fit(residual, start, ties, iterations=15, least_scale_px=1.0)
+    priors = _priors(start, np.array([np.inf] * 8 + [0.05, 0.02] * 2), len(x1))
+    fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
     explained = float((np.linalg.norm(fit.residual, axis=1) < _FLAT_PX).mean())
     if explained > _FLAT_SHARE:
         raise CalibrationError(

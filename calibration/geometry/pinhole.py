@@ -2,11 +2,40 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.records import FloatArray, PinholeModel
+from calibration.arrays import Float32Array, FloatArray
+
+_WIDEST_DEG = 80
+"""From the axis: beyond, the polynomial of a usual lens folds back."""
+_UNDISTORTIONS = 8
+"""Rounds of the inverse of distortion: 1e-4 px for k1 = 0.1 within a usual picture, enough while a fit goes on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PinholeModel:
+    """A camera, or a projector as an inverse camera: lens and pose, OpenCV's conventions."""
+
+    width_px: int
+    height_px: int
+    focal_px: tuple[float, float]
+    principal_point_px: tuple[float, float]
+    """(x, y); pixel centres at integers; may lie outside the image (lens shift)."""
+    distortion: tuple[float, float, float, float, float]
+    """k1, k2, p1, p2, k3 (OpenCV's order). [1]"""
+    rotation: FloatArray
+    """(3, 3) device_from_world."""
+    translation_m: FloatArray
+    """(3,) device_from_world, in metres."""
+
+    @property
+    def position_m(self) -> FloatArray:
+        """(3,) centre of projection in the world, in metres."""
+        return np.asarray(-self.rotation.T @ self.translation_m)
 
 
 def distort(plane: FloatArray, distortion: ArrayLike) -> FloatArray:
@@ -21,9 +50,12 @@ def distort(plane: FloatArray, distortion: ArrayLike) -> FloatArray:
     return real
 
 
-def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = 8) -> FloatArray:
-    """Inverse of :func:`distort` by fixed-point iteration; coordinates are kept within 80 degrees of the axis."""
-    limit = np.tan(np.radians(80))
+def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDISTORTIONS) -> FloatArray:
+    """(N, 2) ideal image coordinates of real ones: :func:`distort` inverted by fixed-point iteration.
+
+    Coordinates are kept within 80 degrees of the axis.
+    """
+    limit = np.tan(np.radians(_WIDEST_DEG))
     ideal = np.clip(plane, -limit, limit)
     for _ in range(iterations):
         ideal = np.clip(ideal + plane - distort(ideal, distortion), -limit, limit)
@@ -31,10 +63,15 @@ def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = 8) -> 
 
 
 def bearings(
-    xy_px: FloatArray, focal_px: ArrayLike, principal_point_px: ArrayLike, distortion: ArrayLike
+    xy_px: FloatArray,
+    focal_px: ArrayLike,
+    principal_point_px: ArrayLike,
+    distortion: ArrayLike,
+    *,
+    iterations: int = _UNDISTORTIONS,
 ) -> FloatArray:
     """(N, 3) directions (x, y, 1) of pixels in the device's frame."""
-    plane = undistort((xy_px - np.asarray(principal_point_px)) / np.asarray(focal_px), distortion)
+    plane = undistort((xy_px - np.asarray(principal_point_px)) / np.asarray(focal_px), distortion, iterations)
     return np.column_stack([plane, np.ones(len(plane))])
 
 
@@ -48,9 +85,11 @@ def image_of(
     )
 
 
-def world_rays(model: PinholeModel, xy_px: FloatArray) -> FloatArray:
+def world_rays(model: PinholeModel, xy_px: FloatArray | Float32Array, iterations: int = _UNDISTORTIONS) -> FloatArray:
     """(N, 3) unit directions of pixels in the world."""
-    rays = bearings(xy_px, model.focal_px, model.principal_point_px, model.distortion) @ model.rotation
+    xy = np.asarray(xy_px, dtype=np.float64)
+    local = bearings(xy, model.focal_px, model.principal_point_px, model.distortion, iterations=iterations)
+    rays = local @ model.rotation
     return np.asarray(rays / np.linalg.norm(rays, axis=1, keepdims=True))
 
 

@@ -7,20 +7,32 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.records import BoolArray, FloatArray
+from calibration.arrays import BoolArray, FloatArray, IntArray
 
-IntArray = NDArray[np.int64]
 Transfer = Callable[[FloatArray, FloatArray], FloatArray]
 """(camera rays (N, 3), plane (3,)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
 
 _INLIER_PX = 1.5
+"""Three times the half pixel by which whole codes are off."""
 _TRIALS = 400
+"""Of RANSAC: a wall with 5 % of the points is drawn twenty times."""
+_SAMPLE = 12
+"""Points of a trial: a plane through twelve neighbours is steady against their noise."""
+_TESTED = 800
+"""Points that a trial is counted on: enough to tell 2 % from nothing."""
 _NEIGHBOURHOOD_PX = 150.0
-_LEAST_SHARE = 0.02
+"""Half side of the camera's window that a trial draws from: an eighth of a usual picture, mostly one wall."""
+_LEAST_SHARE, _LEAST_POINTS = 0.02, 30
+"""Of the points, and points, that make a wall; less is furniture or noise."""
 _MOST_PLANES = 8
+"""A box has six; two more for a step or a cupboard."""
+_REFINEMENTS = 4
+"""Rounds of least squares over the inliers; they no longer change after three."""
 _MOST_GUESSED = 2
+"""Walls that are tried on every axis: each multiplies the fits by four."""
+_PARALLEL = 0.6
+"""Cosine from which on a normal is taken to be another face of the second axis."""
 _NEVER_DEG = 70.0
 """A plane whose normal is so far from an axis is not perpendicular to it, however wrong the lenses are."""
 
@@ -31,29 +43,67 @@ class Axes:
 
     directions: FloatArray
     """(3, 3) orthonormal rows."""
-    of_plane: NDArray[np.int64]
+    of_plane: IntArray
     """(K,) 0, 1, 2, or -1 for a plane that fits none."""
 
 
-def segment_planes(
-    points: FloatArray, transfer: Transfer, x2: FloatArray, x1: FloatArray, rays: FloatArray, usable: BoolArray
-) -> FloatArray:
-    """(K, 3) planes as normal / offset, the one with most points first; sequential RANSAC with a fixed seed.
+@dataclass(frozen=True, eq=False)
+class ViewedPoints:
+    """Triangulated points with what they were seen by, one row each."""
+
+    points: FloatArray
+    """(N, 3) in the camera's frame; the unit is the baseline."""
+    rays: FloatArray
+    """(N, 3) directions of the camera's pixels."""
+    camera_xy_px: FloatArray
+    """(N, 2) [px]"""
+    projector_xy_px: FloatArray
+    """(N, 2) [px]"""
+
+    def chosen(self, rows: IntArray) -> ViewedPoints:
+        """Return some of the points."""
+        return ViewedPoints(self.points[rows], self.rays[rows], self.camera_xy_px[rows], self.projector_xy_px[rows])
+
+    def error_px(self, transfer: Transfer, plane: FloatArray) -> FloatArray:
+        """(N,) distance of each point's projector pixel from where the plane would have it. [px]."""
+        return np.asarray(np.linalg.norm(transfer(self.rays, plane) - self.projector_xy_px, axis=1))
+
+
+def segment_planes(seen: ViewedPoints, transfer: Transfer, usable: BoolArray) -> FloatArray:
+    """Find flat walls one after the other, by sequential RANSAC with a fixed seed.
 
     Neighbouring points (in the camera's picture) make a plane; its points are those whose correspondence it
     predicts to within 1.5 px. Planes with less than 2 % of the points are left out.
+
+    Parameters
+    ----------
+    seen : ViewedPoints
+        N points.
+    transfer : Transfer
+        From the camera's rays to the projector by a plane.
+    usable : (N,) bool
+        Points that lie in front of both devices.
+
+    Returns
+    -------
+    (K, 3)
+        Planes as normal / offset, the one with most points first.
+
+    References
+    ----------
+    M. A. Fischler and R. C. Bolles, Random sample consensus, Commun. ACM 24(6), 1981.
     """
     random = np.random.default_rng(1)
     left = np.flatnonzero(usable)
     planes: list[FloatArray] = []
-    total = len(left)
-    while len(planes) < _MOST_PLANES and len(left) >= max(_LEAST_SHARE * total, 30):
-        best = _best_plane(points[left], transfer, x2[left], x1[left], rays[left], random)
+    enough = max(_LEAST_SHARE * len(left), _LEAST_POINTS)
+    while len(planes) < _MOST_PLANES and len(left) >= enough:
+        here = seen.chosen(left)
+        best = _best_plane(here, transfer, random)
         if best is None:
             break
-        error = np.linalg.norm(transfer(rays[left], best) - x2[left], axis=1)
-        inside = error < _INLIER_PX
-        if inside.sum() < max(_LEAST_SHARE * total, 30):
+        error = here.error_px(transfer, best)
+        if (error < _INLIER_PX).sum() < enough:
             break
         planes.append(best)
         # What lies close to the plane, too, so that its rim is not found again as another plane.
@@ -61,37 +111,35 @@ def segment_planes(
     return np.array(planes).reshape(-1, 3)
 
 
-def _best_plane(
-    points: FloatArray,
-    transfer: Transfer,
-    x2: FloatArray,
-    x1: FloatArray,
-    rays: FloatArray,
-    random: np.random.Generator,
-) -> FloatArray | None:
+def _best_plane(seen: ViewedPoints, transfer: Transfer, random: np.random.Generator) -> FloatArray | None:
     best, best_count = None, 0
-    test = random.permutation(len(points))[:800]
-    test_rays, test_x2 = rays[test], x2[test]
+    test = seen.chosen(random.permutation(len(seen.points))[:_TESTED])
     for _ in range(_TRIALS):
-        first = int(random.integers(len(points)))
-        near = np.flatnonzero((np.abs(x1 - x1[first]) < _NEIGHBOURHOOD_PX).all(axis=1))
-        if len(near) < 3:
-            continue
-        plane = _plane_through(points[random.choice(near, size=min(12, len(near)), replace=False)])
+        plane = _trial_plane(seen, random)
         if plane is None:
             continue
-        count = int((np.linalg.norm(transfer(test_rays, plane) - test_x2, axis=1) < _INLIER_PX).sum())
+        count = int((test.error_px(transfer, plane) < _INLIER_PX).sum())
         if count > best_count:
             best, best_count = plane, count
     if best is None:
         return None
-    for _ in range(4):
-        inside = np.linalg.norm(transfer(rays, best) - x2, axis=1) < _INLIER_PX
-        refined = _plane_through(points[inside]) if inside.sum() >= 3 else None
+    for _ in range(_REFINEMENTS):
+        inside = seen.error_px(transfer, best) < _INLIER_PX
+        refined = _plane_through(seen.points[inside]) if inside.sum() >= 3 else None
         if refined is None:
             break
         best = refined
     return best
+
+
+def _trial_plane(seen: ViewedPoints, random: np.random.Generator) -> FloatArray | None:
+    """(3,) plane through some points around one that is drawn; None where too few lie around it."""
+    xy = seen.camera_xy_px
+    first = int(random.integers(len(xy)))
+    near = np.flatnonzero((np.abs(xy - xy[first]) < _NEIGHBOURHOOD_PX).all(axis=1))
+    if len(near) < 3:
+        return None
+    return _plane_through(seen.points[random.choice(near, size=min(_SAMPLE, len(near)), replace=False)])
 
 
 def _plane_through(points: FloatArray) -> FloatArray | None:
@@ -106,12 +154,31 @@ def assign_planes(
     rays: FloatArray,
     x2: FloatArray,
     planes: FloatArray,
+    *,
     limit_px: float,
     margin_px: float = 0.0,
 ) -> IntArray:
-    """(N,) plane that predicts each correspondence best, -1 beyond the limit.
+    """Assign each correspondence to the plane that predicts it best.
 
-    Also -1 where another plane predicts it within the margin: near an edge of the room blur mixes both walls.
+    Parameters
+    ----------
+    transfer : Transfer
+        From the camera's rays to the projector by a plane.
+    rays : (N, 3)
+        Directions of the camera's pixels.
+    x2 : (N, 2)
+        Projector pixels. [px]
+    planes : (K, 3)
+        As normal / offset.
+    limit_px : float
+        Largest distance from where the plane would have the pixel. [px]
+    margin_px : float
+        Points that a second plane predicts within it belong to none: near an edge of the room blur mixes both walls.
+
+    Returns
+    -------
+    (N,) int
+        Index of the plane, -1 for none.
     """
     errors = np.stack([np.linalg.norm(transfer(rays, plane) - x2, axis=1) for plane in planes])
     good = errors.min(axis=0) <= limit_px
@@ -121,7 +188,7 @@ def assign_planes(
 
 
 def axis_hypotheses(planes: FloatArray, axes: Axes) -> list[Axes]:
-    """The axes as they are, and with up to two planes that fit none given to each axis they may belong to.
+    """List the axes as they are, and with up to two planes that fit none given to each axis they may belong to.
 
     Before the lenses are known, walls of a small or narrow view may stand tens of degrees off.
     """
@@ -148,7 +215,7 @@ def orthogonal_axes(planes: FloatArray, limit_deg: float = 25.0) -> Axes:
     others = np.flatnonzero(cosine < np.sin(np.radians(limit_deg)))
     second = normals[others[0]] if len(others) else np.linalg.svd(first[None])[2][1]
     third = np.cross(first, second)
-    rest = [n for n in normals[others[1:]] if abs(n @ second) < 0.6] if len(others) > 1 else []
+    rest = [n for n in normals[others[1:]] if abs(n @ second) < _PARALLEL] if len(others) > 1 else []
     if rest:
         third = rest[0] * np.sign(rest[0] @ third)
     u, _, vt = np.linalg.svd(np.stack([first, second, third / np.linalg.norm(third)]))

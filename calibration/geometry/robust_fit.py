@@ -8,13 +8,15 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.records import FloatArray
+from calibration.arrays import FloatArray, IntArray
 
 Residual = Callable[[FloatArray], FloatArray]
 """Unknowns (n,) → residuals (N, d), d of them a point. [px]"""
 
 _STEP = 1e-6
+"""Of a forward difference: unknowns are of order 1, so half of float64's digits are left for the slope."""
 _LARGEST_DAMPING = 1e8
+"""Beyond, a step no longer changes anything: the fit is at its end."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,14 +33,14 @@ class Priors:
         return float(self.weight * (((z - self.expected) / self.sigma) ** 2).sum())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Fit:
     """Solution, and what its covariance is made of; that is computed when it is asked for."""
 
     z: FloatArray
     residual: FloatArray
     """(N, d) at the solution. [px]"""
-    ties: Priors
+    priors: Priors
     function: Residual
     least_scale_px: float
 
@@ -54,27 +56,28 @@ class Fit:
 
     @cached_property
     def hessian(self) -> FloatArray:
-        """(n, n) of half the cost, ties included."""
-        return _normal_equations(self.jacobian, self.residual, self.weight, self.ties, self.z)[0]
+        """(n, n) of half the cost, priors included."""
+        return _normal_equations(self.jacobian, self.residual, self.weight, z=self.z, priors=self.priors)[0]
 
 
-def robust_fit(residual: Residual, start: FloatArray, ties: Priors, *, iterations: int, least_scale_px: float) -> Fit:
-    """Minimise Σ s² log(1 + |r|²/s²) + ties; s follows the median residual down to `least_scale_px`.
+def robust_fit(residual: Residual, start: FloatArray, priors: Priors, *, iterations: int, least_scale_px: float) -> Fit:
+    """Minimise Σ s² log(1 + |r|²/s²) + priors; s follows the median residual down to `least_scale_px`.
 
-    The scale that follows keeps a bad start from being taken for outliers.
+    The scale that follows keeps a bad start from being taken for outliers. Cauchy's loss and Levenberg-Marquardt as
+    in B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
     """
     z, damping = start, 1e-3
     error = residual(z)
     for _ in range(iterations):
         scale = _scale(error, least_scale_px)
         jacobian = _jacobian(residual, z, error)
-        hessian, gradient = _normal_equations(jacobian, error, _weight(error, scale), ties, z)
-        cost = _cost(error, scale) + ties.cost(z)
+        hessian, gradient = _normal_equations(jacobian, error, _weight(error, scale), z=z, priors=priors)
+        cost = _cost(error, scale) + priors.cost(z)
         improved = False
         while not improved and damping < _LARGEST_DAMPING:
             step = _solve(hessian, gradient, damping)
             trial = residual(z - step)
-            gain = cost - _cost(trial, scale) - ties.cost(z - step)
+            gain = cost - _cost(trial, scale) - priors.cost(z - step)
             improved = gain > 0
             damping = max(damping / 10, 1e-9) if improved else damping * 10
         if not improved:
@@ -82,7 +85,7 @@ def robust_fit(residual: Residual, start: FloatArray, ties: Priors, *, iteration
         z, error = z - step, trial
         if gain < 1e-9 * cost:
             break
-    return Fit(z, error, ties, residual, least_scale_px)
+    return Fit(z=z, residual=error, priors=priors, function=residual, least_scale_px=least_scale_px)
 
 
 def _scale(error: FloatArray, least_px: float) -> float:
@@ -108,11 +111,13 @@ def _jacobian(residual: Residual, z: FloatArray, error: FloatArray) -> FloatArra
 
 
 def _normal_equations(
-    jacobian: FloatArray, error: FloatArray, weight: FloatArray, ties: Priors, z: FloatArray
+    jacobian: FloatArray, error: FloatArray, weight: FloatArray, *, z: FloatArray, priors: Priors
 ) -> tuple[FloatArray, FloatArray]:
     flat = (jacobian * np.sqrt(weight)[:, None]).reshape(len(z), -1)
-    hessian = flat @ flat.T + np.diag(ties.weight / ties.sigma**2)
-    gradient = flat @ (error * np.sqrt(weight)[:, None]).ravel() + ties.weight * (z - ties.expected) / ties.sigma**2
+    hessian = flat @ flat.T + np.diag(priors.weight / priors.sigma**2)
+    gradient = (
+        flat @ (error * np.sqrt(weight)[:, None]).ravel() + priors.weight * (z - priors.expected) / priors.sigma**2
+    )
     return hessian, gradient
 
 
@@ -122,17 +127,24 @@ def _solve(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatAr
     return np.asarray(np.linalg.solve(damped, gradient))
 
 
-def covariance(fit: Fit, cluster: np.ndarray) -> FloatArray:
-    """(n, n) of the solution, by the sandwich formula over clusters of points.
+def covariance(fit: Fit, cluster: IntArray) -> FloatArray:
+    """Return the covariance of a solution, by the sandwich formula over clusters of points.
 
     Neighbouring points share their error (sub-pixel windows overlap, a wall is not quite flat), so a cluster
-    counts as one observation: Liang and Zeger, Biometrika 73 (1986). Each tie counts as one more, so that an
-    unknown that the points do not determine has the standard deviation of its tie.
+    counts as one observation: Liang and Zeger, Biometrika 73 (1986). Each prior counts as one more, so that an
+    unknown that the points do not determine has the standard deviation of its prior.
 
     Parameters
     ----------
+    fit : Fit
+        A solution.
     cluster : (N,) int
         Cluster of each point.
+
+    Returns
+    -------
+    (n, n)
+        Covariance of the unknowns.
     """
     n = len(fit.z)
     score = np.einsum("knd,nd,n->nk", fit.jacobian, fit.residual, fit.weight)
@@ -140,5 +152,5 @@ def covariance(fit: Fit, cluster: np.ndarray) -> FloatArray:
     sums = np.zeros((int(index.max()) + 1, n))
     np.add.at(sums, index, score)
     inverse = np.linalg.pinv(fit.hessian, rcond=1e-13, hermitian=True)
-    of_ties = np.diag((fit.ties.weight / fit.ties.sigma) ** 2)
-    return np.asarray(inverse @ (sums.T @ sums + of_ties) @ inverse)
+    of_priors = np.diag((fit.priors.weight / fit.priors.sigma) ** 2)
+    return np.asarray(inverse @ (sums.T @ sums + of_priors) @ inverse)

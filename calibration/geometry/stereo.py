@@ -1,7 +1,7 @@
 """Self-calibration of a camera and a projector from dense correspondences in a room with flat walls.
 
 Three stages. (1) Epipolar: relative pose from the essential matrix, refined over focal lengths, distortion and
-lens shift, tied to the data sheets: with optical axes that nearly meet, two views do not determine the focal
+lens shift, held by the data sheets: with optical axes that nearly meet, two views do not determine the focal
 lengths. (2) The triangulated points are split into planes. (3) Plane-constrained bundle adjustment: every point
 lies on its plane, so a correspondence gives two equations and no unknown; walls at right angles fix the focal
 lengths, and all terms of both lenses become determined.
@@ -16,28 +16,36 @@ from itertools import chain
 import numpy as np
 from numpy.typing import ArrayLike
 
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
 from calibration.geometry.epipolar import (
     COLUMN_SHARES,
+    UNDISTORTIONS,
     NominalIntrinsics,
     check_not_flat,
     check_parallax,
     fit_epipolar,
-    triangulated,
 )
-from calibration.geometry.pinhole import project, world_rays
-from calibration.geometry.plane_bundle import BundleSolution, adjust, rays_of, transfer_of
-from calibration.geometry.planes import Axes, axis_hypotheses, orthogonal_axes, segment_planes
-from calibration.records import CalibrationError, FloatArray, PinholeModel
+from calibration.geometry.pinhole import PinholeModel, project, world_rays
+from calibration.geometry.plane_bundle import BundleSolution, PlanarScene, adjust, rays_of, transfer_of
+from calibration.geometry.planes import Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.triangulation import triangulate
 
 MIN_POINTS = 500
+"""Correspondences: below, a wall with 2 % of them has ten."""
 LEAST_INLIER_SHARE = 0.5
+"""Of the points on walls: below, most of what was seen is furniture, or the fit is wrong."""
 _GOOD_SHARE = 0.9
+"""A candidate that explains so much needs no rival."""
+_BETTER = 0.98
+"""Planes found anew may lose so little and still be taken: they were found with better lenses."""
 _FEW, _SOME, _MANY = 4000, 3000, 10000
+"""Points that planes are looked for in, that candidates are fitted to, and that the result rests on."""
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class StereoCalibration:
     """Both devices in the camera's frame, and the planes that they saw."""
 
@@ -65,79 +73,131 @@ class StereoCalibration:
 def calibrate_stereo(
     camera_xy_px: FloatArray,
     projector_xy_px: FloatArray,
-    camera_shape: tuple[int, int],
-    projector_shape: tuple[int, int],
-    camera_hfov_deg: float,
-    projector_hfov_deg: float,
+    nominal: NominalIntrinsics,
     *,
     right_angles: bool = True,
-    on_step: Callable[[int, int], None] = lambda done, total: None,
+    on_step: Callable[[int, int], None] | None = None,
 ) -> StereoCalibration:
-    """Lenses, relative pose and planes from correspondences; unit of length is the baseline.
+    """Find lenses, relative pose and planes from correspondences; the unit of length is the baseline.
 
     Parameters
     ----------
     camera_xy_px, projector_xy_px : (N, 2)
         Corresponding pixels. [px]
-    camera_shape, projector_shape : (height, width)
-    camera_hfov_deg, projector_hfov_deg : float
-        Nominal horizontal fields of view.
+    nominal : NominalIntrinsics
+        Of both lenses.
     right_angles : bool
         Planes that are nearly perpendicular are exactly so.
+    on_step : callable, optional
+        Called with the steps done and all steps.
+
+    Returns
+    -------
+    StereoCalibration
+        In the camera's frame, baseline 1.
 
     Raises
     ------
     CalibrationError
         Too few points, too little parallax, one plane only, or no planes that explain the points.
+
+    References
+    ----------
+    R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, Cambridge 2004, chapters 9 and 11 (epipolar
+    geometry); B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
     """
+    report = on_step or _silent
     _check_count(len(camera_xy_px))
-    sheets = NominalIntrinsics.of(camera_shape, projector_shape, camera_hfov_deg, projector_hfov_deg)
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
-    check_parallax(x1[:_FEW], x2[:_FEW], sheets)
-    check_not_flat(x1[:_FEW], x2[:_FEW], sheets)
-    on_step(1, 3)
-    bundle = _best_bundle(x1, x2, sheets, right_angles)
-    on_step(2, 3)
-    refined = adjust(x1, x2, bundle.devices, bundle.planes, bundle.axes, sheets, (1.0,), 20)
-    on_step(3, 3)
+    check_parallax(x1[:_FEW], x2[:_FEW], nominal)
+    check_not_flat(x1[:_FEW], x2[:_FEW], nominal)
+    report(1, 3)
+    bundle = _best_bundle(x1, x2, nominal, right_angles)
+    report(2, 3)
+    refined = adjust(x1, x2, bundle, nominal, limits_px=(1.0,), iterations=20)
+    report(3, 3)
     return _finished(refined or bundle, x1, x2)
 
 
-def scale_pair(pair: StereoCalibration, factor: float) -> StereoCalibration:
+def _silent(_done: int, _total: int) -> None:
+    """Nobody watches."""
+
+
+def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
     """Multiply every length by a factor."""
-    projector = replace(pair.projector, translation_m=pair.projector.translation_m * factor)
-    camera = replace(pair.camera, translation_m=pair.camera.translation_m * factor)
-    return replace(pair, camera=camera, projector=projector, planes=pair.planes / factor)
+    projector = replace(stereo.projector, translation_m=stereo.projector.translation_m * factor)
+    camera = replace(stereo.camera, translation_m=stereo.camera.translation_m * factor)
+    return replace(stereo, camera=camera, projector=projector, planes=stereo.planes / factor)
 
 
-def scale_from_baseline(pair: StereoCalibration, baseline_m: float) -> StereoCalibration:
-    """Metres from the distance of the two lenses."""
-    return scale_pair(pair, baseline_m / pair.baseline)
+def scale_from_baseline(stereo: StereoCalibration, baseline_m: float) -> StereoCalibration:
+    """Put a calibration into metres by the distance of the two lenses.
+
+    Parameters
+    ----------
+    stereo : StereoCalibration
+        Of any unit of length.
+    baseline_m : float
+        Distance of the two centres of projection. [m]
+
+    Returns
+    -------
+    StereoCalibration
+        In metres.
+    """
+    return _scaled(stereo, baseline_m / stereo.baseline)
 
 
-def scale_from_spots(pair: StereoCalibration, spots_px: ArrayLike, distance_m: float) -> StereoCalibration:
-    """Metres from the distance between the spots that two projector pixels (2, 2) light on the planes.
+def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m: float) -> StereoCalibration:
+    """Put a calibration into metres by the distance between the spots that two projector pixels light on the planes.
+
+    Parameters
+    ----------
+    stereo : StereoCalibration
+        Of any unit of length.
+    spots_px : (2, 2)
+        Projector column and row of the spots. [px]
+    distance_m : float
+        Between the spots. [m]
+
+    Returns
+    -------
+    StereoCalibration
+        In metres.
 
     Raises
     ------
     CalibrationError
         If a spot lies on none of the planes, or both are one place.
     """
-    spots = points_of_projector_pixels(pair, np.asarray(spots_px, dtype=np.float64))
+    spots = points_of_projector_pixels(stereo, np.asarray(spots_px, dtype=np.float64))
     if not np.isfinite(spots).all():
         raise CalibrationError("a spot of [scale] spots_px meets no measured wall; choose two lit, seen pixels")
     measured = float(np.linalg.norm(spots[1] - spots[0]))
     if measured < 1e-6:
         raise CalibrationError("the two spots of [scale] spots_px are one place; choose two far apart")
-    return scale_pair(pair, distance_m / measured)
+    return _scaled(stereo, distance_m / measured)
 
 
-def points_of_projector_pixels(pair: StereoCalibration, xy_px: FloatArray) -> FloatArray:
-    """(N, 3) surface points that projector pixels light: first plane in front; NaN where there is none."""
-    origin, rays = pair.projector.position_m, world_rays(pair.projector, xy_px)
+def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> FloatArray:
+    """Find the surface points that projector pixels light: on the first plane in front.
+
+    Parameters
+    ----------
+    stereo : StereoCalibration
+        With planes.
+    xy_px : (N, 2)
+        Projector pixels. [px]
+
+    Returns
+    -------
+    (N, 3)
+        In the camera's frame; NaN where there is no plane.
+    """
+    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
     with np.errstate(divide="ignore"):
-        along = (1 - pair.planes @ origin)[None, :] / (rays @ pair.planes.T)
+        along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
     along = np.where(along > 1e-9, along, np.inf).min(axis=1)
     return np.asarray(np.where(np.isfinite(along)[:, None], origin + np.minimum(along, 1e9)[:, None] * rays, np.nan))
 
@@ -150,14 +210,15 @@ def _check_count(n: int) -> None:
         )
 
 
-def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, right_angles: bool) -> BundleSolution:
+def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, right_angles: bool) -> BundleSolution:
     """First candidate whose planes explain nearly all points, or the one that explains most."""
     best, best_share = None, 0.0
-    for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], sheets, share) for share in COLUMN_SHARES):
+    for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], nominal, share) for share in COLUMN_SHARES):
         planes = _planes_of(candidate, x1, x2)
         if len(planes) < 2:
             continue
-        bundle = _adjusted_twice(candidate, planes, x1[:_SOME], x2[:_SOME], sheets, right_angles)
+        start = _with_free_planes(candidate, planes)
+        bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
         if bundle is None:
             continue
         share = _merit(bundle, right_angles)
@@ -173,34 +234,35 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, sheets: NominalIntrinsics, righ
     return best
 
 
-def _planes_of(pair: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray) -> FloatArray:
+def _planes_of(devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray) -> FloatArray:
     a, b = x1[:_FEW], x2[:_FEW]
-    points, usable = triangulated(*pair, a, b)
-    return segment_planes(points, transfer_of(*pair), b, a, rays_of(pair[0], a), usable)
+    found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
+    seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
+    return segment_planes(seen, transfer_of(devices[1]), found.in_front)
 
 
 def _adjusted_twice(
-    pair: tuple[PinholeModel, PinholeModel],
-    planes: FloatArray,
-    x1: FloatArray,
-    x2: FloatArray,
-    sheets: NominalIntrinsics,
-    right_angles: bool,
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
 ) -> BundleSolution | None:
     """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
-    first = adjust(x1, x2, pair, planes, _free(planes), sheets, (4.0, 1.5), 6)
+    first = adjust(x1, x2, start, nominal, limits_px=(4.0, 1.5), iterations=6)
     if right_angles and first is not None:
         guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
-        fits = [adjust(x1, x2, first.devices, first.planes, axes, sheets, (1.5,), 12) for axes in guesses]
+        starts = [replace(first, axes=axes) for axes in guesses]
+        fits = [adjust(x1, x2, guess, nominal, limits_px=(1.5,), iterations=12) for guess in starts]
         first = max((fit for fit in fits if fit is not None), key=lambda fit: fit.share_on_axes, default=None)
     if first is None:
         return None
     planes = _planes_of(first.devices, x1, x2)
     if len(planes) < 2:
         return first
-    axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else _free(planes)
-    second = adjust(x1, x2, first.devices, planes, axes, sheets, (1.5, 1.0), 8)
-    return first if second is None or _merit(second, right_angles) < 0.98 * _merit(first, right_angles) else second
+    again = _with_free_planes(first.devices, planes)
+    if right_angles:
+        again = replace(again, axes=orthogonal_axes(planes, _FITTED_LIMIT_DEG))
+    second = adjust(x1, x2, again, nominal, limits_px=(1.5, 1.0), iterations=8)
+    if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
+        return first
+    return second
 
 
 def _merit(bundle: BundleSolution, right_angles: bool) -> float:
@@ -208,8 +270,9 @@ def _merit(bundle: BundleSolution, right_angles: bool) -> float:
     return bundle.share_on_axes if right_angles else bundle.share
 
 
-def _free(planes: FloatArray) -> Axes:
-    return Axes(np.eye(3), np.full(len(planes), -1))
+def _with_free_planes(devices: tuple[PinholeModel, PinholeModel], planes: FloatArray) -> PlanarScene:
+    free = Axes(np.eye(3), np.full(len(planes), -1))
+    return PlanarScene(camera=devices[0], projector=devices[1], planes=planes, axes=free)
 
 
 def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray) -> StereoCalibration:
@@ -219,16 +282,16 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray) -> StereoC
     projector_rms = _rms(project(projector, _points_on_planes(camera, x1[used], planes)) - x2[used])
     camera_rms = _rms(project(camera, _points_on_planes(projector, x2[used], planes)) - x1[used])
     return StereoCalibration(
-        camera,
-        projector,
-        bundle.planes,
-        tuple(int(a) for a in bundle.axes.of_plane),
-        bundle.axes.directions,
-        float(np.sqrt((camera_rms**2 + projector_rms**2) / 2)),
-        camera_rms,
-        projector_rms,
-        bundle.sigmas,
-        float(used.mean()),
+        camera=camera,
+        projector=projector,
+        planes=bundle.planes,
+        axes=tuple(int(a) for a in bundle.axes.of_plane),
+        room_axes=bundle.axes.directions,
+        rms_px=float(np.sqrt((camera_rms**2 + projector_rms**2) / 2)),
+        camera_rms_px=camera_rms,
+        projector_rms_px=projector_rms,
+        sigmas=bundle.sigmas,
+        inlier_share=float(used.mean()),
     )
 
 

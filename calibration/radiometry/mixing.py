@@ -14,14 +14,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import BoolArray, CalibrationError, FloatArray
+from calibration.arrays import BoolArray, FloatArray
+from calibration.errors import CalibrationError
 
 CONDITION_LIMIT = 30.0
 """Of K; about the factor by which noise grows when colours are taken apart."""
 ADDITIVITY_LIMIT = 0.05
 """By how much white may differ from red + green + blue."""
 _TILES = 4
+"""Along each side of the picture, for :attr:`Mixing.variation`."""
 _LEAST_PIXELS = 50
+"""Of a median: fewer leave it to single wrong pixels."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +40,7 @@ class Mixing:
 
 
 def fit_mixing(white: NDArray[np.floating], pure: Sequence[NDArray[np.floating]], lit: BoolArray) -> Mixing:
-    """Medians over the lit pixels of a pure channel's light over white's.
+    """Measure how channels mix into bands: medians over the lit pixels of a pure channel's light over white's.
 
     Parameters
     ----------
@@ -48,10 +51,20 @@ def fit_mixing(white: NDArray[np.floating], pure: Sequence[NDArray[np.floating]]
     lit : (H, W) bool
         Pixels that count; white is above 0 there in each band.
 
+    Returns
+    -------
+    Mixing
+        (B, C) shares of white, and how well they hold.
+
     Raises
     ------
     CalibrationError
         If too few pixels are lit, the channels do not add up to white, or two of them look alike to the camera.
+
+    References
+    ----------
+    M. D. Grossberg, H. Peri, S. K. Nayar and P. N. Belhumeur, Making one object look like another: controlling
+    appearance using a projector-camera system, CVPR 2004.
     """
     if int(lit.sum()) < _LEAST_PIXELS:
         raise CalibrationError(

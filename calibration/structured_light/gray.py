@@ -1,4 +1,4 @@
-"""Gray codes: words for positions, one bit changing from each position to the next.
+"""Gray codes: words for positions, one bit changing from each position to the next, and their patterns.
 
 The binary-reflected code is what everybody's patterns use. Its coarse planes light whole halves of a room,
 and in a closed room the light that comes back from there can exceed a wall's own direct light: the bit reads
@@ -11,13 +11,15 @@ presence of global illumination, CVPR 2011.)
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import CalibrationError
+from calibration.errors import CalibrationError
+from calibration.structured_light.patterns import WHITE, Pattern
 
 CodeName = Literal["gray", "long-run"]
 Words = NDArray[np.uint16]
@@ -30,6 +32,38 @@ _SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
 def bits_for(size_px: int) -> int:
     """Return the number of bits that tell `size_px` positions apart."""
     return max(1, (size_px - 1).bit_length())
+
+
+def pattern_name(code: CodeName, axis: str, bit: int) -> str:
+    """Return the name of the picture that shows a bit of an axis: `long-run-row-03`; its inverse has `-inverse`."""
+    return f"{code}-{axis}-{bit:02d}"
+
+
+def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:
+    """Yield a Gray code of the columns, then of the rows, most significant bit first.
+
+    Parameters
+    ----------
+    shape : (height, width)
+        Of the projector. [px]
+    inverse : bool
+        After each picture also its complement.
+    code : {"gray", "long-run"}
+        Which Gray code.
+
+    Yields
+    ------
+    Pattern
+        `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …, codes (H, W); the number is the bit.
+    """
+    for axis, size in (("column", shape[1]), ("row", shape[0])):
+        word = words(code, bits_for(size))[:size]
+        for bit in reversed(range(bits_for(size))):
+            stripe = ((word >> bit) & 1).astype(np.uint8) * WHITE
+            codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape)
+            yield Pattern(pattern_name(code, axis, bit), codes.copy())
+            if inverse:
+                yield Pattern(f"{pattern_name(code, axis, bit)}-inverse", WHITE - codes)
 
 
 def words(code: CodeName, bits: int) -> Words:
@@ -66,7 +100,7 @@ def _long_run(bits: int) -> tuple[int, ...]:
 
 
 def _searched(bits: int, run: int) -> tuple[int, ...]:
-    """Depth-first search of a cyclic code in which no bit changes twice within `run` steps."""
+    """Search depth-first a cyclic code in which no bit changes twice within `run` steps."""
     size = 2**bits
     path, seen = [0], {0}
     flips: list[int] = []

@@ -1,18 +1,24 @@
-"""Pictures that are projected to measure something; each has a name that says how to read it back."""
+"""Pictures that are projected to measure something; each has a name that says how to read it back.
+
+This is the one set of such pictures: sessions and the self-check show the same.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.records import CalibrationError
-from calibration.structured_light.gray import CodeName, bits_for, words
+from calibration.arrays import Codes
+from calibration.errors import CalibrationError
 
-Codes = NDArray[np.uint8]
 WHITE = 255
+Side = Literal["left", "right", "top", "bottom"]
+_LEAST_BLOCK = 40
+"""Code of a dark block: not black, so that noise and black level of the display matter less than its edges."""
+_BLOCK_SEED = 7
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,28 +30,110 @@ class Pattern:
     """(H, W), or (H, W, 3) in colour."""
 
 
-def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:
-    """Gray code of the columns, then of the rows, most significant bit first.
+def flat(shape: tuple[int, int], code: int, name: str | None = None) -> Pattern:
+    """Return a picture of one code everywhere.
 
-    Names: `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …; the number is the bit.
+    Parameters
+    ----------
+    shape : (height, width)
+        Of the projector. [px]
+    code : int
+        From 0 to 255.
+    name : str, optional
+        Of the pattern; default: `level-128` for code 128.
+
+    Returns
+    -------
+    Pattern
+        Its codes are (H, W).
+
+    Raises
+    ------
+    CalibrationError
+        If the code is outside 0 … 255.
     """
-    for axis, size in (("column", shape[1]), ("row", shape[0])):
-        word = words(code, bits_for(size))[:size]
-        for bit in reversed(range(bits_for(size))):
-            stripe = ((word >> bit) & 1).astype(np.uint8) * WHITE
-            codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape)
-            yield Pattern(f"{code}-{axis}-{bit:02d}", codes.copy())
-            if inverse:
-                yield Pattern(f"{code}-{axis}-{bit:02d}-inverse", WHITE - codes)
+    if not 0 <= code <= WHITE:
+        raise CalibrationError(f"code {code} is outside 0 … {WHITE}")
+    return Pattern(name or f"level-{code:03d}", np.full(shape, code, dtype=np.uint8))
+
+
+def level_patterns(shape: tuple[int, int], codes: Sequence[int]) -> Iterator[Pattern]:
+    """Yield flat pictures, one a code."""
+    return (flat(shape, code) for code in codes)
+
+
+def primary(shape: tuple[int, int], channel: int, name: str, channels: int = 3) -> Pattern:
+    """Return a picture of one channel of the projector at its largest code, the others at 0.
+
+    Parameters
+    ----------
+    shape : (height, width)
+        Of the projector. [px]
+    channel : int
+        Index of the channel.
+    name : str
+        Of the pattern.
+    channels : int
+        How many channels the projector has.
+
+    Returns
+    -------
+    Pattern
+        Its codes are (H, W, channels).
+    """
+    codes = np.zeros((*shape, channels), np.uint8)
+    codes[..., channel] = WHITE
+    return Pattern(name, codes)
+
+
+def checker(shape: tuple[int, int], size_px: int, shift_px: tuple[int, int] = (0, 0)) -> Codes:
+    """Return a checkerboard of white and black squares.
+
+    Parameters
+    ----------
+    shape : (height, width)
+        Of the projector. [px]
+    size_px : int
+        Side of a square.
+    shift_px : (down, right)
+        By which the squares are moved up and left; a shift of one square in one direction gives the complement.
+
+    Returns
+    -------
+    (H, W) uint8
+        0 or 255; 255 at the first pixel of an unshifted board.
+    """
+    row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
+    on = ((row + shift_px[0]) // size_px + (column + shift_px[1]) // size_px) % 2 == 0
+    return np.asarray(on.astype(np.uint8) * WHITE)
 
 
 def checker_patterns(shape: tuple[int, int], size_px: int = 8, shifts: int = 25) -> Iterator[Pattern]:
-    """Checkers of `size_px`, moved evenly over their period in both directions.
+    """Yield checkers that are moved evenly over their period in both directions.
+
+    Parameters
+    ----------
+    shape : (height, width)
+        Of the projector. [px]
+    size_px : int
+        Side of a square.
+    shifts : int
+        How many pictures: a square number.
+
+    Yields
+    ------
+    Pattern
+        `checker-00`, `checker-01` …, codes (H, W).
 
     Raises
     ------
     CalibrationError
         If `shifts` is not a square number, or the shifts are finer than a pixel.
+
+    References
+    ----------
+    S. K. Nayar, G. Krishnan, M. D. Grossberg, R. Raskar, Fast separation of direct and global components of a scene
+    using high frequency illumination, ACM Trans. Graph. 25(3), 2006, section 3.
     """
     side = round(shifts**0.5)
     if side * side != shifts or side < 2 or side > 2 * size_px:
@@ -53,20 +141,30 @@ def checker_patterns(shape: tuple[int, int], size_px: int = 8, shifts: int = 25)
             f"{shifts} checker shifts of {size_px} px: give a square number from 4 to {(2 * size_px) ** 2}"
         )
     offsets = [round(k * 2 * size_px / side) for k in range(side)]
-    row, column = np.arange(shape[0])[:, None], np.arange(shape[1])[None, :]
     for index in range(shifts):
-        dy, dx = offsets[index // side], offsets[index % side]
-        on = ((row + dy) // size_px + (column + dx) // size_px) % 2 == 0
-        yield Pattern(f"checker-{index:02d}", on.astype(np.uint8) * WHITE)
+        shift_px = offsets[index // side], offsets[index % side]
+        yield Pattern(f"checker-{index:02d}", checker(shape, size_px, shift_px))
 
 
-def flat(shape: tuple[int, int], code: int, name: str | None = None) -> Pattern:
-    """One code everywhere; `level-128` unless named otherwise."""
-    if not 0 <= code <= WHITE:
-        raise CalibrationError(f"code {code} is outside 0 … {WHITE}")
-    return Pattern(name or f"level-{code:03d}", np.full(shape, code, dtype=np.uint8))
+def left_half(shape: tuple[int, int]) -> Codes:
+    """(H, W) codes: white on the left half, black on the right; the complement is 255 minus it."""
+    codes = np.zeros(shape, np.uint8)
+    codes[:, : shape[1] // 2] = WHITE
+    return codes
 
 
-def level_patterns(shape: tuple[int, int], codes: Sequence[int]) -> Iterator[Pattern]:
-    """Flat pictures, one a code."""
-    return (flat(shape, code) for code in codes)
+def strip(shape: tuple[int, int], side: Side, inset_px: int, width_px: int) -> Codes:
+    """(H, W) codes: a white strip `width_px` wide along a side of the picture, `inset_px` in; black elsewhere."""
+    codes = np.zeros(shape, np.uint8)
+    turned = {"left": codes.T, "right": codes.T[::-1], "top": codes, "bottom": codes[::-1]}[side]
+    turned[inset_px : inset_px + width_px] = WHITE
+    return codes
+
+
+def random_blocks(shape: tuple[int, int], along: int) -> Codes:
+    """(H, W) codes: square blocks, light or dark at random but always the same, `along` of them on the longer side."""
+    size = max(max(shape) // along, 1)
+    random = np.random.default_rng(_BLOCK_SEED)
+    small = random.integers(0, 2, (shape[0] // size + 1, shape[1] // size + 1)) * (WHITE - _LEAST_BLOCK) + _LEAST_BLOCK
+    whole = np.repeat(np.repeat(small, size, axis=0), size, axis=1)
+    return np.asarray(whole[: shape[0], : shape[1]], dtype=np.uint8)

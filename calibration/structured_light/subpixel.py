@@ -5,16 +5,36 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from calibration.records import BoolArray, Correspondence, Float32Array
+from calibration.arrays import BoolArray, Float32Array
+from calibration.structured_light.correspondence import Correspondence
+
+_FILLED_SHARE = 0.7
+"""Of a window: beside a border of what is valid, a plane would be carried too far."""
+_MOST_VARIANCE_PX2 = 0.16
+"""Of the codes about their plane: rounding alone has 1/12; a wrong side of an edge in the window adds much more."""
+_MOST_CHANGE_PX = 0.9
+"""Rounding moves a coordinate by up to 0.5; decoding puts a pixel on a border half a pixel off, at most."""
 
 
 def refine_subpixel(correspondence: Correspondence, window_px: int = 9) -> Correspondence:
-    """Local plane fits of the codes over a window.
+    """Turn whole codes into sub-pixel coordinates by local plane fits over a window.
 
     A code is the true coordinate rounded, so a plane through some eighty of them is good to a few hundredths
     of a pixel on a smooth surface. Where the window holds more than one surface the fit does not describe
     the codes (its residual is above that of rounding): there smaller windows are tried, and in the end the
     code is kept.
+
+    Parameters
+    ----------
+    correspondence : Correspondence
+        With whole codes.
+    window_px : int
+        Side of the window, odd. [camera px]
+
+    Returns
+    -------
+    Correspondence
+        The same pixels are valid.
     """
     valid = correspondence.valid
     xy = np.where(valid[..., None], correspondence.projector_xy_px, 0).astype(np.float64)
@@ -50,7 +70,7 @@ def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Arra
     )
     determinant = np.maximum(sxx * syy - sxy**2, 1e-9)
     fit = np.empty((*valid.shape, 2), dtype=np.float32)
-    good = n >= 0.7 * size**2
+    good = n >= _FILLED_SHARE * size**2
     for k in (0, 1):
         c = xy[..., k]
         mc = total(v * c) / n
@@ -58,6 +78,5 @@ def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Arra
         a, b = (syy * sxc - sxy * syc) / determinant, (sxx * syc - sxy * sxc) / determinant
         fit[..., k] = mc + a * (x - mx) + b * (y - my)
         variance = total(v * c * c) / n - mc**2 - a * sxc - b * syc
-        # Rounding alone has variance 1/12; a wrong side of an edge in the window adds much more.
-        good &= (variance < 0.16) & (np.abs(fit[..., k] - c) < 0.9)
+        good &= (variance < _MOST_VARIANCE_PX2) & (np.abs(fit[..., k] - c) < _MOST_CHANGE_PX)
     return fit, good

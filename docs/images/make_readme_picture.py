@@ -20,7 +20,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from rig import Session
+from rig import Session, SessionResult
+from rig.stages.model import load_model_record
 
 Image = NDArray[np.floating]
 _ERROR_RANGE = 64
@@ -32,11 +33,11 @@ def main(session_folder: str, output: str) -> None:
     """Write the picture."""
     with Session.open(session_folder) as session:
         compared = session.finished("compare")
-        scale = 255 / session.finished("model").load_record("model")["level"]
+        scale = 255 / load_model_record(session).level
         judged = compared.load_image("judged")
         measured = {name: compared.load_image(f"measured-{name}")["light"] * scale for name in ("none", "bounded")}
         light = session.finished("separation").load_image("separation")
-        errors = session.read_metrics()["strategies"]
+        errors = session.read_metrics(SessionResult).strategies
     mask = judged["mask"] > 0
     share = light["global"] / np.maximum(light["white"], 1e-9)
     figure, axes = plt.subplots(2, 3, figsize=(11, 6.1), dpi=82, layout="constrained")
@@ -49,7 +50,7 @@ def main(session_folder: str, output: str) -> None:
     for axis, name in zip(axes[1, 1:], ("none", "bounded"), strict=True):
         error = _cut(measured[name] - judged["target"], mask)
         bar = axis.imshow(error, cmap="RdBu_r", vmin=-_ERROR_RANGE, vmax=_ERROR_RANGE)
-        axis.set_title(f"error: mean {errors[name]['measured']['mean']:.1f} grey levels of 255", fontsize=10)
+        axis.set_title(f"error: mean {errors[name].measured.mean:.1f} grey levels of 255", fontsize=10)
     figure.colorbar(bar, ax=axes[1, 1:], location="bottom", shrink=0.4, label="measured − target, grey levels")
     for axis in axes.flat:
         axis.set_axis_off()

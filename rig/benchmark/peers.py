@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry.scene import BoolArray, FloatArray
+from sim.arrays import BoolArray, FloatArray
 from sim.geometry.surface import Surface
 
 PEERS = ("pyviewfactor", "mitsuba", "embreex", "scipy", "numpy")

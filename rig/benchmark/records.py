@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
+
+from rig.records import JsonObject, Record, Verdict, json_of
 
 Size = Literal["quick", "default", "full"]
 """Seconds, for tests; about a minute; as long as it takes."""
-OnStep = Callable[[str, int, int], None]
 Kind = Literal["accuracy", "time", "memory"]
+Detail = Mapping[str, Any]
+"""Further numbers of a point, by name."""
 
 
-@dataclass(frozen=True)
-class Point:
+@dataclass(frozen=True, kw_only=True)
+class Point(Record):
     """One problem, one method, one setting."""
 
     problem: str
@@ -21,43 +24,32 @@ class Point:
     n: int
     """Patches."""
     seconds: float | None = None
-    """Median; none where it was not timed."""
+    """Median; None where it was not timed."""
     error: float | None = None
-    """What it is the error of stands in ``error_of``; none where nothing is known to compare with."""
+    """What it is the error of stands in ``error_of``; None where nothing is known to compare with."""
     peak_mb: float | None = None
     error_of: str = ""
-    detail: Mapping[str, Any] = field(default_factory=dict)
+    detail: Detail = field(default_factory=dict)
     """Further numbers: threads, samples, tolerance, matvecs, closure ..."""
 
-    def as_json(self) -> dict[str, Any]:
-        """One flat object."""
-        own = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "detail"}
-        return {**own, **self.detail}
+    def as_json(self) -> JsonObject:
+        """The point as one flat object, its further numbers beside its own."""
+        own = {item.name: json_of(getattr(self, item.name)) for item in fields(self) if item.name != "detail"}
+        return own | {name: json_of(value) for name, value in self.detail.items()}
 
 
-@dataclass(frozen=True)
-class Criterion:
-    """A promise: a number against its limit."""
+@dataclass(frozen=True, kw_only=True)
+class Criterion(Verdict):
+    """A promise of a benchmark: a number against its limit."""
 
-    what: str
-    value: float
-    limit: float
-    unit: str = ""
     kind: Kind = "accuracy"
-    at_least: bool = False
-    """True if the value must not be below the limit instead of above."""
 
-    @property
-    def met(self) -> bool:
-        """Whether the limit is kept; never for a value that is not a number."""
-        return self.value >= self.limit if self.at_least else self.value <= self.limit
-
-    def as_json(self) -> dict[str, Any]:
-        """One object, with the verdict."""
-        return {**asdict(self), "met": self.met}
+    def as_json(self) -> JsonObject:
+        """The verdict and its kind."""
+        return super().as_json() | {"kind": self.kind}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Outcome:
     """All that one bench has found."""
 
@@ -71,10 +63,48 @@ class Outcome:
         return all(criterion.met for criterion in self.criteria if criterion.kind == "accuracy")
 
 
+@dataclass(frozen=True, kw_only=True)
+class BenchmarkMachine(Record):
+    """What the seconds were measured on."""
+
+    processor: str
+    processors: int
+    threads: int
+    system: str
+    python: str
+    numpy: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchResult(Record):
+    """A bench with its verdict and its circumstances: ``rig bench NAME --json``."""
+
+    bench: str
+    size: Size
+    points: tuple[Point, ...]
+    criteria: tuple[Criterion, ...]
+    notes: tuple[str, ...]
+    peers: Mapping[str, str | None]
+    """Version of each peer; None: it is not installed."""
+    machine: BenchmarkMachine
+    within_limits: bool
+    """Whether the accuracy criteria are met: the clock of a busy machine decides nothing."""
+    elapsed_s: float
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """Peers that are not installed."""
+        return tuple(peer for peer, version in self.peers.items() if version is None)
+
+    def as_json(self) -> JsonObject:
+        """The fields, and which peers are absent."""
+        return super().as_json() | {"absent": list(self.absent)}
+
+
 def joined(parts: Sequence[Outcome]) -> Outcome:
     """All points, criteria and notes of the parts, in order."""
     return Outcome(
-        tuple(point for part in parts for point in part.points),
-        tuple(criterion for part in parts for criterion in part.criteria),
-        tuple(note for part in parts for note in part.notes),
+        points=tuple(point for part in parts for point in part.points),
+        criteria=tuple(criterion for part in parts for criterion in part.criteria),
+        notes=tuple(note for part in parts for note in part.notes),
     )

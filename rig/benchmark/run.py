@@ -11,15 +11,16 @@ import warnings
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from rig.benchmark import peers
-from rig.benchmark.records import OnStep, Outcome, Size
+from rig.benchmark.records import BenchmarkMachine, BenchResult, Outcome, Point, Size
 from rig.errors import UsageError
 from rig.files.atomic import write_bytes
+from rig.records import Json
 from rig.stages.error_tree import one_error_tree
+from rig.terminal import OnStep, silent
 from sim.form_factors.factors import ClosureWarning
 from sim.threads import threads
 
@@ -30,7 +31,7 @@ BENCHES: Mapping[str, str] = {
 COLUMNS = ("problem", "method", "n", "tolerance", "seconds", "error", "peak_mb", "error_of")
 
 
-def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dict[str, Any]:
+def run_bench(name: str, size: Size = "default", table: Path | None = None, on_step: OnStep = silent) -> BenchResult:
     """Measure, hold against the criteria, describe.
 
     Parameters
@@ -42,13 +43,6 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dic
     table : Path, optional
         CSV file to write the points to.
     on_step : callable (label, done, total)
-
-    Returns
-    -------
-    dict
-        ``points``, ``criteria``, ``notes``, ``peers`` (version or none), ``machine``, ``within_limits`` (accuracy
-        criteria
-        only: the clock of a busy machine decides nothing) and ``elapsed_s``.
 
     Raises
     ------
@@ -62,34 +56,31 @@ def run_bench(name: str, size: Size, table: Path | None, on_step: OnStep) -> dic
         # Benches do on purpose what form factors warn of, and print the defect beside the rest.
         warnings.simplefilter("ignore", ClosureWarning)
         outcome: Outcome = import_module(f"rig.benchmark.benches.{BENCHES[name]}").run(size, on_step)
-    points = [point.as_json() for point in outcome.points]
     if table is not None:
-        write_bytes(table, _csv(points).encode())
-    found = peers.versions()
-    return {
-        "bench": name,
-        "size": size,
-        "points": points,
-        "criteria": [criterion.as_json() for criterion in outcome.criteria],
-        "notes": list(outcome.notes),
-        "peers": found,
-        "absent": [peer for peer, version in found.items() if version is None],
-        "machine": machine(),
-        "within_limits": outcome.accurate,
-        "elapsed_s": time.perf_counter() - started,
-    }
+        write_bytes(table, _csv(outcome.points).encode())
+    return BenchResult(
+        bench=name,
+        size=size,
+        points=outcome.points,
+        criteria=outcome.criteria,
+        notes=outcome.notes,
+        peers=peers.versions(),
+        machine=machine(),
+        within_limits=outcome.accurate,
+        elapsed_s=time.perf_counter() - started,
+    )
 
 
-def machine() -> dict[str, Any]:
-    """What the seconds were measured on."""
-    return {
-        "processor": _processor(),
-        "processors": os.cpu_count(),
-        "threads": threads(),
-        "system": f"{platform.system()} {platform.machine()}",
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
+def machine() -> BenchmarkMachine:
+    """Return what seconds are measured on here."""
+    return BenchmarkMachine(
+        processor=_processor(),
+        processors=os.cpu_count() or 1,
+        threads=threads(),
+        system=f"{platform.system()} {platform.machine()}",
+        python=platform.python_version(),
+        numpy=np.__version__,
+    )
 
 
 def _processor() -> str:
@@ -101,15 +92,16 @@ def _processor() -> str:
     return platform.processor() or "unknown"
 
 
-def _csv(points: Sequence[dict[str, Any]]) -> str:
+def _csv(points: Sequence[Point]) -> str:
     """One line a point; the columns that all have, then the further ones by name."""
-    further = sorted({key for point in points for key in point} - set(COLUMNS))
+    rows = [point.as_json() for point in points]
+    further = sorted({key for row in rows for key in row} - set(COLUMNS))
     text = io.StringIO()
     writer = csv.DictWriter(text, [*COLUMNS, *further], restval="", lineterminator="\n")
     writer.writeheader()
-    writer.writerows({key: _cell(value) for key, value in point.items()} for point in points)
+    writer.writerows({key: _cell(value) for key, value in row.items()} for row in rows)
     return text.getvalue()
 
 
-def _cell(value: Any) -> Any:
+def _cell(value: Json) -> Json:
     return f"{value:.6g}" if isinstance(value, float) else "" if value is None else value

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Protocol
 
 from rig.devices.protocols import Clock
@@ -29,6 +29,24 @@ class Openable(Protocol):
     def close(self) -> None:
         """Let it go."""
         ...
+
+
+class Gone(Exception):
+    """A device went away."""
+
+    def __init__(self, device: Openable, loss: DeviceLost):
+        super().__init__(str(loss))
+        self.device = device
+        self.loss = loss
+
+
+@contextmanager
+def talking_to(device: Openable) -> Iterator[None]:
+    """Remember which device it was that went away. Raises Gone in the place of DeviceLost."""
+    try:
+        yield
+    except DeviceLost as loss:
+        raise Gone(device, loss) from loss
 
 
 def close_quietly(device: Openable) -> None:

@@ -1,51 +1,36 @@
-"""One camera and one projector: the policy that stands above every back end.
+"""A rig: cameras and projectors on one clock, and the policy that stands above every back end.
 
 Whatever frame is stale, repeated or malformed is rejected, noted and asked for again
-(:mod:`rig.capture.frame_checks`); a camera that gives none is opened again, then reset; a device that went away is
-waited for (:mod:`rig.capture.recovery`).
+(:mod:`rig.capture.frame_checks`); a camera that gives none is opened again, then reset
+(:mod:`rig.capture.tended_camera`); a device that went away is waited for (:mod:`rig.capture.recovery`); while one
+projector shows a picture the others are black (:mod:`rig.capture.projection`).
 Every wait has a limit, and nothing waits for a fixed time.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import Protocol, TypeVar
 
-import numpy as np
-
 from rig.capture.devices import make_devices
-from rig.capture.frame_checks import FrameValidator, Wanted
-from rig.capture.recovery import Openable, Recovery, close_quietly
-from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame, Resettable, check_on_screen
-from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
+from rig.capture.events import MENDED, Event, EventLog
+from rig.capture.projection import Projection
+from rig.capture.recovery import Gone, Openable, Recovery, close_quietly
+from rig.capture.tended_camera import TendedCamera
+from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
+from rig.devices.refusals import check_codes
+from rig.errors import CaptureTimeout, DeviceError, UsageError
 from rig.profile.schema import Profile, load_profile
 
+__all__ = ["Event", "NamedCodes", "Rig", "open_rig"]
+
 Result = TypeVar("Result")
-
-_SILENCE = 2
-"""Time limits that pass one after the other without any frame before the camera is opened again."""
-_MENDED = ("reopened", "reset", "unplugged", "replugged")
-"""Events that are no frame's fault."""
-_SAME_EXPOSURE = 1e-6
-"""Relative; a camera that is opened again has to expose as before."""
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that went wrong and was put right, or what the rig gave up on."""
-
-    time_s: float
-    """On the rig's clock."""
-    kind: str
-    """stale, ahead, repeated, lost, malformed, exposure or timeout: it asked again;
-    failed: streaming did; reopened, reset: it did so to a camera that gave no good frame;
-    unplugged, replugged: it waited for a device."""
-    detail: str
+Device = TypeVar("Device")
 
 
 class NamedCodes(Protocol):
@@ -62,76 +47,99 @@ class NamedCodes(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Shot:
     """What is wanted, and what is left to try."""
 
     codes: Codes
     name: str
     exposure_s: float | None
+    camera: TendedCamera
+    projector: str
     remedies: Iterator[Callable[[], None]]
     """For a camera that gives no good frame, the mildest first."""
     started_s: float
     first_event: int
 
 
-class _Gone(Exception):
-    """A device went away."""
-
-    def __init__(self, device: Openable, loss: DeviceLost):
-        super().__init__(str(loss))
-        self.device = device
-        self.loss = loss
-
-
-@contextmanager
-def _talking_to(device: Openable) -> Iterator[None]:
-    """Remember which device it was that went away."""
-    try:
-        yield
-    except DeviceLost as loss:
-        raise _Gone(device, loss) from loss
-
-
 class Rig:
-    """A pair of devices on one clock; use it in a ``with`` statement, which leaves the projector black.
+    """Devices on one clock; use it in a ``with`` statement, which leaves every projector black.
 
-    One thread at a time shoots; others wait. When it gives up on a device, it closes both.
+    One thread at a time shoots; others wait. When it gives up on a device, it closes all.
+
+    Parameters
+    ----------
+    profile
+        What the devices are.
+    camera, projector
+        By the names that the profile gives them; or the only one itself.
+    clock
+        That all devices go by.
     """
 
-    def __init__(self, profile: Profile, camera: Camera, projector: Projector, clock: Clock):
+    def __init__(
+        self,
+        profile: Profile,
+        camera: Camera | Mapping[str, Camera],
+        projector: Projector | Mapping[str, Projector],
+        clock: Clock,
+    ):
         self.profile = profile
-        self.camera = camera
-        self.projector = projector
+        self.cameras: Mapping[str, Camera] = _by_name(camera, profile.cameras[0].name)
+        """By name."""
+        self.projectors: Mapping[str, Projector] = _by_name(projector, profile.projectors[0].name)
+        """By name."""
         self.clock = clock
-        self.events: list[Event] = []
+        self._log = EventLog(clock)
         self._lock = threading.RLock()
         self._is_open = False
-        self._is_live = profile.camera.driver != "replay"
-        self._asked_s: float | None = None
-        self._exposure_s: float | None = None
-        self._association = FrameValidator(
-            camera.shape, camera.full_scale_dn, 1 / profile.camera.frame_rate_hz, live=self._is_live
-        )
+        self._is_live = profile.cameras[0].driver != "replay"
+        self._projection = Projection(self.projectors)
+        self._tended = {
+            one.name: TendedCamera(
+                self.cameras[one.name], one, label=self._label(self.cameras[one.name]), clock=clock, log=self._log
+            )
+            for one in profile.cameras
+        }
+
+    @property
+    def camera(self) -> Camera:
+        """The only camera. Raises UsageError when there are several."""
+        return self.cameras[_chosen("camera", self.cameras, None)]
+
+    @property
+    def projector(self) -> Projector:
+        """The only projector. Raises UsageError when there are several."""
+        return self.projectors[_chosen("projector", self.projectors, None)]
+
+    @property
+    def events(self) -> list[Event]:
+        """What went wrong so far and was put right."""
+        return self._log.events
+
+    def _devices(self) -> tuple[Openable, ...]:
+        return (*self.cameras.values(), *self.projectors.values())
 
     def open(self) -> None:
-        """Open both devices, or neither. Raises DeviceError."""
+        """Open all devices, or none. Raises DeviceError."""
         with self._lock, ExitStack() as undo:
-            undo.callback(self.camera.close)
-            self.camera.open()
-            undo.callback(self.projector.close)
-            self.projector.open()
-            self._association.forget_count()
+            for device in self._devices():
+                undo.callback(device.close)
+                device.open()
+            for camera in self._tended.values():
+                camera.forget_count()
+            self._projection.forget()
             self._is_open = True
             undo.pop_all()
 
     def close(self) -> None:
-        """Close both devices, each even if the other fails; any number of times."""
-        with self._lock, ExitStack() as both:
-            both.callback(self.camera.close)
-            both.callback(self.projector.close)
+        """Close all devices, each even if another fails; any number of times."""
+        with self._lock, ExitStack() as each:
+            for device in self._devices():
+                each.callback(device.close)
             self._is_open = False
-            self._asked_s = self._exposure_s = None
+            for camera in self._tended.values():
+                camera.forget()
 
     def __enter__(self) -> Rig:
         self.open()
@@ -142,27 +150,29 @@ class Rig:
     ) -> None:
         self.close()
 
-    def set_exposure(self, exposure_s: float) -> float:
+    def set_exposure(self, exposure_s: float, *, camera: str | None = None) -> float:
         """Ask for an exposure, and return the one the camera chose.
 
-        Raises SettingRefused outside the camera's range, DeviceLost when the camera went away and did not return.
+        ``camera`` is the name of one of several. Raises SettingRefused outside the camera's range, DeviceLost when it
+        went away and did not return, UsageError when it is not clear which.
         """
+        tended = self._tended[_chosen("camera", self.cameras, camera)]
         with self._lock:
-            return self._recovering(lambda: self._set_exposure(exposure_s))
+            return self._recovering(lambda: tended.set_exposure(exposure_s))
 
-    def _set_exposure(self, exposure_s: float) -> float:
-        shortest, longest = self.camera.exposure_range_s
-        if not shortest <= exposure_s <= longest:
-            raise SettingRefused(f"exposure {exposure_s:.6g} s is outside the camera's {shortest:g} … {longest:g} s")
-        with _talking_to(self.camera):
-            chosen_s = self.camera.set_exposure(exposure_s)
-        self._asked_s, self._exposure_s = exposure_s, chosen_s
-        return chosen_s
-
-    def shoot(self, codes: Codes, *, name: str, exposure_s: float | None = None) -> RawFrame:
+    def shoot(
+        self,
+        codes: Codes,
+        *,
+        name: str,
+        exposure_s: float | None = None,
+        camera: str | None = None,
+        projector: str | None = None,
+    ) -> RawFrame:
         """Show codes and return the first good frame that was exposed to them.
 
-        A device that goes away is waited for, set as it was, and the picture shown again.
+        All other projectors are black. A device that goes away is waited for, set as it was, and the picture shown
+        again.
 
         Parameters
         ----------
@@ -172,9 +182,13 @@ class Rig:
             The pattern's name; a replay finds its frames by it.
         exposure_s
             Default: as last set.
+        camera, projector
+            Names; default: the only one.
 
         Raises
         ------
+        UsageError
+            There are several cameras or projectors and none is named, or none has that name.
         SettingRefused
             Codes or exposure are not possible, or a device came back as another.
         CaptureTimeout
@@ -185,9 +199,20 @@ class Rig:
         DeviceBusy, DeviceForbidden
             A device came back, but another program holds it, or the user may not open it.
         """
+        tended = self._tended[_chosen("camera", self.cameras, camera)]
+        shown_by = _chosen("projector", self.projectors, projector)
         with self._lock:
-            self._check_codes(codes)
-            shot = _Shot(codes, name, exposure_s, iter(self._remedies()), self.clock.now_s(), len(self.events))
+            check_codes(codes, self.projectors[shown_by].shape)
+            shot = _Shot(
+                codes=codes,
+                name=name,
+                exposure_s=exposure_s,
+                camera=tended,
+                projector=shown_by,
+                remedies=iter(tended.remedies()),
+                started_s=self.clock.now_s(),
+                first_event=len(self.events),
+            )
             return self._recovering(lambda: self._photograph(shot))
 
     def shoot_all(self, patterns: Iterable[NamedCodes]) -> Iterator[RawFrame]:
@@ -195,22 +220,14 @@ class Rig:
         for pattern in patterns:
             yield self.shoot(pattern.codes, name=pattern.name)
 
-    def _check_codes(self, codes: Codes) -> None:
-        shape = self.projector.shape
-        if codes.dtype != np.uint8 or codes.shape not in (shape, (*shape, 3)):
-            raise SettingRefused(
-                f"the projector shows uint8 codes of shape {shape}, not {codes.dtype} of {codes.shape}; "
-                "make the picture in exactly its size"
-            )
-
     def _photograph(self, shot: _Shot) -> RawFrame:
         """Show and capture, with a stronger remedy after each round that gave no good frame."""
-        if shot.exposure_s is not None and shot.exposure_s not in (self._asked_s, self._exposure_s):
-            self._set_exposure(shot.exposure_s)
+        shot.camera.expose(shot.exposure_s)
         while True:
-            with _talking_to(self.projector):
-                shown = self.projector.show(shot.codes, name=shot.name)
-            frame = self._first_good_frame(shot.name, shown.on_screen_s + self.profile.projector.latency_s)
+            latencies_s = {one.name: one.latency_s for one in self.profile.projectors}
+            settled_s = self._projection.show(shot.projector, shot.codes, shot.name, latencies_s)
+            timing, check = self.profile.timing, self._projection.check
+            frame = shot.camera.first_good_frame(shot.name, settled_s, timing, check)
             if frame is not None:
                 return frame
             with self._closing_on_failure():
@@ -222,45 +239,16 @@ class Rig:
             try:
                 remedy()
             except CaptureTimeout as error:
-                self._note("timeout", f"{shot.name}: {error}")
+                self._log.note("timeout", f"{shot.name}: {error}")
             else:
                 return
         raise self._no_good_frame(shot)
-
-    def _first_good_frame(self, name: str, settled_s: float) -> RawFrame | None:
-        """None when the camera needs more than to be asked again."""
-        timing = self.profile.timing
-        wanted = Wanted(settled_s, self._exposure_s)
-        silent = 0
-        for _ in range(1 + timing.retries):
-            try:
-                with _talking_to(self.camera):
-                    frame = self.camera.capture(after_s=settled_s, timeout_s=timing.timeout_s)
-            except CaptureTimeout as error:
-                self._note("timeout", f"{name}: {error}")
-                silent += 1
-                if silent == _SILENCE:
-                    return None
-                continue
-            except (SettingRefused, DeviceBusy, DeviceForbidden):
-                raise
-            except DeviceError as error:
-                self._note("failed", f"{name}: {error}")
-                return None
-            silent = 0
-            rejection = self._association.rejection(frame, wanted, self.clock.now_s())
-            if rejection is None:
-                with _talking_to(self.projector):
-                    check_on_screen(self.projector)  # unplugged during the exposure: the frame is spoilt
-                return frame
-            self._note(rejection.kind, f"{name}: {rejection.detail}")
-        return None
 
     def _no_good_frame(self, shot: _Shot) -> CaptureTimeout:
         timing = self.profile.timing
         events = self.events[shot.first_event :]
         tried = "".join(f"; the camera was {event.kind}" for event in events if event.kind in ("reopened", "reset"))
-        failed = [event for event in events if event.kind not in _MENDED]
+        failed = [event for event in events if event.kind not in MENDED]
         kinds = ", ".join(sorted({event.kind for event in failed}))
         return CaptureTimeout(
             f"no good frame of {shot.name!r} in {len(failed)} attempts of {timing.timeout_s:g} s ({kinds}), "
@@ -268,78 +256,64 @@ class Rig:
             "timing.timeout_s and projector.latency_s"
         )
 
-    def _remedies(self) -> list[Callable[[], None]]:
-        """What to do to a camera that gives no good frame: each after asking again did not help."""
-        if not self._is_live:
-            return []
-        return [self._reopen, self._reset] if isinstance(self.camera, Resettable) else [self._reopen]
-
-    def _reopen(self) -> None:
-        self._note("reopened", f"{self._name_of(self.camera)}: gave no good frame")
-        close_quietly(self.camera)
-        self._open_camera()
-
-    def _reset(self) -> None:
-        name = self._name_of(self.camera)
-        close_quietly(self.camera)
-        try:
-            if isinstance(self.camera, Resettable):
-                self.camera.reset()
-        except DeviceError as error:
-            self._note("failed", f"{name} could not be reset: {error}")
-        else:
-            self._note("reset", f"{name}: gave no good frame after it was opened again")
-        self._open_camera()
-
-    def _open_camera(self) -> None:
-        with _talking_to(self.camera):
-            self.camera.open()
-            self._restore_camera()
-
-    def _restore_camera(self) -> None:
-        """After it was opened again: the exposure as it was, and a new count of its frames."""
-        self._association.forget_count()
-        if self._exposure_s is None:
-            return
-        chosen_s = self.camera.set_exposure(self._exposure_s)
-        if not abs(chosen_s - self._exposure_s) <= _SAME_EXPOSURE * self._exposure_s:
-            raise SettingRefused(
-                f"{self._name_of(self.camera)} was opened again and now exposes {chosen_s:.6g} s, not "
-                f"{self._exposure_s:.6g} s as before: is it another camera?"
-            )
-
     def _recovering(self, action: Callable[[], Result]) -> Result:
         """Do something, again and again as long as lost devices come back in time."""
-        recovery = Recovery(self.clock, self.profile.timing.replug_timeout_s, self._note)
+        recovery = Recovery(self.clock, self.profile.timing.replug_timeout_s, self._log.note)
         while True:
             try:
                 return action()
-            except _Gone as gone:
+            except Gone as gone:
                 device, loss = gone.device, gone.loss
             if not (self._is_live and self._is_open):
                 raise loss
-            restore = self._restore_camera if device is self.camera else lambda: None
             with self._closing_on_failure():
-                recovery.bring_back(device, self._name_of(device), loss, restore)
+                recovery.bring_back(device, self._label(device), loss, self._restoring(device))
+
+    def _restoring(self, device: Openable) -> Callable[[], None]:
+        """What makes a device that was opened again what it was before."""
+        return next((one.restore for one in self._tended.values() if one.device is device), self._projection.forget)
 
     @contextmanager
     def _closing_on_failure(self) -> Iterator[None]:
-        """When the rig gives up: the projector black, nothing held."""
+        """When the rig gives up: the projectors black, nothing held."""
         try:
             yield
         except DeviceError:
             close_quietly(self)
             raise
 
-    def _name_of(self, device: Openable) -> str:
+    def _label(self, device: Openable) -> str:
         """The device in words, as the profile names it."""
-        kind, name = "projector", self.profile.projector.output
-        if device is self.camera:
-            kind, name = "camera", self.profile.camera.device_id
-        return f"{kind} {name}" if name else f"the {kind}"
+        for camera in self.profile.cameras:
+            if self.cameras[camera.name] is device:
+                return _label("camera", camera.device_id, camera.name, len(self.cameras))
+        for projector in self.profile.projectors:
+            if self.projectors[projector.name] is device:
+                return _label("projector", projector.output, projector.name, len(self.projectors))
+        raise KeyError("no device of this rig")
 
-    def _note(self, kind: str, detail: str) -> None:
-        self.events.append(Event(self.clock.now_s(), kind, detail))
+
+def _label(kind: str, address: str | None, name: str, count: int) -> str:
+    """The kind alone says it when there is one device without an address."""
+    if count == 1:
+        return f"{kind} {address}" if address else f"the {kind}"
+    return f"{kind} {name} ({address})" if address else f"{kind} {name}"
+
+
+def _by_name(device: Device | Mapping[str, Device], name: str) -> Mapping[str, Device]:
+    return MappingProxyType(dict(device) if isinstance(device, Mapping) else {name: device})
+
+
+def _chosen(kind: str, devices: Mapping[str, object], name: str | None) -> str:
+    """The name of the device that is meant. Raises UsageError when that is not clear."""
+    if name in devices:
+        return str(name)
+    names = ", ".join(devices)
+    if name is not None:
+        raise UsageError(f"no {kind} of this rig is named {name!r}; there are: {names}")
+    if len(devices) > 1:
+        raise UsageError(f"this rig has {len(devices)} {kind}s ({names}): say which, {kind}=NAME")
+    return next(iter(devices))
 
 
 def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
@@ -354,7 +328,7 @@ def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
 
     Returns
     -------
-    The rig, open, its exposure at ``camera.exposure_s``; use it in a ``with`` statement, or close it.
+    The rig, open, each camera's exposure at its ``exposure_s``; use it in a ``with`` statement, or close it.
 
     Raises
     ------
@@ -369,6 +343,7 @@ def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
     with ExitStack() as undo:
         undo.callback(rig.close)
         rig.open()
-        rig.set_exposure(profile.camera.exposure_s)
+        for camera in profile.cameras:
+            rig.set_exposure(camera.exposure_s, camera=camera.name)
         undo.pop_all()
     return rig

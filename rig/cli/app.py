@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from importlib.metadata import version
 
 import cyclopts
 from cyclopts import App
@@ -17,7 +16,9 @@ from rig.errors import RigError
 
 
 def _version() -> str:
-    return version("procam-rig")
+    from rig.version import __version__  # its look-up takes a moment
+
+    return __version__
 
 
 app = App(

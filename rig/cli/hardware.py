@@ -12,7 +12,7 @@ from cyclopts import App, Parameter
 from rig.cli.options import Json, names_of, print_json
 from rig.errors import UsageError
 
-profile_app = App(name="profile", help="Write and check hardware profiles.")
+profile_app = App(name="profile", help="Write, check and upgrade hardware profiles.")
 
 
 def devices(
@@ -25,7 +25,10 @@ def devices(
     ] = False,
     as_json: Json = False,
 ) -> int:
-    """List what is plugged in: cameras, display outputs, monitors, controllers, and their lines for a profile.
+    """List what is plugged in, with its lines for a profile, and the installed drivers, strategies and codes.
+
+    Cameras, display outputs, monitors of the desktop, projector controllers; other packages may add drivers, strategies
+    and structured-light codes (docs/how-to/plug-ins.md).
 
     Example: rig devices --json
     """
@@ -33,7 +36,7 @@ def devices(
     from rig.inventory.tables import print_devices
 
     result = list_devices(name)
-    print_json(result) if as_json else print_devices(result, everything or name is not None)
+    print_json(result.as_json()) if as_json else print_devices(result, everything or name is not None)
     return 0
 
 
@@ -58,9 +61,9 @@ def check(
     with TerminalProgress() as progress:
         result = run_check(profile, progress, names_of(only) if only else ())
     if report is not None:
-        result["report"] = str(write_check_page(result, report))
-    print_json(result) if as_json else print_check(result)
-    return 0 if result["within_limits"] else 1
+        result = result.with_report(write_check_page(result, report))
+    print_json(result.as_json()) if as_json else print_check(result)
+    return 0 if result.within_limits else 1
 
 
 def emulate(
@@ -109,6 +112,25 @@ def profile_check(*files: str, as_json: Json = False) -> int:
     return 0 if all(one.ok for one in checked) else 2
 
 
+@profile_app.command(name="upgrade")
+def profile_upgrade(
+    path: Annotated[Path, Parameter(help="Profile of an older version (.toml).")], *, as_json: Json = False
+) -> int:
+    """Rewrite a profile of an older version as this one reads it; comments stay, the old file is kept beside it.
+
+    Example: rig profile upgrade lab.toml
+    """
+    from rig.profile.upgrade import upgrade_profile
+
+    upgraded = upgrade_profile(path)
+    if as_json:
+        print_json(upgraded.as_json())
+    else:
+        print(upgraded.diff)
+        print(f"{upgraded.path}: upgraded; the old file is {upgraded.backup}")
+    return 0
+
+
 @profile_app.command(name="new")
 def profile_new(
     path: Annotated[Path, Parameter(help="Profile to write (.toml).")],
@@ -125,9 +147,18 @@ def profile_new(
 
     Example: rig profile new lab.toml --projector-model PW800
     """
-    from rig.inventory.new_profile import Request, write_profile
+    from rig.inventory.new_profile import ProfileRequest, write_profile
     from rig.inventory.tables import print_new_profile
 
-    result = write_profile(Request(path, camera, output, camera_model, projector_model, name, force))
-    print_json(result) if as_json else print_new_profile(result)
+    request = ProfileRequest(
+        path=path,
+        camera=camera,
+        output=output,
+        camera_model=camera_model,
+        projector_model=projector_model,
+        name=name,
+        force=force,
+    )
+    result = write_profile(request)
+    print_json(result.as_json()) if as_json else print_new_profile(result)
     return 0

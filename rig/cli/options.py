@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Protocol
 
 from cyclopts import Parameter
+
+from rig.records import JsonObject, json_of
+from rig.run import request
 
 ProfileOption = Annotated[
     str | None,
@@ -22,20 +26,28 @@ Strategies = Annotated[
     Parameter(
         name=["--strategies", "--strategy"],
         help="Strategies to project, separated by commas, or all: none, direct, paper, exact, reverse_radiosity, "
-        "block_fixed_point, tikhonov, series, dual, bounded, perceptual, remap, content_scale, smooth_attenuation.",
+        "block_fixed_point, tikhonov, series, dual, bounded, perceptual, remap, content_scale, smooth_attenuation; "
+        "rig devices lists those of other packages, too.",
     ),
 ]
-DEFAULT_STRATEGIES = "none,direct,paper,exact,bounded"
-
-
+DEFAULT_STRATEGIES = ",".join(request.DEFAULT_STRATEGIES)
 Json = Annotated[bool, Parameter(name="--json", negative="", help="Print the result as JSON.")]
 
 
-def print_json(value: dict[str, Any]) -> None:
-    """A result on stdout, for programs."""
+class HasJson(Protocol):
+    """A result that can be written as JSON."""
+
+    def as_json(self) -> JsonObject:
+        """The result as one JSON object."""
+        ...
+
+
+def print_json(result: HasJson | Mapping[str, object]) -> None:
+    """Print a result on stdout, for programs."""
+    value = json_of(result) if isinstance(result, Mapping) else result.as_json()
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
 def names_of(text: str) -> tuple[str, ...]:
-    """The words of a list that is separated by commas."""
+    """Return the words of a list that is separated by commas."""
     return tuple(name.strip() for name in text.split(","))

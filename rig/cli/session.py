@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
@@ -18,6 +17,10 @@ from rig.cli.options import (
     names_of,
     print_json,
 )
+from rig.run.request import SessionRequest
+
+if TYPE_CHECKING:
+    from rig.run.steps import Verb
 
 
 def run(
@@ -36,38 +39,43 @@ def run(
 
     Example: rig run runs/first -p sim-room --target picture.png
     """
-    from rig.report.tables import print_plan, print_run
-    from rig.run.session import Request, plan_session, run_session
+    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    return _plan(request, as_json) if dry_run else _run(request, as_json)
+
+
+def _plan(request: SessionRequest, as_json: bool) -> int:
+    from rig.report.tables import print_steps
+    from rig.run.plan import plan_session
+
+    plan = plan_session(request)
+    if as_json:
+        print_json(plan)
+    else:
+        steps = [(step.step, step.done, step.frames) for step in plan.steps]
+        print_steps(f"{plan.folder} with {plan.profile.name}: about", steps)
+    return 0
+
+
+def _run(request: SessionRequest, as_json: bool) -> int:
+    from rig.report.tables import print_result
+    from rig.run.session import run_session
     from rig.terminal import TerminalProgress
 
-    request = Request(session, profile, target, names_of(strategies), fit)
-    if dry_run:
-        plan = plan_session(request)
-        print_json(plan) if as_json else print_plan(plan)
-        return 0
     with TerminalProgress() as progress:
         result = run_session(request, progress)
-    print_json(result) if as_json else print_run(result)
-    return 0 if result["within_limits"] else 1
+    print_json(result) if as_json else print_result(result)
+    return 0 if result.within_limits else 1
 
 
-def _verb(
-    upto: str,
-    as_json: bool,
-    session: Path,
-    profile: str | None,
-    target: Path | None = None,
-    fit: bool = False,
-    strategies: str = DEFAULT_STRATEGIES,
-) -> int:
+def _part(verb: Verb, request: SessionRequest, as_json: bool) -> int:
     from rig.report.tables import print_part
-    from rig.run.session import Request, run_part
+    from rig.run.session import run_part
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
-        result = run_part(Request(session, profile, target, names_of(strategies), fit), upto, progress)
-    print_json(result) if as_json else print_part(upto, result)
-    return 0 if result.get("within_limits", True) else 1
+        result = run_part(request, verb, progress)
+    print_json(result) if as_json else print_part(verb, result)
+    return 0
 
 
 def calibrate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
@@ -75,7 +83,7 @@ def calibrate(session: SessionFolder, *, profile: ProfileOption = None, as_json:
 
     Example: rig calibrate runs/first -p sim-room
     """
-    return _verb("calibrate", as_json, session, profile)
+    return _part("calibrate", SessionRequest(folder=session, profile=profile), as_json)
 
 
 def separate(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
@@ -83,7 +91,7 @@ def separate(session: SessionFolder, *, profile: ProfileOption = None, as_json: 
 
     Example: rig separate runs/first
     """
-    return _verb("separate", as_json, session, profile)
+    return _part("separate", SessionRequest(folder=session, profile=profile), as_json)
 
 
 def model(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
@@ -91,7 +99,7 @@ def model(session: SessionFolder, *, profile: ProfileOption = None, as_json: Jso
 
     Example: rig model runs/first --json
     """
-    return _verb("model", as_json, session, profile)
+    return _part("model", SessionRequest(folder=session, profile=profile), as_json)
 
 
 def compensate(
@@ -107,7 +115,8 @@ def compensate(
 
     Example: rig compensate runs/first --target picture.png --strategies paper,bounded
     """
-    return _verb("compensate", as_json, session, profile, target, fit, strategies)
+    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    return _part("compensate", request, as_json)
 
 
 def compare(
@@ -123,7 +132,8 @@ def compare(
 
     Example: rig compare runs/first --target picture.png
     """
-    return _verb("compare", as_json, session, profile, target, fit, strategies)
+    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    return _run(request, as_json)
 
 
 def report(session: SessionFolder, *, as_json: Json = False) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -27,9 +28,9 @@ def compare_strategies(
         Literal["image", "model"],
         Parameter(help="What a closed loop corrects: each pixel towards the target, or the model under the strategy."),
     ] = "image",
-    perfect: Annotated[
+    oracle: Annotated[
         bool,
-        Parameter(negative="", help="Simulated rigs: also what perfect knowledge of the simulated world would give."),
+        Parameter(negative="", help="Simulated rigs: also what knowing the simulated world would give."),
     ] = False,
     only_target: Annotated[
         bool, Parameter(negative="", help="Leave the two-wall picture, the dark and the bright photograph out.")
@@ -46,7 +47,7 @@ def compare_strategies(
     Example: rig compare-strategies --paper --report strategies.html
     """
     from rig.paper.comparison import compare_on_paper
-    from rig.run.session import Request
+    from rig.run.request import SessionRequest
     from rig.strategies.comparison import Comparison
     from rig.strategies.comparison import compare_strategies as compared
     from rig.strategies.page import print_strategies
@@ -58,11 +59,20 @@ def compare_strategies(
         if session is None:
             result = compare_on_paper(names_of(strategies), report, progress)
         else:
-            request = Request(session, profile, target, names_of(strategies), fit)
+            request = SessionRequest(
+                folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies)
+            )
             loops = () if loop == "none" else names_of(loop)
-            wanted = Comparison(request, loops, captures, rule, perfect, not only_target)
+            wanted = Comparison(
+                request=request,
+                loops=loops,
+                captures=captures,
+                rule=rule,
+                oracle=oracle,
+                test_pictures=not only_target,
+            )
             result = compared(wanted, progress)
-    print_json(result) if as_json else print_strategies(result)
+    print_json(result.as_json()) if as_json else print_strategies(result)
     return 0
 
 
@@ -81,7 +91,7 @@ def paper(
 
     with TerminalProgress() as progress:
         result = run_paper(figures, progress)
-    print_json(result) if as_json else print_paper(result)
+    print_json(result.as_json()) if as_json else print_paper(result)
     return 0
 
 
@@ -112,19 +122,26 @@ def simulate(
 
     Example: rig simulate paper-room --tolerance 0.5
     """
-    from rig.offline.simulate import Request, plan_simulation, reflectances_of, run_planned, tolerance_of
+    from rig.offline.simulate import SimulationRequest, plan_simulation, reflectances_of, run_planned, tolerance_of
     from rig.offline.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
 
     percent = tolerance_of(tolerance, grey_levels)
-    request = Request(scene, percent, light, reflectances_of(reflectance), unit, memory_mb)
+    request = SimulationRequest(
+        scene=scene,
+        tolerance=percent,
+        light=light,
+        reflectance=reflectances_of(reflectance),
+        unit=unit,
+        memory_mb=memory_mb,
+    )
     with TerminalProgress() as progress:
         planned, result = plan_simulation(request, progress)
     if not as_json:
         print_simulation_plan(result)
     with TerminalProgress() as progress:
-        result["actual"] = run_planned(planned, progress, check)
-    print_json(result) if as_json else print_simulation(result)
+        result = replace(result, actual=run_planned(planned, progress, check))
+    print_json(result.as_json()) if as_json else print_simulation(result)
     return 0
 
 
@@ -150,8 +167,8 @@ def bench(
         raise UsageError("--quick and --full exclude each other; give one")
     with TerminalProgress() as progress:
         result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
-    print_json(result) if as_json else print_bench(result)
-    return 0 if result["within_limits"] else 1
+    print_json(result.as_json()) if as_json else print_bench(result)
+    return 0 if result.within_limits else 1
 
 
 def scan(
@@ -170,5 +187,5 @@ def scan(
 
     with TerminalProgress() as progress:
         result = run_scan(manifest, output, on_step=progress)
-    print_json(result) if as_json else print_scan(result)
+    print_json(result.as_json()) if as_json else print_scan(result)
     return 0

@@ -1,1 +1,1 @@
-"""What a rig is made of: protocols, the simulated pair on its world, replay of recordings."""
+"""What a rig is made of: protocols, simulated devices in their world, replay of recordings."""

@@ -7,7 +7,7 @@ rejection of stale frames sit once, above all of them, in :class:`rig.capture.ri
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import cv2
 import numpy as np
@@ -15,6 +15,24 @@ from numpy.typing import NDArray
 
 Codes = NDArray[np.uint8]
 """(H, W) or (H, W, 3) projector codes."""
+
+
+class ExposureRange(NamedTuple):
+    """Shortest and longest exposure."""
+
+    shortest_s: float
+    longest_s: float
+
+    def holds(self, exposure_s: float) -> bool:
+        """Whether an exposure is possible."""
+        return self.shortest_s <= exposure_s <= self.longest_s
+
+    def nearest_s(self, exposure_s: float) -> float:
+        """The possible exposure that is next to one."""
+        return min(max(exposure_s, self.shortest_s), self.longest_s)
+
+    def __str__(self) -> str:
+        return f"{self.shortest_s:g} … {self.longest_s:g}"
 
 
 def signature_of(codes: Codes) -> str:
@@ -80,7 +98,7 @@ class Camera(Protocol):
 
     @property
     def exposure_range_s(self) -> tuple[float, float]:
-        """Shortest and longest exposure."""
+        """Shortest and longest exposure; an ExposureRange, or any two numbers."""
         ...
 
     def open(self) -> None:

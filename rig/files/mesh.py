@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.files.pictures import LUMINANCE, linear_of_srgb
 from sim.errors import SimulationError
-from sim.geometry.checks import problems, refuse
+from sim.geometry.checks import mesh_faults, refuse
 from sim.geometry.mesh import Mesh
-from sim.geometry.quads import joined
+from sim.geometry.quads import quads_from_triangles
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -82,7 +82,7 @@ def read_mesh(
         polygons, rho = _polygons(points, soup.triangles, rho, join_quads)
         mesh = Mesh.from_arrays(path.stem, points, polygons, rho, convex=convex, closed=closed)
         if thorough:
-            refuse(mesh.name, problems(mesh, thorough=True))
+            refuse(mesh.name, mesh_faults(mesh, thorough=True))
     except SimulationError as error:
         raise UsageError(f"{path} (read as {unit}): {error}") from error
     return mesh
@@ -177,5 +177,5 @@ def _polygons(
     """Corner numbers and reflectance of each patch."""
     if not join_quads or not np.isfinite(points).all():
         return triangles, rho
-    polygons, first = joined(points, triangles, rho)
+    polygons, first = quads_from_triangles(points, triangles, rho)
     return polygons, rho[first]

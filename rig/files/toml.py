@@ -6,7 +6,7 @@ import difflib
 import json
 import tomllib
 import types
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin
 
@@ -39,22 +39,17 @@ def parse_toml(raw: bytes, path: Path) -> dict[str, Any]:
         raise ProfileError(f"{path}: is not TOML: {error}") from error
 
 
-def validate(
-    model: type[Model],
-    data: dict[str, Any],
-    path: Path,
-    cross_checks: Callable[[dict[str, Any]], list[str]] = lambda _: [],
-) -> Model:
+def validate(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
     """Build the model from the TOML's data, without any conversion between text, numbers and truth values.
 
-    ``cross_checks`` adds problems ("table.key: what") that no single table shows. Raises ProfileError with
-    one line ``FILE: table.key: what`` for each problem.
+    ``known_problems`` ("table.key: what") are those that no single table shows. Raises ProfileError with one line
+    ``FILE: table.key: what`` for each problem.
     """
-    problems = cross_checks(data)
+    problems = list(known_problems)
     try:
         checked = model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        problems += [_line(model, details) for details in error.errors()]
+        problems += [_line(model, data, details) for details in error.errors()]
         raise ProfileError(_joined(path, problems)) from error
     if problems:
         raise ProfileError(_joined(path, problems))
@@ -65,44 +60,96 @@ def _joined(path: Path, problems: list[str]) -> str:
     return "\n".join(f"{path}: {problem}" for problem in dict.fromkeys(problems))
 
 
-def _line(model: type[BaseModel], error: ErrorDetails) -> str:
-    place = ".".join(str(part) for part in error["loc"])
-    what = _what(model, error)
-    return f"{place}: {what}" if place else what
+def entry_place(entries: Sequence[object], index: int) -> str:
+    """Return how messages tell the tables of an array apart: by name, else by number; not at all when there is one."""
+    entry = entries[index] if index < len(entries) else None
+    if not isinstance(entry, dict):
+        return f".{index}"
+    if len(entries) == 1:
+        return ""
+    return f".{entry['name']}" if isinstance(entry.get("name"), str) else f".{index + 1}"
 
 
-def _what(model: type[BaseModel], error: ErrorDetails) -> str:
+def toml_value(value: object) -> str:
+    """Write a number, text, truth value or list of them as TOML. Raises TypeError for anything else."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(toml_value(one) for one in value) + "]"
+    if isinstance(value, float):
+        return repr(value) if value.is_integer() else f"{value:.9g}"
+    if isinstance(value, int):
+        return repr(value)
+    raise TypeError(f"{type(value).__name__} is not written as TOML")
+
+
+def _line(model: type[BaseModel], data: Mapping[str, Any], error: ErrorDetails) -> str:
+    location = error["loc"]
+    place, _ = _walk(model, data, location)
     if error["type"] == "extra_forbidden":
-        return f"unknown key{_suggestion(str(error['loc'][-1]), _keys_at(model, error['loc'][:-1]))}"
-    if error["type"] == "missing":
+        _, tables = _walk(model, data, location[:-1])
+        known = [field.alias or key for table in tables for key, field in table.model_fields.items()]
+        return f"{place}: unknown key{_suggestion(str(location[-1]), known)}"
+    if error["type"].startswith("union_tag"):
+        place = f"{place}.kind"
+    return f"{place}: {_what(place, error)}" if place else _what(place, error)
+
+
+def _what(place: str, error: ErrorDetails) -> str:
+    kind, given = error["type"], error["input"]
+    if kind in ("missing", "union_tag_not_found"):
         return "missing"
-    if error["type"] == "value_error":
+    if kind == "union_tag_invalid":
+        return f"is {error['ctx']['tag']!r}, should be one of {error['ctx']['expected_tags']}"
+    if kind == "value_error":
         return error["msg"].removeprefix("Value error, ")
+    if kind == "tuple_type" and isinstance(given, dict):
+        return f"is one table, should be any number of them: write [[{place}]]"
     message = error["msg"].removeprefix("Input should be ").replace("Field required", "missing")
-    given = error["input"]
     shown = "a table" if isinstance(given, dict) else repr(given)
     return f"is {shown}, should be {message}" if message != error["msg"] else f"{message} (is {shown})"
 
 
-def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Keys that the table at a location may have."""
+def _walk(
+    model: type[BaseModel], data: object, location: tuple[int | str, ...]
+) -> tuple[str, tuple[type[BaseModel], ...]]:
+    """How messages call a place, and what tables there may be there; none where keys are free."""
+    words, here = "", data
+    tables: tuple[type[BaseModel], ...] = (model,)
     for part in location:
-        if isinstance(part, str):
-            field = next((f for k, f in model.model_fields.items() if part in (k, f.alias)), None)
-            found = None if field is None else _model_in(field.annotation)
-            if found is None:
-                return []
-            model = found
-    return [field.alias or key for key, field in model.model_fields.items()]
+        if isinstance(part, int):
+            words += entry_place(here, part) if isinstance(here, list) else f".{part}"
+            here = here[part] if isinstance(here, list) and part < len(here) else None
+        elif chosen := _of_kind(tables, part):
+            tables = chosen
+        else:
+            words += f".{part}"
+            here = here.get(part) if isinstance(here, dict) else None
+            fields = [
+                field for table in tables for key, field in table.model_fields.items() if part in (key, field.alias)
+            ]
+            tables = _tables_in(fields[0].annotation) if fields else ()
+    return words.removeprefix("."), tables
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    """Find the table's model inside ``X | None`` or ``tuple[X, ...]``."""
+def _of_kind(tables: tuple[type[BaseModel], ...], kind: str) -> tuple[type[BaseModel], ...]:
+    """Of several tables that may stand in one place, the one that a key ``kind`` chooses."""
+    if len(tables) < 2:
+        return ()
+    return tuple(
+        table for table in tables if (field := table.model_fields.get("kind")) and kind in get_args(field.annotation)
+    )
+
+
+def _tables_in(annotation: object) -> tuple[type[BaseModel], ...]:
+    """Find the tables' models inside ``X | None`` or ``tuple[X, ...]``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        return annotation
+        return (annotation,)
     if get_origin(annotation) in (Union, types.UnionType, tuple):
-        return next(filter(None, map(_model_in, get_args(annotation))), None)
-    return None
+        return tuple(table for one in get_args(annotation) for table in _tables_in(one))
+    return ()
 
 
 def _suggestion(key: str, known: list[str]) -> str:

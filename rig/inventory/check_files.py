@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.errors import ProfileError
+from rig.profile.check import CheckedProfile, check_profiles
 from rig.profile.hardware_facts import HardwareFile, kind_of, parse_facts
-from rig.profile.schema import CheckedProfile, check_profiles
 
 
 def check_files(paths: list[str]) -> list[CheckedProfile]:

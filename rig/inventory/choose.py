@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
@@ -22,9 +21,6 @@ PREFERRED_FORMATS = (
     *("MJPG", "JPEG"),
 )
 """Pixel formats that a rig can use, best first: raw grey, brightness beside colour, mosaic, compressed."""
-EXPOSURE_CONTROL = 0x009A0902
-"""V4L2's exposure time, in steps of 100 µs."""
-EXPOSURE_UNIT_S = 1e-4
 LEAST_RATE_HZ = 5.0
 """A larger picture is not worth waiting longer than this for."""
 MOST_RATE_HZ = 60.0
@@ -74,14 +70,6 @@ def _camera_mode(one: FormatAbility, facts: CameraFacts | None) -> CameraMode:
     return CameraMode(name, bits, one.width_px, one.height_px, rate)
 
 
-def exposure_range_s(controls: Iterable[ControlAbility]) -> tuple[float, float] | None:
-    """Shortest and longest exposure that the control takes; None when it has none in seconds."""
-    for control in controls:
-        if control.id == EXPOSURE_CONTROL:
-            return max(control.minimum, 1) * EXPOSURE_UNIT_S, control.maximum * EXPOSURE_UNIT_S
-    return None
-
-
 def fixed_controls(controls: Iterable[ControlAbility]) -> dict[str, tuple[int, str]]:
     """Values, and why, for controls that change the picture, so that they are the same in every session."""
     fixed: dict[str, tuple[int, str]] = {}
@@ -110,14 +98,3 @@ def best_output_mode(modes: Iterable[OutputMode], facts: ProjectorFacts | None =
         size = (facts.width_px.value, facts.height_px.value)
         known = [mode for mode in known if (mode.width_px, mode.height_px) == size] or known
     return next((mode for mode in known if mode.preferred), known[0] if known else None)
-
-
-def toml_value(value: Any) -> str:
-    """A number, text, truth value or list of numbers as TOML."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(toml_value(one) for one in value) + "]"
-    return f"{value:.9g}" if isinstance(value, float) and not value.is_integer() else repr(value)

@@ -3,13 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, TypeVar
 
+from rig.devices.drivers import brought_along
+from rig.devices.protocols import ExposureRange
+from rig.devices.v4l2.controls import exposure_range_of
 from rig.errors import DeviceForbidden, RigError, UsageError
-from rig.inventory.choose import best_camera_mode, best_output_mode, exposure_range_s, toml_value
+from rig.files.toml import toml_value
+from rig.inventory.choose import CameraMode, best_camera_mode, best_output_mode
+from rig.inventory.found import (
+    DeviceList,
+    DisplayMode,
+    ListedCamera,
+    ListedController,
+    ListedMonitor,
+    ListedOutput,
+    Named,
+)
+from rig.plug_ins import GROUPS, PlugIn, clashes, others, own_codes, own_strategies
 from rig.profile.hardware_facts import CameraFile, known_cameras, known_projectors
 
 if TYPE_CHECKING:
@@ -18,6 +32,17 @@ if TYPE_CHECKING:
     from rig.devices.v4l2.describe import CameraAbilities
     from rig.devices.v4l2.find import FoundCamera
     from rig.devices.window.find import FoundMonitor
+
+
+def installed() -> tuple[PlugIn, ...]:
+    """Return the drivers, strategies and codes that there are: this program's, then those of other packages."""
+    brought = {
+        "camera driver": brought_along("camera driver"),
+        "projector driver": brought_along("projector driver"),
+        "strategy": own_strategies(),
+        "code": own_codes(),
+    }
+    return tuple(one for kind in GROUPS for one in (*brought[kind], *others(kind)))
 
 
 def _cameras() -> Sequence[FoundCamera]:
@@ -58,7 +83,7 @@ def _usb_devices() -> Sequence[FoundUsbDevice]:
     return find_usb_devices()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Finders:
     """Where devices are looked for; the defaults ask this machine."""
 
@@ -68,13 +93,16 @@ class Finders:
     master_is_free: Callable[[Path], bool | None] = _master_is_free
     monitors: Callable[[], Sequence[FoundMonitor]] = _monitors
     usb_devices: Callable[[], Sequence[FoundUsbDevice]] = _usb_devices
+    plug_ins: Callable[[], Sequence[PlugIn]] = installed
 
 
 THIS_MACHINE = Finders()
+Found = TypeVar("Found")
+Listed = TypeVar("Listed", ListedCamera, ListedOutput, ListedMonitor, ListedController)
 
 
-def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> dict[str, Any]:
-    """Everything that is plugged in, as plain data; what cannot be asked has an ``error``, and hides nothing else.
+def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> DeviceList:
+    """List everything that is plugged in; what cannot be asked has an ``error``, and hides nothing else.
 
     ``name`` keeps only the devices that it names (device id, node, connector, part of a name). Raises UsageError when
     it names none.
@@ -82,17 +110,19 @@ def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> di
     problems: list[str] = []
     usb = _asked("USB", finders.usb_devices, problems)
     outputs = _asked("display outputs", finders.outputs, problems)
-    found: dict[str, Any] = {
-        "cameras": [_camera(one, usb, finders) for one in _asked("cameras", finders.cameras, problems)],
-        "outputs": [_output(one, outputs, finders) for one in outputs],
-        "monitors": [_monitor(one) for one in _asked("monitors of the desktop", finders.monitors, problems)],
-        "controllers": _controllers(usb),
-        "problems": problems,
-    }
+    plug_ins = tuple(finders.plug_ins())
+    found = DeviceList(
+        cameras=tuple(_camera(one, usb, finders) for one in _asked("cameras", finders.cameras, problems)),
+        outputs=tuple(_output(one, outputs, finders) for one in outputs),
+        monitors=tuple(_monitor(one) for one in _asked("monitors of the desktop", finders.monitors, problems)),
+        controllers=_controllers(usb),
+        plug_ins=plug_ins,
+        problems=(*problems, *clashes(plug_ins)),
+    )
     return found if name is None else _named(found, name)
 
 
-def _asked(what: str, ask: Callable[[], Sequence[Any]], problems: list[str]) -> Sequence[Any]:
+def _asked(what: str, ask: Callable[[], Sequence[Found]], problems: list[str]) -> Sequence[Found]:
     try:
         return ask()
     except (RigError, OSError) as error:
@@ -100,42 +130,50 @@ def _asked(what: str, ask: Callable[[], Sequence[Any]], problems: list[str]) -> 
         return ()
 
 
-def _named(found: dict[str, Any], name: str) -> dict[str, Any]:
-    kept = {kind: [one for one in found[kind] if _is_meant(one, name)] for kind in found if kind != "problems"}
-    if not any(kept.values()):
-        there = [one["name"] for kind in kept for one in found[kind]]
+def _named(found: DeviceList, name: str) -> DeviceList:
+    kept = replace(
+        found,
+        cameras=_meant(found.cameras, name),
+        outputs=_meant(found.outputs, name),
+        monitors=_meant(found.monitors, name),
+        controllers=_meant(found.controllers, name),
+        plug_ins=(),
+    )
+    if not (kept.cameras or kept.outputs or kept.monitors or kept.controllers):
+        kinds: tuple[Sequence[Named], ...] = (found.cameras, found.outputs, found.monitors, found.controllers)
+        there = [one.name for kind in kinds for one in kind]
         raise UsageError(f"no device is called {name!r}; there are: {', '.join(there) or 'none'}")
-    return {**kept, "problems": found["problems"]}
+    return kept
 
 
-def _is_meant(one: dict[str, Any], name: str) -> bool:
-    keys = ("device_id", "node", "connector", "output", "edid_id", "monitor_name", "name")
-    return any(name.lower() in str(one[key]).lower() for key in keys if one.get(key))
+def _meant(devices: tuple[Listed, ...], name: str) -> tuple[Listed, ...]:
+    return tuple(one for one in devices if any(word and name.lower() in word.lower() for word in one.names()))
 
 
-def _camera(found: FoundCamera, usb: Sequence[FoundUsbDevice], finders: Finders) -> dict[str, Any]:
-    """A camera with what it can do, or with the error that asking it gave."""
-    one: dict[str, Any] = {**_plain(found), "error": None, "warnings": _usb_warnings(found, usb), "known_as": None}
+def _camera(found: FoundCamera, usb: Sequence[FoundUsbDevice], finders: Finders) -> ListedCamera:
     facts = facts_of(found)
-    if facts is not None:
-        one["known_as"] = f"{facts.maker} {facts.model}"
+    able, error = None, None
     try:
         able = finders.describe(found.node)
-    except (RigError, OSError) as error:
-        said = _advice(error, found)
-        return {**one, "error": said, "formats": [], "controls": [], "exposure_range_s": None, "profile": []}
-    range_s = exposure_range_s(able.controls)
-    one |= {
-        "formats": [_plain(each) for each in able.formats],
-        "controls": [_plain(each) for each in able.controls],
-        "exposure_range_s": None if range_s is None else list(range_s),
-        "profile": _camera_lines(found, able, facts),
-    }
-    if range_s is None:
-        one["warnings"].append("has no control of its exposure time")
-    if not one["profile"]:
-        one["warnings"].append("has no pixel format that a rig can use")
-    return one
+    except (RigError, OSError) as problem:
+        error = _advice(problem, found)
+    range_s = exposure_range_of(able.controls) if able else None
+    mode = best_camera_mode(able.formats, facts.facts if facts else None) if able else None
+    warnings = _usb_warnings(found, usb)
+    if able and range_s is None:
+        warnings.append("has no control of its exposure time")
+    if able and mode is None:
+        warnings.append("has no pixel format that a rig can use")
+    return ListedCamera(
+        found=found,
+        able=able,
+        error=error,
+        warnings=tuple(warnings),
+        known_as=f"{facts.maker} {facts.model}" if facts else None,
+        exposure_range_s=range_s,
+        mode=mode,
+        profile=_camera_lines(found, mode, range_s) if mode else (),
+    )
 
 
 def _advice(error: Exception, found: FoundCamera) -> str:
@@ -164,11 +202,8 @@ def _usb_warnings(found: FoundCamera, usb: Sequence[FoundUsbDevice]) -> list[str
     return sorted({warning for warning in warnings if warning})
 
 
-def _camera_lines(found: FoundCamera, able: CameraAbilities, facts: CameraFile | None) -> list[str]:
-    mode = best_camera_mode(able.formats, facts.facts if facts else None)
-    if mode is None:
-        return []
-    keys: dict[str, Any] = {
+def _camera_lines(found: FoundCamera, mode: CameraMode, range_s: ExposureRange | None) -> tuple[str, ...]:
+    keys: dict[str, object] = {
         "driver": "v4l2",
         "device_id": found.device_id,
         "pixel_format": mode.pixel_format,
@@ -176,40 +211,45 @@ def _camera_lines(found: FoundCamera, able: CameraAbilities, facts: CameraFile |
         "height_px": mode.height_px,
         "bit_depth": mode.bit_depth,
         "frame_rate_hz": mode.frame_rate_hz,
-        "exposure_range_s": exposure_range_s(able.controls),
+        "exposure_range_s": range_s,
     }
     return _toml_lines("camera", keys)
 
 
-def _toml_lines(table: str, keys: dict[str, Any]) -> list[str]:
+def _toml_lines(table: str, keys: Mapping[str, object]) -> tuple[str, ...]:
     known = (f"{key} = {toml_value(value)}" for key, value in keys.items() if value is not None)
-    return [f"[{table}]", *known]
+    return (f"[[{table}]]", f"name = {toml_value(table)}", *known)
 
 
-def _output(found: FoundOutput, outputs: Sequence[FoundOutput], finders: Finders) -> dict[str, Any]:
+def _output(found: FoundOutput, outputs: Sequence[FoundOutput], finders: Finders) -> ListedOutput:
     from rig.devices.kms.find import paste_name
 
     output = paste_name(found, list(outputs))
-    one: dict[str, Any] = {**_plain(found), "name": found.connector, "output": output, "error": None, "warnings": []}
+    free, error = None, None
     try:
-        one["master_free"] = finders.master_is_free(found.card)
-    except (RigError, OSError) as error:
-        one |= {"master_free": None, "error": str(error)}
-    if one["master_free"] is False and found.status == "connected":
-        one["warnings"].append('a desktop or another program drives this card: use driver = "window", or stop it')
-    mode = best_output_mode(found.modes) if found.status == "connected" else None
-    one["profile"] = _display_lines("kms", output, mode)
-    return one
+        free = finders.master_is_free(found.card)
+    except (RigError, OSError) as problem:
+        error = str(problem)
+    is_connected = found.status == "connected"
+    held = 'a desktop or another program drives this card: use driver = "window", or stop it'
+    mode = best_output_mode(found.modes) if is_connected else None
+    return ListedOutput(
+        found=found,
+        output=output,
+        master_free=free,
+        error=error,
+        warnings=(held,) if free is False and is_connected else (),
+        mode=mode,
+        profile=_display_lines("kms", output, mode) if mode else (),
+    )
 
 
-def _monitor(found: FoundMonitor) -> dict[str, Any]:
-    return {**_plain(found), "output": found.name, "profile": _display_lines("window", found.name, found)}
+def _monitor(found: FoundMonitor) -> ListedMonitor:
+    return ListedMonitor(found=found, profile=_display_lines("window", found.name, found))
 
 
-def _display_lines(driver: str, output: str, mode: Any) -> list[str]:
-    if mode is None:
-        return []
-    keys = {
+def _display_lines(driver: str, output: str, mode: DisplayMode) -> tuple[str, ...]:
+    keys: dict[str, object] = {
         "driver": driver,
         "output": output,
         "width_px": mode.width_px,
@@ -219,32 +259,16 @@ def _display_lines(driver: str, output: str, mode: Any) -> list[str]:
     return _toml_lines("projector", keys)
 
 
-def _controllers(usb: Sequence[FoundUsbDevice]) -> list[dict[str, Any]]:
-    """USB devices that a projector of ours is controlled by."""
+def _controllers(usb: Sequence[FoundUsbDevice]) -> tuple[ListedController, ...]:
     models = {usb_id: file for file in known_projectors() if file.facts.usb_ids for usb_id in file.facts.usb_ids.value}
-    return [
-        {
-            "name": f"{models[usb_id].maker} {models[usb_id].model}",
-            "usb_id": usb_id,
-            "serial": one.serial,
-            "bus_path": one.bus_path,
-            "node": str(one.node),
-        }
+    return tuple(
+        ListedController(
+            name=f"{models[usb_id].maker} {models[usb_id].model}",
+            usb_id=usb_id,
+            serial=one.serial,
+            bus_path=one.bus_path,
+            node=one.node,
+        )
         for one in usb
         if (usb_id := usb_id_of(one.vendor_id, one.product_id)) in models and usb_id is not None
-    ]
-
-
-def _plain(found: Any) -> dict[str, Any]:
-    """A dataclass as JSON can hold it."""
-    return {key: _plain_value(value) for key, value in asdict(found).items()}
-
-
-def _plain_value(value: Any) -> Any:
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, dict):
-        return {str(key): _plain_value(one) for key, one in value.items()}
-    if isinstance(value, list | tuple | set | frozenset):
-        return [_plain_value(one) for one in value]
-    return value
+    )

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rig.errors import DeviceError, DeviceLost, SettingRefused, UsageError
 from rig.files.atomic import write_bytes
@@ -15,6 +15,7 @@ from rig.inventory.list import THIS_MACHINE, Finders, facts_of
 from rig.inventory.profile_text import PlannedCamera, PlannedDisplay, measures_in, profile_text
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts, by_model, known_cameras, known_projectors
 from rig.profile.schema import Profile
+from rig.records import Record
 
 if TYPE_CHECKING:
     from rig.devices.kms.find import FoundOutput
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 Device = TypeVar("Device")
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ProfileRequest:
     """What was asked for; None is decided by what is plugged in."""
 
     path: Path
@@ -40,7 +41,24 @@ class Request:
     force: bool = False
 
 
-def write_profile(request: Request, finders: Finders = THIS_MACHINE) -> dict[str, Any]:
+@dataclass(frozen=True, kw_only=True)
+class NewProfile(Record):
+    """What was written."""
+
+    path: Path
+    name: str
+    camera: str
+    """Its device id."""
+    output: str
+    driver: str
+    """The projector's."""
+    facts: tuple[str, ...]
+    """Models of which cited facts are in it."""
+    to_measure: tuple[str, ...]
+    """Keys that are only guessed."""
+
+
+def write_profile(request: ProfileRequest, finders: Finders = THIS_MACHINE) -> NewProfile:
     """Write a complete profile; what could not be found out is a guess and is named in the result.
 
     Raises
@@ -57,31 +75,31 @@ def write_profile(request: Request, finders: Finders = THIS_MACHINE) -> dict[str
     text = profile_text(request.name or _name_of(request.path), camera, display)
     profile = Profile.parse(text.encode(), request.path)
     write_bytes(request.path, profile.raw)
-    return {
-        "path": str(request.path),
-        "name": profile.name,
-        "camera": camera.found.device_id,
-        "output": display.output,
-        "driver": display.driver,
-        "facts": [one for one in (camera.facts_of, display.facts_of) if one],
-        "to_measure": measures_in(text),
-    }
+    return NewProfile(
+        path=request.path,
+        name=profile.name,
+        camera=camera.found.device_id,
+        output=display.output,
+        driver=display.driver,
+        facts=tuple(one for one in (camera.facts_of, display.facts_of) if one),
+        to_measure=tuple(measures_in(text)),
+    )
 
 
 def _name_of(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", path.stem).lstrip("._-") or "rig"
 
 
-def _planned_camera(request: Request, finders: Finders) -> PlannedCamera:
+def _planned_camera(request: ProfileRequest, finders: Finders) -> PlannedCamera:
     found = _chosen_camera(finders.cameras(), request.camera)
     able = finders.describe(found.node)
     file = by_model(request.camera_model, known_cameras()) if request.camera_model else facts_of(found)
     return PlannedCamera(
-        found,
-        _mode_of(found, able, file.facts if file else None),
-        tuple(able.controls),
-        file.facts if file else CameraFacts(),
-        f"{file.maker} {file.model}" if file else "",
+        found=found,
+        mode=_mode_of(found, able, file.facts if file else None),
+        controls=tuple(able.controls),
+        facts=file.facts if file else CameraFacts(),
+        facts_of=f"{file.maker} {file.model}" if file else "",
     )
 
 
@@ -113,7 +131,7 @@ def _mode_of(found: FoundCamera, able: CameraAbilities, facts: CameraFacts | Non
     return mode
 
 
-def _planned_display(request: Request, finders: Finders) -> PlannedDisplay:
+def _planned_display(request: ProfileRequest, finders: Finders) -> PlannedDisplay:
     """A monitor where there is a desktop, else an output of a graphics card."""
     file = by_model(request.projector_model, known_projectors()) if request.projector_model else None
     facts = file.facts if file else ProjectorFacts()
@@ -121,7 +139,7 @@ def _planned_display(request: Request, finders: Finders) -> PlannedDisplay:
     monitors = _monitors(finders)
     if monitors:
         one = _only("output", monitors, request.output, lambda monitor: (monitor.name, f"monitor:{monitor.index}"))
-        return PlannedDisplay("window", one.name, one, facts, known)
+        return PlannedDisplay(driver="window", output=one.name, mode=one, facts=facts, facts_of=known)
     from rig.devices.kms.find import paste_name
 
     outputs = [output for output in finders.outputs() if output.status == "connected"]
@@ -131,7 +149,7 @@ def _planned_display(request: Request, finders: Finders) -> PlannedDisplay:
     mode = best_output_mode(output.modes, facts)
     if mode is None:
         raise DeviceLost(f"{output.connector} offers no mode; switch the projector on, or use another cable")
-    return PlannedDisplay("kms", paste_name(output, outputs), mode, facts, known)
+    return PlannedDisplay(driver="kms", output=paste_name(output, outputs), mode=mode, facts=facts, facts_of=known)
 
 
 def _monitors(finders: Finders) -> Sequence[FoundMonitor]:

@@ -6,16 +6,22 @@ import math
 import textwrap
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+from rig.devices.v4l2.controls import exposure_range_of
 from rig.devices.v4l2.formats import PIXEL_FORMATS
-from rig.inventory.choose import CameraMode, exposure_range_s, fixed_controls, toml_value
-from rig.profile.hardware_facts import CameraFacts, ProjectorFacts
+from rig.files.toml import toml_value
+from rig.inventory.choose import CameraMode, fixed_controls
+from rig.inventory.found import DisplayMode
+from rig.profile.hardware_facts import CameraFacts, Fact, ProjectorFacts, Value
+from rig.profile.schema import SCHEMA
 
 if TYPE_CHECKING:
     from rig.devices.v4l2.describe import ControlAbility
     from rig.devices.v4l2.find import FoundCamera
 
+CAMERA, PROJECTOR = "camera", "projector"
+"""Names that the only devices get."""
 DEVICE = "device"
 MEASURE = "MEASURE"
 _COMMENT_COLUMN = 44
@@ -39,11 +45,11 @@ class Entry(NamedTuple):
     """A line of a profile."""
 
     key: str
-    value: Any
+    value: object
     origin: str
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedCamera:
     """A camera, and how it is going to be run."""
 
@@ -55,14 +61,13 @@ class PlannedCamera:
     """Maker and model of the facts; empty when none are known."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedDisplay:
     """A display, and the mode it is going to show."""
 
     driver: str
     output: str
-    mode: Any
-    """Has width_px, height_px, refresh_rate_hz."""
+    mode: DisplayMode
     facts: ProjectorFacts
     facts_of: str
 
@@ -72,14 +77,12 @@ def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> s
     controls = fixed_controls(camera.controls)
     parts = [
         _HEAD,
-        _section(
-            "", [Entry("schema", 1, ""), Entry("name", name, ""), Entry("description", _about(camera, display), "")]
-        ),
-        _section("camera", _camera_entries(camera, display)),
+        _section("", [Entry("schema", SCHEMA, ""), Entry("name", name, ""), _description(camera, display)]),
+        _section("[camera]", _camera_entries(camera, display)),
         _section("camera.controls", [Entry(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]),
-        _section("projector", _projector_entries(display)),
-        _section("scale", [Entry("baseline_m", 0.5, f"{MEASURE}: lens to lens, or better two spots, by tape")]),
-        _section("room", [Entry("closed", False, f"{MEASURE}: true if light comes back from all sides")]),
+        _section("[projector]", _projector_entries(display)),
+        _section("[scale]", _scale_entries()),
+        _section("surface", _surface_entries()),
     ]
     return "\n".join(part for part in parts if part)
 
@@ -95,8 +98,9 @@ def measures_in(text: str) -> list[str]:
     return keys
 
 
-def _about(camera: PlannedCamera, display: PlannedDisplay) -> str:
-    return f"{camera.facts_of or camera.found.name} with {display.facts_of or display.output}"
+def _description(camera: PlannedCamera, display: PlannedDisplay) -> Entry:
+    words = f"{camera.facts_of or camera.found.name} with {display.facts_of or display.output}"
+    return Entry("description", words, "")
 
 
 def _section(table: str, entries: Iterable[Entry]) -> str:
@@ -110,6 +114,20 @@ def _line(entry: Entry) -> str:
     return f"{text:<{_COMMENT_COLUMN}}  # {origin}" if origin else text
 
 
+def _scale_entries() -> list[Entry]:
+    return [
+        Entry("between", (CAMERA, PROJECTOR), "chosen: the names of above"),
+        Entry("baseline_m", 0.5, f"{MEASURE}: lens to lens, or better two spots, by tape"),
+    ]
+
+
+def _surface_entries() -> list[Entry]:
+    return [
+        Entry("kind", "box", "chosen: a room, or a corner of one"),
+        Entry("closed", False, f"{MEASURE}: true if light comes back from all sides"),
+    ]
+
+
 def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Entry]:
     mode, facts = camera.mode, camera.facts
     range_s, range_origin = _exposure_range(camera)
@@ -118,6 +136,7 @@ def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Entr
     if mode.frame_rate_hz is None:
         rate = Entry("frame_rate_hz", _GUESSED_RATE_HZ, f"{MEASURE}: the driver names none")
     entries = [
+        Entry("name", CAMERA, ""),
         Entry("driver", "v4l2", ""),
         Entry("device_id", camera.found.device_id, f"{DEVICE}: {camera.found.name}"),
         Entry("pixel_format", mode.pixel_format, f"{DEVICE}; chosen: the rawest that a rig can use"),
@@ -136,7 +155,7 @@ def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Entr
     return entries
 
 
-def _cited(model: str, fact: Any) -> str:
+def _cited(model: str, fact: Fact[Value]) -> str:
     words = textwrap.shorten(fact.quote, _QUOTE_WIDTH, placeholder=" …")
     return f"cited: {model}, “{words}”"
 
@@ -150,7 +169,7 @@ def _bit_depth_origin(camera: PlannedCamera) -> str:
 
 
 def _exposure_range(camera: PlannedCamera) -> tuple[tuple[float, float], str]:
-    asked = exposure_range_s(camera.controls)
+    asked = exposure_range_of(camera.controls)
     if asked is not None:
         period_s = 1 / (camera.mode.frame_rate_hz or _GUESSED_RATE_HZ)
         too_long = asked[1] > period_s
@@ -175,6 +194,7 @@ def _camera_angle(camera: PlannedCamera) -> Entry:
 def _projector_entries(display: PlannedDisplay) -> list[Entry]:
     refresh_hz, refresh_origin = _refresh_hz(display)
     return [
+        Entry("name", PROJECTOR, ""),
         Entry("driver", display.driver, ""),
         Entry("output", display.output, DEVICE),
         Entry("width_px", display.mode.width_px, _size_origin(display)),

@@ -16,8 +16,8 @@ from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.loop import LiveLoop, LoopArguments
 from rig.live.show.priority import realtime_priority
 from rig.live.sources.source import Pixels
-from rig.self_check.parts.exposure import find_subject, with_generous_latency
-from rig.self_check.parts.latency import check_latency
+from rig.self_check.parts.exposure import prepare_rig, with_generous_latency
+from rig.self_check.parts.latency import measure_latency
 from rig.stages.error_tree import one_error_tree
 from rig.terminal import OnStep
 
@@ -74,13 +74,13 @@ def measure_light_latency(rig: Rig, path: LivePath) -> LightLatency:
     flashing = Rig(rig.profile, rig.camera, path, rig.clock)
     with flashing:
         flashing.set_exposure(rig.profile.camera.exposure_s)
-        found = check_latency(find_subject(flashing)).numbers
+        found = measure_latency(prepare_rig(flashing))
     return LightLatency(
-        p50=1000 * found["median"],
-        p99=1000 * float(np.quantile(found["values_s"], 0.99)),
-        max=1000 * found["max"],
-        flashes=len(found["values_s"]),
-        unseen=1000 * found["unseen_s"],
+        p50=1000 * found.median,
+        p99=1000 * float(np.quantile(found.values_s, 0.99)),
+        max=1000 * found.max,
+        flashes=len(found.values_s),
+        unseen=1000 * found.unseen_s,
     )
 
 

@@ -14,7 +14,7 @@ from rig.live.show.controls import Controls
 from rig.profile.schema import Profile, load_profile
 from rig.session import Session
 from rig.stages.error_tree import one_error_tree
-from rig.terminal import OnStep
+from rig.terminal import OnStep, silent
 
 _HIGHEST_GAIN = 4.0
 """As far as the keys go, too."""
@@ -69,8 +69,15 @@ class LivePlan:
     """Where it was measured: :func:`rig.live.latency.with_light_latency`."""
 
 
-def plan_live(request: LiveRequest, on_step: OnStep) -> LivePlan:
+def plan_live(request: LiveRequest, on_step: OnStep = silent) -> LivePlan:
     """Settle what a show needs.
+
+    Parameters
+    ----------
+    request
+        What is asked for.
+    on_step
+        Told how far it is.
 
     Raises
     ------

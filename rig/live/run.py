@@ -42,7 +42,7 @@ class _Progress:
     """After the warm-up."""
 
 
-def run_live(plan: LivePlan, on_status: OnStatus) -> ShowResult:
+def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult:
     """Show sources until one of: time over, sources over, key q, a signal. The projector is black afterwards.
 
     Parameters

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import (
     PixelPairs,
     Triangulation,
@@ -16,11 +18,12 @@ from calibration.geometry.triangulation import (
     stands_alone,
     triangulate,
 )
-from calibration.records import CalibrationError, Correspondence, FloatArray, PinholeModel, PixelReason
+from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.decode import decode_gray
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.ply import write_ply
+from rig.offline.records import ScanResult
 from rig.terminal import OnStep, silent
 
 _BIT_LIMIT = 4.5 / 255
@@ -36,7 +39,7 @@ def run_scan(
     bit_limit_dn: float | None = None,
     epipolar_limit_px: float = 4.0,
     on_step: OnStep = silent,
-) -> dict[str, Any]:
+) -> ScanResult:
     """Write one point for each projector pixel that the camera sees, in the manifest's unit of length.
 
     Parameters
@@ -45,12 +48,6 @@ def run_scan(
         A pixel counts when each pattern differs from its inverse by at least this; default 4.5 of 255.
     epipolar_limit_px : float
         Points whose projector pixel is further from its epipolar line are left out: wrong codes.
-
-    Returns
-    -------
-    dict
-        ``points``, ``unit``, ``valid_share`` (camera pixels with a code), ``epipolar_median_px`` (before the
-        limit), ``left_out`` (points beyond the limit or alone), ``seconds``, ``output``.
 
     Raises
     ------
@@ -80,15 +77,15 @@ def run_scan(
     comments = (f"unit {manifest.unit}", _FRAME_COMMENT)
     write_ply(output_path, points, _colours(manifest, pairs.camera_xy_px[kept]), comments)
     on_step("decode and triangulate", 1, 1)
-    return {
-        "points": int(kept.sum()),
-        "unit": manifest.unit,
-        "valid_share": float(correspondence.valid.mean()),
-        "epipolar_median_px": epipolar_median_px,
-        "left_out": int((~kept).sum()),
-        "seconds": time.perf_counter() - started_s,
-        "output": str(output_path),
-    }
+    return ScanResult(
+        points=int(kept.sum()),
+        unit=manifest.unit,
+        valid_share=float(correspondence.valid.mean()),
+        epipolar_median_px=epipolar_median_px,
+        left_out=int((~kept).sum()),
+        seconds=time.perf_counter() - started_s,
+        output=output_path,
+    )
 
 
 def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import time
 import tracemalloc
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
+from rig.offline.records import Estimate, PlanSummary, SimulationOutcome, SimulationResult
+from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.surface import Surface
@@ -22,15 +23,15 @@ from sim.scenes.catalogue import SURFACES
 if TYPE_CHECKING:
     from rig.files.mesh import Unit
 
-OnStep = Callable[[str, int, int], None]
 WHITE = 255
 """Grey levels of white."""
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb")
 MOST_REFINED_PATCHES = 16_000
+"""Of a check: its dense factors take 2 GB."""
 
 
-@dataclass(frozen=True)
-class Request:
+@dataclass(frozen=True, kw_only=True)
+class SimulationRequest:
     """What is to be simulated."""
 
     scene: str
@@ -38,7 +39,7 @@ class Request:
     tolerance: float
     """Error allowed, RMS over the surface. [% of white]"""
     light: str | None = None
-    """One of ``sim.light.lighting.LIGHTS``; None: the scene's standard."""
+    """One of ``sim.light.lighting.TEST_LIGHTINGS``; None: the scene's standard."""
     reflectance: tuple[float, ...] = ()
     """One number, or one for each colour; empty: the scene's."""
     unit: Unit = "m"
@@ -79,13 +80,13 @@ def reflectances_of(text: str) -> tuple[float, ...]:
     return values
 
 
-def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, dict[str, Any]]:
-    """Plan and estimate.
+def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, SimulationResult]:
+    """Plan and estimate a simulation.
 
     Returns
     -------
-    Plan, dict
-        The dictionary has ``scene``, ``tolerance``, ``plan`` and ``estimated``, JSON-able.
+    Plan, SimulationResult
+        The plan to carry out, and what it will cost; nothing ``actual`` yet.
 
     Raises
     ------
@@ -97,15 +98,25 @@ def plan_simulation(request: Request, on_step: OnStep) -> tuple[Plan, dict[str, 
     surface, light = _surface(request)
     memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
     try:
-        planned = plan(surface, request.tolerance, light, memory_mb, request.reflectance or None)
+        planned = plan(
+            surface,
+            request.tolerance,
+            light,
+            memory_limit_mb=memory_mb,
+            reflectances=request.reflectance or None,
+        )
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
-    described = _described(planned, light, time.perf_counter() - started)
-    return planned, {"scene": request.scene, "tolerance": request.tolerance, **described}
+    return planned, SimulationResult(
+        scene=request.scene,
+        tolerance=request.tolerance,
+        plan=_summary(planned, light, time.perf_counter() - started),
+        estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
+    )
 
 
-def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> dict[str, Any]:
+def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> SimulationOutcome:
     """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution."""
     on_step("simulate", 0, 1)
     started = time.perf_counter()
@@ -122,13 +133,13 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> dict[str
         peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
     on_step("simulate", 1, 1)
     actual = _measured(simulation, seconds, peak_mb)
-    return {**actual, **_checked(planned, simulation, on_step)} if check else actual
+    return _checked(actual, planned, simulation, on_step) if check else actual
 
 
-def run_simulate(request: Request, on_step: OnStep, check: bool = False) -> dict[str, Any]:
-    """Plan, estimate, simulate, measure: ``plan``, ``estimated`` and ``actual``, JSON-able."""
+def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bool = False) -> SimulationResult:
+    """Plan, estimate, simulate and measure."""
     planned, result = plan_simulation(request, on_step)
-    return {**result, "actual": run_planned(planned, on_step, check)}
+    return replace(result, actual=run_planned(planned, on_step, check))
 
 
 def available_mb() -> float:
@@ -136,7 +147,7 @@ def available_mb() -> float:
     return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def _surface(request: Request) -> tuple[Surface, str]:
+def _surface(request: SimulationRequest) -> tuple[Surface, str]:
     """The surface and the name of its light."""
     if request.scene in SURFACES:
         entry = SURFACES[request.scene]
@@ -149,45 +160,43 @@ def _surface(request: Request) -> tuple[Surface, str]:
     return read_mesh(request.scene, reflectance=reflectance, unit=request.unit), request.light or "floor"
 
 
-def _described(planned: Plan, light: str, plan_s: float) -> dict[str, Any]:
+def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:
     sizes_m = planned.cells.areas**0.5
-    return {
-        "plan": {
-            "patches": planned.patches,
-            "smallest_patch_m": float(sizes_m.min()),
-            "largest_patch_m": float(sizes_m.max()),
-            "light": light,
-            "method": planned.model.method if planned.model.compression is None else "compressed",
-            "visibility": planned.model.visibility_done,
-            "solver": planned.solver,
-            "channels": planned.channels,
-            "bounces": planned.bounces,
-            "reasons": list(planned.reasons),
-            "seconds": plan_s,
-        },
-        "estimated": {"error": planned.error_percent, "seconds": planned.seconds, "peak_mb": planned.peak_mb},
-    }
+    return PlanSummary(
+        patches=planned.patches,
+        smallest_patch_m=float(sizes_m.min()),
+        largest_patch_m=float(sizes_m.max()),
+        light=light,
+        method=planned.model.method if planned.model.compression is None else "compressed",
+        visibility=planned.model.visibility_done,
+        solver=planned.solver,
+        channels=planned.channels,
+        bounces=planned.bounces,
+        reasons=tuple(planned.reasons),
+        seconds=plan_s,
+    )
 
 
-def _measured(simulation: Simulation, seconds: float, peak_mb: float) -> dict[str, Any]:
-    return {
-        "seconds": seconds,
-        "peak_mb": peak_mb,
-        "residual": simulation.residual,
-        "closure_max": simulation.factors.closure_max,
-        "energy_balance": simulation.energy_balance,
-        "products": simulation.products,
-    }
+def _measured(simulation: Simulation, seconds: float, peak_mb: float) -> SimulationOutcome:
+    return SimulationOutcome(
+        seconds=seconds,
+        peak_mb=peak_mb,
+        residual=simulation.residual,
+        closure_max=simulation.factors.closure_max,
+        energy_balance=simulation.energy_balance,
+        products=simulation.products,
+    )
 
 
-def _checked(planned: Plan, simulation: Simulation, on_step: OnStep) -> dict[str, float]:
+def _checked(actual: SimulationOutcome, planned: Plan, simulation: Simulation, on_step: OnStep) -> SimulationOutcome:
+    """The outcome with its error against a refined solution. Raises UsageError when that does not fit."""
     on_step("check against a refined solution", 0, 1)
-    most = min(MOST_REFINED_PATCHES, largest_dense(available_mb() / 2))
-    if 4 * planned.patches > largest_dense(available_mb() / 2):
+    largest = largest_dense(available_mb() / 2)
+    if 4 * planned.patches > largest:
         raise UsageError(
             f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
             "leave --check out, or raise the tolerance"
         )
-    check = refined_check(simulation, planned.light, planned.model, most)
+    check = refined_check(simulation, planned.light, planned.model, min(MOST_REFINED_PATCHES, largest))
     on_step("check against a refined solution", 1, 1)
-    return {"error": 100 * check.rms, "error_max": 100 * check.max, "refined_patches": check.patches}
+    return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)

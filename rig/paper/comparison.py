@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,11 @@ from rig.files.atomic import write_bytes
 from rig.paper.experiments import CONFIGURATIONS, SHAPE, Configuration, desired_picture, paper_factors, paper_transport
 from rig.stages.compensation import check_strategies
 from rig.stages.error_tree import one_error_tree
-from rig.stages.picture_errors import WHITE, perceived_errors, picture_errors
+from rig.stages.picture_errors import WHITE
+from rig.strategies.closed_loop import judged_errors
 from rig.strategies.comparison import warnings_of
+from rig.strategies.page import PaperPictures, paper_page
+from rig.strategies.records import ComparedPicture, ComparisonResult, StrategyRow
 from rig.terminal import OnStep
 from sim.compensation import STRATEGIES, Compensation, compensate
 from sim.form_factors import FormFactors
@@ -28,7 +31,7 @@ def compare_on_paper(
     page: Path | None,
     on_step: OnStep,
     configurations: Sequence[Configuration] = CONFIGURATIONS,
-) -> dict[str, Any]:
+) -> ComparisonResult:
     """Compute and judge every strategy on every configuration.
 
     Parameters
@@ -40,16 +43,14 @@ def compare_on_paper(
 
     Returns
     -------
-    dict
-        ``pictures`` and ``warnings`` as :func:`compare_strategies`, with ``predicted`` errors only; ``elapsed_s``.
+    ComparisonResult
+        With predicted errors only.
 
     Raises
     ------
     UsageError, SessionError, CalibrationFailed
         Unknown strategy; no place for the page; a strategy that refuses.
     """
-    from rig.strategies.page import paper_page
-
     started_s = time.perf_counter()
     names = check_strategies(tuple(strategies) or tuple(STRATEGIES))
     pictures, images = [], {}
@@ -58,42 +59,41 @@ def compare_on_paper(
         for k, configuration in enumerate(configurations):
             on_step("the paper's configurations", k, len(configurations))
             rows, shown = _compared(configuration, factors[configuration.ceiling], names)
-            pictures.append({"name": configuration.name, "title": configuration.title, "rows": rows})
+            pictures.append(ComparedPicture(name=configuration.name, title=configuration.title, rows=rows))
             images[configuration.name] = shown
     on_step("the paper's configurations", len(configurations), len(configurations))
-    result: dict[str, Any] = {"pictures": pictures, "loops": [], "perfect": [], "ratios": {}}
-    result["warnings"] = warnings_of(pictures)
+    result = ComparisonResult(pictures=tuple(pictures), ratios={}, warnings=warnings_of(pictures))
     if page is not None:
         write_bytes(page, paper_page(result, images).encode())
-        result["report"] = str(page)
-    return {**result, "elapsed_s": time.perf_counter() - started_s}
+        result = replace(result, report=str(page))
+    return replace(result, elapsed_s=time.perf_counter() - started_s)
 
 
 def _compared(
     configuration: Configuration, factors: FormFactors, names: Sequence[str]
-) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+) -> tuple[tuple[StrategyRow, ...], PaperPictures]:
     transport = paper_transport(configuration, factors, SHAPE)
     seen = (transport.pixel_patch >= 0).reshape(SHAPE)
     desired = np.where(seen, desired_picture(configuration.image, SHAPE), 0.0)
-    solutions = {name: compensate(name, transport, desired.ravel(), 0.0, WHITE) for name in names}
-    rows = [_row(name, solution, desired, seen) for name, solution in solutions.items()]
-    shown = {
-        "desired": desired,
-        "seen": seen,
-        "projected": {name: solution.projector_image.reshape(SHAPE) for name, solution in solutions.items()},
-        "predicted": {name: solution.predicted.reshape(SHAPE) for name, solution in solutions.items()},
-    }
+    solutions = {name: compensate(name, transport, desired.ravel(), lower=0.0, upper=WHITE) for name in names}
+    rows = tuple(_row(name, solution, desired, seen) for name, solution in solutions.items())
+    shown = PaperPictures(
+        desired=desired,
+        seen=seen,
+        projected={name: solution.projector_image.reshape(SHAPE) for name, solution in solutions.items()},
+        predicted={name: solution.predicted.reshape(SHAPE) for name, solution in solutions.items()},
+    )
     return rows, shown
 
 
-def _row(name: str, solution: Compensation, desired: FloatArray, seen: NDArray[np.bool_]) -> dict[str, Any]:
+def _row(name: str, solution: Compensation, desired: FloatArray, seen: NDArray[np.bool_]) -> StrategyRow:
     predicted = solution.predicted.reshape(SHAPE)
-    return {
-        "strategy": name,
-        "predicted": picture_errors(predicted, desired, seen) | perceived_errors(predicted, desired, seen),
-        "clipped_share": float(solution.clipped[seen.ravel()].mean()),
-        "gain": float(solution.notes.get("gain", 1.0)),
-        "seconds": solution.seconds,
-        "iterations": solution.iterations,
-        "notes": dict(solution.notes),
-    }
+    return StrategyRow(
+        strategy=name,
+        predicted=judged_errors(predicted, desired, seen),
+        clipped_share=float(solution.clipped[seen.ravel()].mean()),
+        gain=float(solution.notes.get("gain", 1.0)),
+        seconds=solution.seconds,
+        iterations=solution.iterations,
+        notes=dict(solution.notes),
+    )

@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from rig.paper.records import ConfigurationResult, MeanError, PictureScores, PublishedFigures
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +20,7 @@ STRATEGY_TITLES = {"paper": "the paper's rule", "exact": "exact inverse", "bound
 DPI = 130
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PaperImages:
     """What one configuration shows; (H, W) grey levels of 255."""
 
@@ -36,15 +37,17 @@ class PaperImages:
     """When white is projected; share in [0, 1]."""
 
 
-def write_paper_figures(result: Mapping[str, Any], images: Sequence[PaperImages], directory: Path) -> list[Path]:
+def write_paper_figures(
+    configurations: Sequence[ConfigurationResult], images: Sequence[PaperImages], directory: Path
+) -> list[Path]:
     """Write all figures as PNG.
 
     Parameters
     ----------
-    result : mapping
-        What ``run_paper`` returns.
+    configurations : sequence of ConfigurationResult
+        What ``run_paper`` finds.
     images : sequence of PaperImages
-        One a configuration, in the result's order.
+        One a configuration, in the same order.
     directory : Path
         Exists.
 
@@ -53,7 +56,6 @@ def write_paper_figures(result: Mapping[str, Any], images: Sequence[PaperImages]
     list of Path
         The files written.
     """
-    configurations: list[Mapping[str, Any]] = list(result["configurations"])
     paths = []
     for configuration, shown in zip(configurations, images, strict=True):
         paths.append(_save(_images_figure(configuration, shown), directory / f"images-{shown.name}.png"))
@@ -68,21 +70,21 @@ def _save(figure: Figure, path: Path) -> Path:
     return path
 
 
-def _images_figure(configuration: Mapping[str, Any], shown: PaperImages) -> Figure:
+def _images_figure(configuration: ConfigurationResult, shown: PaperImages) -> Figure:
     """Above what is seen, below what is projected."""
     figure = Figure(figsize=(13.0, 5.6), layout="constrained")
     figure.suptitle(f"{shown.title}: seen in the room (above), sent to the projector (below)")
     axes = figure.subplots(2, 4)
-    _picture(axes[0, 0], shown.uncompensated, _caption("without", configuration["error_uncompensated"]))
+    _picture(axes[0, 0], shown.uncompensated, _caption("without", configuration.error_uncompensated))
     _picture(axes[1, 0], shown.desired, "desired image")
     for column, (name, title) in enumerate(STRATEGY_TITLES.items(), 1):
-        _picture(axes[0, column], shown.visible[name], _caption(title, configuration["strategies"][name]))
+        _picture(axes[0, column], shown.visible[name], _caption(title, configuration.strategies[name]))
         _picture(axes[1, column], shown.projected[name], f"compensation: {title}")
     return figure
 
 
-def _caption(title: str, error: Mapping[str, float]) -> str:
-    return f"{title}: error {error['mean']:.1f} ± {error['sd']:.1f}"
+def _caption(title: str, error: PictureScores) -> str:
+    return f"{title}: error {error.mean:.1f} ± {error.sd:.1f}"
 
 
 def _picture(axes: Axes, image: FloatArray, title: str) -> None:
@@ -101,18 +103,21 @@ def _share_figure(shown: PaperImages) -> Figure:
     return figure
 
 
-def _bars(
-    configurations: Sequence[Mapping[str, Any]],
-    title: str,
-    unit: str,
-    ours: Callable[[Mapping[str, Any]], float],
-    published: Callable[[Mapping[str, Any]], float | None],
-    axes: Axes,
-) -> None:
+@dataclass(frozen=True)
+class _Quantity:
+    """What a chart of bars shows: ours, and what the paper publishes of it."""
+
+    title: str
+    unit: str
+    ours: Callable[[ConfigurationResult], float]
+    published: Callable[[PublishedFigures], float | None]
+
+
+def _bars(axes: Axes, configurations: Sequence[ConfigurationResult], quantity: _Quantity) -> None:
     """Draw a pair of bars a configuration; none where the paper gives no figure."""
     places = np.arange(len(configurations))
-    heights = [ours(configuration) for configuration in configurations]
-    known = [published(configuration["published"]) for configuration in configurations]
+    heights = [quantity.ours(configuration) for configuration in configurations]
+    known = [quantity.published(configuration.published) for configuration in configurations]
     given = [(place + 0.2, value) for place, value in zip(places, known, strict=True) if value is not None]
     axes.bar(places - 0.2, heights, 0.38, color=OURS, label="here")
     axes.bar([x for x, _ in given], [y for _, y in given], 0.38, color=PUBLISHED, label="published")
@@ -131,47 +136,45 @@ def _bars(
             color=colour if inside else "black",
             fontsize=9,
         )
-    axes.set_xticks(places, [str(configuration["title"]) for configuration in configurations], rotation=20, ha="right")
-    axes.set_title(title)
-    axes.set_ylabel(unit)
+    axes.set_xticks(places, [configuration.title for configuration in configurations], rotation=20, ha="right")
+    axes.set_title(quantity.title)
+    axes.set_ylabel(quantity.unit)
     axes.axhline(0, color="black", linewidth=0.8)
     axes.spines[["top", "right"]].set_visible(False)
     axes.legend(frameon=False)
 
 
-def _indirect_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+def _indirect_figure(configurations: Sequence[ConfigurationResult]) -> Figure:
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
     axes = figure.subplots()
-    _bars(
-        configurations,
+    quantity = _Quantity(
         "Indirect radiosity of the visible patches (bar: mean; whisker: min ... max)",
         "grey levels of 255",
-        lambda c: float(c["indirect"]["mean"]),
-        lambda p: _inner(p, "indirect", "mean"),
-        axes,
+        lambda c: c.indirect.mean,
+        lambda p: p.indirect.mean,
     )
+    _bars(axes, configurations, quantity)
     for place, configuration in enumerate(configurations):
-        ours, theirs = configuration["indirect"], configuration["published"]["indirect"]
+        ours, theirs = configuration.indirect, configuration.published.indirect
         for offset, values in ((-0.2, ours), (0.2, theirs)):
-            below, above = values["mean"] - values["min"], values["max"] - values["mean"]
-            axes.errorbar(place + offset, values["mean"], [[below], [above]], color="black", capsize=3, linewidth=0.9)
+            below, above = values.mean - values.min, values.max - values.mean
+            axes.errorbar(place + offset, values.mean, [[below], [above]], color="black", capsize=3, linewidth=0.9)
     return figure
 
 
-def _share_bars(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+def _share_bars(configurations: Sequence[ConfigurationResult]) -> Figure:
     figure = Figure(figsize=(9.0, 4.6), layout="constrained")
-    _bars(
-        configurations,
+    quantity = _Quantity(
         "Light reflected only once when white is projected",
         "share of the light seen [%]",
-        lambda c: 100 * float(c["share_white"]),
-        lambda p: 100 * float(p["share_white"]) if "share_white" in p else None,
-        figure.subplots(),
+        lambda c: 100 * c.share_white,
+        lambda p: None if p.share_white is None else 100 * p.share_white,
     )
+    _bars(figure.subplots(), configurations, quantity)
     return figure
 
 
-def _emission_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+def _emission_figure(configurations: Sequence[ConfigurationResult]) -> Figure:
     figure = Figure(figsize=(13.0, 4.6), layout="constrained")
     smallest, largest = figure.subplots(1, 2)
     _emission_bars(configurations, "min", "Emission required, smallest (E' of eq. 13)", smallest)
@@ -179,41 +182,38 @@ def _emission_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def _emission_bars(configurations: Sequence[Mapping[str, Any]], end: str, title: str, axes: Axes) -> None:
-    _bars(
-        configurations,
+def _emission_bars(configurations: Sequence[ConfigurationResult], end: str, title: str, axes: Axes) -> None:
+    quantity = _Quantity(
         title,
         "grey levels of 255",
-        lambda c: float(c["required_emission"][end]),
-        lambda p: _inner(p, "required_emission", end),
-        axes,
+        lambda c: float(getattr(c.required_emission, end)),
+        lambda p: None if p.required_emission is None else float(getattr(p.required_emission, end)),
     )
+    _bars(axes, configurations, quantity)
 
 
-def _error_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+def _error_figure(configurations: Sequence[ConfigurationResult]) -> Figure:
     figure = Figure(figsize=(13.0, 4.6), layout="constrained")
     without, compensated = figure.subplots(1, 2, sharey=True)
     unit = "mean |visible - desired| [grey levels]"
-    _bars(
-        configurations,
+    quantity = _Quantity(
         "Error without compensation",
         unit,
-        lambda c: float(c["error_uncompensated"]["mean"]),
-        lambda p: _inner(p, "error_uncompensated", "mean"),
-        without,
+        lambda c: c.error_uncompensated.mean,
+        lambda p: _mean_of(p.error_uncompensated),
     )
-    _bars(
-        configurations,
+    _bars(without, configurations, quantity)
+    quantity = _Quantity(
         "Error with the paper's compensation",
         unit,
-        lambda c: float(c["strategies"]["paper"]["mean"]),
-        lambda p: _inner(p, "error_compensated", "mean"),
-        compensated,
+        lambda c: c.strategies["paper"].mean,
+        lambda p: _mean_of(p.error_compensated),
     )
+    _bars(compensated, configurations, quantity)
     return figure
 
 
-def _strategies_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
+def _strategies_figure(configurations: Sequence[ConfigurationResult]) -> Figure:
     """A panel a configuration, a bar a strategy; hatched where ``direct`` is better."""
     figure = Figure(figsize=(13.0, 8.6), layout="constrained")
     figure.suptitle("Error by strategy: bar mean, dot root mean square; hatched: worse than direct, clamped")
@@ -226,31 +226,29 @@ def _strategies_figure(configurations: Sequence[Mapping[str, Any]]) -> Figure:
     return figure
 
 
-def _strategies_panel(axes: Axes, configuration: Mapping[str, Any]) -> None:
-    strategies: Mapping[str, Mapping[str, Any]] = configuration["strategies"]
+def _strategies_panel(axes: Axes, configuration: ConfigurationResult) -> None:
+    strategies = configuration.strategies
     places = np.arange(len(strategies))
-    means = [score["mean"] for score in strategies.values()]
+    means = [score.mean for score in strategies.values()]
     colours = [OURS if name == "bounded" else "#a9bcd6" for name in strategies]
     bars = axes.barh(places, means, 0.7, color=colours)
-    axes.plot([score["rms"] for score in strategies.values()], places, "o", color="black", markersize=3)
+    axes.plot([score.rms for score in strategies.values()], places, "o", color="black", markersize=3)
     for bar, place, score in zip(bars, places, strategies.values(), strict=True):
-        bar.set_hatch("///" if "worse_than_direct" in score["notes"] else "")
+        bar.set_hatch("///" if score.worse_than_direct else "")
         axes.annotate(
-            f"{score['mean']:.1f}", (score["rms"], place), (6, 0), textcoords="offset points", va="center", fontsize=8
+            f"{score.mean:.1f}", (score.rms, place), (6, 0), textcoords="offset points", va="center", fontsize=8
         )
     axes.set_yticks(places, [name.replace("_", " ") for name in strategies])
-    axes.set_title(str(configuration["title"]))
+    axes.set_title(configuration.title)
     axes.spines[["top", "right"]].set_visible(False)
     axes.margins(x=0.12)
 
 
-def _inner(published: Mapping[str, Any], key: str, part: str) -> float | None:
-    values: Mapping[str, Any] = published.get(key, {})
-    value = values.get(part)
-    return None if value is None else float(value)
+def _mean_of(error: MeanError | None) -> float | None:
+    return None if error is None else error.mean
 
 
-_BARS: Mapping[str, Callable[[Sequence[Mapping[str, Any]]], Figure]] = {
+_BARS: Mapping[str, Callable[[Sequence[ConfigurationResult]], Figure]] = {
     "indirect": _indirect_figure,
     "share-once-reflected": _share_bars,
     "required-emission": _emission_figure,

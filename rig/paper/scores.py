@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 from skimage.metrics import structural_similarity
 
+from rig.paper.records import Certificate, PictureScores, StrategyScores
 from rig.stages.picture_errors import grey_difference
 from sim.compensation import STRATEGIES, Compensation, compensate
 from sim.light.criteria import difference
@@ -27,22 +25,22 @@ SLACK = 1e-6
 
 def compensated(transport: LightTransport, desired: FloatArray) -> dict[str, Compensation]:
     """Run all strategies for a target (n,) in grey levels of 255."""
-    return {name: compensate(name, transport, desired, 0.0, WHITE) for name in STRATEGIES}
+    return {name: compensate(name, transport, desired, lower=0.0, upper=WHITE) for name in STRATEGIES}
 
 
 def strategy_scores(
     solutions: Mapping[str, Compensation], desired: FloatArray, seen: BoolArray, shape: tuple[int, int]
-) -> dict[str, dict[str, Any]]:
-    """Error figures, clipping, effort and notes of each strategy, by name."""
+) -> dict[str, StrategyScores]:
+    """Return error figures, clipping, effort and notes of each strategy, by name."""
     scored = Scored(desired, seen, shape)
     return {
-        name: scored.scores(solution.predicted)
-        | {
-            "clipped_share": float(solution.clipped[seen].mean()),
-            "iterations": solution.iterations,
-            "seconds": solution.seconds,
-            "notes": dict(solution.notes),
-        }
+        name: StrategyScores(
+            **asdict(scored.scores(solution.predicted)),
+            clipped_share=float(solution.clipped[seen].mean()),
+            iterations=solution.iterations,
+            seconds=solution.seconds,
+            notes=dict(solution.notes),
+        )
         for name, solution in solutions.items()
     }
 
@@ -54,45 +52,28 @@ class Scored:
         self.desired, self.seen, self.shape = desired, seen, shape
         self._wanted = self._relative(desired)
 
-    def scores(self, visible: FloatArray) -> dict[str, float]:
-        """Error figures, and how it looks: structural similarity and CIEDE2000 of the clipped grey images."""
+    def scores(self, visible: FloatArray) -> PictureScores:
+        """Return error figures, and how it looks: structural similarity and CIEDE2000 of the clipped grey images."""
         shown = self._relative(visible)
         similarity = structural_similarity(shown, self._wanted, data_range=1.0, full=True)[1]  # type: ignore[no-untyped-call]
         distance = grey_difference(WHITE * shown, WHITE * self._wanted)
         on_surface = self.seen.reshape(self.shape)
-        return asdict(difference(visible[self.seen], self.desired[self.seen])) | {
-            "ssim": float(similarity[on_surface].mean()),
-            "delta_e_2000": float(distance[on_surface].mean()),
-        }
+        return PictureScores(
+            **asdict(difference(visible[self.seen], self.desired[self.seen])),
+            ssim=float(similarity[on_surface].mean()),
+            delta_e_2000=float(distance[on_surface].mean()),
+        )
 
     def _relative(self, image: FloatArray) -> FloatArray:
         return np.clip(image, 0, WHITE).reshape(self.shape) / WHITE
 
 
-def certificate(scores: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def certificate(scores: Mapping[str, StrategyScores]) -> Certificate:
     """Tell how far the bounded optimum can be from the best, and whether any strategy undercuts its RMS error."""
-    rms = {name: float(score["rms"]) for name, score in scores.items()}
+    rms = {name: score.rms for name, score in scores.items()}
     optimum = rms["bounded"]
     # An optimum of roundoff is met, not beaten, by another of roundoff.
     least = optimum * (1 - SLACK) - SLACK
-    return {
-        "gap": float(scores["bounded"]["notes"]["gap"]),
-        "beaten_by": [name for name in rms if rms[name] < least],
-    }
-
-
-def strategies_table(configurations: list[Mapping[str, Any]]) -> Table:
-    """Mean error and deviation of every strategy; a star where ``direct`` is better and the strategy says so."""
-    table = Table(title="Every strategy: mean error ± deviation, grey levels", title_justify="left", box=SIMPLE_HEAD)
-    table.add_column("strategy", no_wrap=True)
-    for configuration in configurations:
-        table.add_column(str(configuration["title"]), justify="right")
-    for name in configurations[0]["strategies"]:
-        table.add_row(name, *(_cell(configuration["strategies"][name]) for configuration in configurations))
-    table.caption = "* worse than direct, clamped"
-    return table
-
-
-def _cell(score: Mapping[str, Any]) -> str:
-    star = "*" if "worse_than_direct" in score["notes"] else ""
-    return f"{star}{score['mean']:.1f} ± {score['sd']:.1f}"
+    return Certificate(
+        gap=float(scores["bounded"].notes["gap"]), beaten_by=tuple(name for name in rms if rms[name] < least)
+    )

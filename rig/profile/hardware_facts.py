@@ -175,8 +175,8 @@ def parse_facts(raw: bytes, path: Path) -> HardwareFile:
     """Validate a file of facts; raises ProfileError with a line for each problem."""
     data = parse_toml(raw, path)
     if data.get("kind") == "projector":
-        return validate(ProjectorFile, data, path, _cross_checks)
-    return validate(CameraFile, data, path, _cross_checks)
+        return validate(ProjectorFile, data, path, _cross_checks(data))
+    return validate(CameraFile, data, path, _cross_checks(data))
 
 
 def _cross_checks(data: dict[str, Any]) -> list[str]:

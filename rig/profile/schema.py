@@ -3,218 +3,61 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PrivateAttr, model_validator
+from pydantic import Field, PrivateAttr
 
-from rig.devices.simulated.settings import SimulationSettings
+from rig.devices.simulated.settings import AT_LEAST_ONE, SimulationSettings
 from rig.errors import ProfileError
 from rig.files.toml import parse_toml, validate
+from rig.profile.between_tables import problems_between_tables
+from rig.profile.tables import (
+    Box,
+    Brightness,
+    CameraProfile,
+    Limits,
+    Name,
+    Patterns,
+    ProjectorProfile,
+    Replay,
+    Scale,
+    Surface,
+    Table,
+    Timing,
+    Viewer,
+)
 
-SCHEMA = 1
-"""The newest profile schema that this version reads."""
+SCHEMA = 2
+"""The profile schema that this version reads and writes."""
+SEVERAL_FROM = "0.3"
+"""The version that will run several cameras or projectors."""
+SURFACES_FROM = "0.4"
+"""The version that will run surfaces other than boxes, and judge the picture from a point."""
 
-CameraDriver = Literal["simulated", "replay", "v4l2"]
-ProjectorDriver = Literal["simulated", "replay", "kms", "window"]
-Byte = Annotated[int, Field(ge=0, le=255)]
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Share = Annotated[float, Field(gt=0, le=1)]
-Count = Annotated[int, Field(ge=1)]
-FieldOfView = Annotated[float, Field(gt=0, lt=180)]
-Pixel = tuple[float, float]
-
-
-def _increasing(pair: tuple[float, float]) -> tuple[float, float]:
-    if pair[0] > pair[1]:
-        raise ValueError(f"{pair[0]:g} … {pair[1]:g} is no range; give the smaller number first")
-    return pair
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class CameraProfile(_Table):
-    """What the data sheet says of the camera."""
-
-    driver: CameraDriver
-    device_id: str | None = None
-    """Which camera (v4l2): ``usb-VENDOR:PRODUCT-SERIAL``, or the bus path, as `rig devices` prints it."""
-    pixel_format: str | None = None
-    """Four characters (v4l2): GREY, Y10, Y12, Y16, YUYV, MJPG, BA81 ..."""
-    controls: dict[str, int] = Field(default_factory=dict)
-    """V4L2 controls by name, set after everything automatic is off."""
-    width_px: Count
-    height_px: Count
-    channels: Literal[1, 3] = 1
-    bit_depth: Annotated[int, Field(ge=8, le=16)]
-    frame_rate_hz: Positive
-    exposure_range_s: Annotated[tuple[Positive, Positive], AfterValidator(_increasing)]
-    exposure_s: Positive
-    """Where the search for the reference exposure starts."""
-    hfov_deg: FieldOfView
-    """Nominal horizontal field of view; calibration finds the real one."""
-    full_well_e: Positive | None = None
-    read_noise_e: NotNegative | None = None
-
-    @property
-    def full_scale_dn(self) -> int:
-        """The largest digital number."""
-        return int(2**self.bit_depth - 1)
-
-    @property
-    def shape(self) -> tuple[int, int, int]:
-        """(height, width, channels)."""
-        return self.height_px, self.width_px, self.channels
-
-    @model_validator(mode="after")
-    def _starts_inside_its_range(self) -> CameraProfile:
-        shortest, longest = self.exposure_range_s
-        if not shortest <= self.exposure_s <= longest:
-            raise ValueError(f"exposure_s {self.exposure_s:g} is outside exposure_range_s {shortest:g} … {longest:g}")
-        return self
+Device = TypeVar("Device", CameraProfile, ProjectorProfile)
 
 
-class ProjectorProfile(_Table):
-    """What the data sheet says of the projector, and its measured latency."""
-
-    driver: ProjectorDriver
-    output: str | None = None
-    """Which output (kms, window): connector (``HDMI-A-1``) or ``edid:MAKER-MODEL-SERIAL``, as `rig devices` prints."""
-    width_px: Count
-    height_px: Count
-    bit_depth: Literal[8] = 8
-    refresh_rate_hz: Positive
-    latency_s: NotNegative
-    """From the display's time stamp to settled light, as `rig check` measured it."""
-    hfov_deg: FieldOfView
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """(height, width)."""
-        return self.height_px, self.width_px
-
-
-class Timing(_Table):
-    """How long to wait for a frame, and how often to ask again."""
-
-    timeout_s: Positive = 5.0
-    retries: Annotated[int, Field(ge=0)] = 8
-    replug_timeout_s: NotNegative = 20.0
-    """How long a device that went away is waited for."""
-
-
-class Scale(_Table):
-    """The one length that is measured by tape; without it a reconstruction has no metres."""
-
-    baseline_m: Positive | None = None
-    """Between the camera's and the projector's centres of projection."""
-    spots_px: tuple[Pixel, Pixel] | None = None
-    """Two projector pixels (x, y) ..."""
-    distance_m: Positive | None = None
-    """... and the distance between the spots that they light."""
-
-    @model_validator(mode="after")
-    def _has_one_length(self) -> Scale:
-        if (self.spots_px is None) != (self.distance_m is None):
-            raise ValueError("spots_px and distance_m belong together; give both")
-        if (self.baseline_m is None) == (self.spots_px is None):
-            raise ValueError("needs either baseline_m, or spots_px and distance_m; measure one by tape")
-        return self
-
-
-class Room(_Table):
-    """What is known of the room."""
-
-    closed: bool
-    size_m: tuple[Positive, Positive, Positive] | None = None
-    """Inner size by tape; places only walls that nobody sees."""
-    patch_size_m: Positive = 0.3
-    right_angles: bool = True
-
-
-class Patterns(_Table):
-    """How much is captured."""
-
-    checker_size_px: Count = 8
-    checker_shifts: Count = 25
-    response_levels: Annotated[int, Field(ge=3, le=256)] = 17
-    exposures: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 8.0)
-    """Multiples of the reference exposure that are merged."""
-    frames_averaged: Count = 1
-
-
-class Brightness(_Table):
-    """What a target's white means."""
-
-    target_white_share: Share = 0.7
-    """Level 255 of a target, as a share of the median camera value of projector white."""
-
-
-class Limits(_Table):
-    """Where a verdict turns red; image errors in grey levels of 255."""
-
-    geometry_rms_px: Positive = 0.5
-    valid_share: Share = 0.8
-    comparison_rmse: Positive = 5.0
-    comparison_bias: Positive = 2.0
-
-
-class Replay(_Table):
-    """Which recording stands in for the devices."""
-
-    session: str | None = None
-    manifest: str | None = None
-
-    @model_validator(mode="after")
-    def _names_one_recording(self) -> Replay:
-        if (self.session is None) == (self.manifest is None):
-            raise ValueError("needs exactly one of session (a folder) and manifest (a TOML file)")
-        return self
-
-
-class Pjlink(_Table):
-    """The projector's own network control."""
-
-    host: str
-    port: Annotated[int, Field(ge=1, le=65535)] = 4352
-    password_variable: str | None = None
-    """Environment variable that holds the password; a profile holds no secrets."""
-    input: Annotated[str, Field(pattern=r"^[1-6][1-9A-Z]$")] | None = None
-    """PJLink's input code, e.g. "31" for the first digital input."""
-    warm_up_timeout_s: Positive = 120.0
-
-
-class LightCrafter(_Table):
-    """A DLP LightCrafter 4500's USB control; never seen on real hardware by us."""
-
-    serial: str | None = None
-    led_currents: tuple[Byte, Byte, Byte] | None = None
-    """Red, green, blue, in the controller's steps: 0 is off, larger is brighter, 104, 135, 130 after power-on."""
-
-
-class Profile(_Table):
+class Profile(Table):
     """A validated hardware profile; ``raw`` are the bytes it was read from."""
 
-    schema_: Annotated[Literal[1], Field(alias="schema")]
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+    schema_: Annotated[Literal[2], Field(alias="schema")]
+    name: Name
     description: str = ""
-    camera: CameraProfile
-    projector: ProjectorProfile
+    cameras: Annotated[tuple[CameraProfile, ...], Field(alias="camera"), AT_LEAST_ONE]
+    projectors: Annotated[tuple[ProjectorProfile, ...], Field(alias="projector"), AT_LEAST_ONE]
     timing: Timing = Timing()
-    scale: Scale
-    room: Room
+    scales: Annotated[tuple[Scale, ...], Field(alias="scale"), AT_LEAST_ONE]
+    surface: Surface
+    viewer: Viewer | None = None
+    """Who judges the picture; None: the only camera."""
     patterns: Patterns = Patterns()
     brightness: Brightness = Brightness()
     limits: Limits = Limits()
     replay: Replay | None = None
-    pjlink: Pjlink | None = None
-    lightcrafter: LightCrafter | None = None
     simulation: SimulationSettings | None = None
-    """The simulated truth; only the simulated pair, the emulated rig and the scoring of results may look at it."""
+    """The simulated truth; only simulated devices, the emulated rig and the scoring of results may look at it."""
 
     _raw: bytes = PrivateAttr(default=b"")
     _path: Path = PrivateAttr(default=Path())
@@ -226,8 +69,8 @@ class Profile(_Table):
         Raises ProfileError with a line for each problem.
         """
         data = parse_toml(raw, path)
-        _refuse_newer(data, path)
-        profile = validate(cls, data, path, _cross_checks)
+        _refuse_other_schema(data, path)
+        profile = validate(cls, data, path, problems_between_tables(data))
         profile._raw, profile._path = raw, path.absolute()  # noqa: SLF001 - this class's own
         return profile
 
@@ -247,6 +90,30 @@ class Profile(_Table):
         return self._path
 
     @property
+    def camera(self) -> CameraProfile:
+        """The only camera. Raises ProfileError when there are several, which a later version will run."""
+        return self._only("camera", self.cameras)
+
+    @property
+    def projector(self) -> ProjectorProfile:
+        """The only projector. Raises ProfileError when there are several, which a later version will run."""
+        return self._only("projector", self.projectors)
+
+    @property
+    def scale(self) -> Scale:
+        """The only length. Raises ProfileError when there are several, which a later version will use."""
+        if len(self.scales) > 1:
+            raise ProfileError(f"{self._path}: {_several_lengths(self)}")
+        return self.scales[0]
+
+    @property
+    def box(self) -> Box:
+        """The surface, which is a box. Raises ProfileError when it is another kind, which a later version will run."""
+        if not isinstance(self.surface, Box):
+            raise ProfileError(f"{self._path}: {_other_surface(self)}")
+        return self.surface
+
+    @property
     def recording(self) -> Path:
         """Absolute path of the replayed session or manifest. Raises ProfileError when there is none."""
         named = self.replay and (self.replay.session or self.replay.manifest)
@@ -254,49 +121,96 @@ class Profile(_Table):
             raise ProfileError(f"{self._path}: replay: this profile replays nothing; use driver = 'replay'")
         return self._path.parent / named
 
+    @property
+    def recorded(self) -> Profile | None:
+        """The profile of the session that is replayed; None for photographs. Raises ProfileError."""
+        replays_photographs = self.replay is not None and self.replay.manifest is not None
+        return None if replays_photographs else load_profile(self.recording / "profile.toml")
 
-def _refuse_newer(data: dict[str, Any], path: Path) -> None:
-    schema = data.get("schema")
-    if isinstance(schema, int) and schema > SCHEMA:
-        raise ProfileError(
-            f"{path}: schema: {schema} is newer than {SCHEMA}, the newest that this version reads; update procam-rig"
+    def with_device(self, device: CameraProfile | ProjectorProfile) -> Profile:
+        """Return the same profile, the camera or projector of that name replaced."""
+        return self.model_copy(
+            update={
+                "cameras": tuple(device if one.name == device.name else one for one in self.cameras),
+                "projectors": tuple(device if one.name == device.name else one for one in self.projectors),
+            }
         )
 
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Profile:
+        """Return a copy with some tables replaced, not validated. Raises ValueError for what is no table's name."""
+        unknown = set(update or ()) - set(type(self).model_fields)
+        if unknown:
+            raise ValueError(f"a profile has no {', '.join(sorted(unknown))}; with_device() replaces one device")
+        return super().model_copy(update=update, deep=deep)
 
-PARTNERS = {"simulated": ("simulated",), "replay": ("replay",), "v4l2": ("kms", "window")}
-"""Which projector drivers go with a camera's."""
+    def _only(self, kind: str, devices: tuple[Device, ...]) -> Device:
+        if len(devices) > 1:
+            raise ProfileError(f"{self._path}: {_several(kind, devices)}")
+        return devices[0]
 
 
-def _cross_checks(data: dict[str, Any]) -> list[str]:
-    """Problems between tables, looked for even when single keys are wrong."""
-    tables = [data.get(name) for name in ("camera", "projector")]
-    camera, projector = (table if isinstance(table, dict) else {} for table in tables)
-    driver, partner = camera.get("driver"), projector.get("driver")
-    problems = []
-    if driver in PARTNERS and partner in get_args(ProjectorDriver) and partner not in PARTNERS[driver]:
-        fitting = " or ".join(map(repr, PARTNERS[driver]))
-        problems.append(f"projector.driver: {partner!r}, but the camera's is {driver!r}; it has to be {fitting}")
-    for table, needed in (("simulation", "simulated"), ("replay", "replay")):
-        if driver == needed and table not in data:
-            problems.append(f"{table}: missing; driver = {needed!r} needs a [{table}] table")
-    for table, allowed in (("simulation", ("simulated", "v4l2")), ("replay", ("replay",))):
-        if driver in PARTNERS and driver not in allowed and table in data:
-            which = " or ".join(map(repr, allowed))
-            problems.append(f"{table}: only for driver = {which}, the camera's is {driver!r}; remove the table")
+def not_yet_run(profile: Profile) -> tuple[str, ...]:
+    """Return a line for all in a valid profile that a later version will run, and this one refuses to."""
+    found = [
+        _several(kind, devices)
+        for kind, devices in (("camera", profile.cameras), ("projector", profile.projectors))
+        if len(devices) > 1
+    ]
+    if len(profile.scales) > 1:
+        found.append(_several_lengths(profile))
+    if not isinstance(profile.surface, Box):
+        found.append(_other_surface(profile))
+    if profile.viewer is not None and profile.viewer.point_m is not None:
+        found.append(
+            f"viewer.point_m: version {SURFACES_FROM} will judge the picture from a point; this one does it "
+            "from a camera"
+        )
+    return tuple(found)
+
+
+def _several(kind: str, devices: tuple[CameraProfile, ...] | tuple[ProjectorProfile, ...]) -> str:
+    names = ", ".join(device.name for device in devices)
     return (
-        problems
-        + _device_keys("camera", camera, ("device_id", "pixel_format"), ("v4l2",))
-        + _device_keys("projector", projector, ("output",), ("kms", "window"))
+        f"{kind}: there are {len(devices)} ({names}); version {SEVERAL_FROM} will run several, this one runs one "
+        "camera and one projector"
     )
 
 
-def _device_keys(name: str, table: dict[str, Any], keys: tuple[str, ...], drivers: tuple[str, ...]) -> list[str]:
-    """Keys that say which device: needed by drivers that have a choice, and by no other."""
-    driver = table.get("driver")
-    if driver in drivers:
-        return [f"{name}.{key}: missing; `rig devices` prints it" for key in keys if key not in table]
-    which = " or ".join(map(repr, drivers))
-    return [f"{name}.{key}: only for driver = {which}; remove it" for key in keys if key in table and driver]
+def _several_lengths(profile: Profile) -> str:
+    return f"scale: there are {len(profile.scales)} lengths; version {SEVERAL_FROM} will use several, this one uses one"
+
+
+def _other_surface(profile: Profile) -> str:
+    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box'"
+
+
+def refuse_what_comes_later(profile: Profile) -> None:
+    """Raise ProfileError, a line for each reason, when this version reads a profile but cannot run it."""
+    if later := not_yet_run(profile):
+        raise ProfileError("\n".join(f"{profile.path}: {line}" for line in later))
+
+
+def _refuse_other_schema(data: Mapping[str, Any], path: Path) -> None:
+    schema = data.get("schema")
+    if not isinstance(schema, int) or schema == SCHEMA:
+        return
+    if schema > SCHEMA:
+        raise ProfileError(
+            f"{path}: schema: {schema} is newer than {SCHEMA}, the newest that this version reads; update procam-rig"
+        )
+    if is_of_a_session(path):
+        raise ProfileError(
+            f"{path}: schema: {schema} is older than {SCHEMA}: the session was made with an older version of "
+            "procam-rig; go on with that version, or begin a new session"
+        )
+    raise ProfileError(
+        f"{path}: schema: {schema} is older than {SCHEMA}, which this version reads; run: rig profile upgrade {path}"
+    )
+
+
+def is_of_a_session(path: Path) -> bool:
+    """Whether a file is the copy of its profile that a session keeps."""
+    return path.name == "profile.toml" and (path.parent / "session.json").is_file()
 
 
 def load_profile(path_or_name: str | Path) -> Profile:
@@ -324,36 +238,3 @@ def _find(path_or_name: str | Path) -> Path:
                 return folder / name
     known = sorted({file.stem for folder in folders for file in folder.glob("*.toml")})
     raise ProfileError(f"{path_or_name}: no such profile; give a file or one of {', '.join(known) or '(none)'}")
-
-
-@dataclass(frozen=True, slots=True)
-class CheckedProfile:
-    """What `rig profile check` says of one file."""
-
-    path: str
-    problems: tuple[str, ...]
-    summary: str
-    """One line when there is no problem."""
-
-    @property
-    def ok(self) -> bool:
-        """No problem was found."""
-        return not self.problems
-
-
-def check_profiles(paths: list[str]) -> list[CheckedProfile]:
-    """Validate each file; a broken one does not hide the others."""
-    return [_check(path) for path in paths]
-
-
-def _check(path: str) -> CheckedProfile:
-    try:
-        profile = load_profile(path)
-    except ProfileError as error:
-        return CheckedProfile(path, tuple(str(error).splitlines()), "")
-    camera, projector = profile.camera, profile.projector
-    summary = (
-        f"{path}: ok: {profile.name}, {camera.driver}, camera {camera.width_px} x {camera.height_px} px, "
-        f"projector {projector.width_px} x {projector.height_px} px"
-    )
-    return CheckedProfile(path, (), summary)

@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
+from matplotlib import colormaps
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from numpy.typing import NDArray
 
-from calibration.records import Response
+from calibration.radiometry.response import Response
 from rig.files.channels import PRIMARIES
 from rig.report.pictures import ERROR_RANGE, png_figure, svg
 from rig.stages.scene_model import PosedLens, SceneModel
 from sim.geometry.optics import rays_at
 
+FloatArray = NDArray[np.float64]
+
 _INK, _SOFT, _CAMERA, _PROJECTOR = "#1d2330", "#5d6678", "#2557a7", "#c4561c"
 
 
 def error_scale() -> str:
-    """The colour scale of the error pictures."""
+    """Return the colour scale of the error pictures."""
     figure = Figure(figsize=(4.2, 0.62))
     axes = figure.add_subplot()
     axes.imshow(
@@ -34,7 +40,7 @@ def error_scale() -> str:
 
 
 def response_figure(camera: Response, projector: Sequence[Response]) -> str:
-    """Both devices' response curves, the projector's by channel."""
+    """Return both devices' response curves, the projector's by channel."""
     figure = Figure(figsize=(10, 3.4))
     for k, (title, responses, unit, colours) in enumerate(
         (
@@ -55,7 +61,7 @@ def response_figure(camera: Response, projector: Sequence[Response]) -> str:
 
 
 def timing_figure(seconds: Mapping[str, float]) -> str:
-    """Seconds by step."""
+    """Return bars of the seconds by step."""
     figure = Figure(figsize=(10, 0.34 * len(seconds) + 0.7))
     axes = figure.add_subplot()
     names = list(seconds)[::-1]
@@ -68,7 +74,7 @@ def timing_figure(seconds: Mapping[str, float]) -> str:
 
 
 def room_figure(scene_model: SceneModel) -> str:
-    """Plan from above and a view into the room, patches coloured by reflectance."""
+    """Return a plan from above and a view into the room, patches coloured by reflectance."""
     figure = Figure(figsize=(12, 4.6))
     _draw_plan(figure.add_subplot(1, 2, 1), scene_model)
     _draw_view(figure.add_subplot(1, 2, 2, projection="3d"), scene_model)
@@ -99,21 +105,19 @@ def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
     style(axes, "x, m", "y, m")
 
 
-def _edge_ray(device: PosedLens, x_px: float) -> Any:
-    return rays_at(device.lens, device.pose, np.array([[x_px, (device.lens.height_px - 1) / 2]]))[0]
+def _edge_ray(device: PosedLens, x_px: float) -> FloatArray:
+    middle = np.array([[x_px, (device.lens.height_px - 1) / 2]])
+    return np.asarray(rays_at(device.lens, device.pose, middle)[0])
 
 
-def _reach(position: Any, ray: Any, low: Any, high: Any) -> float:
+def _reach(position: FloatArray, ray: FloatArray, low: FloatArray, high: FloatArray) -> float:
     """Distance along the plan to the outline."""
     with np.errstate(divide="ignore"):
         ahead = np.where(ray[:2] > 0, high[:2] - position[:2], low[:2] - position[:2]) / ray[:2]
     return float(np.min(ahead))
 
 
-def _draw_view(axes: Any, scene_model: SceneModel) -> None:
-    from matplotlib import colormaps
-    from matplotlib.colors import Normalize
-
+def _draw_view(axes: Axes3D, scene_model: SceneModel) -> None:
     reflectance, vertices = scene_model.scene.reflectance, scene_model.scene.vertices
     scale = Normalize(float(reflectance.min()), float(reflectance.max()))
     colours = colormaps["viridis"](scale(reflectance))
@@ -135,14 +139,12 @@ def _draw_view(axes: Any, scene_model: SceneModel) -> None:
     axes.set_box_aspect(high - low, zoom=1.12)
     axes.view_init(elev=28, azim=-133)
     axes.set_axis_off()
-    from matplotlib.cm import ScalarMappable
-
     bar = axes.get_figure().colorbar(ScalarMappable(scale, "viridis"), ax=axes, shrink=0.7, pad=0.02)
     bar.set_label("reflectance", color=_SOFT)
 
 
 def style(axes: Axes, x_label: str, y_label: str) -> None:
-    """Labels and quiet axes, the same in all charts."""
+    """Give axes labels and a quiet look, the same in all charts."""
     axes.set_xlabel(x_label, fontsize=9, color=_SOFT)
     axes.set_ylabel(y_label, fontsize=9, color=_SOFT)
     axes.tick_params(labelsize=8, colors=_SOFT)

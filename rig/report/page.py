@@ -2,149 +2,234 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from rig.errors import SessionError
 from rig.files.channels import PRIMARIES, codes_of, image_of
+from rig.records import Verdict
 from rig.report import figures, pictures
-from rig.report.render import headline_of, rendered
+from rig.report.pictures import EmbeddedPicture
+from rig.report.render import Headline, TextTable, headline_of, rendered
 from rig.report.timing import seconds_by_step
 from rig.session import Session
-from rig.stages.comparison import strategies_of
+from rig.stages.compensation import load_compensation
+from rig.stages.correspondence import load_correspondence_figures, map_name
 from rig.stages.model import FittedScene, load_model
+from rig.stages.photograph import FrameNote, frame_notes
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.results import ByBand, GeometryResult, ModelResult, SessionResult, StrategyResult, TruthErrors
 from rig.terminal import OnStep
+from rig.version import __version__
 
 _SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
 _TITLES = {"direct": "direct only", "exact": "exact inverse"}
 _MAX_EVENTS = 40
+"""Rows of the frame log that still make a page to read."""
+_STRATEGY_NOTE = (
+    "none = the target at its best single gain. Clipped: share of driven projector pixels that their range holds back. "
+    "All errors over lit, valid camera pixels."
+)
+_CORRESPONDENCE_TEXT = (
+    "Projector pixel that each camera pixel sees, from Gray code with inverses, and why a pixel has none."
+)
 
 
-def write_report(session: Session, metrics: Mapping[str, Any], on_step: OnStep) -> Path:
-    """Write report.html into the session and return its path. Raises SessionError before the first comparison."""
-    if "measured" not in metrics:
-        raise SessionError(f"{session.path}: nothing was compared yet; run `rig run {session.path}` first")
-    on_step("write report", 0, 3)
-    model = load_model(session)
-    context = _words(session, metrics, model) | _separation(session, model) | _correspondence(session)
-    on_step("write report", 1, 3)
-    context |= _strategies(session, metrics, model)
-    on_step("write report", 2, 3)
-    radiometric = load_radiometric_calibration(session)
-    context |= {
-        "room_figure": figures.room_figure(model.scene_model),
-        "response_figure": figures.response_figure(radiometric.camera, radiometric.projector),
-        "timing_figure": figures.timing_figure(seconds_by_step(session)),
-        "error_scale": figures.error_scale(),
-    }
-    path = session.write_report(rendered("report/session.html", context))
-    on_step("write report", 3, 3)
+@dataclass(frozen=True)
+class _PictureRow:
+    """Pictures of one strategy."""
+
+    name: str
+    images: Sequence[EmbeddedPicture]
+
+
+@dataclass(frozen=True)
+class _Reason:
+    """Why pixels have no partner, and how many."""
+
+    name: str
+    colour: str
+    share: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class _SessionPage:
+    """What the template shows, by its names."""
+
+    title: str
+    subtitle: str
+    met: bool
+    verdict: str
+    headline: Sequence[Headline]
+    brightness: str
+    strategies: Sequence[_PictureRow]
+    error_scale: str
+    strategy_table: TextTable
+    strategy_note: str
+    comparison_text: str
+    comparison_table: TextTable
+    separation_text: str
+    separation_images: Sequence[EmbeddedPicture]
+    geometry_text: str
+    room_figure: str
+    correspondence_text: str
+    correspondence_images: Sequence[EmbeddedPicture]
+    reasons: Sequence[_Reason]
+    response_figure: str
+    truth_table: TextTable | None
+    limits: Sequence[Verdict]
+    timing_figure: str
+    frame_text: str
+    frame_events: Sequence[FrameNote]
+    repeat: str
+    provenance: str
+    footer: str
+
+
+def write_report(session: Session, result: SessionResult, on_step: OnStep) -> Path:
+    """Write report.html into a compared session and return its path."""
+    on_step("write report", 0, 2)
+    page = _page(session, result, load_model(session))
+    on_step("write report", 1, 2)
+    path = session.write_report(rendered("report/session.html", page))
+    on_step("write report", 2, 2)
     return path
 
 
-def _words(session: Session, metrics: Mapping[str, Any], model: FittedScene) -> dict[str, Any]:
-    """Texts and tables."""
-    measured, geometry, comparison = metrics["measured"], metrics["geometry"], metrics["comparison"]
-    profile = session.profile
-    best = metrics["compensation"]["strategy"]
-    gain = measured["compensated"]["mean"] / measured["uncompensated"]["mean"]
-    room_size = " × ".join(f"{length:.3f}" for length in geometry["room_size_m"])
-    frames = [event for event in session.frame_log() if event["event"] == "frame"]
-    notes = [event["note"] for event in session.frame_log() if event["event"] == "note"]
-    return {
-        "title": f"Session {session.path.name}",
-        "subtitle": f"{profile.name}: {profile.description}. Camera {profile.camera.width_px} × "
+def _page(session: Session, result: SessionResult, model: FittedScene) -> _SessionPage:
+    profile, radiometric = session.profile, load_radiometric_calibration(session)
+    names, notes = _in_order(load_compensation(session).strategies), frame_notes(session)
+    return _SessionPage(
+        title=f"Session {session.path.name}",
+        subtitle=f"{profile.name}: {profile.description}. Camera {profile.camera.width_px} × "
         f"{profile.camera.height_px} px, projector {profile.projector.width_px} × {profile.projector.height_px} px.",
-        "passed": metrics["within_limits"],
-        "verdict": f"{sum(r['passed'] for r in metrics['limits'])} of {len(metrics['limits'])} checks passed",
-        "headline": [
-            headline_of(
-                measured["compensated"]["mean"],
-                "grey levels of 255",
-                f"measured mean error of '{best}', "
-                f"{gain:.2f} × the uncompensated {measured['uncompensated']['mean']:.1f}",
-            ),
-            headline_of(
-                comparison["rmse"], "grey levels", "measured against simulated (rms), on frames not used for fitting"
-            ),
-            headline_of(geometry["rms_px"], "px", "reprojection error (rms) of camera and projector together"),
-        ],
-        "brightness": f"{profile.brightness.target_white_share:g} × the median of projector white",
-        "strategy_note": "none = the target at its best single gain. Clipped: share of driven projector pixels that "
-        "their range holds back. All errors over lit, valid camera pixels.",
-        "comparison_text": "Difference between what the camera measured and what the model predicted for the codes "
-        f"that were shown. Over all frames: rms {comparison['rmse']:.2f}, bias {comparison['bias']:+.2f} grey levels; "
-        f"{100 * comparison['within_3_sigma']:.1f} % of the pixels within three standard deviations of the noise. "
-        "None of these frames was used to fit the model.",
-        "geometry_text": f"Baseline {1000 * geometry['baseline_m']:.0f} mm. Room {room_size} m; "
-        f"seen: {', '.join(geometry['faces_seen'])}. {len(model.scene_model.scene.reflectance)} patches, "
-        "mean reflectance "
-        f"{_numbers(metrics['model']['reflectance_mean'])}. {geometry['room_notes']}{_colour_words(metrics['model'])}",
-        "limits": [
-            {"what": r["what"], "value": f"{r['value']:.4g}", "limit": f"{r['limit']:g}", "passed": r["passed"]}
-            for r in metrics["limits"]
-        ],
-        "truth_table": _truth_table(metrics.get("truth")),
-        "comparison_table": _comparison_table(comparison["frames"]),
-        "frame_text": f"{len(frames)} frames, {len(notes)} events (stale or lost frames, retries)."
-        + (f" The first {_MAX_EVENTS} are shown." if len(notes) > _MAX_EVENTS else ""),
-        "frame_events": notes[:_MAX_EVENTS],
-        "repeat": f"rig run {session.path.name} -p {profile.name}",
-        "provenance": f"Profile {profile.name}, sha256 {profile.sha256[:16]}…; the session folder holds an exact copy. "
-        f"Target: {session.finished('compensate').settings['target']}, sha256 "
-        f"{session.finished('compensate').settings['target_sha256'][:16]}….",
-        "footer": f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig.",
-    }
+        met=result.within_limits,
+        verdict=f"{sum(row.met for row in result.limits)} of {len(result.limits)} limits kept",
+        headline=_headline(result),
+        brightness=f"{profile.brightness.target_white_share:g} × the median of projector white",
+        strategies=_picture_rows(session, model, names),
+        error_scale=figures.error_scale(),
+        strategy_table=_strategy_table(result.strategies, names),
+        strategy_note=_STRATEGY_NOTE,
+        comparison_text=_comparison_text(result),
+        comparison_table=_comparison_table(result),
+        separation_text=_separation_text(session, model),
+        separation_images=_separation_images(session, model),
+        geometry_text=_geometry_text(result.geometry, result.model),
+        room_figure=figures.room_figure(model.scene_model),
+        correspondence_text=_CORRESPONDENCE_TEXT,
+        correspondence_images=_correspondence_images(session),
+        reasons=_reasons(session),
+        response_figure=figures.response_figure(radiometric.camera, radiometric.projector),
+        truth_table=_truth_table(result.truth),
+        limits=result.limits,
+        timing_figure=figures.timing_figure(seconds_by_step(session)),
+        frame_text=_frame_text(session, len(notes)),
+        frame_events=notes[:_MAX_EVENTS],
+        repeat=f"rig run {session.path.name} -p {profile.name}",
+        provenance=_provenance(session),
+        footer=f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig {__version__}.",
+    )
 
 
-def _numbers(value: float | list[float]) -> str:
+def _in_order(computed: Mapping[str, object]) -> list[str]:
+    """Names of strategies, the usual ones first."""
+    return [name for name in _SHOWN_FIRST if name in computed] + [name for name in computed if name not in _SHOWN_FIRST]
+
+
+def _headline(result: SessionResult) -> list[Headline]:
+    compensated, uncompensated = result.measured.compensated.mean, result.measured.uncompensated.mean
+    return [
+        headline_of(
+            compensated,
+            "grey levels of 255",
+            f"measured mean error of '{result.compensation.strategy}', "
+            f"{compensated / uncompensated:.2f} × the uncompensated {uncompensated:.1f}",
+        ),
+        headline_of(
+            result.comparison.rmse,
+            "grey levels",
+            "measured against simulated (rms), on frames not used for fitting",
+        ),
+        headline_of(result.geometry.rms_px, "px", "reprojection error (rms) of camera and projector together"),
+    ]
+
+
+def _comparison_text(result: SessionResult) -> str:
+    comparison = result.comparison
+    return (
+        "Difference between what the camera measured and what the model predicted for the codes "
+        f"that were shown. Over all frames: rms {comparison.rmse:.2f}, bias {comparison.bias:+.2f} grey levels; "
+        f"{100 * comparison.within_3_sigma:.1f} % of the pixels within three standard deviations of the noise. "
+        "None of these frames was used to fit the model."
+    )
+
+
+def _geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
+    room_size = " × ".join(f"{length:.3f}" for length in geometry.room_size_m)
+    return (
+        f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
+        f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}. "
+        f"{geometry.room_notes}{_colour_words(model)}"
+    )
+
+
+def _numbers(value: ByBand) -> str:
     """One number, or one for each band."""
     return f"{value:.3f}" if isinstance(value, float) else ", ".join(f"{each:.3f}" for each in value)
 
 
-def _colour_words(model: Mapping[str, Any]) -> str:
+def _colour_words(model: ModelResult) -> str:
     """How the projector's colours mix; empty for a grey rig."""
-    if "mixing" not in model:
+    if model.mixing is None or model.white_over_channels is None:
         return ""
-    rows = "; ".join(f"{band} {_numbers(row)}" for band, row in zip(PRIMARIES[3], model["mixing"], strict=True))
+    rows = "; ".join(f"{band} {_numbers(row)}" for band, row in zip(PRIMARIES[3], model.mixing, strict=True))
     return (
         f" Numbers by band are red, green, blue. Share of white in each band that the projector's red, green and blue "
-        f"make: {rows}; over the picture they vary by at most {model['mixing_variation']:.4f}. White is "
-        f"{_numbers(model['white_over_channels'])} times their sum."
+        f"make: {rows}; over the picture they vary by at most {model.mixing_variation:.4f}. White is "
+        f"{_numbers(model.white_over_channels)} times their sum."
     )
 
 
-def _truth_table(truth: Mapping[str, float] | None) -> dict[str, Any] | None:
-    if not truth:
+def _frame_text(session: Session, n_notes: int) -> str:
+    n_frames = sum(event["event"] == "frame" for event in session.frame_log())
+    cut = f" The first {_MAX_EVENTS} are shown." if n_notes > _MAX_EVENTS else ""
+    return f"{n_frames} frames, {n_notes} events (stale or lost frames, retries).{cut}"
+
+
+def _provenance(session: Session) -> str:
+    profile, settings = session.profile, session.finished("compensate").settings
+    return (
+        f"Profile {profile.name}, sha256 {profile.sha256[:16]}…; the session folder holds an exact copy. "
+        f"Target: {settings['target']}, sha256 {str(settings['target_sha256'])[:16]}…. "
+        f"Measured with procam-rig {session.versions['procam-rig']}."
+    )
+
+
+def _truth_table(truth: TruthErrors | None) -> TextTable | None:
+    if truth is None:
         return None
-    rows = [[key.replace("_", " "), f"{value:.4g}"] for key, value in truth.items()]
-    return {"head": ["what", "error"], "rows": rows}
+    rows = [[key.replace("_", " "), f"{value:.4g}"] for key, value in truth.as_json().items()]
+    return TextTable(["what", "error"], rows)
 
 
-def _comparison_table(frames: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
-    head = ["frame", "rms", "bias", "within 3 σ, %", "noise rms"]
+def _comparison_table(result: SessionResult) -> TextTable:
     rows = [
-        [name, f"{f['rmse']:.2f}", f"{f['bias']:+.2f}", f"{100 * f['within_3_sigma']:.1f}", f"{f['noise_rms']:.2f}"]
-        for name, f in frames.items()
+        [name, f"{f.rmse:.2f}", f"{f.bias:+.2f}", f"{100 * f.within_3_sigma:.1f}", f"{f.noise_rms:.2f}"]
+        for name, f in result.comparison.frames.items()
     ]
-    return {"head": head, "rows": rows}
+    return TextTable(["frame", "rms", "bias", "within 3 σ, %", "noise rms"], rows)
 
 
-def _strategies(session: Session, metrics: Mapping[str, Any], model: FittedScene) -> dict[str, Any]:
-    """Rows of pictures and the table of errors."""
+def _picture_rows(session: Session, model: FittedScene, names: Sequence[str]) -> list[_PictureRow]:
     compensated, compared = session.finished("compensate"), session.finished("compare")
     judged = compared.load_image("judged")
     mask, target = judged["mask"] > 0, image_of(judged, "target")
     scale = 255 / model.level
     rows = []
-    computed = strategies_of(session)
-    names = [name for name in _SHOWN_FIRST if name in computed]
-    names += [name for name in computed if name not in _SHOWN_FIRST]
     for name in names:
         codes = codes_of(compensated.load_image(f"projector-{name}"))
         predicted = image_of(compensated.load_image(f"predicted-{name}"), "light") * scale
@@ -156,61 +241,58 @@ def _strategies(session: Session, metrics: Mapping[str, Any], model: FittedScene
             pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {name}"),
             pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {name}"),
         ]
-        rows.append({"name": _TITLES.get(name, name), "images": images})
-    return {"strategies": rows, "strategy_table": _strategy_table(metrics["strategies"], names)}
+        rows.append(_PictureRow(_TITLES.get(name, name), images))
+    return rows
 
 
-def _strategy_table(entries: Mapping[str, Any], names: list[str]) -> dict[str, Any]:
+def _strategy_table(entries: Mapping[str, StrategyResult], names: Sequence[str]) -> TextTable:
     head = ["strategy", "measured mean", "sd", "max", "rms", "SSIM"]
     head += ["predicted mean", "predicted rms", "clipped, %", "iterations"]
     rows = []
     for name in names:
-        m, p = entries[name]["measured"], entries[name]["predicted"]
-        figures_ = [f"{m['mean']:.1f}", f"{m['sd']:.1f}", f"{m['max']:.0f}", f"{m['rms']:.1f}", f"{m['ssim']:.3f}"]
-        figures_ += [f"{p['mean']:.1f}", f"{p['rms']:.1f}", f"{100 * entries[name]['clipped_share']:.1f}"]
-        rows.append([_TITLES.get(name, name), *figures_, str(entries[name]["iterations"])])
-    return {"head": head, "rows": rows}
+        m, p = entries[name].measured, entries[name].predicted
+        cells = [f"{m.mean:.1f}", f"{m.sd:.1f}", f"{m.max:.0f}", f"{m.rms:.1f}", f"{m.ssim:.3f}"]
+        cells += [f"{p.mean:.1f}", f"{p.rms:.1f}", f"{100 * entries[name].clipped_share:.1f}"]
+        rows.append([_TITLES.get(name, name), *cells, str(entries[name].iterations)])
+    return TextTable(head, rows)
 
 
-def _separation(session: Session, model: FittedScene) -> dict[str, Any]:
-    image, simulation = (
-        session.finished(step).load_image(name)
-        for step, name in (("separation", "separation"), ("compare", "simulated-white"))
+def _separation_text(session: Session, model: FittedScene) -> str:
+    image, lit = session.finished("separation").load_image("separation"), model.lit
+    share = float(np.median(image_of(image, "global")[lit] / np.maximum(image_of(image, "white")[lit], 1e-9)))
+    return (
+        "Light for projector white: reflected once (direct) and more than once (global), measured with shifted "
+        f"checkers and simulated by the room model. Median share of global light: {100 * share:.0f} %. "
+        "All four at the same exposure."
     )
-    measured = {name: image_of(image, name) for name in ("direct", "global", "white")}
-    simulated = {name: image_of(simulation, name) for name in ("direct", "global")}
-    lit = model.lit
-    share = float(np.median(measured["global"][lit] / np.maximum(measured["white"][lit], 1e-9)))
-    scale = 255 / float(np.quantile(measured["white"][lit], 0.98))
+
+
+def _separation_images(session: Session, model: FittedScene) -> list[EmbeddedPicture]:
+    measured = session.finished("separation").load_image("separation")
+    simulated = session.finished("compare").load_image("simulated-white")
+    scale = 255 / float(np.quantile(image_of(measured, "white")[model.lit], 0.98))
     shown = [
-        ("Direct, measured", measured["direct"]),
-        ("Direct, simulated", simulated["direct"]),
-        ("Global, measured", measured["global"]),
-        ("Global, simulated", simulated["global"]),
+        ("Direct, measured", image_of(measured, "direct")),
+        ("Direct, simulated", image_of(simulated, "direct")),
+        ("Global, measured", image_of(measured, "global")),
+        ("Global, simulated", image_of(simulated, "global")),
     ]
-    return {
-        "separation_text": "Light for projector white: reflected once (direct) and more than once (global), measured "
-        f"with shifted checkers and simulated by the room model. Median share of global light: {100 * share:.0f} %. "
-        "All four at the same exposure.",
-        "separation_images": [pictures.picture(pictures.photograph(image * scale), alt) for alt, image in shown],
-    }
+    return [pictures.picture(pictures.photograph(image * scale), alt) for alt, image in shown]
 
 
-def _correspondence(session: Session) -> dict[str, Any]:
-    step = session.finished("correspondence")
-    image, record = step.load_image("correspondence"), step.load_record("correspondence")
+def _correspondence_images(session: Session) -> list[EmbeddedPicture]:
+    image = session.finished("correspondence").load_image(map_name(session.profile))
     valid = image["reason"] == 0
-    shares = list(record["reasons"].values())
-    return {
-        "correspondence_text": "Projector pixel that each camera pixel sees, from Gray code with inverses, and why a "
-        "pixel has none.",
-        "reasons": [
-            {"name": name, "colour": colour, "share": f"{100 * share:.1f} %"}
-            for (name, colour), share in zip(pictures.reason_legend(), shares, strict=True)
-        ],
-        "correspondence_images": [
-            pictures.picture(pictures.ramp(image["column"], valid, "turbo"), "Projector column"),
-            pictures.picture(pictures.ramp(image["row"], valid, "turbo"), "Projector row"),
-            pictures.picture(pictures.reasons(image["reason"]), "Validity: why a pixel is or is not used"),
-        ],
-    }
+    return [
+        pictures.picture(pictures.ramp(image["column"], valid, "turbo"), "Projector column"),
+        pictures.picture(pictures.ramp(image["row"], valid, "turbo"), "Projector row"),
+        pictures.picture(pictures.reasons(image["reason"]), "Validity: why a pixel is or is not used"),
+    ]
+
+
+def _reasons(session: Session) -> list[_Reason]:
+    shares = load_correspondence_figures(session).reasons.values()
+    return [
+        _Reason(name, colour, f"{100 * share:.1f} %")
+        for (name, colour), share in zip(pictures.reason_legend(), shares, strict=True)
+    ]

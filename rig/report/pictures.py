@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import base64
 import io
-from typing import Any
+from dataclasses import dataclass
 
 import cv2
 import matplotlib
 import numpy as np
-from numpy.typing import NDArray
-
-matplotlib.use("Agg")
-
 from matplotlib import colormaps
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
 from rig.files.channels import one_or_all
 from rig.files.pictures import png_of
 
-FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Picture = dict[str, str]
+Numbers = NDArray[np.integer] | NDArray[np.floating]
 
 ERROR_RANGE = 64.0
 """Grey levels at the ends of the error scale."""
@@ -29,16 +25,26 @@ REASONS = ("valid", "dark", "saturated", "uncertain bit", "out of range", "isola
 _REASON_COLOURS = ("#2a9d5c", "#20242e", "#f2c14e", "#d9673a", "#8c4fb0", "#3a7bd5")
 
 
-def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 420) -> Picture:
-    """A small PNG as a data URI."""
+@dataclass(frozen=True)
+class EmbeddedPicture:
+    """A picture inside a page."""
+
+    src: str
+    """Data URI."""
+    alt: str
+    """What it shows, in words."""
+
+
+def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 420) -> EmbeddedPicture:
+    """Return a small PNG of (H, W) or (H, W, 3) codes, at most so wide."""
     if rgb.shape[1] > width_px:
         height = round(rgb.shape[0] * width_px / rgb.shape[1])
         rgb = np.asarray(cv2.resize(rgb, (width_px, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
-    return {"src": "data:image/png;base64," + base64.b64encode(png_of(rgb)).decode(), "alt": alt}
+    return EmbeddedPicture("data:image/png;base64," + base64.b64encode(png_of(rgb)).decode(), alt)
 
 
-def photograph(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[np.uint8]:
-    """Grey levels of 255, (H, W) or (H, W, B), with a display's gamma of 2.2; outside the mask dimmed to a third."""
+def photograph(levels: Numbers, mask: BoolArray | None = None) -> NDArray[np.uint8]:
+    """Return codes of grey levels (H, W) or (H, W, B) with a display's gamma of 2.2; outside the mask a third."""
     bands = np.atleast_3d(levels)
     shown = 255 * (np.clip(np.nan_to_num(bands), 0, 255) / 255) ** (1 / 2.2)
     if mask is not None:
@@ -46,8 +52,8 @@ def photograph(levels: NDArray[Any], mask: BoolArray | None = None) -> NDArray[n
     return one_or_all(np.asarray(shown, dtype=np.float64).astype(np.uint8))
 
 
-def signed_error(error: NDArray[Any], mask: BoolArray) -> NDArray[np.uint8]:
-    """Blue too dark, red too bright; grey outside the mask; of an error in bands (H, W, B) their mean."""
+def signed_error(error: Numbers, mask: BoolArray) -> NDArray[np.uint8]:
+    """Return colours of an error, of several bands their mean: blue too dark, red too bright; grey outside the mask."""
     grey = np.atleast_3d(np.nan_to_num(error)).mean(axis=-1)
     share = np.clip(grey / ERROR_RANGE, -1, 1) / 2 + 0.5
     colours = np.asarray(255 * colormaps["RdBu_r"](share)[..., :3], dtype=np.float64).astype(np.uint8)
@@ -55,8 +61,8 @@ def signed_error(error: NDArray[Any], mask: BoolArray) -> NDArray[np.uint8]:
     return colours
 
 
-def ramp(values: NDArray[Any], mask: BoolArray, name: str = "viridis") -> NDArray[np.uint8]:
-    """Values between their extremes in the mask as colours."""
+def ramp(values: Numbers, mask: BoolArray, name: str = "viridis") -> NDArray[np.uint8]:
+    """Return values between their extremes in the mask as colours."""
     low, high = (float(np.min(values[mask])), float(np.max(values[mask]))) if mask.any() else (0.0, 1.0)
     share = np.clip((np.nan_to_num(values) - low) / max(high - low, 1e-12), 0, 1)
     colours = np.asarray(255 * colormaps[name](share)[..., :3], dtype=np.float64).astype(np.uint8)
@@ -64,19 +70,19 @@ def ramp(values: NDArray[Any], mask: BoolArray, name: str = "viridis") -> NDArra
     return colours
 
 
-def reasons(codes: NDArray[Any]) -> NDArray[np.uint8]:
-    """Reason codes of a correspondence map as colours."""
+def reasons(codes: Numbers) -> NDArray[np.uint8]:
+    """Return reason codes of a correspondence map as colours."""
     table = np.array([[int(c[k : k + 2], 16) for k in (1, 3, 5)] for c in _REASON_COLOURS], dtype=np.uint8)
     return np.asarray(table[np.clip(codes.astype(int), 0, len(table) - 1)])
 
 
 def reason_legend() -> list[tuple[str, str]]:
-    """(name, colour) of each reason."""
+    """Return (name, colour) of each reason."""
     return list(zip(REASONS, _REASON_COLOURS, strict=True))
 
 
 def svg(figure: Figure) -> str:
-    """A matplotlib figure as a data URI, the same bytes for the same figure."""
+    """Return a matplotlib figure as a data URI, the same bytes for the same figure."""
     stream = io.BytesIO()
     with matplotlib.rc_context({"svg.hashsalt": "procam-rig", "svg.fonttype": "path"}):
         figure.savefig(stream, format="svg", bbox_inches="tight", metadata={"Date": None})
@@ -84,7 +90,7 @@ def svg(figure: Figure) -> str:
 
 
 def png_figure(figure: Figure) -> str:
-    """A figure with many shapes as a PNG data URI."""
+    """Return a figure with many shapes as a PNG data URI."""
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=110, bbox_inches="tight", metadata={"Software": None})
     return "data:image/png;base64," + base64.b64encode(stream.getvalue()).decode()

@@ -2,22 +2,55 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
 from importlib.resources import files
-from typing import Any
 
-from jinja2 import Environment, FunctionLoader
-
-
-def rendered(template: str, context: Mapping[str, Any]) -> str:
-    """A page from a template, named by the room and the file it lies in: ``report/session.html``."""
-    environment = Environment(autoescape=True, loader=FunctionLoader(_text_of))
-    return environment.get_template(template).render(context)
+from jinja2 import Environment, FunctionLoader, StrictUndefined
 
 
-def headline_of(value: float, unit: str, text: str) -> dict[str, str]:
+@dataclass(frozen=True)
+class Headline:
     """A number at the top of a page, and what it is."""
-    return {"value": f"{value:.2f}", "unit": unit, "text": text}
+
+    value: str
+    unit: str
+    text: str
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table whose cells are words."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def rendered(template: str, page: object) -> str:
+    """Return a page from a template and what it shows.
+
+    Parameters
+    ----------
+    template
+        The room and the file it lies in: ``report/session.html``.
+    page
+        A record whose fields are the template's names, or a mapping.
+    """
+    environment = Environment(autoescape=True, loader=FunctionLoader(_text_of), undefined=StrictUndefined)
+    return environment.get_template(template).render(_names_of(page))
+
+
+def _names_of(page: object) -> Mapping[str, object]:
+    if isinstance(page, Mapping):
+        return page
+    if is_dataclass(page):
+        return {field.name: getattr(page, field.name) for field in fields(page)}
+    raise TypeError(f"a page is a record or a mapping, not {type(page).__name__}")
+
+
+def headline_of(value: float, unit: str, text: str) -> Headline:
+    """Return a number at the top of a page, and what it is."""
+    return Headline(f"{value:.2f}", unit, text)
 
 
 def _text_of(name: str) -> str:

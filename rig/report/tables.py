@@ -2,40 +2,52 @@
 
 from __future__ import annotations
 
-from typing import Any
-
+from rig.records import Record
+from rig.stages.results import PartialResult, SessionResult
 from rig.terminal import print_table
 
 
-def print_plan(plan: dict[str, Any]) -> None:
-    """The steps of a session and the frames that they cost."""
-    rows = [(s["step"], "done" if s["done"] else "to do", s["frames"] or "") for s in plan["steps"]]
-    print_table(f"{plan['session']} with {plan['profile']}: about", ["step", "state", "frames"], rows)
+def print_steps(title: str, steps: list[tuple[str, bool, int]]) -> None:
+    """Print the steps of a session: name, whether it is done, and about how many frames it takes."""
+    rows = [(name, "done" if done else "to do", frames or "") for name, done, frames in steps]
+    print_table(title, ["step", "state", "frames"], rows)
 
 
-def print_run(result: dict[str, Any]) -> None:
-    """What a session has measured."""
+def print_result(result: SessionResult) -> None:
+    """Print what a compared session has measured."""
     rows = []
-    for name, entry in result["strategies"].items():
-        measured, predicted = entry["measured"], entry["predicted"]
-        clipped = 100 * entry["clipped_share"]
-        rows.append(
-            (name, measured["mean"], measured["sd"], measured["rms"], measured["ssim"], predicted["mean"], clipped)
-        )
+    for name, entry in result.strategies.items():
+        measured, predicted = entry.measured, entry.predicted
+        clipped = 100 * entry.clipped_share
+        rows.append((name, measured.mean, measured.sd, measured.rms, measured.ssim, predicted.mean, clipped))
     head = ["strategy", "measured mean", "sd", "rms", "SSIM", "predicted mean", "clipped %"]
     print_table("Errors against the target, grey levels of 255", head, rows)
-    limits = [(r["what"], r["value"], r["limit"], "ok" if r["passed"] else "OUTSIDE") for r in result["limits"]]
-    print_table("Limits", ["what", "value", "limit", ""], limits)
-    if result.get("truth"):
-        print_table("Error against the simulated world", ["what", "error"], list(result["truth"].items()))
-    print(f"report: {result['report']}")
+    limits = [(row.what, row.value, row.limit, row.unit, row.status) for row in result.limits]
+    print_table("Limits", ["what", "value", "limit", "unit", ""], limits)
+    for row in result.limits:
+        if not row.met:
+            print(f"{row.what}: {row.advice}")
+    if result.truth is not None:
+        print_table("Error against the simulated world", ["what", "error"], list(result.truth.as_json().items()))
+    print(f"report: {result.report}")
 
 
-def print_part(verb: str, result: dict[str, Any]) -> None:
-    """The numbers of the steps that a verb has done."""
-    rows = []
-    for section in ("geometry", "separation", "model", "compensation", "comparison", "truth"):
-        for key, value in result.get(section, {}).items():
-            if isinstance(value, int | float | str):
-                rows.append((f"{section}: {key}", value))
+def print_part(verb: str, result: PartialResult) -> None:
+    """Print the numbers of the steps that a verb has done."""
+    sections = {
+        "geometry": result.geometry,
+        "separation": result.separation,
+        "model": result.model,
+        "compensation": result.compensation,
+        "truth": result.truth,
+    }
+    rows = [row for name, section in sections.items() for row in _numbers(name, section)]
     print_table(f"rig {verb}: done", ["what", "value"], rows)
+
+
+def _numbers(name: str, section: Record | None) -> list[tuple[str, float | str]]:
+    if section is None:
+        return []
+    return [
+        (f"{name}: {key}", value) for key, value in section.as_json().items() if isinstance(value, int | float | str)
+    ]

@@ -8,7 +8,7 @@ from rig.session import Session
 
 
 def seconds_by_step(session: Session) -> dict[str, float]:
-    """Time between journal lines, counted to the step of the later one; the pause before an `open` is left out."""
+    """Return the time between journal lines, counted to the later one's step; pauses before an `open` are left out."""
     seconds: dict[str, float] = {}
     previous: datetime | None = None
     for event in session.events():

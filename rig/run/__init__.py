@@ -1,1 +1,1 @@
-"""The one orchestration of a session, used by the command line and by scripts."""
+"""The one orchestration of a session: a request becomes a plan, the plan's steps are done, the result is told."""

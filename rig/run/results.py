@@ -1,147 +1,194 @@
-"""What a session has measured, in the keys that others rely on (metrics.json, `rig run --json`)."""
+"""What a finished session has measured, collected from the records of its steps."""
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
-from rig.capture.rig import Rig
-from rig.files.channels import by_band, image_of, of_bands
-from rig.profile.schema import Limits
+from rig.files.channels import image_of
+from rig.profile.tables import Limits
+from rig.records import Verdict, all_met
+from rig.run.steps import VERBS, Verb
 from rig.session import Session
-from rig.stages.correspondence import load_correspondence
-from rig.stages.model import load_model
-from rig.truth.scores import score
+from rig.stages.comparison import load_comparison
+from rig.stages.compensation import load_compensation
+from rig.stages.correspondence import load_correspondence, load_correspondence_figures, only
+from rig.stages.geometry import load_geometry
+from rig.stages.model import load_model, load_model_record
+from rig.stages.radiometry import PairRadiometry, RadiometricRecord
+from rig.stages.results import (
+    ByBand,
+    CompensationResult,
+    GeometryResult,
+    MeasuredResult,
+    ModelComparison,
+    ModelResult,
+    PartialResult,
+    SeparationResult,
+    SessionResult,
+    StrategyResult,
+    TruthErrors,
+)
+
+_LEAST_DIRECT = 0.05
+"""A pixel counts as lit when its direct light is above this share of the median of the valid ones."""
 
 
-def collect_metrics(session: Session, rig: Rig, upto: str) -> dict[str, Any]:
-    """Metrics of everything that is finished; the verdict when the session was compared."""
-    metrics: dict[str, Any] = {}
-    if session.is_finished("geometry"):
-        metrics["geometry"] = _geometry(session)
-    if upto == "calibrate" or not session.is_finished("separation"):
-        return metrics
-    metrics["separation"] = _separation(session)
-    if not session.is_finished("model") or upto == "separate":
-        return metrics
-    metrics["geometry"]["valid_share"] = _valid_share(session)
-    metrics["model"] = _model(session)
-    truth = score(rig, session)
-    if truth is not None:
-        metrics["truth"] = truth
-    if upto in ("compensate", "compare") and session.is_finished("compensate"):
-        metrics["compensation"] = _compensation(session)
-    if upto == "compare":
-        metrics |= _comparison(session)
-        metrics["limits"] = _limits(metrics, rig.profile.limits)
-        metrics["within_limits"] = all(row["passed"] for row in metrics["limits"])
-    return metrics
+def partial_result(session: Session, verb: Verb, truth: TruthErrors | None) -> PartialResult:
+    """Return what is measured when the steps up to a verb are done."""
+    reached = VERBS.index(verb)
+    return PartialResult(
+        geometry=_geometry(session, is_separated=reached >= VERBS.index("model")),
+        separation=_separation(session) if reached >= VERBS.index("separate") else None,
+        model=_model(session) if reached >= VERBS.index("model") else None,
+        truth=truth,
+        compensation=_compensation(session) if reached >= VERBS.index("compensate") else None,
+    )
 
 
-def _geometry(session: Session) -> dict[str, Any]:
-    record = session.finished("geometry").load_record("geometry")
-    reasons = session.finished("correspondence").load_record("correspondence")
-    return {
-        "rms_px": record["rms_px"],
-        "camera_rms_px": record["camera_rms_px"],
-        "projector_rms_px": record["projector_rms_px"],
-        "valid_share_of_image": reasons["valid_share_of_image"],
-        "baseline_m": record["baseline_m"],
-        "room_size_m": record["room"]["size_m"],
-        "faces_seen": record["room"]["seen"],
-        "room_notes": record["room"]["notes"],
-        "sigmas": record["sigmas"],
-    }
+def session_result(session: Session, truth: TruthErrors | None) -> SessionResult:
+    """Return what is measured of a session whose steps are all done, and the verdict."""
+    geometry, comparison = _geometry(session, is_separated=True), _comparison(session)
+    strategies, best = _strategies(session), load_compensation(session).best
+    limits = _verdicts(geometry, comparison, session.profile.limits)
+    return SessionResult(
+        geometry=geometry,
+        separation=_separation(session),
+        model=_model(session),
+        truth=truth,
+        compensation=_compensation(session),
+        measured=MeasuredResult(uncompensated=strategies["none"].measured, compensated=strategies[best].measured),
+        strategies=strategies,
+        comparison=comparison,
+        limits=limits,
+        within_limits=all_met(limits),
+    )
+
+
+def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
+    record = load_geometry(session)
+    return GeometryResult(
+        rms_px=record.rms_px,
+        camera_rms_px=only(record.cameras).rms_px,
+        projector_rms_px=only(record.projectors).rms_px,
+        valid_share_of_image=load_correspondence_figures(session).valid_share_of_image,
+        baseline_m=record.baseline_m,
+        room_size_m=record.surface.size_m,
+        faces_seen=record.surface.seen,
+        room_notes=record.surface.notes,
+        sigmas=record.sigmas,
+        valid_share=_valid_share(session) if is_separated else None,
+    )
 
 
 def _valid_share(session: Session) -> float:
     """Valid pixels among those that the projector lights, by their measured direct light."""
     direct = image_of(session.finished("separation").load_image("separation"), "direct").mean(axis=-1)
     valid = load_correspondence(session).valid
-    lit = direct > 0.05 * np.median(direct[valid])
+    lit = direct > _LEAST_DIRECT * np.median(direct[valid])
     return float((valid & lit).sum() / max(int(lit.sum()), 1))
 
 
-def _separation(session: Session) -> dict[str, float]:
+def _separation(session: Session) -> SeparationResult:
     image = session.finished("separation").load_image("separation")
     white, global_ = image_of(image, "white"), image_of(image, "global")
     valid = load_correspondence(session).valid & (white > 0).all(axis=-1)
     share = global_[valid] / white[valid]
-    return {"global_share_mean": float(share.mean()), "global_share_median": float(np.median(share))}
+    return SeparationResult(global_share_mean=float(share.mean()), global_share_median=float(np.median(share)))
 
 
-def _model(session: Session) -> dict[str, Any]:
-    record = session.finished("model").load_record("model")
-    model = load_model(session)
-    reflectance = of_bands(record["reflectance"], model.channels)
-    source = np.array(of_bands(record["source"], model.channels)[0])
-    areas = model.scene_model.scene.areas
+def _model(session: Session) -> ModelResult:
+    record, areas = load_model_record(session), load_model(session).scene_model.scene.areas
+    source, colour = np.array(record.bands[0].source), _colour(session)
+    projector = only(record.projectors)
+    return ModelResult(
+        patches=len(source),
+        reflectance_mean=_by_band([float(np.average(band.reflectance, weights=areas)) for band in record.bands]),
+        patches_lit_and_seen=int((source == 0).sum()),
+        patches_seen_in_global_light=int((source == 1).sum()),
+        patches_unseen=int((source == 2).sum()),
+        unseen_reflectance=_by_band([band.unseen_reflectance for band in record.bands]),
+        unseen_sigma=_by_band([band.unseen_sigma for band in record.bands]),
+        flux=_by_band(list(projector.flux)),
+        global_rms=_by_band([band.global_rms for band in record.bands]),
+        vignetting_camera=only(record.cameras).vignetting,
+        vignetting_projector=projector.vignetting,
+        level=record.level,
+        mixing=None if colour is None else colour.mixing,
+        mixing_variation=None if colour is None else colour.mixing_variation,
+        white_over_channels=None if colour is None else colour.white_over_channels,
+        balance=None if colour is None else colour.balance,
+    )
+
+
+def _by_band(values: list[float]) -> ByBand:
+    return values[0] if len(values) == 1 else tuple(values)
+
+
+def _colour(session: Session) -> PairRadiometry | None:
+    """How the projector's channels mix; None of a grey rig, whose only channel is all of the light."""
+    pair = session.finished("response").load_record("radiometric", RadiometricRecord).pairs[0]
+    return None if len(pair.balance) == 1 else pair
+
+
+def _compensation(session: Session) -> CompensationResult:
+    record = load_compensation(session)
+    return CompensationResult(strategy=record.best, clipped_share=record.strategies[record.best].clipped_share)
+
+
+def _strategies(session: Session) -> dict[str, StrategyResult]:
+    computed = load_compensation(session).strategies
     return {
-        "patches": len(source),
-        "reflectance_mean": by_band([float(np.average(band, weights=areas)) for band in reflectance]),
-        "patches_lit_and_seen": int((source == 0).sum()),
-        "patches_seen_in_global_light": int((source == 1).sum()),
-        "patches_unseen": int((source == 2).sum()),
-        "unseen_reflectance": record["unseen_reflectance"],
-        "unseen_sigma": record["unseen_sigma"],
-        "flux": record["flux"],
-        "global_rms": record["global_rms"],
-        "vignetting_camera": record["vignetting_camera"],
-        "vignetting_projector": record["vignetting_projector"],
-        "level": record["level"],
-        **_colour(session),
+        name: StrategyResult(
+            measured=errors.measured,
+            predicted=errors.predicted,
+            clipped_share=computed[name].clipped_share,
+            iterations=computed[name].iterations,
+            notes=computed[name].notes,
+        )
+        for name, errors in load_comparison(session).strategies.items()
     }
 
 
-def _colour(session: Session) -> dict[str, Any]:
-    """How the projector's channels mix; nothing of a grey rig."""
-    record = session.finished("response").load_record("radiometric")
-    names = ("mixing", "mixing_variation", "white_over_channels", "balance")
-    return {name: record[name] for name in names if name in record}
+def _comparison(session: Session) -> ModelComparison:
+    record = load_comparison(session)
+    overall = record.overall
+    return ModelComparison(
+        rmse=overall.rmse,
+        bias=overall.bias,
+        within_3_sigma=overall.within_3_sigma,
+        noise_rms=overall.noise_rms,
+        frames=record.frames,
+    )
 
 
-def _compensation(session: Session) -> dict[str, Any]:
-    record = session.finished("compensate").load_record("compensation")
-    best = _best(list(record["strategies"]))
-    return {"strategy": best, "clipped_share": record["strategies"][best]["clipped_share"]}
-
-
-def _best(names: list[str]) -> str:
-    """The strategy that stands for 'compensated': the most complete one that was asked for."""
-    return next(name for name in ("bounded", "exact", "paper", "direct", "none") if name in names)
-
-
-def _comparison(session: Session) -> dict[str, Any]:
-    compared = session.finished("compare").load_record("comparison")
-    computed = session.finished("compensate").load_record("compensation")["strategies"]
-    strategies = {
-        name: {
-            **entry,
-            "clipped_share": computed[name]["clipped_share"],
-            "iterations": computed[name]["iterations"],
-            "notes": computed[name]["notes"],
-        }
-        for name, entry in compared["strategies"].items()
-    }
-    best = _best(list(strategies))
-    chosen = {"uncompensated": "none", "compensated": best}
-    return {
-        "measured": {key: strategies[name]["measured"] for key, name in chosen.items()},
-        "strategies": strategies,
-        "comparison": {**compared["overall"], "frames": compared["frames"]},
-    }
-
-
-def _limits(metrics: dict[str, Any], limits: Limits) -> list[dict[str, Any]]:
-    geometry, comparison = metrics["geometry"], metrics["comparison"]
-    rows = [
-        ("geometry: reprojection rms, px", geometry["rms_px"], limits.geometry_rms_px, False),
-        ("valid share of the lit pixels", geometry["valid_share"], limits.valid_share, True),
-        ("measured - simulated: rms, grey levels", comparison["rmse"], limits.comparison_rmse, False),
-        ("measured - simulated: |bias|, grey levels", abs(comparison["bias"]), limits.comparison_bias, False),
-    ]
-    return [
-        {"what": what, "value": value, "limit": limit, "passed": bool(value >= limit if least else value <= limit)}
-        for what, value, limit, least in rows
-    ]
+def _verdicts(geometry: GeometryResult, comparison: ModelComparison, limits: Limits) -> tuple[Verdict, ...]:
+    return (
+        Verdict(
+            what="geometry: reprojection rms",
+            value=geometry.rms_px,
+            limit=limits.geometry_rms_px,
+            unit="px",
+            advice="nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
+        ),
+        Verdict(
+            what="valid share of the lit pixels",
+            value=geometry.valid_share,
+            limit=limits.valid_share,
+            at_least=True,
+            advice="focus the projector and the camera, darken the room, and keep glossy things out of the picture",
+        ),
+        Verdict(
+            what="measured - simulated: rms",
+            value=comparison.rmse,
+            limit=limits.comparison_rmse,
+            unit="grey levels",
+            advice="look at the report's error pictures: what is not a wall of the room is not in the model",
+        ),
+        Verdict(
+            what="measured - simulated: |bias|",
+            value=abs(comparison.bias),
+            limit=limits.comparison_bias,
+            unit="grey levels",
+            advice="let the projector warm up, and switch everything automatic off in both devices",
+        ),
+    )

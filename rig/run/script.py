@@ -1,97 +1,167 @@
-"""The verbs of the command line for scripts: each does what is missing of one stage of a session.
+"""The verbs of the command line for scripts: each does what is missing of one stage of an open session.
 
-All take an open rig and an open session and tell their progress to ``on_step``; errors are those of
-:mod:`rig.errors`.
-The heavy parts are imported when a verb is called, so that ``import rig`` stays quick.
+Those that photograph take an open rig, the others none. Errors are those of :mod:`rig.errors`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from rig.capture.rig import Rig
+from rig.errors import SessionError
+from rig.report import page
+from rig.run.request import DEFAULT_STRATEGIES
+from rig.run.session import OpenSession
+from rig.run.steps import Verb
 from rig.session import Session
+from rig.stages.compensation import CompensationRequest, check_strategies
 from rig.stages.error_tree import one_error_tree
+from rig.stages.results import SessionResult
+from rig.stages.target import load_target
 from rig.terminal import OnStep, silent
 
-STRATEGIES = ("none", "direct", "paper", "exact", "bounded")
 
-
-@one_error_tree()
 def calibrate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
-    """Find exposure, response curves, correspondence, lenses, poses and walls."""
-    from rig.stages.correspondence import decode_gray_code, fit_geometry, photograph_gray_code
-    from rig.stages.radiometry import find_exposure, measure_responses
+    """Find exposure, response curves, correspondence, lenses, poses and walls.
 
-    for step in (find_exposure, measure_responses, photograph_gray_code, decode_gray_code, fit_geometry):
-        step(rig, session, on_step)
+    Parameters
+    ----------
+    rig
+        Open.
+    session
+        Open; what it has already is kept.
+    on_step
+        Told how far it is: what is being done, how many parts are done, of how many.
+
+    Raises
+    ------
+    CalibrationFailed
+        The captures do not determine what is sought.
+    DeviceError, SessionError
+        A device gave no good frame; the disk refuses.
+    """
+    _do(OpenSession(session, lambda: rig, rig=rig), "calibrate", on_step)
 
 
-@one_error_tree()
 def separate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
-    """Tell direct from global light by shifted checkers. Needs `calibrate`."""
-    from rig.stages.separation import separate_light
+    """Tell direct from global light by shifted checkers. Needs :func:`calibrate`.
 
-    separate_light(rig, session, on_step)
+    Parameters
+    ----------
+    rig, session, on_step
+        As for :func:`calibrate`.
+
+    Raises
+    ------
+    SessionError
+        The session is not calibrated.
+    """
+    _do(OpenSession(session, lambda: rig, rig=rig), "separate", on_step)
 
 
-@one_error_tree()
-def model(rig: Rig, session: Session, on_step: OnStep = silent) -> None:
-    """Model the room in patches: reflectance, vignetting, brightness scale. Needs `separate`."""
-    from rig.stages.model import build_model
+def model(session: Session, on_step: OnStep = silent) -> None:
+    """Model the scene in patches: reflectance, vignetting, brightness scale. Needs :func:`separate`; no device.
 
-    build_model(rig.profile, session, on_step)
+    Parameters
+    ----------
+    session, on_step
+        As for :func:`calibrate`.
+
+    Raises
+    ------
+    CalibrationFailed
+        The light does not determine the scene.
+    SessionError
+        The session's light is not separated.
+    """
+    _do(OpenSession(session, _no_rig), "model", on_step)
 
 
-@one_error_tree()
 def compensate(
-    rig: Rig,
     session: Session,
     target: str | Path | None = None,
-    strategies: Sequence[str] = STRATEGIES,
+    strategies: Sequence[str] = DEFAULT_STRATEGIES,
     on_step: OnStep = silent,
     *,
     fit: bool = False,
 ) -> None:
-    """Compute each strategy's projector image for a target and predict its camera image. Needs `model`.
+    """Compute each strategy's projector image for a target and predict its camera image. Needs :func:`model`.
 
     Parameters
     ----------
+    session, on_step
+        As for :func:`calibrate`.
     target
-        A picture of the projector's size; default: a photograph that ships with scikit-image.
+        A picture of the projector's size, (H, W) or (H, W, 3) grey levels of 255 in linear light; default: a
+        photograph that ships with scikit-image.
     strategies
-        Of ``none, direct, paper, exact, bounded``; ``none`` is always among them.
+        Names, or ``all``; ``none`` is always among them.
     fit
         Scale and crop a picture of another size.
+
+    Raises
+    ------
+    UsageError
+        The target cannot be used, or a strategy is not known.
+    SessionError
+        The session has no model.
     """
-    from rig.stages.compensation import check_strategies, compute_compensation
-    from rig.stages.target import load_target
-
-    channels = rig.profile.camera.channels
-    picture = load_target(None if target is None else Path(target), rig.projector.shape, fit, channels)
-    compute_compensation(session, picture, check_strategies(tuple(strategies)), on_step)
+    profile = session.profile
+    picture = load_target(target, profile.projector.shape, fit, channels=profile.camera.channels)
+    showing = CompensationRequest(picture, check_strategies(tuple(strategies)))
+    _do(OpenSession(session, _no_rig, showing=showing), "compensate", on_step)
 
 
-@one_error_tree()
-def compare(rig: Rig, session: Session, on_step: OnStep = silent) -> dict[str, Any]:
-    """Project and photograph every strategy, and write and return the metrics. Needs `compensate`."""
-    from rig.run.results import collect_metrics
-    from rig.stages.comparison import compare_all, project_and_photograph
+def compare(rig: Rig, session: Session, on_step: OnStep = silent) -> SessionResult:
+    """Project and photograph every strategy, write metrics.json, and return it. Needs :func:`compensate`.
 
-    project_and_photograph(rig, session, on_step)
-    compare_all(session, on_step)
-    metrics = collect_metrics(session, rig, "compare")
-    session.write_metrics(metrics)
-    return metrics
+    Parameters
+    ----------
+    rig, session, on_step
+        As for :func:`calibrate`.
+
+    Returns
+    -------
+    SessionResult
+        Errors of pictures in grey levels of 255.
+
+    Raises
+    ------
+    SessionError
+        Nothing was compensated yet.
+    """
+    work = OpenSession(session, lambda: rig, rig=rig)
+    _do(work, "compare", on_step)
+    result = work.result()
+    session.write_metrics(result)
+    return result
 
 
 def write_report(session: Session, on_step: OnStep = silent) -> Path:
-    """Write report.html of a compared session and return its path."""
-    from rig.report.page import write_report as write_page
+    """Write report.html of a compared session and return its path.
 
-    metrics = session.read_metrics()
-    path = write_page(session, metrics, on_step)
-    session.write_metrics({**metrics, "report": path.name})
+    Parameters
+    ----------
+    session, on_step
+        As for :func:`calibrate`.
+
+    Raises
+    ------
+    SessionError
+        Nothing was compared yet.
+    """
+    result = session.read_metrics(SessionResult)
+    path = page.write_report(session, result, on_step)
+    session.write_metrics(replace(result, report=path.name))
     return path
+
+
+@one_error_tree()
+def _do(work: OpenSession, verb: Verb, on_step: OnStep) -> None:
+    work.do(verb, on_step)
+
+
+def _no_rig() -> Rig:
+    raise SessionError("this stage photographs nothing, so it has no rig")

@@ -1,226 +1,154 @@
-"""The whole session: which step follows which, resumable at every frame."""
+"""A session from its plan to its result; every step resumable at every frame."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
 
 from rig.capture.rig import Rig, open_rig
-from rig.errors import SessionError
-from rig.files.channels import PRIMARIES
-from rig.files.journal import JOURNAL_NAME, Event, read_events
-from rig.profile.schema import Profile, load_profile
 from rig.report.page import write_report
-from rig.run import script as verbs
-from rig.run.results import collect_metrics
+from rig.run.plan import SessionPlan, plan_session
+from rig.run.request import SessionRequest
+from rig.run.results import partial_result, session_result
+from rig.run.steps import AnyStep, ComputingStep, ShootingStep, Verb, required, settings_of, steps_of, steps_up_to
 from rig.session import Session
-from rig.stages.comparison import compare_all, project_and_photograph
-from rig.stages.compensation import check_strategies, compute_compensation
+from rig.stages.compensation import CompensationRequest
 from rig.stages.error_tree import one_error_tree
-from rig.stages.target import Target, load_target
+from rig.stages.results import PartialResult, SessionResult, TruthErrors
 from rig.terminal import OnStep, silent
-
-STAGES = ("calibrate", "separate", "model", "compensate", "compare")
-"""The verbs of a session, in order; each includes those before it."""
-STEPS = (
-    "exposure",
-    "response",
-    "gray",
-    "correspondence",
-    "geometry",
-    "separation",
-    "model",
-    "compensate",
-    "project",
-    "compare",
-)
-"""Steps in the order in which they are done."""
+from rig.truth.scores import score
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
-    """What the user asked for."""
+def run_session(request: SessionRequest, on_step: OnStep = silent) -> SessionResult:
+    """Do everything that is not done yet: calibrate, separate, model, compensate, compare, report.
 
-    folder: Path
-    profile: str | None
-    target: Path | None = None
-    strategies: tuple[str, ...] = verbs.STRATEGIES
-    fit: bool = False
+    Parameters
+    ----------
+    request
+        The session, and what is to be shown in it.
+    on_step
+        Told how far it is: what is being done, how many parts are done, of how many.
 
+    Returns
+    -------
+    SessionResult
+        What metrics.json holds, where the report is, and how long it took.
 
-def plan_session(request: Request) -> dict[str, Any]:
-    """What a run would do; opens no device, and only reads the session.
-
-    Raises what a run would raise before its first frame: ProfileError, UsageError, SessionError.
-    """
-    profile = _profile_of(request)
-    target = load_target(request.target, profile.projector.shape, request.fit, profile.camera.channels)
-    strategies = check_strategies(request.strategies)
-    exists = (request.folder / "session.json").exists()
-    done = _finished(request.folder, profile, target, strategies) if exists else set()
-    frames = _frame_counts(profile, len(strategies))
-    steps = [{"step": name, "done": name in done, "frames": frames.get(name, 0)} for name in STEPS]
-    return {"session": str(request.folder), "profile": profile.name, "exists": exists, "steps": steps}
-
-
-def _finished(folder: Path, profile: Profile, target: Target, strategies: tuple[str, ...]) -> set[str]:
-    """Steps that a run would skip, from the journal alone; another process may be working on the session."""
-    if (folder / "profile.toml").read_bytes() != profile.raw:
-        raise SessionError(
-            f"{folder}: was made with another profile than {profile.path}; leave the profile out, or give a new folder"
-        )
-    begun: dict[str, Event] = {}
-    done: set[str] = set()
-    for event in read_events(folder / JOURNAL_NAME):
-        if event["event"] == "begin":
-            begun[event["step"]] = event["settings"]
-        if event["event"] == "finish":
-            done.add(event["step"])
-        elif "step" in event:
-            done.discard(event["step"])
-    wanted = {"target_sha256": target.sha256, "strategies": list(strategies)}
-    computed = begun.get("compensate", {})
-    if any(computed.get(key) != value for key, value in wanted.items()):
-        done -= {"compensate", "project", "compare"}
-    return done
-
-
-def _frame_counts(profile: Profile, n_strategies: int) -> dict[str, int]:
-    patterns, exposures = profile.patterns, len(profile.patterns.exposures)
-    bits = sum((n - 1).bit_length() for n in profile.projector.shape)
-    primaries = len(PRIMARIES[profile.camera.channels])
-    return {
-        "exposure": 3,
-        "response": 4 * exposures + 24 + (patterns.response_levels + primaries) * exposures,
-        "gray": 2 + 2 * bits,
-        "separation": (4 + patterns.checker_shifts) * exposures,
-        "project": (n_strategies + 2) * exposures * patterns.frames_averaged,
-    }
-
-
-def run_session(request: Request, on_step: OnStep) -> dict[str, Any]:
-    """Do everything that is not done yet; returns what metrics.json holds.
-
-    Raises RigError; an interruption loses nothing that was captured.
+    Raises
+    ------
+    RigError
+        See :mod:`rig.errors`. An interruption loses nothing that was captured: run it again to go on.
     """
     started_s = time.perf_counter()
-    return _run(request, "compare", on_step, started_s)
+    with opened_session(plan_session(request)) as work:
+        work.do_up_to("compare", on_step)
+        result = work.result()
+        report = write_report(work.session, result, on_step)
+        work.session.write_metrics(replace(result, report=report.name))
+    return replace(result, report=str(report), elapsed_s=time.perf_counter() - started_s)
 
 
-def run_part(request: Request, upto: str, on_step: OnStep) -> dict[str, Any]:
-    """Do the steps up to a verb."""
-    return _run(request, upto, on_step, time.perf_counter())
+def run_part(request: SessionRequest, verb: Verb, on_step: OnStep = silent) -> PartialResult:
+    """Do the steps up to a verb before the comparison, and return what is measured by then.
+
+    metrics.json stays that of the last comparison, if there was one.
+    """
+    started_s = time.perf_counter()
+    with opened_session(plan_session(request, verb)) as work:
+        work.do_up_to(verb, on_step)
+        result = partial_result(work.session, verb, None if verb in ("calibrate", "separate") else work.truth())
+        if not work.session.is_finished("compare"):
+            work.session.write_metrics(result)
+    return replace(result, elapsed_s=time.perf_counter() - started_s)
 
 
-def _run(request: Request, upto: str, on_step: OnStep, started_s: float) -> dict[str, Any]:
-    check_strategies(request.strategies)
-    stages = STAGES[: STAGES.index(upto) + 1]
-    needs_target = "compensate" in stages
-    target = target_of(request) if needs_target else None
-    with opened_session(request) as (rig, session):
-        for stage in stages:
-            _STAGE_RUNS[stage](rig, session, target, request, on_step)
-        metrics = collect_metrics(session, rig, upto)
-        if upto != "compare":
-            if not session.is_finished("compare"):  # else metrics.json stays that of the last comparison
-                session.write_metrics(metrics)
-            return {**metrics, "elapsed_s": time.perf_counter() - started_s}
-        report = write_report(session, metrics, on_step)
-        session.write_metrics({**metrics, "report": report.name})
-    return {**metrics, "report": str(report), "elapsed_s": time.perf_counter() - started_s}
+def rewrite_report(folder: str | Path) -> Path:
+    """Write the report of a compared session again, and return its path."""
+    with Session.open(folder) as session:
+        return write_report(session, session.read_metrics(SessionResult), silent)
 
 
-def target_of(request: Request) -> Target:
-    """The picture that was asked for. Raises UsageError, ProfileError, SessionError."""
-    profile = _profile_of(request)
-    return load_target(request.target, profile.projector.shape, request.fit, profile.camera.channels)
+class OpenSession:
+    """A session at work, and the rig that opens when a step first has to photograph.
+
+    Parameters
+    ----------
+    session
+        Open to write.
+    open_rig
+        Called at most once, when a rig is needed.
+    rig
+        If it is open already.
+    showing
+        What is to be shown, for the steps that compensate.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        open_rig: Callable[[], Rig],
+        *,
+        rig: Rig | None = None,
+        showing: CompensationRequest | None = None,
+    ):
+        self.session = session
+        self.showing = showing
+        self._open_rig = open_rig
+        self._rig = rig
+
+    def rig(self) -> Rig:
+        """Return the rig, open. Raises DeviceError."""
+        if self._rig is None:
+            self._rig = self._open_rig()
+        return self._rig
+
+    def do_up_to(self, verb: Verb, on_step: OnStep) -> None:
+        """Do what is missing of the steps of a verb and of all verbs before it."""
+        for definition in steps_up_to(verb):
+            self._do(definition, on_step)
+
+    def do(self, verb: Verb, on_step: OnStep) -> None:
+        """Do what is missing of a verb's own steps. Raises SessionError when those before it are not done."""
+        for definition in steps_of(verb):
+            self._do(definition, on_step)
+
+    def _do(self, definition: AnyStep, on_step: OnStep) -> None:
+        settings = settings_of(definition, self.session, self.showing)
+        step = self.session.step(definition.name, settings=settings, needs=definition.needs)
+        if step.done:
+            return
+        if isinstance(definition, ShootingStep):
+            definition.shoot(self.rig(), self.session, step, on_step)
+        elif isinstance(definition, ComputingStep):
+            definition.compute(self.session, step, on_step)
+        else:
+            definition.compute(self.session, step, required(self.showing), on_step)
+        step.finish()
+
+    def truth(self) -> TruthErrors | None:
+        """Return the errors against the simulated world; None of a session whose truth nobody knows."""
+        return score(self.session, self._rig)
+
+    def result(self) -> SessionResult:
+        """Return what was measured; every step has to be done."""
+        return session_result(self.session, self.truth())
 
 
 @contextmanager
-def opened_session(request: Request) -> Iterator[tuple[Rig, Session]]:
-    """The session, made if it is new, and its rig, whose devices open when they are first needed.
+def opened_session(plan: SessionPlan) -> Iterator[OpenSession]:
+    """Open a planned session, made if it is new, and its rig when that is first needed.
 
     Raises what opening either raises; errors inside the block come out as those of :mod:`rig.errors`.
     """
-    named = _profile_of(request)
     with ExitStack() as stack, one_error_tree():
-        opening = _Opening(named, stack)
-        if not (request.folder / "session.json").exists():
-            opening.rig()  # devices that do not open leave no session behind
-        session = stack.enter_context(Session.open(request.folder, named if request.profile else None))
-        opening.profile = named if request.profile else session.profile
-        opening.resume_at_s = session.last_clock_s
-        yield cast("Rig", opening), session
+        # Devices that do not open leave no new session behind.
+        rig = stack.enter_context(open_rig(plan.profile, resume_at_s=0.0)) if plan.is_new else None
+        session = stack.enter_context(Session.open(plan.folder, plan.profile))
 
+        def resumed() -> Rig:
+            return stack.enter_context(open_rig(plan.profile, resume_at_s=session.last_clock_s))
 
-class _Opening:
-    """Stands for a rig: has its profile, and opens it when a step asks for more.
-
-    A session whose steps are all done needs no device.
-    """
-
-    def __init__(self, profile: Profile, stack: ExitStack):
-        self.profile = profile
-        self.resume_at_s = 0.0
-        self._stack = stack
-        self._rig: Rig | None = None
-
-    def rig(self) -> Rig:
-        """Open once, until the stack unwinds."""
-        if self._rig is None:
-            self._rig = self._stack.enter_context(open_rig(self.profile, resume_at_s=self.resume_at_s))
-        return self._rig
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.rig(), name)
-
-
-def _profile_of(request: Request) -> Profile:
-    copy = request.folder / "profile.toml"
-    if request.profile is not None:
-        return load_profile(request.profile)
-    if not copy.exists():
-        raise SessionError(f"{request.folder}: there is no session here; name a profile, e.g. -p sim-room")
-    return load_profile(copy)
-
-
-def _calibrate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    verbs.calibrate(rig, session, on_step)
-
-
-def _separate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    verbs.separate(rig, session, on_step)
-
-
-def _model(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    verbs.model(rig, session, on_step)
-
-
-def _compensate(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    if target is None:
-        raise SessionError("compensation needs a target")
-    compute_compensation(session, target, request.strategies, on_step)
-
-
-def _compare(rig: Rig, session: Session, target: Target | None, request: Request, on_step: OnStep) -> None:
-    project_and_photograph(rig, session, on_step)
-    compare_all(session, on_step)
-
-
-_STAGE_RUNS: Mapping[str, Callable[[Rig, Session, Target | None, Request, OnStep], None]] = {
-    "calibrate": _calibrate,
-    "separate": _separate,
-    "model": _model,
-    "compensate": _compensate,
-    "compare": _compare,
-}
-
-
-def rewrite_report(folder: Path) -> Path:
-    """Write the report of a compared session again."""
-    with Session.open(folder) as session:
-        return write_report(session, session.read_metrics(), silent)
+        yield OpenSession(session, resumed, rig=rig, showing=plan.showing)

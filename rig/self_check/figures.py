@@ -2,111 +2,137 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from dataclasses import dataclass
+from functools import singledispatch
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from rig.records import Record
 from rig.report.figures import style
 from rig.report.pictures import svg
+from rig.self_check.parts.flicker import Flicker
+from rig.self_check.parts.latency import Latency
+from rig.self_check.parts.linearity import Linearity
+from rig.self_check.parts.noise import Noise
+from rig.self_check.parts.ramp import Ramp
+from rig.self_check.parts.stability import Stability
+from rig.self_check.results import SelfCheck
 
-Numbers = Mapping[str, Any]
 _BLUE, _ORANGE, _SOFT = "#2557a7", "#c4561c", "#5d6678"
+_ORDER = (Latency, Linearity, Noise, Flicker, Ramp, Stability)
+"""In which the page shows them."""
 
 
-def check_figures(numbers: Mapping[str, Numbers]) -> list[dict[str, str]]:
-    """Title, text and picture (data URI) of each chart."""
-    known: Mapping[str, Callable[[Numbers], tuple[str, str, Figure]]] = {
-        "latency": _latency,
-        "linearity": _linearity,
-        "noise": _noise,
-        "flicker": _flicker,
-        "ramp": _ramp,
-        "stability": _stability,
-    }
-    made = [draw(numbers[name]) for name, draw in known.items() if numbers.get(name)]
-    return [{"title": title, "text": text, "src": svg(figure)} for title, text, figure in made]
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A figure, with what a reader should know of it."""
+
+    title: str
+    text: str
+    figure: Figure
+
+    @property
+    def src(self) -> str:
+        """The picture as a data URI."""
+        return svg(self.figure)
 
 
-def _latency(n: Numbers) -> tuple[str, str, Figure]:
-    values_ms = 1e3 * np.array(n["values_s"])
+def check_figures(result: SelfCheck) -> list[Chart]:
+    """Draw a chart of each part that was measured and has one."""
+    measured = [part.numbers for part in result.parts.values() if part.numbers is not None]
+    return [_chart(numbers) for kind in _ORDER for numbers in measured if isinstance(numbers, kind)]
+
+
+@singledispatch
+def _chart(numbers: Record) -> Chart:
+    raise TypeError(f"{type(numbers).__name__} has no chart")
+
+
+@_chart.register
+def _latency(n: Latency) -> Chart:
+    values_ms = 1e3 * np.asarray(n.values_s)
     figure = Figure(figsize=(10, 2.8))
     axes = figure.add_subplot()
     axes.hist(values_ms, bins=max(8, len(values_ms) // 3), color=_BLUE, rwidth=0.92)
-    for value, name in ((n["median"], "median"), (n["safe_s"], "suggested")):
+    for value, name in ((n.median, "median"), (n.safe_s, "suggested")):
         axes.axvline(1e3 * value, color=_ORANGE, lw=1.4, ls="--" if name == "median" else "-", label=name)
     axes.legend(fontsize=8, frameon=False)
     style(axes, "from the display's time stamp to light, ms", "changes")
     text = (
-        f"{len(values_ms)} changes of the picture: median {1e3 * n['median']:.2f} ms, "
-        f"{1e3 * n['min']:.2f} to {1e3 * n['max']:.2f} ms, standard deviation {1e3 * n['sd']:.2f} ms."
+        f"{len(values_ms)} changes of the picture: median {1e3 * n.median:.2f} ms, "
+        f"{1e3 * n.min:.2f} to {1e3 * n.max:.2f} ms, standard deviation {1e3 * n.sd:.2f} ms."
     )
-    return "Latency of the display", text, figure
+    return Chart("Latency of the display", text, figure)
 
 
-def _linearity(n: Numbers) -> tuple[str, str, Figure]:
-    times_ms, signals = 1e3 * np.array(n["exposures_s"]), np.array(n["signals_dn"])
-    slope, intercept = np.polyfit(times_ms, signals, 1)
+@_chart.register
+def _linearity(n: Linearity) -> Chart:
+    times_ms, signals = 1e3 * n.exposures_s, n.signals_dn
+    line = n.slope_dn_per_s * n.exposures_s + n.intercept_dn
     figure = Figure(figsize=(10, 3.4))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
-    left.plot(times_ms, slope * times_ms + intercept, color=_SOFT, lw=1)
+    left.plot(times_ms, line, color=_SOFT, lw=1)
     left.plot(times_ms, signals, "o", color=_BLUE, ms=5)
     style(left, "exposure, ms", "signal, dn")
     right.axhline(0, color=_SOFT, lw=0.8)
-    right.plot(times_ms, 100 * (signals - slope * times_ms - intercept) / signals.max(), "o-", color=_BLUE, ms=5, lw=1)
+    right.plot(times_ms, 100 * (signals - line) / signals.max(), "o-", color=_BLUE, ms=5, lw=1)
     style(right, "exposure, ms", "off the straight line, % of brightest")
     figure.subplots_adjust(wspace=0.25)
     text = (
-        f"Mean of the pixels of one level, code {n['code']}, above the dark level of {n['dark_level_dn']:.1f} dn; "
-        f"exposures are {'whole refreshes' if n['whole_refreshes'] else 'shares of one, not whole refreshes'}."
+        f"Mean of the pixels of one level, code {n.code}, above the dark level of {n.dark_level_dn:.1f} dn; "
+        f"exposures are {'whole refreshes' if n.whole_refreshes else 'shares of one, not whole refreshes'}."
     )
-    return "Linearity of the camera", text, figure
+    return Chart("Linearity of the camera", text, figure)
 
 
-def _noise(n: Numbers) -> tuple[str, str, Figure]:
-    signals, variances = np.array(n["signals_dn"]), np.array(n["variances_dn2"])
+@_chart.register
+def _noise(n: Noise) -> Chart:
+    signals, variances = n.signals_dn, n.variances_dn2
     figure = Figure(figsize=(10, 3.6))
     axes = figure.add_subplot()
     shown = np.geomspace(0.3, max(signals.max(), 1.0), 200)
-    read = (n["read_noise_e"] / n["gain_e_per_dn"]) ** 2
-    axes.loglog(shown, read + shown / n["gain_e_per_dn"], color=_SOFT, lw=1, label="read noise + light / gain")
+    read = (n.read_noise_e / n.gain_e_per_dn) ** 2
+    axes.loglog(shown, read + shown / n.gain_e_per_dn, color=_SOFT, lw=1, label="read noise + light / gain")
     axes.loglog(np.maximum(signals, 0.3), np.maximum(variances, 1e-3), ".", color=_BLUE, ms=5, label="measured")
     axes.axhline(max(read, 1e-3), color=_ORANGE, lw=0.9, ls=":", label="read noise")
     axes.legend(fontsize=8, frameon=False)
     style(axes, "signal in linear light, dn", "variance, dn²")
     text = (
-        f"Gain {n['gain_e_per_dn']:.4g} ± {n['gain_95_percent']:.2g} e-/dn, read noise {n['read_noise_e']:.3g} ± "
-        f"{n['read_noise_95_percent_e']:.2g} e-, full well {n['full_well_e']:.4g} ± "
-        f"{n['full_well_95_percent_e']:.2g} e- (95 %)."
+        f"Gain {n.gain_e_per_dn:.4g} ± {n.gain_95_percent:.2g} e-/dn, read noise {n.read_noise_e:.3g} ± "
+        f"{n.read_noise_95_percent_e:.2g} e-, full well {n.full_well_e:.4g} ± "
+        f"{n.full_well_95_percent_e:.2g} e- (95 %)."
     )
-    return "Photon transfer", text, figure
+    return Chart("Photon transfer", text, figure)
 
 
-def _flicker(n: Numbers) -> tuple[str, str, Figure]:
+@_chart.register
+def _flicker(n: Flicker) -> Chart:
     figure = Figure(figsize=(10, 3.0))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
-    left.plot(n["series_s"], 100 * (np.array(n["series"]) - 1), ".-", color=_BLUE, lw=0.8, ms=4)
+    left.plot(n.series_s, 100 * (n.series - 1), ".-", color=_BLUE, lw=0.8, ms=4)
     style(left, "time, s", "white, % off its mean")
-    right.plot(n["frequencies_hz"], n["amplitude_percent"], color=_BLUE, lw=1)
-    right.axhline(n["noise_percent"], color=_SOFT, lw=0.8, ls=":")
-    style(right, f"frequency as sampled at {n['frame_rate_hz']:.4g} Hz", "amplitude, % of white")
+    right.plot(n.frequencies_hz, n.amplitude_percent, color=_BLUE, lw=1)
+    right.axhline(n.noise_percent, color=_SOFT, lw=0.8, ls=":")
+    style(right, f"frequency as sampled at {n.frame_rate_hz:.4g} Hz", "amplitude, % of white")
     figure.subplots_adjust(wspace=0.25)
-    return "Flicker of white", n["source"] or "Nothing stands out of the noise.", figure
+    return Chart("Flicker of white", n.source or "Nothing stands out of the noise.", figure)
 
 
-def _ramp(n: Numbers) -> tuple[str, str, Figure]:
-    codes, light = np.array(n["codes"]), np.array(n["light_dn"])
+@_chart.register
+def _ramp(n: Ramp) -> Chart:
+    codes, light = np.asarray(n.codes), np.asarray(n.light_dn)
     figure = Figure(figsize=(10, 3.0))
     axes = figure.add_subplot()
     axes.plot(codes, light, ".-", color=_BLUE, lw=0.8, ms=5)
     style(axes, "code", "mean of the lit pixels, dn")
-    return "Ramp of codes", "Each code is a picture of its own; steps between neighbours are judged.", figure
+    return Chart("Ramp of codes", "Each code is a picture of its own; steps between neighbours are judged.", figure)
 
 
-def _stability(n: Numbers) -> tuple[str, str, Figure]:
-    shifts = np.array(n["shifts_px"])
-    times_s, light = np.array(n["white_times_s"]), np.array(n["white_light_dn"])
+@_chart.register
+def _stability(n: Stability) -> Chart:
+    shifts = n.shifts_px
+    times_s, light = n.white_times_s, n.white_light_dn
     figure = Figure(figsize=(10, 3.0))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
     left.plot(shifts[:, 0], shifts[:, 1], ".", color=_BLUE, ms=6)
@@ -118,4 +144,6 @@ def _stability(n: Numbers) -> tuple[str, str, Figure]:
     right.plot(times_s - times_s[0], 100 * (light / light[0] - 1), ".-", color=_ORANGE, lw=0.8, ms=5)
     style(right, "time, s", "white, % off the first")
     figure.subplots_adjust(wspace=0.25)
-    return "Stability", "Shift of the picture since the check began, and light of white through the check.", figure
+    return Chart(
+        "Stability", "Shift of the picture since the check began, and light of white through the check.", figure
+    )

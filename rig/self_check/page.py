@@ -5,38 +5,42 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from rig.errors import UsageError
+from rig.records import Verdict
 from rig.report.render import rendered
 from rig.self_check.figures import check_figures
+from rig.self_check.results import SelfCheck
 
 _WIDTH = 116
 
 
-def print_check(result: Mapping[str, Any]) -> None:
-    """Value, limit and verdict of every row; what to do about those that fail; profile values to paste."""
-    table = Table(title=escape(f"{result['profile']}: self-test"), title_justify="left")
-    for name, side in (("part", "left"), ("what", "left"), ("value", "right"), ("limit", "right"), ("unit", "left")):
-        table.add_column(name, justify="left" if side == "left" else "right", overflow="fold")
-    table.add_column("verdict")
+def print_check(result: SelfCheck) -> None:
+    """Value, limit and status of every row; what to do about those that fail; profile values to paste."""
+    table = Table(title=escape(f"{result.profile}: self-test"), title_justify="left")
+    for name in ("part", "what"):
+        table.add_column(name, overflow="fold")
+    for name in ("value", "limit"):
+        table.add_column(name, justify="right", overflow="fold")
+    table.add_column("unit", overflow="fold")
+    table.add_column("status")
     part = ""
-    for row in result["checks"]:
-        table.add_section() if row["part"] != part else None
-        shown_part, part = ("" if row["part"] == part else row["part"]), row["part"]
-        cells = (shown_part, row["what"], number(row["value"]), limit_of(row), row["unit"], row["verdict"])
-        table.add_row(*map(escape, cells), style="" if row["passed"] else "bold")
+    for name, verdict in result.rows:
+        table.add_section() if name != part else None
+        shown, part = ("" if name == part else name), name
+        cells = (shown, verdict.what, number(verdict.value), limit_of(verdict), verdict.unit, verdict.status)
+        table.add_row(*map(escape, cells), style="" if verdict.met else "bold")
     console = Console()
     Console(width=max(console.width, _WIDTH)).print(table)
-    for row in failures(result):
-        print(f"{row['what']}: {row['advice']}")
-    print(f"values for the profile, measured:\n{toml_of(result['suggested'])}")
-    if "report" in result:
-        print(f"report: {result['report']}")
+    for verdict in result.broken:
+        print(f"{verdict.what}: {verdict.advice}")
+    print(f"values for the profile, measured:\n{toml_of(result.suggested)}")
+    if result.report is not None:
+        print(f"report: {result.report}")
 
 
 def number(value: float | None) -> str:
@@ -46,19 +50,14 @@ def number(value: float | None) -> str:
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value if abs(value) > 1e-6 else 0:.4g}"
 
 
-def limit_of(row: Mapping[str, Any]) -> str:
-    """Bound and number; empty for a row without verdict."""
-    if row["limit"] is None:
+def limit_of(verdict: Verdict) -> str:
+    """Bound and number; empty for a row without limit."""
+    if verdict.limit is None:
         return ""
-    return f"{'≥' if row['at_least'] else '≤'} {number(row['limit'])}"
+    return f"{'≥' if verdict.at_least else '≤'} {number(verdict.limit)}"
 
 
-def failures(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """Rows outside their limits."""
-    return [row for row in result["checks"] if not row["passed"]]
-
-
-def toml_of(suggested: Mapping[str, Any]) -> str:
+def toml_of(suggested: Mapping[str, float]) -> str:
     """``table.key`` values as lines of a profile, grouped by table."""
     tables: dict[str, list[str]] = {}
     for name, value in suggested.items():
@@ -67,22 +66,22 @@ def toml_of(suggested: Mapping[str, Any]) -> str:
     return "\n".join("\n".join([f"[{table}]", *lines]) for table, lines in sorted(tables.items()))
 
 
-def write_check_page(result: Mapping[str, Any], path: Path) -> Path:
+def write_check_page(result: SelfCheck, path: Path) -> Path:
     """Write one self-contained HTML file. Raises UsageError when it cannot be written."""
-    failed = len(failures(result))
+    rows, broken = result.rows, result.broken
     context = {
-        "title": f"Check of {result['profile']}",
-        "subtitle": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC; {result['device_s']:.0f} s of the rig's time; "
-        f"working exposure {1e3 * result['exposure_s']:.3f} ms.",
-        "passed": result["within_limits"],
-        "verdict": f"{len(result['checks']) - failed} of {len(result['checks'])} rows without objection",
+        "title": f"Check of {result.profile}",
+        "subtitle": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC; {result.device_s:.0f} s of the rig's time; "
+        f"working exposure {1e3 * result.exposure_s:.3f} ms.",
+        "met": result.within_limits,
+        "verdict": f"{len(rows) - len(broken)} of {len(rows)} rows without objection",
         "rows": [
-            {**row, "value": number(row["value"]), "limit": limit_of(row), "failed": not row["passed"]}
-            for row in result["checks"]
+            {"part": part, "verdict": verdict, "value": number(verdict.value), "limit": limit_of(verdict)}
+            for part, verdict in rows
         ],
-        "failures": failures(result),
-        "toml": toml_of(result["suggested"]),
-        "figures": check_figures(result["numbers"]),
+        "failures": broken,
+        "toml": toml_of(result.suggested),
+        "figures": check_figures(result),
     }
     try:
         path.write_text(rendered("self_check/check.html", context), encoding="utf-8")

@@ -8,25 +8,24 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import BoolArray, Codes, FloatArray
+from calibration.structured_light.patterns import flat
 from rig.capture.rig import Rig
-from rig.devices.protocols import Codes, RawFrame
+from rig.devices.protocols import RawFrame
 from rig.errors import CaptureTimeout
 from rig.self_check.limits import CheckLimits
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 _LIT_SHARE = 0.3
 """Of the brightest; darker pixels see little of the projector's own light."""
 _BAND = 0.1
 """Relative half width of the levels that count as one level."""
 _SPARE_FRAMES = 12
+"""Beyond twice a series' length: what a camera may lose and refuse before the series is given up."""
 _ODD_REJECTIONS = ("stale", "ahead", "repeated", "malformed")
 
 
-@dataclass
+@dataclass(kw_only=True)
 class RigUnderTest:
     """A rig, open, and its working exposure: white at about 80 % of full scale."""
 
@@ -37,7 +36,7 @@ class RigUnderTest:
     limits: CheckLimits = field(default_factory=CheckLimits)
     promised_latency_s: float = 0.0
     """What the profile says, before it is checked."""
-    references: list[tuple[float, float]] = field(default_factory=list)
+    white_levels: list[tuple[float, float]] = field(default_factory=list)
     """(seconds, light of white above black) through the check."""
     taken: int = 0
     """Frames that measurements were given, and broken ones."""
@@ -60,15 +59,18 @@ class RigUnderTest:
         (low, high), (low2, high2) = self.rig.camera.exposure_range_s, self.rig.profile.camera.exposure_range_s
         return max(low, low2), min(high, high2)
 
-    def codes_of(self, code: int) -> Codes:
-        """A picture of one code."""
-        return np.full(self.rig.projector.shape, code, np.uint8)
+    @property
+    def picture_shape(self) -> tuple[int, int]:
+        """(height, width) of the projector's pictures, in pixels."""
+        return self.rig.projector.shape
 
     def shoot(self, picture: int | Codes, name: str = "", exposure_s: float | None = None) -> RawFrame:
         """Frame of a picture, or of one code everywhere, at the working exposure unless told."""
-        codes = self.codes_of(picture) if isinstance(picture, int) else picture
+        if isinstance(picture, int):
+            shown = flat(self.picture_shape, picture, name or None)
+            picture, name = shown.codes, shown.name
         self.taken += 1
-        return self.rig.shoot(codes, name=name or f"level-{picture:03d}", exposure_s=exposure_s or self.exposure_s)
+        return self.rig.shoot(picture, name=name, exposure_s=exposure_s or self.exposure_s)
 
     def photograph(self, picture: int | Codes, name: str = "", exposure_s: float | None = None) -> FloatArray:
         """(H, W) digital numbers of the brightest channel."""
@@ -138,11 +140,11 @@ class RigUnderTest:
         level = np.quantile(signal[self.lit], 0.75)
         return np.asarray(self.lit & (np.abs(signal / level - 1) < _BAND))
 
-    def note_reference(self) -> None:
+    def note_white(self) -> None:
         """Photograph white, for drift."""
         frame = self.shoot(255, "white")
         light = float(self.pixels(frame)[self.lit].mean()) - float(self.black[self.lit].mean())
-        self.references.append((frame.started_s, light))
+        self.white_levels.append((frame.started_s, light))
 
     @property
     def frames_given(self) -> int:
@@ -159,9 +161,3 @@ class RigUnderTest:
 def fingerprint(frame: RawFrame) -> int:
     """Equal for equal pixels; the noise of two frames is never equal."""
     return zlib.crc32(np.ascontiguousarray(frame.pixels).data)
-
-
-def line_through(x: FloatArray, y: FloatArray) -> tuple[float, float]:
-    """Slope and intercept of a straight line, least squares."""
-    slope = float(np.mean((x - x.mean()) * (y - y.mean())) / np.mean((x - x.mean()) ** 2))
-    return slope, float(y.mean() - slope * x.mean())

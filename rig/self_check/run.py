@@ -3,71 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any
+from typing import TypeVar
 
 from rig.capture.rig import Rig, open_rig
 from rig.errors import CalibrationFailed, CaptureTimeout, SettingRefused, UsageError
 from rig.profile.schema import Profile, load_profile
+from rig.records import Record, Verdict
 from rig.self_check.parts.additivity import check_additivity
 from rig.self_check.parts.checker import check_checker
 from rig.self_check.parts.darkness import check_darkness
-from rig.self_check.parts.exposure import PATIENCE_S, check_exposure, find_subject, with_generous_latency
+from rig.self_check.parts.exposure import PATIENCE_S, check_exposure, prepare_rig, with_generous_latency
 from rig.self_check.parts.flicker import check_flicker
-from rig.self_check.parts.latency import check_latency
-from rig.self_check.parts.linearity import Linear, Sweep, check_linearity, linear_of, measure_sweep
+from rig.self_check.parts.latency import Latency, check_latency
+from rig.self_check.parts.linearity import CameraCurve, Sweep, camera_curve, check_linearity, measure_sweep
 from rig.self_check.parts.noise import check_noise
 from rig.self_check.parts.pipeline import check_pipeline
 from rig.self_check.parts.pixels import check_pixels
 from rig.self_check.parts.ramp import check_ramp
 from rig.self_check.parts.saturation import check_saturation, smallest_step_dn
-from rig.self_check.parts.stability import check_stability, note_landmark
+from rig.self_check.parts.stability import check_stability, take_reference_image
+from rig.self_check.results import PartResult, SelfCheck
 from rig.self_check.rig_under_test import RigUnderTest
-from rig.self_check.rows import Measured, Row
-from rig.terminal import OnStep
+from rig.stages.error_tree import one_error_tree
+from rig.terminal import OnStep, silent
 
 
 class _Check:
-    """One check: its subject, and what several parts need."""
+    """One check: the rig under test, and what several parts need."""
 
-    def __init__(self, subject: RigUnderTest):
-        self.subject = subject
-        self.reference_image = note_landmark(subject)
+    def __init__(self, tested: RigUnderTest):
+        self.tested = tested
+        self.reference_image = take_reference_image(tested)
 
     @cached_property
     def sweep(self) -> Sweep:
-        return measure_sweep(self.subject)
+        return measure_sweep(self.tested)
 
     @cached_property
-    def linear(self) -> Linear:
-        return linear_of(self.subject, self.sweep)
+    def curve(self) -> CameraCurve:
+        return camera_curve(self.tested, self.sweep)
 
 
-_PARTS: Mapping[str, Callable[[_Check], Measured]] = {
-    "exposure": lambda check: check_exposure(check.subject),
-    "pipeline": lambda check: check_pipeline(check.subject),
-    "flicker": lambda check: check_flicker(check.subject),
-    "linearity": lambda check: check_linearity(check.subject, check.sweep),
-    "noise": lambda check: check_noise(check.subject, check.linear, smallest_step_dn(check.subject)),
-    "saturation": lambda check: check_saturation(check.subject),
-    "pixels": lambda check: check_pixels(check.subject),
-    "darkness": lambda check: check_darkness(check.subject),
-    "additivity": lambda check: check_additivity(check.subject, check.linear),
-    "checker": lambda check: check_checker(check.subject, check.linear),
-    "ramp": lambda check: check_ramp(check.subject),
-    "stability": lambda check: check_stability(check.subject, check.reference_image),
+_PARTS: Mapping[str, Callable[[_Check], PartResult[Record]]] = {
+    "exposure": lambda check: check_exposure(check.tested),
+    "pipeline": lambda check: check_pipeline(check.tested),
+    "flicker": lambda check: check_flicker(check.tested),
+    "linearity": lambda check: check_linearity(check.tested, check.sweep),
+    "noise": lambda check: check_noise(check.tested, check.curve, smallest_step_dn(check.tested)),
+    "saturation": lambda check: check_saturation(check.tested),
+    "pixels": lambda check: check_pixels(check.tested),
+    "darkness": lambda check: check_darkness(check.tested),
+    "additivity": lambda check: check_additivity(check.tested, check.curve),
+    "checker": lambda check: check_checker(check.tested, check.curve),
+    "ramp": lambda check: check_ramp(check.tested),
+    "stability": lambda check: check_stability(check.tested, check.reference_image),
 }
 PARTS = ("latency", *_PARTS)
 """What `--only` knows, in the order in which it is measured."""
 
 
-def run_check(profile_name: str, on_step: OnStep, only: Sequence[str] = ()) -> dict[str, Any]:
+def run_check(profile_name: str, on_step: OnStep = silent, only: Sequence[str] = ()) -> SelfCheck:
     """Measure a rig; value, limit and verdict of each row, values for its profile, and all raw numbers.
 
     Parameters
     ----------
     profile_name
         File or bare name of a profile that is not a replay.
+    on_step
+        Told how far it is.
     only
         Some of ``PARTS``; default: all.
 
@@ -104,67 +109,74 @@ def _refuse_replay(profile: Profile) -> None:
         )
 
 
-def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] = PARTS) -> dict[str, Any]:
+def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] = PARTS) -> SelfCheck:
     """Measure an open rig whose profile has a generous latency (`run_check`); ``profile`` is the one to be judged."""
     started_s = rig.clock.now_s()
-    measured: dict[str, Measured] = {}
-    subject = find_subject(rig)
-    subject.promised_latency_s = profile.projector.latency_s
+    measured: dict[str, PartResult[Record]] = {}
+    tested = prepare_rig(rig)
+    tested.promised_latency_s = profile.projector.latency_s
+    latency: Latency | None = None
     if "latency" in parts:
-        measured["latency"] = _measure("latency", on_step, partial(check_latency, subject))
+        found = _measure("latency", on_step, partial(check_latency, tested))
+        measured["latency"], latency = found, found.numbers
         # from here on the rig waits as long as was measured, and no longer
-        safe_s = measured["latency"].numbers.get("safe_s", PATIENCE_S)
+        safe_s = latency.safe_s if latency else PATIENCE_S
         rig.profile = with_generous_latency(rig.profile, min(safe_s, 2 * PATIENCE_S))
-    check = _Check(subject)
+    check = _Check(tested)
     for name in parts:
         if name in _PARTS:
-            subject.note_reference()
+            tested.note_white()
             measured[name] = _measure(name, on_step, partial(_PARTS[name], check))
-    measured["frames"] = _rejections(subject)
-    return _result(profile, subject, measured, rig.clock.now_s() - started_s)
+    measured["frames"] = _rejections(tested)
+    return SelfCheck(
+        profile=profile.name,
+        exposure_s=tested.exposure_s,
+        device_s=rig.clock.now_s() - started_s,
+        parts=measured,
+        frames_rejected=sum(tested.rejected().values()),
+        latency_s=_distribution(latency) if latency else None,
+    )
 
 
-def _measure(name: str, on_step: OnStep, part: Callable[[], Measured]) -> Measured:
+Numbers = TypeVar("Numbers", bound=Record)
+
+
+def _measure(name: str, on_step: OnStep, part: Callable[[], PartResult[Numbers]]) -> PartResult[Numbers]:
     """A part that cannot be measured is a row that fails, and the others go on; a device that is lost ends it all."""
     on_step(f"check: {name}", 0, 1)
     try:
-        result = part()
+        with one_error_tree():
+            result = part()
     except (CalibrationFailed, CaptureTimeout, SettingRefused) as error:
-        result = Measured((Row(f"{name} could not be measured", 1.0, "failure", 0.0, advice=str(error)),))
+        failed = Verdict(what=f"{name} could not be measured", value=1.0, limit=0.0, unit="failure", advice=str(error))
+        result = PartResult(verdicts=(failed,))
     on_step(f"check: {name}", 1, 1)
     return result
 
 
-def _rejections(subject: RigUnderTest) -> Measured:
+@dataclass(frozen=True, kw_only=True)
+class RejectedFrames(Record):
     """Frames that the rig has refused while it was checked."""
-    rejected = subject.rejected()
-    percent = 100 * sum(rejected.values()) / subject.frames_given
-    row = Row(
-        "frames refused: stale, repeated, malformed",
-        percent,
-        "% of frames",
-        subject.limits.rejected_percent,
+
+    given: int
+    """All that the camera has delivered."""
+    stale: int
+    ahead: int
+    repeated: int
+    malformed: int
+
+
+def _rejections(tested: RigUnderTest) -> PartResult[RejectedFrames]:
+    rejected = tested.rejected()
+    verdict = Verdict(
+        what="frames refused: stale, repeated, malformed",
+        value=100 * sum(rejected.values()) / tested.frames_given,
+        limit=tested.limits.rejected_percent,
+        unit="% of frames",
         advice="too few buffers or too slow a bus: a smaller format, another port; the events name each frame",
     )
-    return Measured((row,), {}, {"given": subject.frames_given, **rejected})
+    return PartResult(verdicts=(verdict,), numbers=RejectedFrames(given=tested.frames_given, **rejected))
 
 
-def _result(
-    profile: Profile, subject: RigUnderTest, measured: Mapping[str, Measured], device_s: float
-) -> dict[str, Any]:
-    rows = [row.as_dict(name) for name, part in measured.items() for row in part.rows]
-    suggested = {key: value for part in measured.values() for key, value in part.suggested.items()}
-    result = {
-        "profile": profile.name,
-        "exposure_s": subject.exposure_s,
-        "device_s": device_s,
-        "checks": rows,
-        "suggested": suggested,
-        "stale_frames_rejected": sum(subject.rejected().values()),
-        "numbers": {name: dict(part.numbers) for name, part in measured.items()},
-        "within_limits": all(row["passed"] for row in rows),
-    }
-    numbers = measured["latency"].numbers if "latency" in measured else {}
-    if numbers:
-        result["latency_s"] = {key: numbers[key] for key in ("mean", "min", "median", "max", "sd")}
-    return result
+def _distribution(latency: Latency) -> dict[str, float]:
+    return {"mean": latency.mean, "min": latency.min, "median": latency.median, "max": latency.max, "sd": latency.sd}

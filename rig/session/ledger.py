@@ -5,20 +5,27 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
+from rig.errors import SessionError
 from rig.files.atomic import sha256_of, write_bytes
-from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line
+from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line, read_events
+from rig.records import Json, JsonObject, Record
+from rig.session.header import SessionHeader
 
 FileKind = Literal["frame", "image", "record"]
 
 
-@dataclass(frozen=True, slots=True)
-class FrameDetails:
-    """What a frame's file does not hold: its pattern and its times on the rig's clock."""
+@dataclass(frozen=True, kw_only=True)
+class FrameDetails(Record):
+    """What a frame's file does not hold: which devices made it, its pattern, and its times on the rig's clock."""
 
+    camera: str = ""
+    """Name of the camera that took it; empty when not known."""
+    projector: str = ""
+    """Name of the projector that showed the pattern, while all others were black; empty when not known."""
     pattern: str
     exposure_s: float
     started_s: float
@@ -27,7 +34,7 @@ class FrameDetails:
     """Of the codes that were shown (:func:`rig.devices.protocols.signature_of`); empty when not known."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FileEntry:
     """A file that was completely written, as the journal has it."""
 
@@ -40,58 +47,90 @@ class FileEntry:
     frame: FrameDetails | None = None
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class Run:
     """One run of a step over one set of inputs."""
 
     step: str
     number: int
     inputs_sha256: str
-    settings: dict[str, Any]
+    settings: JsonObject
     files: dict[tuple[FileKind, str], FileEntry] = field(default_factory=dict)
     outputs_sha256: str | None = None
     """Set when finished."""
 
     def hash_outputs(self) -> str:
-        """Hash of what was written, whatever the files are called and whenever they were made."""
-        return hash_json(
-            sorted([e.kind, e.name, e.sha256, e.frame.exposure_s if e.frame else 0.0] for e in self.files.values())
-        )
+        """Return the hash of what was written, whatever the files are called and whenever they were made."""
+        files = self.files.values()
+        written = sorted((e.kind, e.name, e.sha256, e.frame.exposure_s if e.frame else 0.0) for e in files)
+        return hash_json([list(file) for file in written])
 
 
-def hash_json(value: Any) -> str:
-    """SHA-256 of a JSON value, independent of the order of keys."""
+def hash_json(value: Json) -> str:
+    """Return the SHA-256 of a JSON value, independent of the order of keys."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 class Ledger:
-    """The journal and what follows from it; every change goes through :meth:`record`, to the disk first."""
+    """The journal and what follows from it; every change goes through :meth:`record`, to the disk first.
 
-    def __init__(self, folder: Path, header: Mapping[str, Any]):
+    Parameters
+    ----------
+    folder
+        The session's.
+    header
+        What session.json begins with.
+    journal
+        Open for writing; None to read alone, while another process may be writing.
+    """
+
+    def __init__(self, folder: Path, header: SessionHeader, journal: Journal | None):
         self.folder = folder
-        self.header = dict(header)
-        self.journal = Journal(folder / JOURNAL_NAME)
+        self.header = header
         self.events: list[Event] = []
         self.runs: dict[str, list[Run]] = {}
-        for number, event in enumerate(self.journal.events(), start=1):
+        self._journal = journal
+        path = folder / JOURNAL_NAME
+        for number, event in enumerate(read_events(path), start=1):
             try:
                 self._apply(event)
             except (KeyError, TypeError, IndexError) as error:
-                raise corrupt_line(self.journal.path, number) from error
+                raise corrupt_line(path, number) from error
 
-    def record(self, event: Mapping[str, Any]) -> None:
+    def close(self) -> None:
+        """Let the journal go; any number of times."""
+        if self._journal is not None:
+            self._journal.close()
+
+    def record(self, event: Mapping[str, Json]) -> None:
         """Journal an event and take it into account; raises SessionError when the disk refuses."""
-        self._apply(self.journal.append(event))
+        if self._journal is None:
+            raise SessionError(f"{self.folder}: was opened to read; open it with Session.open to write")
+        self._apply(self._journal.append(event))
 
     def _apply(self, event: Event) -> None:
         kind = event["event"]
         if kind == "begin":
             runs = self.runs.setdefault(event["step"], [])
-            runs.append(Run(event["step"], event["run"], event["inputs_sha256"], event["settings"]))
+            runs.append(
+                Run(
+                    step=event["step"],
+                    number=event["run"],
+                    inputs_sha256=event["inputs_sha256"],
+                    settings=event["settings"],
+                )
+            )
         elif kind in ("frame", "image", "record"):
             frame = FrameDetails(**event["frame"]) if kind == "frame" else None
-            entry = FileEntry(kind, event["name"], event["file"], event["size_bytes"], event["sha256"], frame)
+            entry = FileEntry(
+                kind=kind,
+                name=event["name"],
+                file=event["file"],
+                size_bytes=event["size_bytes"],
+                sha256=event["sha256"],
+                frame=frame,
+            )
             run = self.runs[event["step"]][-1]
             run.files[kind, entry.name] = entry
             run.outputs_sha256 = None
@@ -99,36 +138,46 @@ class Ledger:
             self.runs[event["step"]][-1].outputs_sha256 = event["outputs_sha256"]
         self.events.append(event)
 
-    def begin(self, step: str, inputs_sha256: str, settings: Mapping[str, Any]) -> Run:
+    def last_run(self, step: str) -> Run | None:
+        """Return the last run of a step; None when it was never begun."""
+        runs = self.runs.get(step)
+        return runs[-1] if runs else None
+
+    def begin(self, step: str, inputs_sha256: str, settings: JsonObject) -> Run:
         """Go on with the step's last run when its inputs are the same, else begin a new one."""
-        runs = self.runs.get(step, [])
-        if not runs or runs[-1].inputs_sha256 != inputs_sha256:
+        last = self.last_run(step)
+        if last is None or last.inputs_sha256 != inputs_sha256:
+            number = 1 if last is None else last.number + 1
             self.record(
-                {
-                    "event": "begin",
-                    "step": step,
-                    "run": len(runs) + 1,
-                    "inputs_sha256": inputs_sha256,
-                    "settings": dict(settings),
-                }
+                {"event": "begin", "step": step, "run": number, "inputs_sha256": inputs_sha256, "settings": settings}
             )
             self.write_summary()
         return self.runs[step][-1]
 
-    def add_file(self, run: Run, kind: FileKind, name: str, path: Path, frame: FrameDetails | None = None) -> None:
+    def add_file(self, run: Run, entry: FileEntry) -> None:
         """Journal a file that is on the disk, unless the journal has it with the same bytes."""
-        file, sha256 = path.relative_to(self.folder).as_posix(), sha256_of(path)
-        if run.files.get((kind, name)) == FileEntry(kind, name, file, path.stat().st_size, sha256, frame):
+        if run.files.get((entry.kind, entry.name)) == entry:
             return
-        event = {
-            "event": kind,
+        event: JsonObject = {
+            "event": entry.kind,
             "step": run.step,
-            "name": name,
-            "file": file,
-            "size_bytes": path.stat().st_size,
-            "sha256": sha256,
+            "name": entry.name,
+            "file": entry.file,
+            "size_bytes": entry.size_bytes,
+            "sha256": entry.sha256,
         }
-        self.record(event if frame is None else {**event, "frame": asdict(frame)})
+        self.record(event if entry.frame is None else {**event, "frame": entry.frame.as_json()})
+
+    def entry_of(self, kind: FileKind, name: str, path: Path, frame: FrameDetails | None = None) -> FileEntry:
+        """Return the entry of a file that is on the disk."""
+        return FileEntry(
+            kind=kind,
+            name=name,
+            file=path.relative_to(self.folder).as_posix(),
+            size_bytes=path.stat().st_size,
+            sha256=sha256_of(path),
+            frame=frame,
+        )
 
     def finish(self, run: Run) -> None:
         """Journal the end of a run, and bring session.json up to date."""
@@ -136,12 +185,12 @@ class Ledger:
         self.write_summary()
 
     def files_like(self, prefix: str) -> int:
-        """How many different journalled files begin with a path."""
+        """Return how many different journalled files begin with a path."""
         entries = (entry for runs in self.runs.values() for run in runs for entry in run.files.values())
         return len({entry.file for entry in entries if entry.file.startswith(prefix)})
 
     def is_intact(self, entry: FileEntry, *, verify: bool) -> bool:
-        """Whether the file is there in its journalled size and, on ``verify``, with its bytes."""
+        """Tell whether the file is there in its journalled size and, on ``verify``, with its bytes."""
         path = self.folder / entry.file
         if not path.is_file() or path.stat().st_size != entry.size_bytes:
             return False
@@ -149,11 +198,11 @@ class Ledger:
 
     def write_summary(self) -> None:
         """Rewrite session.json, which says in short what the journal says."""
-        steps = {name: _summary(runs[-1]) for name, runs in sorted(self.runs.items())}
-        write_json(self.folder / "session.json", {**self.header, "steps": steps})
+        steps: JsonObject = {name: _summary(runs[-1]) for name, runs in sorted(self.runs.items())}
+        write_json(self.folder / "session.json", {**self.header.as_json(), "steps": steps})
 
 
-def _summary(run: Run) -> dict[str, Any]:
+def _summary(run: Run) -> JsonObject:
     return {
         "run": run.number,
         "state": "begun" if run.outputs_sha256 is None else "finished",
@@ -163,6 +212,6 @@ def _summary(run: Run) -> dict[str, Any]:
     }
 
 
-def write_json(path: Path, value: Any) -> None:
+def write_json(path: Path, value: Json) -> None:
     """Write a JSON file as a whole; numbers come back exactly. Raises ValueError for NaN, SessionError."""
     write_bytes(path, json.dumps(value, indent=1, allow_nan=False).encode() + b"\n")

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 from rig.devices.protocols import Codes, RawFrame, signature_of
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.exr import read_exr, write_exr
+from rig.records import JsonObject, Record, json_of, read_record
 from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, Run, write_json
+
+Kind = TypeVar("Kind")
 
 _SAFE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _CHANNELS = {1: ("Y",), 3: ("R", "G", "B")}
@@ -45,7 +48,7 @@ class Step:
         return self._run.number
 
     @property
-    def settings(self) -> dict[str, Any]:
+    def settings(self) -> JsonObject:
         """What the run was begun with."""
         return dict(self._run.settings)
 
@@ -73,27 +76,50 @@ class Step:
         return [name for kind, name in self._run.files if kind == "frame"]
 
     def has_frame(self, name: str, *, verify: bool = False) -> bool:
-        """Whether a frame was journalled and its file is intact; ``verify`` looks at every byte."""
+        """Tell whether a frame was journalled and its file is intact; ``verify`` looks at every byte."""
         return self._has("frame", name, verify)
 
     def has_image(self, name: str, *, verify: bool = False) -> bool:
-        """Whether an image was journalled and its file is intact."""
+        """Tell whether an image was journalled and its file is intact."""
         return self._has("image", name, verify)
 
     def has_record(self, name: str, *, verify: bool = False) -> bool:
-        """Whether a record was journalled and its file is intact."""
+        """Tell whether a record was journalled and its file is intact."""
         return self._has("record", name, verify)
 
     def _has(self, kind: FileKind, name: str, verify: bool) -> bool:
         entry = self._run.files.get((kind, name))
         return entry is not None and self._ledger.is_intact(entry, verify=verify or self._verify)
 
-    def save_frame(self, name: str, raw: RawFrame, *, pattern: str | None = None, codes: Codes | None = None) -> None:
-        """Write a frame to ``frames/STEP/NNNN.exr``; its times go to the journal.
+    def save_frame(
+        self,
+        name: str,
+        raw: RawFrame,
+        *,
+        pattern: str | None = None,
+        codes: Codes | None = None,
+        camera: str = "",
+        projector: str = "",
+    ) -> None:
+        """Write a frame to ``frames/STEP/NNNN.exr``; which devices made it, and when, goes to the journal.
 
-        ``pattern`` is what was shown (default: ``name``); a replay finds the frame by it and by the exposure, and
-        refuses to show it for a picture that is not like ``codes``.
-        Raises SessionError when the step is finished or the disk is full.
+        Parameters
+        ----------
+        name
+            The frame's, by which it is read back.
+        raw
+            (H, W, 1 or 3) digital numbers, and times on the rig's clock.
+        pattern
+            Name of what was shown (default: ``name``); a replay finds the frame by it and by the exposure.
+        codes
+            What was shown; a replay refuses to show the frame for a picture that is not like it.
+        camera, projector
+            Names of the devices.
+
+        Raises
+        ------
+        SessionError
+            The step is finished, or the disk is full.
         """
         pixels = raw.pixels
         if pixels.dtype != np.uint16 or pixels.ndim != 3 or pixels.shape[2] not in _CHANNELS:
@@ -103,13 +129,15 @@ class Step:
         attributes = {"rig:step": self.name, "rig:name": name, "rig:exposure_s": repr(raw.exposure_s)}
         write_exr(path, channels, attributes)
         details = FrameDetails(
-            pattern or name,
-            float(raw.exposure_s),
-            float(raw.started_s),
-            int(raw.sequence),
-            "" if codes is None else signature_of(codes),
+            camera=camera,
+            projector=projector,
+            pattern=pattern or name,
+            exposure_s=float(raw.exposure_s),
+            started_s=float(raw.started_s),
+            sequence=int(raw.sequence),
+            signature="" if codes is None else signature_of(codes),
         )
-        self._ledger.add_file(self._run, "frame", name, path, details)
+        self._add("frame", name, path, details)
 
     def load_frame(self, name: str) -> RawFrame:
         """Read a frame back, exactly. Raises SessionError when there is none, SessionCorrupt when damaged."""
@@ -131,31 +159,45 @@ class Step:
         """Write named (H, W) channels as float32 to ``FOLDER/NAME-NNN.exr``, and return its path."""
         path = self._path("image", name, f"{folder}/{name}-", "{:03d}.exr", first=1)
         write_exr(path, channels, {"rig:step": self.name, **(attributes or {})})
-        self._ledger.add_file(self._run, "image", name, path)
+        self._add("image", name, path)
         return path
 
     def load_image(self, name: str) -> dict[str, NDArray[np.float32]]:
         """Read an image's channels by name."""
         return read_exr(self._ledger.folder / self._entry("image", name).file)
 
-    def save_record(self, name: str, record: Mapping[str, Any]) -> Path:
-        """Write numbers, texts, lists and arrays to ``calibration/NAME-NNN.json``; floats come back exactly.
+    def save_record(self, name: str, record: Record | Mapping[str, object]) -> Path:
+        """Write a record to ``calibration/NAME-NNN.json`` and return its path; floats come back exactly.
 
         Raises ValueError for NaN and infinities.
         """
         path = self._path("record", name, f"calibration/{name}-", "{:03d}.json", first=1)
-        write_json(path, plain(record))
-        self._ledger.add_file(self._run, "record", name, path)
+        write_json(path, json_of(record))
+        self._add("record", name, path)
         return path
 
-    def load_record(self, name: str) -> dict[str, Any]:
-        """Read a record; arrays come back as lists."""
+    def load_record(self, name: str, kind: type[Kind]) -> Kind:
+        """Read a record of a kind, its fields checked.
+
+        Parameters
+        ----------
+        name
+            As it was saved.
+        kind
+            A frozen dataclass, or ``dict`` for whatever the file holds.
+
+        Raises
+        ------
+        SessionError
+            The step has no such record.
+        SessionCorrupt
+            The file is damaged: no JSON, or not a record of this kind.
+        """
         path = self._ledger.folder / self._entry("record", name).file
         try:
-            record: dict[str, Any] = json.loads(path.read_bytes())
+            return read_record(kind, json.loads(path.read_bytes()))
         except ValueError as error:
             raise SessionCorrupt(f"{path}: is damaged; delete it and run the same command again") from error
-        return record
 
     def finish(self) -> None:
         """Say that the step is complete."""
@@ -170,6 +212,9 @@ class Step:
         if known is not None:
             return self._ledger.folder / known.file
         return self._ledger.folder / (prefix + pattern.format(self._ledger.files_like(prefix) + first))
+
+    def _add(self, kind: FileKind, name: str, path: Path, frame: FrameDetails | None = None) -> None:
+        self._ledger.add_file(self._run, self._ledger.entry_of(kind, name, path, frame))
 
     def _check_unfinished(self) -> None:
         if self.done:
@@ -186,14 +231,3 @@ class Step:
                 f"({entry.size_bytes} bytes); run the same command again to repeat step {self.name!r}"
             )
         return entry
-
-
-def plain(value: Any) -> Any:
-    """Turn numpy arrays, numpy numbers, paths and tuples inside a value into what JSON knows."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return value

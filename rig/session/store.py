@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import platform
@@ -10,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -19,14 +20,16 @@ import scipy
 
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.atomic import PART_SUFFIX, session_error, write_bytes
-from rig.files.journal import JOURNAL_NAME, Event
+from rig.files.journal import JOURNAL_NAME, Event, Journal
 from rig.profile.schema import Profile
+from rig.records import JsonObject, Record, json_of, read_record
+from rig.session.header import SCHEMA, ProfileStamp, SessionHeader, read_header
 from rig.session.ledger import Ledger, hash_json, write_json
 from rig.session.lock import SessionLock
-from rig.session.step import Step, check_name, plain
+from rig.session.step import Step, check_name
+from rig.version import __version__
 
-SCHEMA = 1
-"""The newest layout of a session that this version reads."""
+Kind = TypeVar("Kind")
 
 _OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
 
@@ -34,10 +37,9 @@ _OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
 class Session:
     """A session's folder, open for one process; use it in a ``with`` statement."""
 
-    def __init__(self, folder: Path, profile: Profile, ledger: Ledger, lock: SessionLock, *, verify: bool):
+    def __init__(self, folder: Path, profile: Profile, ledger: Ledger, lock: SessionLock | None, *, verify: bool):
         self.path = folder
         self.profile = profile
-        self.seed: int = ledger.header["seed"]
         self._ledger = ledger
         self._lock = lock
         self._verify = verify
@@ -64,10 +66,16 @@ class Session:
         verify
             Compare every file that is read with its journalled hash, not only its size.
 
+        Returns
+        -------
+        Session
+            Open; it is this process's until :meth:`close`.
+
         Raises
         ------
         SessionError
-            No session there and no profile given; another profile; a newer layout; a disk that refuses.
+            No session there and no profile given; another profile; a layout that this version does not read; a disk
+            that refuses.
         SessionLocked
             Another living process works on it.
         SessionCorrupt
@@ -80,18 +88,47 @@ class Session:
             header, own_profile = _read_or_create(folder, profile, seed)
             for leftover in folder.rglob(f"*{PART_SUFFIX}"):
                 leftover.unlink()
-            ledger = Ledger(folder, header)
-            ledger.record({"event": "open", "pid": os.getpid(), "versions": _versions()})
+            ledger = Ledger(folder, header, Journal(folder / JOURNAL_NAME))
+            ledger.record({"event": "open", "pid": os.getpid(), "versions": json_of(_versions())})
             ledger.write_summary()
         except BaseException:
             lock.release()
             raise
         return cls(folder, own_profile, ledger, lock, verify=verify)
 
+    @classmethod
+    def read(cls, path: str | os.PathLike[str], profile: Profile | None = None) -> Session:
+        """Look into a session without owning it: nothing can be written, and another process may work on it.
+
+        Parameters
+        ----------
+        path
+            Its folder.
+        profile
+            What it has to have been made with, if given.
+
+        Raises
+        ------
+        SessionError
+            No session there; another profile; a layout that this version does not read.
+        SessionCorrupt
+            Its files contradict its journal.
+        """
+        folder = Path(path)
+        _check_folder(folder, may_create=False)
+        header, own_profile = _read(folder, profile)
+        return cls(folder, own_profile, Ledger(folder, header, None), None, verify=False)
+
+    @staticmethod
+    def exists(path: str | os.PathLike[str]) -> bool:
+        """Tell whether a folder holds a session."""
+        return (Path(path) / "session.json").is_file()
+
     def close(self) -> None:
         """Let the folder go; any number of times."""
-        self._ledger.journal.close()
-        self._lock.release()
+        self._ledger.close()
+        if self._lock is not None:
+            self._lock.release()
 
     def __enter__(self) -> Session:
         return self
@@ -101,29 +138,54 @@ class Session:
     ) -> None:
         self.close()
 
-    def step(self, name: str, *, settings: Mapping[str, Any] | None = None, needs: Sequence[str] = ()) -> Step:
+    def step(self, name: str, *, settings: Mapping[str, object] | None = None, needs: Sequence[str] = ()) -> Step:
         """Begin a step, or go on with it where it stopped.
 
         Settings and the outputs of the steps in ``needs`` are its inputs: with the same ones it goes on (or
-        is ``done``), with others a new run begins whose files get new numbers. Raises SessionError when a
-        needed step is not finished.
+        is ``done``), with others a new run begins whose files get new numbers.
+
+        Parameters
+        ----------
+        name
+            Letters, digits, ``.``, ``_`` and ``-``.
+        settings
+            Numbers, words, sequences and mappings of them, by name.
+        needs
+            Names of the steps whose results it reads.
+
+        Raises
+        ------
+        SessionError
+            A needed step is not finished.
         """
         check_name(name)
-        own = plain(settings or {})
-        inputs = {"settings": own, "needs": {need: self.finished(need).outputs_sha256 for need in needs}}
-        run = self._ledger.begin(name, hash_json(inputs), own)
+        own = {key: json_of(value) for key, value in (settings or {}).items()}
+        run = self._ledger.begin(name, self._hash_of_inputs(own, needs), own)
         return Step(self._ledger, run, verify=self._verify)
+
+    def is_done(self, name: str, *, settings: Mapping[str, object], needs: Sequence[str]) -> bool:
+        """Tell whether a step with these inputs would have nothing left to do; begins nothing."""
+        run = self._ledger.last_run(name)
+        own = {key: json_of(value) for key, value in settings.items()}
+        if run is None or not all(self.is_finished(need) for need in needs):
+            return False
+        if run.inputs_sha256 != self._hash_of_inputs(own, needs):
+            return False
+        return Step(self._ledger, run, verify=self._verify).done
+
+    def _hash_of_inputs(self, settings: JsonObject, needs: Sequence[str]) -> str:
+        return hash_json({"settings": settings, "needs": {need: self.finished(need).outputs_sha256 for need in needs}})
 
     def finished(self, name: str, *, verb: str = "run") -> Step:
         """Return a finished step for reading; ``verb`` is the command to recommend when it is not there.
 
         Raises SessionError when it is missing or not finished, SessionCorrupt when its files are damaged.
         """
-        runs = self._ledger.runs.get(name)
-        if not runs or runs[-1].outputs_sha256 is None:
-            state = "has not been started" if not runs else "is not finished"
+        run = self._ledger.last_run(name)
+        if run is None or run.outputs_sha256 is None:
+            state = "has not been started" if run is None else "is not finished"
             raise SessionError(f"{self.path}: step {name!r} {state}; run `rig {verb} {self.path}` first")
-        step = Step(self._ledger, runs[-1], verify=self._verify)
+        step = Step(self._ledger, run, verify=self._verify)
         if step.damaged_files:
             raise SessionCorrupt(
                 f"{self.path}: {len(step.damaged_files)} files of step {name!r} are lost or damaged, first "
@@ -132,9 +194,19 @@ class Session:
         return step
 
     def is_finished(self, name: str) -> bool:
-        """Whether the last run of a step is finished."""
-        runs = self._ledger.runs.get(name, [])
-        return bool(runs) and runs[-1].outputs_sha256 is not None
+        """Tell whether the last run of a step is finished."""
+        run = self._ledger.last_run(name)
+        return run is not None and run.outputs_sha256 is not None
+
+    @property
+    def seed(self) -> int:
+        """For every random choice in the session."""
+        return self._ledger.header.seed
+
+    @property
+    def versions(self) -> Mapping[str, str]:
+        """Versions of procam-rig and of the libraries that made the session, by name."""
+        return self._ledger.header.versions
 
     @property
     def last_clock_s(self) -> float:
@@ -142,9 +214,9 @@ class Session:
         frames = [event["frame"] for event in self._ledger.events if event["event"] == "frame"]
         return float(frames[-1]["started_s"] + frames[-1]["exposure_s"]) if frames else 0.0
 
-    def note(self, event: Mapping[str, Any]) -> None:
+    def note(self, event: Record | Mapping[str, object]) -> None:
         """Journal something worth knowing later: a rejected frame, a retry, a warning."""
-        self._ledger.record({"event": "note", "note": plain(event)})
+        self._ledger.record({"event": "note", "note": json_of(event)})
 
     def frame_log(self) -> list[Event]:
         """Frames and notes, in the order in which they happened, as journalled."""
@@ -154,17 +226,19 @@ class Session:
         """Everything that the journal says, in order, each with its time of day."""
         return [dict(event) for event in self._ledger.events]
 
-    def read_metrics(self) -> dict[str, Any]:
-        """Return what metrics.json holds. Raises SessionError when the session was not compared yet."""
-        try:
-            metrics: dict[str, Any] = json.loads((self.path / "metrics.json").read_bytes())
-        except (OSError, ValueError) as error:
-            raise SessionError(f"{self.path}: no metrics yet; run `rig run {self.path}` first") from error
-        return metrics
+    def read_metrics(self, kind: type[Kind]) -> Kind:
+        """Return what metrics.json holds, as a record of a kind.
 
-    def write_metrics(self, metrics: Mapping[str, Any]) -> Path:
+        Raises SessionError when there is none, or it lacks what the kind has: the session was not compared yet.
+        """
+        try:
+            return read_record(kind, json.loads((self.path / "metrics.json").read_bytes()))
+        except (OSError, ValueError) as error:
+            raise SessionError(f"{self.path}: nothing was compared yet; run `rig run {self.path}` first") from error
+
+    def write_metrics(self, metrics: Record | Mapping[str, object]) -> Path:
         """Write metrics.json. Raises ValueError for NaN and infinities."""
-        write_json(self.path / "metrics.json", plain(metrics))
+        write_json(self.path / "metrics.json", json_of(metrics))
         return self.path / "metrics.json"
 
     def write_report(self, html: str) -> Path:
@@ -190,60 +264,46 @@ def _check_folder(folder: Path, *, may_create: bool) -> None:
         raise SessionError(f"{folder}: has other files ({foreign[0]}, ...); give a new or an empty folder")
 
 
-def _read_or_create(folder: Path, profile: Profile | None, seed: int) -> tuple[dict[str, Any], Profile]:
-    if not (folder / "session.json").is_file():
-        if profile is None:
-            raise SessionError(f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`")
-        return _create(folder, profile, seed), profile
-    header = _read_header(folder / "session.json")
-    own = _read_profile(folder, header)
-    if profile is not None and profile.sha256 != own.sha256:
-        raise SessionError(
-            f"{folder}: was made with profile {own.name!r} ({own.sha256[:12]}), not {profile.name!r} "
-            f"({profile.sha256[:12]}); leave the profile out, or give a new folder"
-        )
-    return header, own
-
-
-def _create(folder: Path, profile: Profile, seed: int) -> dict[str, Any]:
+def _read_or_create(folder: Path, profile: Profile | None, seed: int) -> tuple[SessionHeader, Profile]:
+    if Session.exists(folder) or profile is None:
+        return _read(folder, profile)
     write_bytes(folder / "profile.toml", profile.raw)
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    return {
-        "schema": SCHEMA,
-        "seed": seed,
-        "versions": _versions(),
-        "profile": {"name": profile.name, "sha256": profile.sha256, "source": str(profile.path)},
-        "volatile": {"created": created, "host": socket.gethostname()},
-    }
+    header = SessionHeader(
+        schema=SCHEMA,
+        seed=seed,
+        versions=_versions(),
+        profile=ProfileStamp(name=profile.name, sha256=profile.sha256, source=str(profile.path)),
+        volatile={"created": created, "host": socket.gethostname()},
+    )
+    return header, profile
 
 
-def _versions() -> dict[str, str]:
-    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "OpenImageIO": oiio}
-    return {"python": platform.python_version()} | {name: str(m.__version__) for name, m in modules.items()}
-
-
-def _read_header(path: Path) -> dict[str, Any]:
-    try:
-        header: dict[str, Any] = json.loads(path.read_bytes())
-        schema, seed, sha256 = header["schema"], header["seed"], header["profile"]["sha256"]
-    except (ValueError, KeyError, TypeError) as error:
-        raise SessionCorrupt(f"{path}: is damaged; restore it from a copy, or start a new session") from error
-    if schema > SCHEMA:
+def _read(folder: Path, profile: Profile | None) -> tuple[SessionHeader, Profile]:
+    """Read the header and the session's profile: the one that is handed in, if it is the same, else the copy."""
+    header = read_header(folder / "session.json")
+    made_with = header.profile
+    if profile is not None and profile.sha256 != made_with.sha256:
         raise SessionError(
-            f"{path}: layout {schema} is newer than {SCHEMA}, the newest that this version reads; update procam-rig"
+            f"{folder}: was made with profile {made_with.name!r} ({made_with.sha256[:12]}), not {profile.name!r} "
+            f"({profile.sha256[:12]}); leave the profile out, or give a new folder"
         )
-    if not isinstance(seed, int) or not isinstance(sha256, str):
-        raise SessionCorrupt(f"{path}: is damaged; restore it from a copy, or start a new session")
-    return header
+    copy = _read_copy(folder, made_with.sha256)
+    return header, profile or Profile.parse(copy, Path(made_with.source))
 
 
-def _read_profile(folder: Path, header: Mapping[str, Any]) -> Profile:
-    """Parse the session's copy; paths in it stay relative to where the original lies."""
+def _read_copy(folder: Path, sha256: str) -> bytes:
+    """Return the exact bytes of the session's profile; its paths are relative to where the original lies."""
     try:
         raw = (folder / "profile.toml").read_bytes()
     except OSError as error:
         raise SessionCorrupt(f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it") from error
-    profile = Profile.parse(raw, Path(header["profile"]["source"]))
-    if profile.sha256 != header["profile"]["sha256"]:
+    if hashlib.sha256(raw).hexdigest() != sha256:
         raise SessionCorrupt(f"{folder / 'profile.toml'}: was changed; restore it, or start a new session")
-    return profile
+    return raw
+
+
+def _versions() -> dict[str, str]:
+    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "OpenImageIO": oiio}
+    own = {"procam-rig": __version__, "python": platform.python_version()}
+    return own | {name: str(module.__version__) for name, module in modules.items()}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,21 +12,56 @@ from numpy.typing import NDArray
 from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Rig
 from rig.files.channels import codes_of, image_of, layers
+from rig.profile.schema import Profile
+from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.compensation import JudgedPixels, judged_pixels, predict
+from rig.stages.compensation import load_compensation
 from rig.stages.linear_light import LightImage, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
-from rig.stages.picture_errors import picture_errors
+from rig.stages.picture_errors import PictureErrors, picture_errors
+from rig.stages.prediction import JudgedPixels, judged_pixels, predict
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_HELD_OUT = 2
+"""How many pictures :func:`held_out_patterns` has."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelErrors(Record):
+    """Measured minus predicted light, in grey levels of 255."""
+
+    rmse: float
+    bias: float
+    within_3_sigma: float
+    """Share of the pixels within three standard deviations of the noise."""
+    noise_rms: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrategyErrors(Record):
+    """How far a strategy's picture is from the target."""
+
+    measured: PictureErrors
+    predicted: PictureErrors
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRecord(Record):
+    """What step `compare` found, beside its images."""
+
+    overall: ModelErrors
+    frames: Mapping[str, ModelErrors]
+    """By strategy, and by held-out picture."""
+    strategies: Mapping[str, StrategyErrors]
+
 
 def held_out_patterns(shape: tuple[int, int]) -> list[Pattern]:
-    """Pictures that nothing was fitted to: one half white (interreflection across the corner), and soft blobs."""
+    """Return pictures that nothing was fitted to: one half white (interreflection across the corner), soft blobs."""
     height, width = shape
     half = np.zeros(shape, dtype=np.uint8)
     half[:, : width // 2] = 255
@@ -37,103 +73,126 @@ def held_out_patterns(shape: tuple[int, int]) -> list[Pattern]:
     ]
 
 
-def project_and_photograph(rig: Rig, session: Session, on_step: OnStep) -> None:
-    """Show every compensation image and the held-out pictures, and photograph them."""
-    shot = measuring_bracket(rig, session)
-    compensated = session.finished("compensate")
-    step = session.step(
-        "project", settings={"exposures_s": shot.exposures_s, "repeats": shot.repeats}, needs=("compensate",)
-    )
-    if step.done:
-        return
+def project_settings(session: Session) -> JsonObject:
+    """Return what step `project` depends on."""
+    bracket = measuring_bracket(session)
+    return {"exposures_s": json_of(bracket.exposures_s), "repeats": bracket.repeats}
+
+
+def frames_per_picture(profile: Profile) -> int:
+    """Return how many frames step `project` takes of each picture."""
+    return len(profile.patterns.exposures) * profile.patterns.frames_averaged
+
+
+def held_out_frames(profile: Profile) -> int:
+    """Return how many frames step `project` takes beside those of the strategies."""
+    return _HELD_OUT * frames_per_picture(profile)
+
+
+def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `project`: show every compensation image and the held-out pictures, and photograph them."""
+    compensated, names = session.finished("compensate"), load_compensation(session).strategies
     patterns = [
-        Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}")))
-        for name in strategies_of(session)
-    ]
-    patterns += held_out_patterns(rig.projector.shape)
-    photograph(rig, session, step, patterns, shot, len(patterns), on_step)
-    step.save_record("shot", {"exposures_s": list(shot.exposures_s), "repeats": shot.repeats})
-    step.finish()
+        Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}"))) for name in names
+    ] + held_out_patterns(rig.projector.shape)
+    bracket = measuring_bracket(session)
+    photograph(rig, session, step, patterns, bracket=bracket, n_patterns=len(patterns), on_step=on_step)
+    step.save_record("shot", bracket)
 
 
-def strategies_of(session: Session) -> list[str]:
-    """Strategies of the session's compensation, in order."""
-    return list(session.finished("compensate").load_record("compensation")["strategies"])
+@dataclass(frozen=True, eq=False)
+class _Residuals:
+    """One frame's measured minus predicted light over the pixels that count, and its standard deviation."""
+
+    difference: FloatArray
+    sigma: FloatArray
+
+    def errors(self) -> ModelErrors:
+        return ModelErrors(
+            rmse=float(np.sqrt((self.difference**2).mean())),
+            bias=float(self.difference.mean()),
+            within_3_sigma=float((np.abs(self.difference) <= 3 * self.sigma).mean()),
+            noise_rms=float(np.sqrt((self.sigma**2).mean())),
+        )
 
 
-def compare_all(session: Session, on_step: OnStep) -> None:
-    """Measure the errors: against the target for each strategy, against the prediction for every frame."""
-    step = session.step("compare", settings={}, needs=("response", "model", "compensate", "project"))
-    if step.done:
-        return
-    model, compensated, projected = load_model(session), session.finished("compensate"), session.finished("project")
-    view = judged_pixels(model, compensated)
-    names = strategies_of(session)
-    total = len(names) + 2
-    frames: dict[str, Any] = {}
-    strategies: dict[str, Any] = {}
-    residuals: list[tuple[FloatArray, FloatArray]] = []
-    shot_record = projected.load_record("shot")
-    shot = ExposureBracket(tuple(shot_record["exposures_s"]), shot_record["repeats"])
-    radiometric = load_radiometric_calibration(session)
+def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `compare`: errors against the target for each strategy, against the prediction for every frame."""
+    model, judged = load_model(session), judged_pixels(load_model(session), session.finished("compensate"))
+    names, radiometric = list(load_compensation(session).strategies), load_radiometric_calibration(session)
+    projected = session.finished("project")
+    bracket = projected.load_record("shot", ExposureBracket)
+    held_out = held_out_patterns(model.scene_model.projector.lens.shape)
+    total = len(names) + len(held_out)
+    strategies: dict[str, StrategyErrors] = {}
+    residuals: dict[str, _Residuals] = {}
     for k, name in enumerate(names):
         on_step("compare measured and simulated", k, total)
-        measured = merge_exposures(projected, f"shown-{name}", shot, radiometric)
-        predicted = image_of(compensated.load_image(f"predicted-{name}"), "light").astype(np.float64)
-        strategies[name] = {
-            "measured": _against_target(measured.value.astype(np.float64), view, model.level),
-            "predicted": _against_target(predicted, view, model.level),
-        }
-        frames[name] = _compare_frame(step, name, measured, predicted, view.mask, model, residuals)
-    for k, pattern in enumerate(held_out_patterns(model.scene_model.projector.lens.shape)):
-        on_step("compare measured and simulated", len(names) + k, total)
-        measured = merge_exposures(projected, pattern.name, shot, radiometric)
+        measured = merge_exposures(projected, f"shown-{name}", bracket, radiometric)
+        predicted = _predicted(session, name)
+        strategies[name] = StrategyErrors(
+            measured=_against_target(measured.value.astype(np.float64), judged, model.level),
+            predicted=_against_target(predicted, judged, model.level),
+        )
+        step.save_image(f"measured-{name}", measured.channels)
+        residuals[name] = _residuals(measured, predicted, judged.mask, model)
+    for k, pattern in enumerate(held_out, start=len(names)):
+        on_step("compare measured and simulated", k, total)
+        measured = merge_exposures(projected, pattern.name, bracket, radiometric)
         predicted = predict(model, radiometric.projector, pattern.codes)
-        frames[pattern.name] = _compare_frame(step, pattern.name, measured, predicted, view.mask, model, residuals)
+        step.save_image(f"measured-{pattern.name}", measured.channels)
+        step.save_image(f"predicted-{pattern.name}", layers("light", predicted))
+        residuals[pattern.name] = _residuals(measured, predicted, judged.mask, model)
     on_step("compare measured and simulated", total, total)
-    white = simulated_white(model.room)
-    step.save_image("simulated-white", layers("direct", white["direct"]) | layers("global", white["global"]))
-    difference, sigma = (np.concatenate(part) for part in zip(*residuals, strict=True))
-    overall = _residual_figures(difference, sigma)
-    judged = {"mask": view.mask.astype(np.float32), **layers("target", np.nan_to_num(view.target))}
-    step.save_image("judged", judged, folder="maps")
-    step.save_record("comparison", {"overall": overall, "frames": frames, "strategies": strategies})
-    step.finish()
+    _save(step, model, judged, strategies, residuals=residuals)
 
 
-def _against_target(light: FloatArray, view: JudgedPixels, level: float) -> dict[str, float]:
+def _predicted(session: Session, name: str) -> FloatArray:
+    """The light that was predicted of a strategy's picture."""
+    image = session.finished("compensate").load_image(f"predicted-{name}")
+    return image_of(image, "light").astype(np.float64)
+
+
+def _against_target(light: FloatArray, judged: JudgedPixels, level: float) -> PictureErrors:
     """Errors in grey levels on the session's brightness scale."""
-    return picture_errors(light * 255 / level, view.target, view.mask)
+    return picture_errors(light * 255 / level, judged.target, judged.mask)
 
 
-def _compare_frame(
-    step: Step,
-    name: str,
-    measured: LightImage,
-    predicted: FloatArray,
-    mask: BoolArray,
-    model: FittedScene,
-    residuals: list[tuple[FloatArray, FloatArray]],
-) -> dict[str, float]:
-    """Measured minus predicted on one frame, over all bands, in grey levels; keeps the images and the residuals."""
-    step.save_image(f"measured-{name}", measured.channels)
-    if name.startswith("held-out"):
-        step.save_image(f"predicted-{name}", layers("light", predicted))
+def _residuals(measured: LightImage, predicted: FloatArray, mask: BoolArray, model: FittedScene) -> _Residuals:
+    """Measured minus predicted on one frame, over all bands, in grey levels."""
     scale = 255 / model.level
     usable = mask & ~measured.any_saturated
     difference = ((measured.value - predicted) * scale)[usable]
     # The model's direct light was measured too: its noise is part of what is to be expected.
     relative = model.white_variance[usable] / np.maximum(model.white[usable], 1e-6) ** 2
     variance = measured.variance[usable] + predicted[usable] ** 2 * relative
-    sigma = np.sqrt(variance) * scale
-    residuals.append((difference, sigma))
-    return _residual_figures(difference, sigma)
+    return _Residuals(difference, np.sqrt(variance) * scale)
 
 
-def _residual_figures(difference: FloatArray, sigma: FloatArray) -> dict[str, float]:
-    return {
-        "rmse": float(np.sqrt((difference**2).mean())),
-        "bias": float(difference.mean()),
-        "within_3_sigma": float((np.abs(difference) <= 3 * sigma).mean()),
-        "noise_rms": float(np.sqrt((sigma**2).mean())),
-    }
+def _save(
+    step: Step,
+    model: FittedScene,
+    judged: JudgedPixels,
+    strategies: Mapping[str, StrategyErrors],
+    *,
+    residuals: Mapping[str, _Residuals],
+) -> None:
+    direct, global_ = simulated_white(model.room)
+    step.save_image("simulated-white", layers("direct", direct) | layers("global", global_))
+    maps = {"mask": judged.mask.astype(np.float32), **layers("target", np.nan_to_num(judged.target))}
+    step.save_image("judged", maps, folder="maps")
+    together = _Residuals(
+        np.concatenate([frame.difference for frame in residuals.values()]),
+        np.concatenate([frame.sigma for frame in residuals.values()]),
+    )
+    record = ComparisonRecord(
+        overall=together.errors(),
+        frames={name: frame.errors() for name, frame in residuals.items()},
+        strategies=strategies,
+    )
+    step.save_record("comparison", record)
+
+
+def load_comparison(session: Session) -> ComparisonRecord:
+    """Return what the finished step `compare` found."""
+    return session.finished("compare").load_record("comparison", ComparisonRecord)

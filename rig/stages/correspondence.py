@@ -1,68 +1,130 @@
-"""Correspondence and geometry: steps `gray`, `correspondence`, `geometry`."""
+"""Which projector pixel each camera pixel sees: steps `gray` and `correspondence`.
+
+Results say by name which camera and which projector they belong to, and allow any number. The steps of this version
+serve one of each; :func:`only` is where they say so.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any
+from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple, TypeVar
 
-import cv2
 import numpy as np
+from numpy.typing import NDArray
 
-from calibration.geometry.room import RoomBox, room_from_stereo
-from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
-from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
-from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.gray import CodeName, bits_for
-from calibration.structured_light.patterns import flat, gray_code_patterns
+from calibration.errors import CalibrationError
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.patterns import flat
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
+from rig.errors import SessionError
+from rig.plug_ins import code_version, find_code
 from rig.profile.schema import Profile
+from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.linear_light import RadiometricCalibration
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
 
-CODE: CodeName = "long-run"
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+
 _SIGMAS = 2.0
 """A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
 
 An unlit pixel passes by chance in all of some twenty bits with a probability below 1e-20."""
 _LEAST_VALID_SHARE = 0.01
-_EDGE_SHARE = 0.005
-"""Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
+"""Of the camera's pixels; with fewer there is nothing to fit lenses to."""
 
 
-def photograph_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
-    """Step `gray`: white, black, and the planes of the Gray code with their inverses."""
-    shot = ExposureBracket((reference_exposure_s(session),))
-    step = session.step("gray", settings={"code": CODE, "exposures_s": shot.exposures_s}, needs=("exposure",))
-    if step.done:
-        return
+class DevicePair(NamedTuple):
+    """A camera and a projector, by name."""
+
+    camera: str
+    projector: str
+
+
+def pair_of(profile: Profile) -> DevicePair:
+    """Return the only camera and the only projector of a profile."""
+    return DevicePair(profile.camera.name, profile.projector.name)
+
+
+def only(by_name: Mapping[Key, Value]) -> Value:
+    """Return the single value of a mapping by device or by pair of devices. Raises SessionError for more."""
+    values = list(by_name.values())
+    if len(values) != 1:
+        names = ", ".join(map(str, by_name)) or "none"
+        raise SessionError(f"this version works with one camera and one projector; there are {names}")
+    return values[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairCorrespondence(Record):
+    """How much of one camera's picture has a pixel of one projector; the map itself is an image."""
+
+    camera: str
+    projector: str
+    valid_share_of_image: float
+    reasons: Mapping[str, float]
+    """Share of the camera's pixels by reason, in the order of
+    :class:`calibration.structured_light.correspondence.PixelReason`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CorrespondenceRecord(Record):
+    """What step `correspondence` found."""
+
+    pairs: tuple[PairCorrespondence, ...]
+
+
+def map_name(profile: Profile) -> str:
+    """Return the name of the image that is the map of the only camera and the only projector."""
+    return "-".join(("correspondence", *pair_of(profile)))
+
+
+def gray_settings(session: Session) -> JsonObject:
+    """Return what step `gray` depends on."""
+    name = session.profile.patterns.code
+    return {"code": name, "version": code_version(name), "exposures_s": json_of(_gray_bracket(session).exposures_s)}
+
+
+def gray_frames(profile: Profile) -> int:
+    """Return how many frames step `gray` takes."""
+    return 2 + len(find_code(profile.patterns.code).pattern_names(profile.projector.shape))
+
+
+def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `gray`: white, black, and the patterns of the structured-light code."""
     shape = rig.projector.shape
-    count = 2 + 2 * sum(bits_for(n) for n in shape)
-    flats = [flat(shape, 255, "white"), flat(shape, 0, "black")]
-    photograph(rig, session, step, flats, shot, 2, lambda label, done, total: on_step(label, done, count))
+    flats = (flat(shape, 255, "white"), flat(shape, 0, "black"))
     photograph(
         rig,
         session,
         step,
-        gray_code_patterns(shape, code=CODE),
-        shot,
-        count - 2,
-        lambda label, done, total: on_step(label, done + 2, count),
+        chain(flats, find_code(rig.profile.patterns.code).patterns(shape)),
+        bracket=_gray_bracket(session),
+        n_patterns=gray_frames(rig.profile),
+        on_step=on_step,
     )
-    step.finish()
 
 
-def decode_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
+def _gray_bracket(session: Session) -> ExposureBracket:
+    return ExposureBracket((reference_exposure_s(session),))
+
+
+def correspondence_settings(_: Session) -> JsonObject:
+    """Return what step `correspondence` depends on."""
+    return {"sigmas": _SIGMAS}
+
+
+def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `correspondence`: which projector pixel each camera pixel sees, and why some see none."""
-    step = session.step("correspondence", settings={"sigmas": _SIGMAS}, needs=("gray", "response"))
-    if step.done:
-        return
     on_step("decode", 0, 2)
-    correspondence = _decode(session.finished("gray"), session, rig.projector.shape)
+    profile = session.profile
+    correspondence = _decode(session.finished("gray"), session, profile.projector.shape)
     valid_share = float(correspondence.valid.mean())
     if valid_share < _LEAST_VALID_SHARE:
         raise CalibrationError(
@@ -72,45 +134,44 @@ def decode_gray_code(rig: Rig, session: Session, on_step: OnStep) -> None:
     on_step("decode", 1, 2)
     refined = refine_subpixel(correspondence)
     xy = refined.projector_xy_px
-    step.save_image(
-        "correspondence",
-        {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)},
-        folder="maps",
+    channels = {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)}
+    step.save_image(map_name(profile), channels, folder="maps")
+    pair = PairCorrespondence(
+        camera=profile.camera.name,
+        projector=profile.projector.name,
+        valid_share_of_image=valid_share,
+        reasons={code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason},
     )
-    reasons = {code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason}
-    step.save_record("correspondence", {"valid_share_of_image": valid_share, "reasons": reasons})
-    step.finish()
+    step.save_record("correspondence", CorrespondenceRecord(pairs=(pair,)))
     on_step("decode", 2, 2)
 
 
 def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
     radiometric = load_radiometric_calibration(session)
-    frames = {
-        name.rsplit(".e", 1)[0]: _grey(gray.load_frame(name).pixels, radiometric)
-        for name in gray.frame_names
-        if name.startswith(CODE)
-    }
+    code = find_code(session.profile.patterns.code)
+    names = code.pattern_names(projector_shape)
+    frames = {name: _grey(gray.load_frame(frame_name(name)).pixels, radiometric) for name in names}
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
     limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
-    return decode_gray(
+    return code.decode(
         frames,
         projector_shape,
         white=_grey(white, radiometric),
         black=_grey(black, radiometric),
-        contrast_limit=limit,
-        bit_limit=limit,
+        noise_limit=limit,
         saturation=radiometric.saturation_dn * white.shape[2],
-        code=CODE,
     )
 
 
-def _grey(pixels: np.ndarray, radiometric: RadiometricCalibration) -> np.ndarray:
+def _grey(pixels: NDArray[np.uint16], radiometric: RadiometricCalibration) -> NDArray[np.unsignedinteger]:
     """(H, W) sum of the bands (H, W, B): the code is in each."""
     most = np.min_scalar_type(radiometric.full_scale_dn * pixels.shape[2])
     return np.asarray(pixels.sum(axis=2, dtype=np.promote_types(np.uint16, most)))
 
 
-def _noise_dn(white: np.ndarray, black: np.ndarray, radiometric: RadiometricCalibration) -> np.ndarray:
+def _noise_dn(
+    white: NDArray[np.uint16], black: NDArray[np.uint16], radiometric: RadiometricCalibration
+) -> NDArray[np.floating]:
     """(H, W) standard deviation of the bands' sum of a half-lit frame."""
     level = np.maximum((white.astype(np.float32) + black) / 2 - radiometric.offset_dn, 0)
     variance = level / radiometric.gain_e_per_dn + radiometric.read_noise_dn**2 + 1 / 12
@@ -118,93 +179,12 @@ def _noise_dn(white: np.ndarray, black: np.ndarray, radiometric: RadiometricCali
 
 
 def load_correspondence(session: Session) -> Correspondence:
-    """The finished step's map."""
-    image = session.finished("correspondence").load_image("correspondence")
+    """Return the finished step's map from the only camera to the only projector."""
+    image = session.finished("correspondence").load_image(map_name(session.profile))
     xy = np.stack([image["column"], image["row"]], axis=-1)
     return Correspondence(xy, image["reason"].astype(np.uint8), session.profile.projector.shape)
 
 
-def fit_geometry(rig: Rig, session: Session, on_step: OnStep) -> None:
-    """Step `geometry`: lenses, poses, planes, metres, room."""
-    profile = rig.profile
-    settings = {
-        "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
-        "scale": profile.scale.model_dump(),
-        "room": profile.room.model_dump(exclude={"patch_size_m"}),
-    }
-    step = session.step("geometry", settings=settings, needs=("correspondence",))
-    if step.done:
-        return
-    correspondence = load_correspondence(session)
-    rows, columns = np.nonzero(_well_inside(correspondence))
-    camera_xy = np.stack([columns, rows], axis=1).astype(np.float64)
-    projector_xy = correspondence.projector_xy_px[rows, columns].astype(np.float64)
-    pair = calibrate_stereo(
-        camera_xy,
-        projector_xy,
-        rig.camera.shape[:2],
-        rig.projector.shape,
-        profile.camera.hfov_deg,
-        profile.projector.hfov_deg,
-        right_angles=profile.room.right_angles,
-        on_step=lambda done, total: on_step("fit geometry", done, total),
-    )
-    pair = _in_metres(pair, profile)
-    box = room_from_stereo(pair, profile.room.size_m, profile.room.closed)
-    step.save_record("geometry", _record(pair, box))
-    step.finish()
-
-
-def _well_inside(correspondence: Correspondence) -> np.ndarray:
-    """Pixels away from edges of the picture and of surfaces, where sub-pixel coordinates are biased.
-
-    At such edges the refinement keeps integer codes, so these tell where the edges are.
-    """
-    xy = correspondence.projector_xy_px
-    with np.errstate(invalid="ignore"):
-        whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
-    refined = (correspondence.valid & ~whole).astype(np.uint8)
-    size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
-    inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
-    return inside if inside.sum() > 0.2 * refined.sum() else refined > 0
-
-
-def _in_metres(pair: StereoCalibration, profile: Profile) -> StereoCalibration:
-    scale = profile.scale
-    if scale.baseline_m is not None:
-        return scale_from_baseline(pair, scale.baseline_m)
-    return scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0))
-
-
-def _record(pair: StereoCalibration, box: RoomBox) -> dict[str, Any]:
-    return {
-        "camera": asdict(box.camera),
-        "projector": asdict(box.projector),
-        "room": {
-            "size_m": list(box.size_m),
-            "seen": list(box.seen),
-            "faces": list(box.faces),
-            "angle_error_deg": box.angle_error_deg,
-            "notes": box.notes,
-        },
-        "baseline_m": pair.baseline,
-        "rms_px": pair.rms_px,
-        "camera_rms_px": pair.camera_rms_px,
-        "projector_rms_px": pair.projector_rms_px,
-        "inlier_share": pair.inlier_share,
-        "sigmas": pair.sigmas,
-    }
-
-
-def pinhole_of(record: Mapping[str, Any]) -> PinholeModel:
-    """A PinholeModel from its JSON record."""
-    k1, k2, p1, p2, k3 = record["distortion"]
-    return PinholeModel(
-        record["width_px"],
-        record["height_px"],
-        (record["focal_px"][0], record["focal_px"][1]),
-        (record["principal_point_px"][0], record["principal_point_px"][1]),
-        (k1, k2, p1, p2, k3),
-        np.array(record["rotation"]),
-        np.array(record["translation_m"]),
-    )
+def load_correspondence_figures(session: Session) -> PairCorrespondence:
+    """Return how much of the only camera's picture has a pixel of the only projector."""
+    return session.finished("correspondence").load_record("correspondence", CorrespondenceRecord).pairs[0]

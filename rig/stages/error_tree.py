@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from calibration.records import CalibrationError
+from calibration.errors import CalibrationError
 from rig.errors import CalibrationFailed
 from sim.errors import SimulationError
 

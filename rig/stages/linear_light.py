@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.radiometry.response import codes_from_linear, linear_from_codes
-from calibration.records import Response
+from calibration.radiometry.response import Response, codes_from_linear, light_of_levels, linear_from_codes
 from rig.files.channels import layers, one_or_all
+from rig.records import Record
 from rig.session import Step
 from rig.stages.photograph import ExposureBracket, frame_name
 
@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 Float32Array = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 
+BLACK_REPEATS = 4
+"""Frames of black at each exposure; black then adds a quarter of one frame's noise to every light image."""
 _SEEDS_APART = 1000
 """Between the dithers of two channels."""
 
@@ -38,7 +40,7 @@ class LightImage:
     """Clipped in every exposure."""
 
     @property
-    def channels(self) -> dict[str, NDArray[Any]]:
+    def channels(self) -> dict[str, NDArray[np.generic]]:
         """Of an image file: light and its variance."""
         return layers("light", self.value) | layers("variance", self.variance)
 
@@ -48,7 +50,7 @@ class LightImage:
         return np.asarray(self.saturated.any(axis=-1))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class RadiometricCalibration:
     """How digital numbers become light on this rig."""
 
@@ -71,13 +73,9 @@ class RadiometricCalibration:
     """(B,) factors that make projector white alike in the bands."""
 
     def table(self) -> Float32Array:
-        """(full scale + 1,) linear light of each digital number; below the offset it goes on straight."""
-        above = np.arange(self.full_scale_dn + 1) - self.offset_dn
-        levels, linear = self.camera.levels, self.camera.linear
-        slope = (linear[1] - linear[0]) / (levels[1] - levels[0])
-        inside = np.interp(above, levels, linear)
-        low = np.where(above < levels[0], linear[0] + (above - levels[0]) * slope, inside)
-        return np.asarray(low, dtype=np.float32)
+        """Return (full scale + 1,) linear light of each digital number; below the offset it goes on straight."""
+        above = np.arange(self.full_scale_dn + 1, dtype=np.float64) - self.offset_dn
+        return np.asarray(light_of_levels(self.camera, above), dtype=np.float32)
 
     @property
     def saturation_dn(self) -> int:
@@ -85,38 +83,58 @@ class RadiometricCalibration:
         return int(self.full_scale_dn * 0.95)
 
 
-def merge_exposures(step: Step, pattern: str, shot: ExposureBracket, radiometric: RadiometricCalibration) -> LightImage:
-    """Merge a pattern's frames (exposures × repeats) to balanced light above black, by inverse variance."""
-    table = radiometric.table()
-    weight_sum: Float32Array | None = None
-    for exposure, exposure_s in enumerate(shot.exposures_s):
-        mean, clipped = _mean_of_repeats(step, pattern, exposure, shot.repeats, table, radiometric)
-        ratio = np.float32(exposure_s / radiometric.reference_exposure_s)
-        variance = (
-            _noise(mean, radiometric) / shot.repeats + _noise(radiometric.black[exposure_s], radiometric) / 4
-        ) / ratio**2
-        weight = np.where(clipped, np.float32(0), 1 / variance)
-        value = (mean - radiometric.black[exposure_s]) / ratio
-        if weight_sum is None:
-            weight_sum, total, shortest, shortest_variance = weight, weight * value, value, variance
-        else:
-            weight_sum, total = weight_sum + weight, total + weight * value
-    if weight_sum is None:
-        raise ValueError("a shot needs at least one exposure")
+def merge_exposures(
+    step: Step, pattern: str, bracket: ExposureBracket, radiometric: RadiometricCalibration
+) -> LightImage:
+    """Merge a pattern's frames (exposures × repeats) to balanced light above black, by inverse variance.
+
+    Parameters
+    ----------
+    step
+        That has the frames.
+    pattern
+        Name of what was shown.
+    bracket
+        How it was photographed.
+    radiometric
+        How digital numbers become light.
+
+    Returns
+    -------
+    LightImage
+        (H, W, B) light in the camera's full scale at the reference exposure; where every exposure is clipped, the
+        shortest one's.
+    """
+    parts = []
+    for exposure, exposure_s in enumerate(bracket.exposures_s):
+        names = [frame_name(pattern, exposure, repeat) for repeat in range(bracket.repeats)]
+        parts.append(_single_exposure(step, names, exposure_s, radiometric))
+    if not parts:
+        raise ValueError("a bracket needs at least one exposure")
+    weights = [np.where(part.saturated, np.float32(0), 1 / part.variance) for part in parts]
+    weighted = [weight * part.value for weight, part in zip(weights, parts, strict=True)]
+    weight_sum, total = reduce(np.add, weights), reduce(np.add, weighted)
     good = weight_sum > 0
     safe = np.where(good, weight_sum, 1)
     balance = radiometric.balance.astype(np.float32)
-    value, variance = np.where(good, total / safe, shortest), np.where(good, 1 / safe, shortest_variance)
+    value, variance = np.where(good, total / safe, parts[0].value), np.where(good, 1 / safe, parts[0].variance)
     return LightImage(value * balance, np.asarray(variance * balance**2, np.float32), ~good)
 
 
-def _mean_of_repeats(
-    step: Step, pattern: str, exposure: int, repeats: int, table: Float32Array, radiometric: RadiometricCalibration
-) -> tuple[Float32Array, BoolArray]:
-    frames = [step.load_frame(frame_name(pattern, exposure, r)).pixels for r in range(repeats)]
-    mean = sum(table[f] for f in frames[1:]) + table[frames[0]] if len(frames) > 1 else table[frames[0]]
-    clipped = np.any([f >= radiometric.saturation_dn for f in frames], axis=0)
-    return np.asarray(mean / np.float32(repeats)), clipped
+def _single_exposure(
+    step: Step, names: Sequence[str], exposure_s: float, radiometric: RadiometricCalibration
+) -> LightImage:
+    """Light above black of one exposure's frames, in units of the reference exposure, not balanced."""
+    frames = [step.load_frame(name).pixels for name in names]
+    table, black = radiometric.table(), radiometric.black[exposure_s]
+    # The first frame comes last: the order of a sum is part of its last digits, and those of a session do not change.
+    total = sum(table[frame] for frame in frames[1:]) + table[frames[0]]
+    mean = np.asarray(total / np.float32(len(frames)), dtype=np.float32)
+    ratio = np.float32(exposure_s / radiometric.reference_exposure_s)
+    noise = _noise(mean, radiometric) / len(frames) + _noise(black, radiometric) / BLACK_REPEATS
+    variance = np.asarray(noise / ratio**2, dtype=np.float32)
+    clipped = np.any([frame >= radiometric.saturation_dn for frame in frames], axis=0)
+    return LightImage((mean - black) / ratio, variance, clipped)
 
 
 def _noise(linear: Float32Array, radiometric: RadiometricCalibration) -> Float32Array:
@@ -142,11 +160,22 @@ def channel_codes(responses: Sequence[Response], linear: FloatArray, seed: int) 
     return one_or_all(np.stack(codes, axis=-1))
 
 
-def response_record(response: Response) -> dict[str, Any]:
-    """A response for a JSON record."""
-    return {"levels": response.levels.tolist(), "linear": response.linear.tolist(), "rms": response.rms}
+@dataclass(frozen=True, kw_only=True)
+class ResponseRecord(Record):
+    """A response curve, as a session keeps it."""
 
+    levels: tuple[float, ...]
+    """Device levels, increasing: digital numbers above black of a camera, codes of a projector."""
+    linear: tuple[float, ...]
+    """Linear light at those levels."""
+    rms: float
+    """Residual of the fit, share of full scale."""
 
-def response_of(record: Mapping[str, Any]) -> Response:
-    """The inverse of :func:`response_record`."""
-    return Response(np.array(record["levels"]), np.array(record["linear"]), float(record["rms"]))
+    @classmethod
+    def of(cls, response: Response) -> ResponseRecord:
+        """Return the record of a response."""
+        return cls(levels=tuple(response.levels.tolist()), linear=tuple(response.linear.tolist()), rms=response.rms)
+
+    def response(self) -> Response:
+        """Return the response of the record."""
+        return Response(np.array(self.levels), np.array(self.linear), self.rms)

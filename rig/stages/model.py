@@ -1,32 +1,37 @@
-"""The room in patches: vignetting, reflectance, flux, brightness scale. Step `model`."""
+"""The scene in patches: vignetting, reflectance, flux, brightness scale. Step `model`."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.records import CalibrationError
-from calibration.reflectance import ReflectanceFit, Vignetting, estimate_reflectance, fit_vignetting
-from rig.files.channels import image_of, layers, merged, of_bands
+from calibration.errors import CalibrationError
+from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
+from calibration.light.vignetting import Vignetting, fit_vignetting
+from rig.files.channels import image_of, layers
 from rig.profile.schema import Profile
-from rig.session import Session
-from rig.stages.correspondence import load_correspondence, pinhole_of
+from rig.records import JsonObject, Record
+from rig.session import Session, Step
+from rig.stages.correspondence import load_correspondence, only, pair_of
+from rig.stages.geometry import GeometryRecord, load_geometry
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import (
     ColouredRoom,
-    Look,
+    MeasuredLight,
+    PixelHits,
+    PosedCamera,
     PosedLens,
+    PosedProjector,
     SceneModel,
     box_scene,
     camera_view,
-    look,
-    optic,
+    cast_pixels,
+    posed_lens,
     unit_emission,
     white_irradiance,
 )
@@ -37,8 +42,6 @@ from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Light = dict[str, NDArray[np.float32]]
-"""One band's light of white in parts, (H, W) by name."""
 
 _LEAST_DIRECT = 0.05
 """A pixel is lit when its direct light is above this share of the median of the lit ..."""
@@ -50,7 +53,60 @@ _SMOOTHING_SHARE = 0.003
 """Spread of the smoothing of the global share, of the picture's width."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, kw_only=True)
+class BandModel(Record):
+    """What the scene does in one band of light."""
+
+    reflectance: tuple[float, ...]
+    """Of each patch."""
+    source: tuple[int, ...]
+    """What each patch's reflectance is from (:class:`calibration.light.reflectance.Source`)."""
+    unseen_reflectance: float
+    """Mean of the patches that nobody saw ..."""
+    unseen_sigma: float
+    """... and its standard deviation."""
+    global_rms: float
+    """Residual of the fit to the global light, relative."""
+    white_median: float
+    """Of projector white over the lit pixels."""
+    global_share_mean: float
+    """Mean share of global light in it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraModel(Record):
+    """What the model knows of one camera beside its geometry."""
+
+    vignetting: tuple[float, float]
+    """v2, v4: relative illumination 1 + v2 r² + v4 r⁴."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProjectorModel(Record):
+    """What the model knows of one projector beside its geometry."""
+
+    vignetting: tuple[float, float]
+    flux: tuple[float, ...]
+    """κ in each band ..."""
+    flux_sigma: tuple[float, ...]
+    """... and its standard deviation."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelRecord(Record):
+    """What step `model` found, beside its images."""
+
+    patch_size_m: float
+    bands: tuple[BandModel, ...]
+    cameras: Mapping[str, CameraModel]
+    projectors: Mapping[str, ProjectorModel]
+    vignetting_rms: float
+    level: float
+    """Camera value of a target's 255, in each band."""
+    lit_share_of_image: float
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FittedScene:
     """The finished model, loaded."""
 
@@ -65,7 +121,7 @@ class FittedScene:
 
     @property
     def scene_model(self) -> SceneModel:
-        """The first band's: lenses, poses, patches and looks are those of all."""
+        """The first band's: lenses, poses, patches and hits are those of all."""
         return self.room.bands[0]
 
     @property
@@ -75,85 +131,102 @@ class FittedScene:
 
 
 @dataclass(frozen=True, eq=False)
+class _BandLight:
+    """One band's light of white in parts, (H, W) each."""
+
+    direct: NDArray[np.float32]
+    global_: NDArray[np.float32]
+    white: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
 class _Geometry:
+    """The scene without any reflectance, and the devices in it; vignetting once it is fitted."""
+
     scene: Scene
     camera: PosedLens
     projector: PosedLens
-    camera_look: Look
+    camera_hits: PixelHits
+
+    def with_vignetting(self, vignetting: Vignetting) -> _Geometry:
+        camera = replace(self.camera, vignetting=vignetting.camera)
+        return replace(self, camera=camera, projector=replace(self.projector, vignetting=vignetting.projector))
 
 
-def build_model(profile: Profile, session: Session, on_step: OnStep) -> None:
-    """Fit what light does in the measured room; decide the brightness scale."""
-    settings = {
-        "patch_size_m": profile.room.patch_size_m,
+def model_settings(session: Session) -> JsonObject:
+    """Return what step `model` depends on."""
+    profile = session.profile
+    return {
+        "patch_size_m": profile.box.patch_size_m,
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": _SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
     }
-    step = session.step("model", settings=settings, needs=("geometry", "separation", "correspondence"))
-    if step.done:
-        return
+
+
+def build_model(session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `model`: fit what light does in the measured room; decide the brightness scale."""
     on_step("build model", 0, 4)
-    geometry = _geometry(session, profile.room.patch_size_m)
+    bare = _bare_geometry(load_geometry(session), session.profile.box.patch_size_m)
     bands, valid = _light(session)
     lit = _lit(bands, valid)
-    gains = [_direct_gain(light, lit, geometry.camera_look) for light in bands]
+    gains = [_direct_gain(light, lit, bare.camera_hits) for light in bands]
     on_step("build model", 1, 4)
-    vignetting = _fit_lenses(geometry, np.mean(gains, axis=0), lit)
-    camera = PosedLens(geometry.camera.lens, geometry.camera.pose, vignetting.camera)
-    projector = PosedLens(geometry.projector.lens, geometry.projector.pose, vignetting.projector)
+    vignetting = _fit_lenses(bare, np.mean(gains, axis=0), lit)
+    geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)
-    fits = [_fit_reflectance(geometry, camera, projector, g, b, lit) for g, b in zip(gains, bands, strict=True)]
+    fits = [_fit_reflectance(geometry, gain, light, lit) for gain, light in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
     surfaces = [(fit.reflectance, fit.flux) for fit in fits]
-    twins = _twins(session, geometry.scene, camera, projector, surfaces, gains)
-    global_gain = np.stack([_global_gain(t, b, lit) for t, b in zip(twins, bands, strict=True)], axis=-1)
-    maps: dict[str, NDArray[Any]] = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", global_gain)
+    models = _scene_models(session, geometry, surfaces, gains)
+    ratios = [_global_gain(scene_model, light, lit) for scene_model, light in zip(models, bands, strict=True)]
+    maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
-    step.save_record("model", _record(profile, fits, vignetting, bands, lit))
-    step.finish()
+    band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
+    step.save_record("model", _record(session.profile, vignetting, fits, bands=band_models, lit=lit))
     on_step("build model", 4, 4)
 
 
-def _light(session: Session) -> tuple[list[Light], BoolArray]:
-    """Direct light, global light and white of each band, (H, W) by name, and where they are valid."""
+def _light(session: Session) -> tuple[list[_BandLight], BoolArray]:
+    """The light of white in each band, and where it is valid."""
     image = session.finished("separation").load_image("separation")
-    stacks = {name: image_of(image, name) for name in ("direct", "global", "white", "white_variance")}
-    n_bands = stacks["white"].shape[-1]
-    bands = [{name: np.ascontiguousarray(stack[..., b]) for name, stack in stacks.items()} for b in range(n_bands)]
+    direct, global_, white = (_by_band(image_of(image, name)) for name in ("direct", "global", "white"))
+    bands = [_BandLight(*parts) for parts in zip(direct, global_, white, strict=True)]
     return bands, load_correspondence(session).valid & (image["valid"] > 0)
 
 
-def _geometry(session: Session, patch_size_m: float) -> _Geometry:
-    record = session.finished("geometry").load_record("geometry")
-    camera, projector = optic(pinhole_of(record["camera"])), optic(pinhole_of(record["projector"]))
-    room = record["room"]
-    scene = box_scene(tuple(room["size_m"]), tuple(room["faces"]), patch_size_m, 0.5)
-    return _Geometry(scene, camera, projector, look(scene, camera))
+def _by_band(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+    return [np.ascontiguousarray(image[..., b]) for b in range(image.shape[-1])]
 
 
-def _lit(bands: list[Light], valid: BoolArray) -> BoolArray:
-    direct = np.mean([light["direct"] for light in bands], axis=0)
+def _bare_geometry(record: GeometryRecord, patch_size_m: float) -> _Geometry:
+    camera, projector = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
+    scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
+    return _Geometry(scene, camera, projector, cast_pixels(scene, camera))
+
+
+def _lit(bands: list[_BandLight], valid: BoolArray) -> BoolArray:
+    direct = np.mean([light.direct for light in bands], axis=0)
     if not (direct[valid] > 0).any():
         raise CalibrationError("no valid pixel has direct light; look at the correspondence map and at the checkers")
-    enough = [light["direct"] > _LEAST_IN_A_BAND * np.median(light["direct"][valid]) for light in bands]
+    enough = [light.direct > _LEAST_IN_A_BAND * np.median(light.direct[valid]) for light in bands]
     return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
 
 
-def _direct_gain(light: Light, lit: BoolArray, camera_look: Look) -> FloatArray:
+def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
     """(H, W) direct light of white, 0 where not lit.
 
     The checkers tell the share of direct light with noise; that share is smooth along a wall (reflectance and
     vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
     """
-    share = np.where(lit, light["direct"] / np.maximum(light["white"], 1e-9), 0.0).astype(np.float64)
-    return _smoothed_along_faces(share, lit, camera_look) * light["white"]
+    share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
+    return _smoothed_along_faces(share, lit, camera_hits) * light.white
 
 
-def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_look: Look) -> FloatArray:
+def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
     """(H, W) means around each lit pixel over the lit pixels of its face; 0 where not lit."""
-    face = camera_look.hits.face.reshape(lit.shape)
+    face = camera_hits.hits.face.reshape(lit.shape)
     sigma = _SMOOTHING_SHARE * lit.shape[1]
     smooth = np.zeros(lit.shape)
     for k in np.unique(face[lit]):
@@ -164,16 +237,17 @@ def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_look: Look)
     return smooth
 
 
-def _global_gain(scene_model: SceneModel, light: Light, lit: BoolArray) -> FloatArray:
+def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
-    modelled = _simulated_white(scene_model)["global"]
+    _, modelled = _simulated_white(scene_model)
     known = lit & (modelled > 0)
-    ratio = np.where(known, (light["white"] - scene_model.direct_gain) / np.where(known, modelled, 1.0), 1.0)
-    return np.where(lit, _smoothed_along_faces(ratio, lit, scene_model.camera_look), 1.0)
+    measured = light.white - scene_model.light.direct_gain
+    ratio = np.where(known, measured / np.where(known, modelled, 1.0), 1.0)
+    return np.where(lit, _smoothed_along_faces(ratio, lit, scene_model.camera_hits), 1.0)
 
 
 def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
-    hits, points = geometry.camera_look.hits, geometry.camera_look.points_m
+    hits, points = geometry.camera_hits.hits, geometry.camera_hits.points_m
     e = white_irradiance(geometry.scene, geometry.projector, points, hits.patch)
     usable = np.flatnonzero(lit.ravel() & (e > 0) & (gain.ravel() > 0))
     sample = usable[:: max(1, len(usable) // 20000)]
@@ -182,30 +256,23 @@ def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignet
     return fit_vignetting(
         gain.ravel()[sample],
         e[sample],
-        hits.face[sample],
-        geometry.camera.radius(camera_xy),
-        geometry.projector.radius(projector_xy),
+        face=hits.face[sample],
+        camera_r=geometry.camera.radius(camera_xy),
+        projector_r=geometry.projector.radius(projector_xy),
     )
 
 
-def _fit_reflectance(
-    geometry: _Geometry,
-    camera: PosedLens,
-    projector: PosedLens,
-    gain: FloatArray,
-    light: Light,
-    lit: BoolArray,
-) -> ReflectanceFit:
+def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, lit: BoolArray) -> ReflectanceFit:
     """Patch means of what the camera saw, its vignetting taken out, to the inverse radiosity problem."""
-    scene, hits = geometry.scene, geometry.camera_look.hits
-    e = white_irradiance(scene, projector, geometry.camera_look.points_m, hits.patch)
-    brightness = camera.illumination(camera.lens.pixel_grid())
+    scene, hits, projector = geometry.scene, geometry.camera_hits.hits, geometry.projector
+    e = white_irradiance(scene, projector, geometry.camera_hits.points_m, hits.patch)
+    brightness = geometry.camera.illumination(geometry.camera.lens.pixel_grid())
     direct = np.where(e > 0, gain.ravel() / np.where(e > 0, e * brightness, 1.0), 0.0)
     lit_flat = lit.ravel() & (e > 0)
     # Outside the lit area all light is global; close to its border the lens mixes both.
-    border = cv2.dilate((light["direct"] > 0.02 * np.median(light["direct"][lit])).astype(np.uint8), np.ones((9, 9)))
+    border = cv2.dilate((light.direct > 0.02 * np.median(light.direct[lit])).astype(np.uint8), np.ones((9, 9)))
     dark = (border == 0).ravel() & (hits.patch >= 0)
-    global_light = np.where(lit_flat, light["white"].ravel() - gain.ravel(), light["white"].ravel()) / brightness
+    global_light = np.where(lit_flat, light.white.ravel() - gain.ravel(), light.white.ravel()) / brightness
     per_lit = _patch_mean(scene, hits.patch, direct, lit_flat)
     per_global = _patch_mean(scene, hits.patch, global_light, lit_flat | dark)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
@@ -221,118 +288,108 @@ def _patch_mean(scene: Scene, patch: NDArray[np.intp], values: FloatArray, chose
     return np.where(count >= _LEAST_PIXELS, total / np.maximum(count, 1), np.nan)
 
 
-def _record(
-    profile: Profile, fits: list[ReflectanceFit], vignetting: Vignetting, bands: list[Light], lit: BoolArray
-) -> dict[str, Any]:
-    medians = [float(np.median(light["white"][lit])) for light in bands]
-    return {
-        "patch_size_m": profile.room.patch_size_m,
-        **merged([_fit_record(fit) for fit in fits]),
-        "vignetting_camera": vignetting.camera,
-        "vignetting_projector": vignetting.projector,
-        "vignetting_rms": vignetting.rms,
-        "level": profile.brightness.target_white_share * float(np.mean(medians)),
-        **merged([_light_record(light, lit) for light in bands]),
-        "lit_share_of_image": float(lit.mean()),
-    }
-
-
-def _fit_record(fit: ReflectanceFit) -> dict[str, Any]:
-    return {
-        "reflectance": fit.reflectance,
-        "source": fit.source,
-        "flux": fit.flux,
-        "flux_sigma": fit.flux_sigma,
-        "unseen_reflectance": fit.unseen_reflectance,
-        "unseen_sigma": fit.unseen_sigma,
-        "global_rms": fit.global_rms,
-    }
-
-
-def _light_record(light: Light, lit: BoolArray) -> dict[str, Any]:
-    white = np.maximum(light["white"][lit], 1e-9)
-    return {
-        "white_median": float(np.median(light["white"][lit])),
-        "global_share_mean": float((light["global"][lit] / white).mean()),
-    }
-
-
-def simulated_white(room: ColouredRoom) -> dict[str, FloatArray]:
-    """(H, W, B) direct and global light of white as the patches alone predict them, without `global_gain`."""
-    parts = [_simulated_white(scene_model) for scene_model in room.bands]
-    return {name: np.stack([part[name] for part in parts], axis=-1) for name in ("direct", "global")}
-
-
-def _simulated_white(scene_model: SceneModel) -> dict[str, FloatArray]:
-    transport = camera_view(
-        replace(scene_model, global_gain=1.0), np.ones(scene_model.projector.lens.n_pixels, dtype=bool)
+def _band_model(fit: ReflectanceFit, light: _BandLight, lit: BoolArray) -> BandModel:
+    white = np.maximum(light.white[lit], 1e-9)
+    return BandModel(
+        reflectance=tuple(fit.reflectance.tolist()),
+        source=tuple(int(source) for source in fit.source),
+        unseen_reflectance=fit.unseen_reflectance,
+        unseen_sigma=fit.unseen_sigma,
+        global_rms=fit.global_rms,
+        white_median=float(np.median(light.white[lit])),
+        global_share_mean=float((light.global_[lit] / white).mean()),
     )
-    white = np.ones(scene_model.projector.lens.n_pixels)
-    shape = scene_model.camera.lens.shape
-    return {"direct": (transport.direct @ white).reshape(shape), "global": (transport.global_ @ white).reshape(shape)}
 
 
-def _twins(
+def _record(
+    profile: Profile, vignetting: Vignetting, fits: list[ReflectanceFit], bands: tuple[BandModel, ...], lit: BoolArray
+) -> ModelRecord:
+    pair = pair_of(profile)
+    projector = ProjectorModel(
+        vignetting=vignetting.projector,
+        flux=tuple(fit.flux for fit in fits),
+        flux_sigma=tuple(fit.flux_sigma for fit in fits),
+    )
+    return ModelRecord(
+        patch_size_m=profile.box.patch_size_m,
+        bands=bands,
+        cameras={pair.camera: CameraModel(vignetting=vignetting.camera)},
+        projectors={pair.projector: projector},
+        vignetting_rms=vignetting.rms,
+        level=profile.brightness.target_white_share * float(np.mean([band.white_median for band in bands])),
+        lit_share_of_image=float(lit.mean()),
+    )
+
+
+def simulated_white(room: ColouredRoom) -> tuple[FloatArray, FloatArray]:
+    """Return (H, W, B) direct and global light of white as the patches alone predict them, without `global_gain`."""
+    direct, global_ = zip(*(_simulated_white(scene_model) for scene_model in room.bands), strict=True)
+    return np.stack(direct, axis=-1), np.stack(global_, axis=-1)
+
+
+def _simulated_white(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
+    n_pixels, shape = scene_model.projector.lens.n_pixels, scene_model.camera.lens.shape
+    transport = camera_view(scene_model.with_global_gain(1.0), np.ones(n_pixels, dtype=bool))
+    white = np.ones(n_pixels)
+    return (transport.direct @ white).reshape(shape), (transport.global_ @ white).reshape(shape)
+
+
+def _scene_models(
     session: Session,
-    scene: Scene,
-    camera: PosedLens,
-    projector: PosedLens,
+    geometry: _Geometry,
     surfaces: Sequence[tuple[FloatArray, float]],
     gains: Sequence[FloatArray],
 ) -> list[SceneModel]:
-    """The room in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
-    reflectance, flux = surfaces[0]
-    first = SceneModel(
-        scene.with_reflectance(reflectance),
-        form_factors(scene),
-        camera,
-        projector,
-        flux,
-        unit_emission(scene, projector),
-        look(scene, camera),
-        look(scene, projector),
-        gains[0],
-        load_correspondence(session).projector_xy_px.astype(np.float64),
-    )
-    others = [
-        replace(first, scene=scene.with_reflectance(reflectance), flux=flux, direct_gain=gain)
-        for (reflectance, flux), gain in zip(surfaces[1:], gains[1:], strict=True)
+    """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
+    pair, scene = pair_of(session.profile), geometry.scene
+    xy_px = load_correspondence(session).projector_xy_px.astype(np.float64)
+    factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
+    hits = cast_pixels(scene, geometry.projector)
+    return [
+        SceneModel(
+            scene=scene.with_reflectance(reflectance),
+            form_factors=factors,
+            cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
+            projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
+            measured={pair: MeasuredLight(gain, xy_px)},
+        )
+        for (reflectance, flux), gain in zip(surfaces, gains, strict=True)
     ]
-    return [first, *others]
 
 
 def load_model(session: Session) -> FittedScene:
-    """The finished step's model, read from the disk once for each of its results."""
+    """Return the finished step's model, read from the disk once for each of its results."""
     return _read_model(session, session.finished("model").outputs_sha256)
 
 
+def load_model_record(session: Session) -> ModelRecord:
+    """Return the numbers of the finished step's model."""
+    return session.finished("model").load_record("model", ModelRecord)
+
+
 @lru_cache(maxsize=1)
-def _read_model(session: Session, outputs_sha256: str) -> FittedScene:
-    step = session.finished("model")
-    record, maps = step.load_record("model"), step.load_image("direct-gain")
+def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
+    record, maps = load_model_record(session), session.finished("model").load_image("direct-gain")
     light = session.finished("separation").load_image("separation")
-    gains, global_gains = (_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))
-    twins = _read_twins(session, record, gains)
-    bands = tuple(replace(scene_model, global_gain=gain) for scene_model, gain in zip(twins, global_gains, strict=True))
+    gains, ratios = (_exact_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))
+    models = _read_scene_models(session, record, gains)
+    bands = tuple(model.with_global_gain(ratio) for model, ratio in zip(models, ratios, strict=True))
     return FittedScene(
-        ColouredRoom(bands, load_radiometric_calibration(session).mixing),
-        record["level"],
-        maps["lit"] > 0,
-        image_of(light, "white").astype(np.float64),
-        image_of(light, "white_variance").astype(np.float64),
+        room=ColouredRoom(bands, load_radiometric_calibration(session).mixing),
+        level=record.level,
+        lit=maps["lit"] > 0,
+        white=image_of(light, "white").astype(np.float64),
+        white_variance=image_of(light, "white_variance").astype(np.float64),
     )
 
 
-def _by_band(image: NDArray[np.float32]) -> list[FloatArray]:
+def _exact_by_band(image: NDArray[np.float32]) -> list[FloatArray]:
     return [image[..., b].astype(np.float64, order="C") for b in range(image.shape[-1])]
 
 
-def _read_twins(session: Session, record: dict[str, Any], gains: list[FloatArray]) -> list[SceneModel]:
-    geometry = session.finished("geometry").load_record("geometry")
-    camera = optic(pinhole_of(geometry["camera"]), tuple(record["vignetting_camera"]))
-    projector = optic(pinhole_of(geometry["projector"]), tuple(record["vignetting_projector"]))
-    room = geometry["room"]
-    scene = box_scene(tuple(room["size_m"]), tuple(room["faces"]), record["patch_size_m"], 0.5)
-    reflectance, flux = (of_bands(record[key], len(gains)) for key in ("reflectance", "flux"))
-    surfaces = [(np.array(values), kappa) for values, kappa in zip(reflectance, flux, strict=True)]
-    return _twins(session, scene, camera, projector, surfaces, gains)
+def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatArray]) -> list[SceneModel]:
+    camera, projector = only(record.cameras), only(record.projectors)
+    vignetting = Vignetting(camera.vignetting, projector.vignetting, record.vignetting_rms)
+    geometry = _bare_geometry(load_geometry(session), record.patch_size_m).with_vignetting(vignetting)
+    reflectance = [np.array(band.reflectance) for band in record.bands]
+    return _scene_models(session, geometry, list(zip(reflectance, projector.flux, strict=True)), gains)

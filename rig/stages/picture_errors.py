@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 from skimage.color import deltaE_ciede2000
 from skimage.metrics import structural_similarity
 
-from sim.compensation.strategies.none import weighted_median
+from rig.records import Record
 from sim.compensation.strategies.perceptual import XYZ_FROM_LINEAR_SRGB
+from sim.light.criteria import difference, weighted_median
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -17,8 +20,35 @@ WHITE = 255.0
 """Grey level of a target's white; the light of L* = 100."""
 
 
-def picture_errors(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> dict[str, float]:
-    """Errors in grey levels over the mask and all bands, and structural similarity.
+@dataclass(frozen=True, kw_only=True)
+class PictureErrors(Record):
+    """How far a picture is from the one that was wanted, in grey levels of 255."""
+
+    mean: float
+    """Of |shown - wanted|, as sd and max."""
+    sd: float
+    max: float
+    rms: float
+    """Of shown - wanted, as bias."""
+    bias: float
+    ssim: float
+    """Structural similarity; 1 is equal."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerceivedErrors(PictureErrors):
+    """The same, and what an eye that adapts to the brightness sees of it."""
+
+    delta_e_2000: float
+    """Mean CIEDE2000 difference."""
+    best_gain: float
+    """The single gain of the shown picture with the smallest mean absolute error."""
+    mean_at_best_gain: float
+    """That error."""
+
+
+def picture_errors(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> PictureErrors:
+    """Return errors in grey levels over the mask and all bands, and structural similarity.
 
     Parameters
     ----------
@@ -26,21 +56,39 @@ def picture_errors(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> di
         Grey levels of 255, linear light; outside the mask anything, NaN included.
     mask : (H, W)
         Pixels that count.
-
-    Returns
-    -------
-    dict
-        ``mean``, ``sd``, ``max`` of |shown - wanted|; ``rms`` and ``bias`` of shown - wanted; ``ssim``.
     """
+    return PictureErrors(**_figures(shown, wanted, mask))
+
+
+def perceived_errors(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> PerceivedErrors:
+    """Return the errors of :func:`picture_errors`, and those that an eye sees that adapts to the brightness.
+
+    Parameters
+    ----------
+    shown, wanted : (H, W) or (H, W, B)
+        Grey levels of 255, linear light; outside the mask anything, NaN included.
+    mask : (H, W)
+        Pixels that count.
+    """
+    seen, target = _in_bands(shown, mask)[mask], _in_bands(wanted, mask)[mask]
+    gain = best_gain(seen, target)
+    return PerceivedErrors(
+        **_figures(shown, wanted, mask),
+        delta_e_2000=float(colour_difference(seen, target).mean()),
+        best_gain=gain,
+        mean_at_best_gain=float(np.abs(gain * seen - target).mean()),
+    )
+
+
+def _figures(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> dict[str, float]:
     shown, wanted = _in_bands(shown, mask), _in_bands(wanted, mask)
-    signed = (shown - wanted)[mask]
-    absolute = np.abs(signed)
+    errors = difference(shown[mask], wanted[mask])
     return {
-        "mean": float(absolute.mean()),
-        "sd": float(absolute.std()),
-        "max": float(absolute.max()),
-        "rms": float(np.sqrt((signed**2).mean())),
-        "bias": float(signed.mean()),
+        "mean": errors.mean,
+        "sd": errors.sd,
+        "max": errors.max,
+        "rms": errors.rms,
+        "bias": float((shown - wanted)[mask].mean()),
         "ssim": float(np.mean([_similarity(shown[..., b], wanted[..., b], mask) for b in range(shown.shape[-1])])),
     }
 
@@ -56,26 +104,8 @@ def _similarity(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> float
     return float(similarity[mask].mean())
 
 
-def perceived_errors(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> dict[str, float]:
-    """What an eye that adapts to the brightness sees of it.
-
-    Returns
-    -------
-    dict
-        ``delta_e_2000``: mean CIEDE2000 difference. ``best_gain``: the single gain of the shown picture with the
-        smallest mean absolute error, and ``mean_at_best_gain``, that error in grey levels.
-    """
-    seen, target = _in_bands(shown, mask)[mask], _in_bands(wanted, mask)[mask]
-    gain = best_gain(seen, target)
-    return {
-        "delta_e_2000": float(colour_difference(seen, target).mean()),
-        "best_gain": gain,
-        "mean_at_best_gain": float(np.abs(gain * seen - target).mean()),
-    }
-
-
 def colour_difference(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(N,) CIEDE2000 difference of colours (N, B) in linear light, grey levels of 255.
+    """Return the (N,) CIEDE2000 difference of colours (N, B) in linear light, grey levels of 255.
 
     One band is neutral; three are the red, green and blue of linear sRGB, whose white is the pictures' white.
     """
@@ -94,7 +124,7 @@ def _lab(rgb: FloatArray) -> FloatArray:
 
 
 def grey_difference(first: FloatArray, second: FloatArray) -> FloatArray:
-    """CIEDE2000 difference of neutral colours in linear light, grey levels of 255; any one shape.
+    """Return the CIEDE2000 difference of neutral colours in linear light, grey levels of 255; any one shape.
 
     For a* = b* = 0 it is |ΔL*| / S_L (Sharma, Wu and Dalal, Color Res. Appl. 30, 2005, eqs. 8, 15, 22).
     """
@@ -110,9 +140,9 @@ def _lightness(relative: FloatArray) -> FloatArray:
 
 
 def best_gain(shown: FloatArray, wanted: FloatArray) -> float:
-    """Gain of shown light with the smallest mean absolute error: the median of wanted / shown, weighted by shown.
+    """Return the gain of shown light with the smallest mean absolute error.
 
-    1 where nothing is shown.
+    It is the median of wanted / shown, weighted by shown; 1 where nothing is shown.
     """
     lit = shown > 0
     if not lit.any():
@@ -121,7 +151,7 @@ def best_gain(shown: FloatArray, wanted: FloatArray) -> float:
 
 
 def contrast(shown: FloatArray, wanted: FloatArray, mask: BoolArray) -> float | None:
-    """Mean light where white is wanted over mean light where black is; None for a picture that has not both."""
+    """Return mean light where white is wanted over mean light where black is; None for a picture that has not both."""
     shown, wanted = _in_bands(shown, mask), _in_bands(wanted, mask)
     parts = ((wanted > 0.9 * WHITE).all(axis=-1), (wanted < 0.1 * WHITE).all(axis=-1))
     white, black = (shown[mask & part] for part in parts)

@@ -2,41 +2,122 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
-from calibration.radiometry.response import fit_camera_response, fit_channel_responses, fit_noise_model
-from calibration.records import Response
-from calibration.structured_light.patterns import Pattern, flat, level_patterns
+from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
+from calibration.radiometry.response import Response, fit_camera_response, fit_channel_responses
+from calibration.structured_light.patterns import Pattern, flat, level_patterns, primary
 from rig.capture.rig import Rig
-from rig.errors import CalibrationFailed
-from rig.files.channels import PRIMARIES, by_band, image_of, layers, of_bands
+from rig.files.channels import PRIMARIES, image_of, layers
+from rig.profile.schema import Profile
+from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures, response_of, response_record
+from rig.stages.linear_light import (
+    BLACK_REPEATS,
+    Float32Array,
+    LightImage,
+    RadiometricCalibration,
+    ResponseRecord,
+    merge_exposures,
+)
 from rig.stages.photograph import ExposureBracket, frame_name, photograph, shoot_one
 from rig.terminal import OnStep
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-_AIM = 0.85
-"""Where the brightest permille of projector white should lie, share of full scale."""
+_AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
+"""Of the brightest permille of projector white: the sweep goes to 1.1 times this exposure and must not clip."""
 _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
-_BLACK_REPEATS = 4
+_SWEEP_REPEATS = 2
+"""Two frames of each exposure tell the noise from their difference."""
 _MAX_TRIES = 10
+_USUAL_FRAMES = 3
+"""Frames of the search that a plan counts with: two of white, and the black one."""
 
 
-def find_exposure(rig: Rig, session: Session, on_step: OnStep) -> None:
+@dataclass(frozen=True, kw_only=True)
+class CameraExposure(Record):
+    """The reference exposure of one camera."""
+
+    exposure_s: float
+    brightest_share_of_full_scale: float
+    """Of the brightest permille of projector white."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureRecord(Record):
+    """What step `exposure` found."""
+
+    cameras: Mapping[str, CameraExposure]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraRadiometry(Record):
+    """How one camera's digital numbers become light."""
+
+    reference_exposure_s: float
+    offset_dn: float
+    full_scale_dn: int
+    response: ResponseRecord
+    gain_e_per_dn: float
+    read_noise_dn: float
+    black_exposures_s: tuple[float, ...]
+    """Of the images ``e0``, ``e1`` ... of the camera's black."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProjectorRadiometry(Record):
+    """What one projector's codes are as light."""
+
+    responses: tuple[ResponseRecord, ...]
+    """A response a channel."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairRadiometry(Record):
+    """How the channels of one projector appear in the bands of one camera."""
+
+    camera: str
+    projector: str
+    mixing: tuple[tuple[float, ...], ...]
+    """K[b, q]: share of white in band b that channel q makes; rows sum to 1."""
+    balance: tuple[float, ...]
+    """Factors that make projector white alike in the bands."""
+    white_over_channels: tuple[float, ...]
+    """Light of white over the sum of the channels' lights, by band."""
+    mixing_variation: float
+    """Largest difference of the mixing over the picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadiometricRecord(Record):
+    """What step `response` found."""
+
+    cameras: Mapping[str, CameraRadiometry]
+    projectors: Mapping[str, ProjectorRadiometry]
+    pairs: tuple[PairRadiometry, ...]
+
+
+def exposure_settings(session: Session) -> JsonObject:
+    """Return what step `exposure` depends on."""
+    return {"aim": _AIM.share, "start_s": session.profile.camera.exposure_s}
+
+
+def exposure_frames(_: Profile) -> int:
+    """Return about how many frames step `exposure` takes."""
+    return _USUAL_FRAMES
+
+
+def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `exposure`: projector white just below saturation."""
-    step = session.step("exposure", settings={"aim": _AIM, "start_s": rig.profile.camera.exposure_s})
-    if step.done:
-        return
-    shortest, longest = rig.profile.camera.exposure_range_s
     white = flat(rig.projector.shape, 255, "white")
     exposure_s = rig.profile.camera.exposure_s
     full_scale = rig.camera.full_scale_dn
@@ -44,87 +125,101 @@ def find_exposure(rig: Rig, session: Session, on_step: OnStep) -> None:
         on_step("photograph: exposure", attempt, _MAX_TRIES)
         name = frame_name("white", attempt)
         if not step.has_frame(name):
-            shoot_one(rig, session, step, white, name, exposure_s)
-        level = float(np.quantile(step.load_frame(name).pixels, 0.999, axis=(0, 1)).max()) / full_scale
-        if 0.9 * _AIM <= level <= 1.06 * _AIM:
+            shoot_one(rig, session, step, white, name=name, exposure_s=exposure_s)
+        level = brightest_share(step.load_frame(name).pixels, full_scale)
+        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s)
+        if chosen_s is None:
             break
-        factor = 0.25 if level > 0.98 else _AIM / max(level, 0.01)
-        chosen = float(np.clip(exposure_s * factor, shortest, longest))
-        if chosen == exposure_s:
-            break
-        exposure_s = chosen
+        exposure_s = chosen_s
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
-    _refuse_darkness(rig, session, step, exposure_s, frame_name("white", attempt))
-    step.save_record("exposure", {"exposure_s": exposure_s, "brightest_share_of_full_scale": level})
-    step.finish()
-
-
-def _refuse_darkness(rig: Rig, session: Session, step: Step, exposure_s: float, white_name: str) -> None:
-    name = frame_name("black")
-    if not step.has_frame(name):
-        shoot_one(rig, session, step, flat(rig.projector.shape, 0, "black"), name, exposure_s)
-    white, black = (step.load_frame(n).pixels.astype(np.float64) for n in (white_name, name))
-    difference = float(np.quantile(white - black, 0.99, axis=(0, 1)).min())
-    limit = 0.01 * rig.camera.full_scale_dn
-    if difference < limit:
-        raise CalibrationFailed(
-            f"projector white is only {difference:.1f} dn brighter than black at {exposure_s:.4g} s, the limit is "
-            f"{limit:.0f} dn: no light of the projector reaches the camera. Look at lens caps, aim and room light."
-        )
+    black_name, black = frame_name("black"), flat(rig.projector.shape, 0, "black")
+    if not step.has_frame(black_name):
+        shoot_one(rig, session, step, black, name=black_name, exposure_s=exposure_s)
+    dark, bright = (step.load_frame(name).pixels for name in (black_name, frame_name("white", attempt)))
+    refuse_darkness(bright, dark, full_scale_dn=full_scale, exposure_s=exposure_s)
+    found = CameraExposure(exposure_s=exposure_s, brightest_share_of_full_scale=level)
+    step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
 
 
 def reference_exposure_s(session: Session) -> float:
-    """The session's reference exposure."""
-    return float(session.finished("exposure").load_record("exposure")["exposure_s"])
+    """Return the session's reference exposure."""
+    record = session.finished("exposure").load_record("exposure", ExposureRecord)
+    return record.cameras[session.profile.camera.name].exposure_s
 
 
-def measuring_bracket(rig: Rig, session: Session, repeats: int | None = None) -> ExposureBracket:
-    """Exposures that are merged for measurements of light."""
-    reference = reference_exposure_s(session)
-    longest = rig.profile.camera.exposure_range_s[1]
-    exposures = tuple(min(reference * factor, longest) for factor in rig.profile.patterns.exposures)
-    return ExposureBracket(exposures, rig.profile.patterns.frames_averaged if repeats is None else repeats)
+def measuring_bracket(session: Session, repeats: int | None = None) -> ExposureBracket:
+    """Return the exposures that are merged for measurements of light.
+
+    Parameters
+    ----------
+    session
+        With step `exposure` finished.
+    repeats
+        Frames at each exposure; default: ``patterns.frames_averaged`` of the profile.
+    """
+    reference, patterns = reference_exposure_s(session), session.profile.patterns
+    longest = session.profile.camera.exposure_range_s[1]
+    exposures = tuple(min(reference * factor, longest) for factor in patterns.exposures)
+    return ExposureBracket(exposures, patterns.frames_averaged if repeats is None else repeats)
 
 
-def measure_responses(rig: Rig, session: Session, on_step: OnStep) -> None:
+def response_settings(session: Session) -> JsonObject:
+    """Return what step `response` depends on."""
+    return {
+        "exposures_s": json_of(measuring_bracket(session).exposures_s),
+        "sweep": json_of(_SWEEP),
+        "levels": json_of(_levels(session.profile.patterns.response_levels)),
+    }
+
+
+def response_frames(profile: Profile) -> int:
+    """Return how many frames step `response` takes."""
+    patterns = profile.patterns
+    pictures = BLACK_REPEATS + patterns.response_levels + len(PRIMARIES[profile.camera.channels])
+    return pictures * len(patterns.exposures) + (1 + _SWEEP_REPEATS) * len(_SWEEP)
+
+
+def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `response`: black, camera response by exposure sweep, projector response by levels.
 
     With a colour camera also red, green and blue: how they mix, and with it a response for each channel.
     """
-    shot = measuring_bracket(rig, session, repeats=1)
+    bracket = measuring_bracket(session, repeats=1)
     levels = _levels(rig.profile.patterns.response_levels)
-    settings = {"exposures_s": shot.exposures_s, "sweep": _SWEEP, "levels": levels}
-    step = session.step("response", settings=settings, needs=("exposure",))
-    if step.done:
-        return
-    shape = rig.projector.shape
-    black = flat(shape, 0, "black")
-    reference = reference_exposure_s(session)
-    sweep = ExposureBracket(tuple(reference * factor for factor in _SWEEP), repeats=2)
-    photograph(rig, session, step, [black], ExposureBracket(shot.exposures_s, _BLACK_REPEATS), 1, on_step)
-    photograph(rig, session, step, [flat(shape, 0, "black-sweep")], ExposureBracket(sweep.exposures_s), 1, on_step)
-    photograph(rig, session, step, [flat(shape, 255, "white-sweep")], sweep, 1, on_step)
-    photograph(rig, session, step, level_patterns(shape, levels), shot, len(levels), on_step)
-    colours = pure_colours(shape, rig.camera.shape[2])
-    photograph(rig, session, step, colours, shot, len(colours), on_step)
-    radiometric = _fit_camera(step, rig.camera.full_scale_dn, reference, shot, sweep)
-    white = merge_exposures(step, "level-255", shot, radiometric)
+    colours = pure_colours(rig.projector.shape, rig.camera.shape[2])
+    _photograph_responses(rig, session, step, on_step)
+    bare = _fit_camera(step, rig.camera.full_scale_dn, reference_exposure_s(session), _sweep_of(session))
+    radiometric = replace(bare, black=_black(step, bracket, bare))
+    white = merge_exposures(step, "level-255", bracket, radiometric)
     lit = _lit(white)
-    mixing = _fit_mixing([merge_exposures(step, pattern.name, shot, radiometric) for pattern in colours], white, lit)
-    sums = {code: _sums(merge_exposures(step, f"level-{code:03d}", shot, radiometric), lit) for code in levels}
+    mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
+    sums = {code: _sums(merge_exposures(step, f"level-{code:03d}", bracket, radiometric), lit) for code in levels}
     radiometric = replace(radiometric, mixing=mixing.matrix, balance=_balance(white, lit))
-    _save(step, replace(radiometric, projector=_responses(sums, mixing)), mixing)
-    step.finish()
+    _save(step, rig.profile, replace(radiometric, projector=_responses(sums, mixing)), mixing)
+
+
+def _sweep_of(session: Session) -> ExposureBracket:
+    reference = reference_exposure_s(session)
+    return ExposureBracket(tuple(reference * factor for factor in _SWEEP), repeats=_SWEEP_REPEATS)
+
+
+def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    shape, bracket, sweep = rig.projector.shape, measuring_bracket(session, repeats=1), _sweep_of(session)
+    levels = _levels(rig.profile.patterns.response_levels)
+    sets: list[tuple[list[Pattern], ExposureBracket]] = [
+        ([flat(shape, 0, "black")], ExposureBracket(bracket.exposures_s, BLACK_REPEATS)),
+        ([flat(shape, 0, "black-sweep")], ExposureBracket(sweep.exposures_s)),
+        ([flat(shape, 255, "white-sweep")], sweep),
+        (list(level_patterns(shape, levels)), bracket),
+        (pure_colours(shape, rig.camera.shape[2]), bracket),
+    ]
+    for patterns, how in sets:
+        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
 
 
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:
     """Flat pictures of each of the projector's channels; none for a grey camera."""
-    patterns = []
-    for channel, name in enumerate(PRIMARIES[channels]):
-        codes = np.zeros((*shape, channels), np.uint8)
-        codes[..., channel] = 255
-        patterns.append(Pattern(name, codes))
-    return patterns
+    return [primary(shape, channel, name, channels) for channel, name in enumerate(PRIMARIES[channels])]
 
 
 def _levels(count: int) -> list[int]:
@@ -137,9 +232,8 @@ def _samples(step: Step, name: str, stride: int) -> NDArray[np.float64]:
     return step.load_frame(name).pixels[::stride, ::stride].ravel().astype(np.float64)
 
 
-def _fit_camera(
-    step: Step, full_scale_dn: int, reference_s: float, shot: ExposureBracket, sweep: ExposureBracket
-) -> RadiometricCalibration:
+def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, sweep: ExposureBracket) -> RadiometricCalibration:
+    """Fit the camera's response and noise; black, projector and mixing are still missing."""
     stride = max(1, round((step.load_frame(frame_name("black")).pixels.size / 6000) ** 0.5))
     exposures = np.array(sweep.exposures_s)
     dark = [_samples(step, frame_name("black-sweep", k), stride) for k in range(len(exposures))]
@@ -148,28 +242,32 @@ def _fit_camera(
         [[_samples(step, frame_name("white-sweep", k, r), stride) for r in (0, 1)] for k in range(len(exposures))]
     )
     response = fit_camera_response(bright.mean(axis=1) - offset, exposures / reference_s, full_scale_dn - offset)
-    noise = fit_noise_model(bright[:, 0] - offset, bright[:, 1] - offset, 0.97 * (full_scale_dn - offset))
+    above = bright - offset
+    points = transfer_points(above[:, 0], above[:, 1], range_dn=(0.0, 0.97 * (full_scale_dn - offset)))
+    noise = fit_photon_transfer(points, rounds=0)
     bands = step.load_frame(frame_name("black")).pixels.shape[2]
-    bare = RadiometricCalibration(
-        reference_s,
-        float(offset),
-        full_scale_dn,
-        response,
-        (),
-        noise.gain_e_per_dn,
-        noise.read_noise_dn,
-        {},
-        np.eye(bands),
-        np.ones(bands),
+    return RadiometricCalibration(
+        reference_exposure_s=reference_s,
+        offset_dn=float(offset),
+        full_scale_dn=full_scale_dn,
+        camera=response,
+        projector=(),
+        gain_e_per_dn=noise.gain_e_per_dn,
+        read_noise_dn=noise.read_noise_dn,
+        black={},
+        mixing=np.eye(bands),
+        balance=np.ones(bands),
     )
-    table = bare.table()
-    black = {
-        exposure_s: np.mean(
-            [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(_BLACK_REPEATS)], axis=0
-        ).astype(np.float32)
-        for e, exposure_s in enumerate(shot.exposures_s)
-    }
-    return replace(bare, black=black)
+
+
+def _black(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration) -> dict[float, Float32Array]:
+    """(H, W, B) mean linear light while the projector shows black, by exposure."""
+    table = radiometric.table()
+    means = {}
+    for e, exposure_s in enumerate(bracket.exposures_s):
+        frames = [step.load_frame(frame_name("black", e, r)).pixels for r in range(BLACK_REPEATS)]
+        means[exposure_s] = np.mean([table[frame] for frame in frames], axis=0).astype(np.float32)
+    return means
 
 
 def _lit(white: LightImage) -> BoolArray:
@@ -203,51 +301,52 @@ def _sums(image: LightImage, lit: BoolArray) -> FloatArray:
     return np.array([band[lit].astype(np.float64).sum() for band in bands])
 
 
-def _save(step: Step, radiometric: RadiometricCalibration, mixing: Mixing) -> None:
-    record = {
-        "reference_exposure_s": radiometric.reference_exposure_s,
-        "offset_dn": radiometric.offset_dn,
-        "full_scale_dn": radiometric.full_scale_dn,
-        "camera": response_record(radiometric.camera),
-        "projector": by_band([response_record(response) for response in radiometric.projector]),
-        "gain_e_per_dn": radiometric.gain_e_per_dn,
-        "read_noise_dn": radiometric.read_noise_dn,
-        "black_exposures_s": list(radiometric.black),
-        **_colour_record(radiometric, mixing),
-    }
-    black: dict[str, NDArray[Any]] = {}
+def _save(step: Step, profile: Profile, radiometric: RadiometricCalibration, mixing: Mixing) -> None:
+    black: dict[str, NDArray[np.generic]] = {}
     for k, image in enumerate(radiometric.black.values()):
         black |= layers(f"e{k}", image)
     step.save_image("black", black)
+    camera = CameraRadiometry(
+        reference_exposure_s=radiometric.reference_exposure_s,
+        offset_dn=radiometric.offset_dn,
+        full_scale_dn=radiometric.full_scale_dn,
+        response=ResponseRecord.of(radiometric.camera),
+        gain_e_per_dn=radiometric.gain_e_per_dn,
+        read_noise_dn=radiometric.read_noise_dn,
+        black_exposures_s=tuple(radiometric.black),
+    )
+    pair = PairRadiometry(
+        camera=profile.camera.name,
+        projector=profile.projector.name,
+        mixing=tuple(tuple(row) for row in mixing.matrix.tolist()),
+        balance=tuple(radiometric.balance.tolist()),
+        white_over_channels=tuple(mixing.white_over_channels.tolist()),
+        mixing_variation=mixing.variation,
+    )
+    responses = tuple(ResponseRecord.of(response) for response in radiometric.projector)
+    record = RadiometricRecord(
+        cameras={pair.camera: camera},
+        projectors={pair.projector: ProjectorRadiometry(responses=responses)},
+        pairs=(pair,),
+    )
     step.save_record("radiometric", record)
 
 
-def _colour_record(radiometric: RadiometricCalibration, mixing: Mixing) -> dict[str, Any]:
-    """What only a colour camera tells."""
-    if len(radiometric.balance) == 1:
-        return {}
-    return {
-        "mixing": mixing.matrix,
-        "balance": radiometric.balance,
-        "white_over_channels": mixing.white_over_channels,
-        "mixing_variation": mixing.variation,
-    }
-
-
 def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
-    """The finished step's result."""
+    """Return what the finished step `response` found."""
     step = session.finished("response")
-    record, black = step.load_record("radiometric"), step.load_image("black")
-    balance = np.array(record.get("balance", [1.0]))
+    record, black = step.load_record("radiometric", RadiometricRecord), step.load_image("black")
+    camera, pair = record.cameras[session.profile.camera.name], record.pairs[0]
+    projector = record.projectors[pair.projector]
     return RadiometricCalibration(
-        record["reference_exposure_s"],
-        record["offset_dn"],
-        record["full_scale_dn"],
-        response_of(record["camera"]),
-        tuple(response_of(each) for each in of_bands(record["projector"], len(balance))),
-        record["gain_e_per_dn"],
-        record["read_noise_dn"],
-        {exposure_s: image_of(black, f"e{k}") for k, exposure_s in enumerate(record["black_exposures_s"])},
-        np.array(record.get("mixing", [[1.0]])),
-        balance,
+        reference_exposure_s=camera.reference_exposure_s,
+        offset_dn=camera.offset_dn,
+        full_scale_dn=camera.full_scale_dn,
+        camera=camera.response.response(),
+        projector=tuple(response.response() for response in projector.responses),
+        gain_e_per_dn=camera.gain_e_per_dn,
+        read_noise_dn=camera.read_noise_dn,
+        black={exposure_s: image_of(black, f"e{k}") for k, exposure_s in enumerate(camera.black_exposures_s)},
+        mixing=np.array(pair.mixing),
+        balance=np.array(pair.balance),
     )

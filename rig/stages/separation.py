@@ -3,41 +3,78 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.records import Correspondence
-from calibration.separation import MARGIN_PX, Separation, separate, separate_by_pattern
+from calibration.light.separation import MARGIN_PX, Separation, separate, separate_by_pattern
+from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat
 from rig.capture.rig import Rig
 from rig.files.channels import layers
+from rig.profile.schema import Profile
+from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import Float32Array, RadiometricCalibration, merge_exposures
+from rig.stages.linear_light import Float32Array, LightImage, merge_exposures
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
 _WHITE_REPEATS = 4
+"""Frames of white at each exposure: the model is made from them, and their noise stays in it."""
+_LIT_SHARE = 0.2
+"""Of the median direct light: pixels above it tell how well the two ways to separate agree."""
 
 
-def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
-    """Photograph white and the checkers, and split white into direct and global light."""
-    patterns = rig.profile.patterns
-    shot = measuring_bracket(rig, session, repeats=1)
-    settings = {"exposures_s": shot.exposures_s, "checker": [patterns.checker_size_px, patterns.checker_shifts]}
-    step = session.step("separation", settings=settings, needs=("response", "correspondence"))
-    if step.done:
-        return
-    shape = rig.projector.shape
-    white_shot = ExposureBracket(shot.exposures_s, _WHITE_REPEATS)
-    photograph(rig, session, step, [flat(shape, 255, "white")], white_shot, 1, on_step)
-    checkers = list(checker_patterns(shape, patterns.checker_size_px, patterns.checker_shifts))
-    photograph(rig, session, step, checkers, shot, len(checkers), on_step)
+@dataclass(frozen=True, kw_only=True)
+class SeparationRecord(Record):
+    """What step `separation` found, beside its images."""
+
+    extremes_over_known_pattern: float
+    """Median direct light by the brightest and darkest frames over that by the known pattern."""
+
+
+def separation_settings(session: Session) -> JsonObject:
+    """Return what step `separation` depends on."""
+    patterns = session.profile.patterns
+    return {
+        "exposures_s": json_of(measuring_bracket(session).exposures_s),
+        "checker": [patterns.checker_size_px, patterns.checker_shifts],
+    }
+
+
+def separation_frames(profile: Profile) -> int:
+    """Return how many frames step `separation` takes."""
+    return (_WHITE_REPEATS + profile.patterns.checker_shifts) * len(profile.patterns.exposures)
+
+
+def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `separation`: photograph white and the checkers, and split white into direct and global light."""
+    shape, size_px = rig.projector.shape, rig.profile.patterns.checker_size_px
+    bracket = measuring_bracket(session, repeats=1)
+    white_bracket = ExposureBracket(bracket.exposures_s, _WHITE_REPEATS)
+    checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
+    for patterns, how in (([flat(shape, 255, "white")], white_bracket), (checkers, bracket)):
+        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
     radiometric = load_radiometric_calibration(session)
-    white = merge_exposures(step, "white", white_shot, radiometric)
-    frames = list(_stack(step, [pattern.name for pattern in checkers], shot, radiometric, on_step))
-    bright, known = _separated(frames, checkers, white.value, load_correspondence(session), patterns.checker_size_px)
+    white = merge_exposures(step, "white", white_bracket, radiometric)
+    names = [pattern.name for pattern in checkers]
+    frames = [merge_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
+    bright, known = _separated(frames, checkers, white.value, load_correspondence(session), checker_size_px=size_px)
+    _save(step, white, bright, known)
+
+
+def _told(names: Sequence[str], on_step: OnStep) -> Iterator[str]:
+    """Go through names, and tell how far."""
+    for k, name in enumerate(names):
+        on_step("separate direct and global", k, len(names))
+        yield name
+    on_step("separate direct and global", len(names), len(names))
+
+
+def _save(step: Step, white: LightImage, bright: Separation, known: Separation) -> None:
+    """Keep the light by the known pattern, and where that is not valid, by the brightest and darkest frames."""
     valid = known.valid.all(axis=-1)
     step.save_image(
         "separation",
@@ -51,9 +88,9 @@ def separate_light(rig: Rig, session: Session, on_step: OnStep) -> None:
         folder="maps",
     )
     extremes, direct = (found.direct.mean(axis=-1) for found in (bright, known))
-    lit = valid & (direct > 0.2 * np.median(direct[valid]))
-    step.save_record("separation", {"extremes_over_known_pattern": float(np.median(extremes[lit] / direct[lit]))})
-    step.finish()
+    lit = valid & (direct > _LIT_SHARE * np.median(direct[valid]))
+    agreement = float(np.median(extremes[lit] / direct[lit]))
+    step.save_record("separation", SeparationRecord(extremes_over_known_pattern=agreement))
 
 
 def _separated(
@@ -61,6 +98,7 @@ def _separated(
     checkers: list[Pattern],
     white: Float32Array,
     correspondence: Correspondence,
+    *,
     checker_size_px: int,
 ) -> tuple[Separation, Separation]:
     """By the brightest and darkest frames, and by the known pattern; (H, W, B) each."""
@@ -82,12 +120,3 @@ def _joined(bands: Sequence[Separation]) -> Separation:
         np.stack([band.global_ for band in bands], axis=-1),
         np.stack([band.valid for band in bands], axis=-1),
     )
-
-
-def _stack(
-    step: Step, names: list[str], shot: ExposureBracket, radiometric: RadiometricCalibration, on_step: OnStep
-) -> Iterator[Float32Array]:
-    for k, name in enumerate(names):
-        on_step("separate direct and global", k, len(names))
-        yield merge_exposures(step, name, shot, radiometric).value
-    on_step("separate direct and global", len(names), len(names))

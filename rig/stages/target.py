@@ -36,7 +36,7 @@ class Target:
         return hashlib.sha256(np.ascontiguousarray(self.levels).tobytes()).hexdigest()
 
 
-def load_target(path: Path | None, shape: tuple[int, int], fit: bool = False, channels: int = 1) -> Target:
+def load_target(path: str | Path | None, shape: tuple[int, int], fit: bool = False, *, channels: int = 1) -> Target:
     """Read a target. For a grey rig colour is turned to grey by Rec. 709 luminance; in colour, grey is a colour, too.
 
     Raises UsageError for a file that is missing, unreadable, of another size (unless `fit`), or not finite.
@@ -52,7 +52,7 @@ def load_target(path: Path | None, shape: tuple[int, int], fit: bool = False, ch
     picture = picture if picture.shape[:2] == shape else _fitted(picture, shape)
     if picture.max() > 255.001:
         raise UsageError(f"{path}: grey levels up to {picture.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
-    return Target(path.name, np.ascontiguousarray(picture, dtype=np.float32))
+    return Target(Path(path).name, np.ascontiguousarray(picture, dtype=np.float32))
 
 
 def _in_channels(picture: Float32Array, channels: int) -> Float32Array:
@@ -65,7 +65,7 @@ def _in_channels(picture: Float32Array, channels: int) -> Float32Array:
 
 
 def default_picture(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """A photograph (H, W, C) of the projector's shape, rescaled to mean 123 and sd 46 over all channels together."""
+    """Return a photograph (H, W, C) of the projector's shape, with mean 123 and sd 46 over all channels together."""
     from skimage.data import astronaut
 
     read: Callable[[], NDArray[np.uint8]] = astronaut

@@ -2,25 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from rig.strategies.records import ClosedLoop, JudgedErrors, StrategyRow
 
 INK, SOFT, MEASURED, PREDICTED, LOOP = "#1d2330", "#8a93a3", "#2557a7", "#b9c6dd", "#c4561c"
 LEAST_SECONDS = 1e-3
 """Times below count as this on the logarithmic axis."""
 
 
-def errors_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
+TITLES = {
+    "none": "none",
+    "direct": "direct only",
+    "paper": "paper",
+    "exact": "exact inverse",
+    "bounded": "bounded optimum",
+}
+"""Of strategies whose own name is no title; the others are called as they are, without underscores."""
+
+
+@dataclass(frozen=True)
+class TitledRow:
+    """A row of the page: a strategy, a closed loop, or a strategy that knows the simulated world."""
+
+    title: str
+    figures: StrategyRow
+    is_timed: bool = True
+    """Whether its seconds are those of a strategy, to be drawn against its error."""
+
+
+def title_of(strategy: str) -> str:
+    """Return a strategy's name in words."""
+    return TITLES.get(strategy, strategy.replace("_", " "))
+
+
+def mean_of(errors: JudgedErrors | None) -> float | None:
+    """Return the mean error, None where there is none."""
+    return None if errors is None else errors.mean
+
+
+def errors_figure(rows: Sequence[TitledRow]) -> Figure:
     """Bars: measured and predicted mean error of each strategy; a row without a measurement has one bar."""
     figure = Figure(figsize=(10.0, 0.42 * len(rows) + 1.4), layout="constrained")
     axes = figure.subplots()
     places = np.arange(len(rows))[::-1]
-    measured = [row["measured"]["mean"] if row.get("measured") else None for row in rows]
-    predicted = [row["predicted"]["mean"] if row.get("predicted") else None for row in rows]
+    measured = [mean_of(row.figures.measured) for row in rows]
+    predicted = [mean_of(row.figures.predicted) for row in rows]
     for values, offset, colour, label in (
         (measured, 0.2, MEASURED, "measured"),
         (predicted, -0.2, PREDICTED, "predicted"),
@@ -29,26 +61,26 @@ def errors_figure(rows: Sequence[Mapping[str, Any]]) -> Figure:
         if known:
             bars = axes.barh([k[0] for k in known], [k[1] for k in known], 0.38, color=colour, label=label)
             axes.bar_label(bars, fmt="%.1f", fontsize=8, padding=3, color=INK)
-    axes.set_yticks(places, [row["title"] for row in rows])
+    axes.set_yticks(places, [row.title for row in rows])
     _plain(axes, "mean error [grey levels of 255]", "")
     axes.margins(x=0.08)
     axes.legend(frameon=False, loc="lower right")
     return figure
 
 
-def speed_figure(rows: Sequence[Mapping[str, Any]], loops: Sequence[Mapping[str, Any]] = ()) -> Figure:
+def speed_figure(rows: Sequence[TitledRow], loops: Sequence[ClosedLoop] = ()) -> Figure:
     """Seconds to compute against error: the lower left is better. Closed loops hang from their strategy."""
     figure = Figure(figsize=(10.0, 5.2), layout="constrained")
     axes = figure.subplots()
-    places = [(max(row["seconds"], LEAST_SECONDS), _shown(row)["mean"]) for row in rows]
+    places = [(max(row.figures.seconds or 0.0, LEAST_SECONDS), row.figures.shown.mean) for row in rows]
     for (seconds, error), row in zip(places, rows, strict=True):
         axes.plot(seconds, error, "o", color=MEASURED, ms=7)
-        loop = next((loop for loop in loops if loop["strategy"] == row["strategy"]), None)
+        loop = next((loop for loop in loops if loop.strategy == row.figures.strategy), None)
         if loop:
             _hang(axes, seconds, loop)
     for (seconds, error), row, lift in zip(places, rows, _lifts(places), strict=True):
         axes.annotate(
-            row["title"],
+            row.title,
             (seconds, error),
             xytext=(8, 3 + lift),
             textcoords="offset points",
@@ -63,36 +95,31 @@ def speed_figure(rows: Sequence[Mapping[str, Any]], loops: Sequence[Mapping[str,
     return figure
 
 
-def loops_figure(loops: Sequence[Mapping[str, Any]], perfect: Sequence[Mapping[str, Any]]) -> Figure:
-    """Measured mean error after each capture; dashed what perfect knowledge gives without a loop."""
+def loops_figure(loops: Sequence[ClosedLoop], oracle: Sequence[StrategyRow]) -> Figure:
+    """Measured mean error after each capture; dashed what knowing the simulated world gives without a loop."""
     figure = Figure(figsize=(10.0, 4.2), layout="constrained")
     axes = figure.subplots()
     colours = (LOOP, MEASURED, "#1a7f4b", "#8c4fb0", "#5d6678", "#b38600")
     for colour, loop in zip(np.resize(colours, len(loops)), loops, strict=True):
-        errors = [capture["mean"] for capture in loop["captures"]]
+        errors = [capture.mean for capture in loop.captures]
         numbers = np.arange(1, len(errors) + 1)
-        axes.plot(numbers, errors, "o-", color=colour, label=f"{loop['title']}, rule '{loop['rule']}'")
-        axes.plot(loop["best"], errors[loop["best"] - 1], "o", ms=11, mfc="none", color=colour)
-    for row in perfect:
-        error = row["measured"]["mean"]
-        axes.axhline(error, color=SOFT, ls="--", lw=1, label=f"{row['title']} by perfect knowledge: {error:.2f}")
-    axes.set_xticks(np.arange(1, max(len(loop["captures"]) for loop in loops) + 1))
+        axes.plot(numbers, errors, "o-", color=colour, label=f"{title_of(loop.strategy)}, rule '{loop.rule}'")
+        axes.plot(loop.best, loop.kept.mean, "o", ms=11, mfc="none", color=colour)
+    for row in oracle:
+        error = row.shown.mean
+        axes.axhline(error, color=SOFT, ls="--", lw=1, label=f"{title_of(row.strategy)}, world known: {error:.2f}")
+    axes.set_xticks(np.arange(1, max(len(loop.captures) for loop in loops) + 1))
     _plain(axes, "captures", "measured mean error [grey levels of 255]")
     axes.margins(y=0.15)
     axes.legend(frameon=False)
     return figure
 
 
-def _shown(row: Mapping[str, Any]) -> Mapping[str, float]:
-    found: Mapping[str, float] = row.get("measured") or row["predicted"]
-    return found
-
-
-def _hang(axes: Axes, seconds: float, loop: Mapping[str, Any]) -> None:
-    errors = [capture["mean"] for capture in loop["captures"]][: loop["best"]]
+def _hang(axes: Axes, seconds: float, loop: ClosedLoop) -> None:
+    errors = [capture.mean for capture in loop.captures[: loop.best]]
     axes.plot([seconds] * len(errors), errors, "-", color=LOOP, lw=1)
     axes.plot(seconds, errors[-1], "o", color=LOOP, ms=7)
-    label = f"{loop['title']}, closed loop of {loop['best']} captures"
+    label = f"{title_of(loop.strategy)}, closed loop of {loop.best} captures"
     axes.annotate(label, (seconds, errors[-1]), xytext=(8, -4), textcoords="offset points", fontsize=9, color=LOOP)
 
 

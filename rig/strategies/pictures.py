@@ -20,21 +20,23 @@ BRIGHT = ("outdoor", 180.0, 45.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Picture:
+class ComparisonPicture:
     """A target with the name that its files and its rows have."""
 
     name: str
     target: Target
 
 
-def pictures_for(model: FittedScene, target: Target) -> list[Picture]:
+def pictures_for(model: FittedScene, target: Target) -> list[ComparisonPicture]:
     """The user's picture first; the others are grey."""
     shape = model.scene_model.projector.lens.shape
     return [
-        Picture("target", target),
-        Picture("two-walls", _grey("one wall white, the other black", two_walls(model.scene_model), model.channels)),
-        Picture("dark", _photograph(*DARK, shape, model.channels)),
-        Picture("bright", _photograph(*BRIGHT, shape, model.channels)),
+        ComparisonPicture("target", target),
+        ComparisonPicture(
+            "two-walls", _grey("one wall white, the other black", two_walls(model.scene_model), model.channels)
+        ),
+        ComparisonPicture("dark", _photograph(*DARK, shape, model.channels)),
+        ComparisonPicture("bright", _photograph(*BRIGHT, shape, model.channels)),
     ]
 
 
@@ -44,7 +46,7 @@ def two_walls(scene_model: SceneModel) -> NDArray[np.float32]:
     With one wall only, the left half is white.
     """
     height, width = scene_model.projector.lens.shape
-    face = scene_model.projector_look.hits.face
+    face = scene_model.projector_hits.hits.face
     column = np.tile(np.arange(width), height)
     upright = [k for k, each in enumerate(scene_model.scene.faces) if each.name not in ("floor", "ceiling")]
     counts = {k: int((face == k).sum()) for k in upright}

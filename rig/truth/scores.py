@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -14,29 +14,41 @@ from rig.capture.rig import Rig
 from rig.devices.simulated.devices import SimulatedCamera
 from rig.devices.simulated.room import reflectance_at
 from rig.devices.simulated.world import SimulatedWorld
-from rig.files.channels import image_of, of_bands
+from rig.files.channels import image_of
 from rig.session import Session
-from rig.stages.model import FittedScene, load_model
+from rig.stages.model import FittedScene, load_model, load_model_record
+from rig.stages.results import TruthErrors
 from rig.stages.scene_model import PosedLens
 from rig.truth.transport import ground_truth_mixing
+from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
+Worlds = tuple[SimulatedWorld, ...]
+"""One simulated world in each band of its camera."""
 
 
-def score(rig: Rig, session: Session) -> dict[str, float] | None:
-    """The error of each calibrated quantity, from step `truth`; None on a rig that has no truth."""
-    if rig.profile.simulation is None:
+def score(session: Session, rig: Rig | None) -> TruthErrors | None:
+    """Return the error of each calibrated quantity, from step `truth`; None of a session whose truth nobody knows.
+
+    Parameters
+    ----------
+    session
+        With step `model` finished.
+    rig
+        If it is open: its simulated world need not be made again.
+    """
+    if session.profile.simulation is None:
         return None
     step = session.step("truth", needs=("geometry", "separation", "model"))
     if not step.done:
-        step.save_record("truth", _scores(ground_truth_worlds(rig), session))
+        worlds = simulated_worlds_of(session.profile) if rig is None else ground_truth_worlds(rig)
+        step.save_record("truth", _scores(worlds, session))
         step.finish()
-    scores: dict[str, float] = step.load_record("truth")
-    return scores
+    return step.load_record("truth", TruthErrors)
 
 
-def ground_truth_worlds(rig: Rig) -> tuple[SimulatedWorld, ...]:
-    """The simulated world that a rig photographs, in each band of its camera.
+def ground_truth_worlds(rig: Rig) -> Worlds:
+    """Return the simulated world that a rig photographs, in each band of its camera.
 
     The emulated rig's stands behind real drivers: made again, it is the same.
     Raises ProfileError when the profile has none.
@@ -46,27 +58,40 @@ def ground_truth_worlds(rig: Rig) -> tuple[SimulatedWorld, ...]:
     return simulated_worlds_of(rig.profile)
 
 
-def _scores(worlds: tuple[SimulatedWorld, ...], session: Session) -> dict[str, float]:
+def _scores(worlds: Worlds, session: Session) -> TruthErrors:
     model, world = load_model(session), worlds[0]
-    scores = _pose_errors(world, model.scene_model.camera, model.scene_model.projector)
-    scores["surface_median_mm"] = _surface_error_mm(world, model)
-    scores |= _reflectance_errors(worlds, model, of_bands(_record(session)["source"], model.channels))
-    scores |= _separation_biases(worlds, session, model)
-    return scores | _mixing_error(worlds, model)
+    pose = _pose_errors(world, model.scene_model.camera, model.scene_model.projector)
+    sources = [band.source for band in load_model_record(session).bands]
+    reflectance, lit_and_seen = _reflectance_errors(worlds, model, sources)
+    direct, global_ = _separation_biases(worlds, session, model)
+    return TruthErrors(
+        camera_position_mm=pose.position_mm,
+        camera_rotation_deg=pose.rotation_deg,
+        focal_percent=pose.focal_percent,
+        surface_median_mm=_surface_error_mm(world, model),
+        reflectance_rmse=reflectance,
+        reflectance_rmse_lit_and_seen=lit_and_seen,
+        direct_bias_percent=direct,
+        global_bias_percent=global_,
+        mixing_max_error=_mixing_error(worlds, model),
+    )
 
 
-def _mixing_error(worlds: tuple[SimulatedWorld, ...], model: FittedScene) -> dict[str, float]:
-    """Largest difference of a share of the mixing; nothing on a grey rig, which has none."""
+def _mixing_error(worlds: Worlds, model: FittedScene) -> float | None:
+    """Largest difference of a share of the mixing; None of a grey rig, which has none."""
     if model.channels == 1:
-        return {}
-    return {"mixing_max_error": float(np.abs(model.room.mixing - ground_truth_mixing(worlds)).max())}
+        return None
+    return float(np.abs(model.room.mixing - ground_truth_mixing(worlds)).max())
 
 
-def _record(session: Session) -> dict[str, Any]:
-    return session.finished("model").load_record("model")
+@dataclass(frozen=True)
+class _PoseErrors:
+    position_mm: float
+    rotation_deg: float
+    focal_percent: float
 
 
-def _pose_errors(world: SimulatedWorld, camera: PosedLens, projector: PosedLens) -> dict[str, float]:
+def _pose_errors(world: SimulatedWorld, camera: PosedLens, projector: PosedLens) -> _PoseErrors:
     """Pose of the camera relative to the projector, independent of how the room's frame was found."""
     found_rotation = projector.pose.rotation @ camera.pose.rotation.T
     true_rotation = world.projector.rotation @ world.camera.rotation.T
@@ -77,11 +102,11 @@ def _pose_errors(world: SimulatedWorld, camera: PosedLens, projector: PosedLens)
         abs(camera.lens.focal_px[0] / world.settings.camera.focal_px - 1),
         abs(projector.lens.focal_px[0] / world.settings.projector.focal_px - 1),
     ]
-    return {
-        "camera_position_mm": 1000 * float(np.linalg.norm(found - true)),
-        "camera_rotation_deg": float(np.degrees(np.linalg.norm(turn))),
-        "focal_percent": 100 * max(focal),
-    }
+    return _PoseErrors(
+        position_mm=1000 * float(np.linalg.norm(found - true)),
+        rotation_deg=float(np.degrees(np.linalg.norm(turn))),
+        focal_percent=100 * max(focal),
+    )
 
 
 def _to_world(world: SimulatedWorld, projector: PosedLens, points_m: FloatArray) -> FloatArray:
@@ -91,19 +116,17 @@ def _to_world(world: SimulatedWorld, projector: PosedLens, points_m: FloatArray)
 
 
 def _surface_error_mm(world: SimulatedWorld, model: FittedScene) -> float:
-    points = model.scene_model.camera_look.points_m[model.lit.ravel()][::37]
+    points = model.scene_model.camera_hits.points_m[model.lit.ravel()][::37]
     there = _to_world(world, model.scene_model.projector, points[np.isfinite(points).all(axis=1)])
     distances = np.stack([np.abs(there[:, wall.axis] - wall.position_m) for wall in world.room.walls])
     return 1000 * float(np.median(distances.min(axis=0)))
 
 
-def _reflectance_errors(
-    worlds: tuple[SimulatedWorld, ...], model: FittedScene, sources: Sequence[Sequence[int]]
-) -> dict[str, float]:
+def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Sequence[int]]) -> tuple[float, float]:
     """Area-weighted rms over all patches and bands, and over those that were both lit and seen."""
     scene = model.scene_model.scene
     found = np.stack([scene_model.scene.reflectance for scene_model in model.room.bands])
-    error = found - np.stack([_ground_truth_reflectance(world, model) for world in worlds])
+    error = found - np.stack([ground_truth_reflectance(world, scene) for world in worlds])
     areas = np.broadcast_to(scene.areas, error.shape)
     known = np.isfinite(error)
     measured = known & (np.array(sources) == 0)
@@ -111,12 +134,11 @@ def _reflectance_errors(
     def rms(chosen: NDArray[np.bool_]) -> float:
         return float(np.sqrt(np.average(error[chosen] ** 2, weights=areas[chosen])))
 
-    return {"reflectance_rmse": rms(known), "reflectance_rmse_lit_and_seen": rms(measured)}
+    return rms(known), rms(measured)
 
 
-def _ground_truth_reflectance(world: SimulatedWorld, model: FittedScene, samples: int = 5) -> FloatArray:
-    """(P,) mean true reflectance over each patch of the model, NaN where the simulated world is open."""
-    scene = model.scene_model.scene
+def ground_truth_reflectance(world: SimulatedWorld, scene: Scene, samples: int = 5) -> FloatArray:
+    """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world is open."""
     by_name = {wall.name: k for k, wall in enumerate(world.room.walls)}
     share = (np.arange(samples) + 0.5) / samples
     values = np.full(scene.n_patches, np.nan)
@@ -133,27 +155,29 @@ def _ground_truth_reflectance(world: SimulatedWorld, model: FittedScene, samples
     return values
 
 
-def _separation_biases(worlds: tuple[SimulatedWorld, ...], session: Session, model: FittedScene) -> dict[str, float]:
+def _separation_biases(worlds: Worlds, session: Session, model: FittedScene) -> tuple[float, float]:
     """Bias of measured direct and global light over the lit pixels, in percent of the truth there; mean of the bands.
 
     The unit of light is relative, so the measured white is put on the true one first.
     """
     image = session.finished("separation").load_image("separation")
-    measured = {name: image_of(image, name) for name in ("direct", "global", "white")}
-    parts = [{name: part[..., b] for name, part in measured.items()} for b in range(len(worlds))]
-    biases = [_band_biases(world, part, model) for world, part in zip(worlds, parts, strict=True)]
-    return {key: float(np.mean([bias[key] for bias in biases])) for key in biases[0]}
+    direct, global_, white = (image_of(image, name)[model.lit] for name in ("direct", "global", "white"))
+    biases = []
+    for b, world in enumerate(worlds):
+        true_direct, true_global = _true_light_of_white(world, model)
+        unit = float((true_direct + true_global).mean()) / float(white[:, b].mean())
+        biases.append(
+            (
+                100 * float(unit * direct[:, b].mean() / true_direct.mean() - 1),
+                100 * float(unit * global_[:, b].mean() / true_global.mean() - 1),
+            )
+        )
+    direct_bias, global_bias = (float(np.mean(bands)) for bands in zip(*biases, strict=True))
+    return direct_bias, global_bias
 
 
-def _band_biases(
-    world: SimulatedWorld, measured: Mapping[str, NDArray[np.float32]], model: FittedScene
-) -> dict[str, float]:
+def _true_light_of_white(world: SimulatedWorld, model: FittedScene) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Direct and global light of white above black, at the lit pixels."""
     white, black = (world.light(np.full(world.projector.shape, code, np.uint8)) for code in (255, 0))
-    lit = model.lit
-    direct = ((white.direct - black.direct) * world.vignetting)[lit]
-    global_ = ((white.global_ - black.global_) * world.vignetting)[lit]
-    unit = float((direct + global_).mean()) / float(measured["white"][lit].mean())
-    return {
-        "direct_bias_percent": 100 * float(unit * measured["direct"][lit].mean() / direct.mean() - 1),
-        "global_bias_percent": 100 * float(unit * measured["global"][lit].mean() / global_.mean() - 1),
-    }
+    direct = ((white.direct - black.direct) * world.vignetting)[model.lit]
+    return direct, ((white.global_ - black.global_) * world.vignetting)[model.lit]

@@ -1,4 +1,4 @@
-"""The simulated world's own light transport in the projector's view: what perfect knowledge would compute with.
+"""The simulated world's own light transport in the projector's view: what an oracle would compute with.
 
 Only scores may use it.
 """
@@ -42,15 +42,15 @@ class CellRadiosity:
         return factor, pivots
 
     def solve(self, E: FloatArray) -> FloatArray:
-        """B of E, (N,) or (N, K)."""
+        """Return B of E, (N,) or (N, K)."""
         return self._solved(E, transposed=False)
 
     def solve_adjoint(self, e: FloatArray) -> FloatArray:
-        """(I - G)⁻ᵀ e."""
+        """Return (I - G)⁻ᵀ e."""
         return self._solved(e, transposed=True)
 
     def gather(self, B: FloatArray) -> FloatArray:
-        """G B."""
+        """Return G B."""
         return np.asarray(self.reflectance * (self.form_factors @ B.astype(np.float32)), dtype=np.float64)
 
     def _solved(self, right: FloatArray, *, transposed: bool) -> FloatArray:
@@ -59,16 +59,16 @@ class CellRadiosity:
 
 
 def ground_truth_transport(worlds: Sequence[SimulatedWorld], model: FittedScene) -> ColourTransport:
-    """T of the simulated world from the model's steered pixels to what the camera sees there, in the session's unit.
+    """Return T of the simulated world from the model's steered pixels to what the camera sees there.
 
-    Lens blur is left out, as in the model's own view: T's direct part is diagonal.
+    It is in the session's unit. Lens blur is left out, as in the model's own view: T's direct part is diagonal.
     """
     bands = [_true_band(world, model, b) for b, world in enumerate(worlds)]
     return ColourTransport(bands, ground_truth_mixing(worlds))
 
 
 def ground_truth_mixing(worlds: Sequence[SimulatedWorld]) -> FloatArray:
-    """(B, B) share of white in each band that each channel of the projector makes."""
+    """Return (B, B) share of white in each band that each channel of the projector makes."""
     if len(worlds) == 1:
         return np.eye(1)
     weights = np.stack([world.channel_weights for world in worlds])
@@ -84,8 +84,8 @@ def _true_band(world: SimulatedWorld, model: FittedScene, band: int) -> LightTra
     cells = diags_array(1 / radiosity.reflectance)  # B - E = ρ H, and the view is of the irradiance H
     seen = csr_array(diags_array(reflected) @ view @ cells)[chosen]
     emission = csr_array(world.emission[:, chosen].astype(np.float64)) * scale
-    patch = model.scene_model.projector_look.hits.patch[chosen]
-    return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, patch)  # type: ignore[arg-type]
+    patch = model.scene_model.projector_hits.hits.patch[chosen]
+    return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, pixel_patch=patch)  # type: ignore[arg-type]
 
 
 def _surface(world: SimulatedWorld) -> tuple[FloatArray, FloatArray, csr_array]:

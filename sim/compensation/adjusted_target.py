@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sim.geometry.scene import FloatArray
+from sim.arrays import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

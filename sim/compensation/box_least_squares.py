@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
+from sim.arrays import BoolArray, FloatArray
 from sim.compensation.split_transport import SplitTransport, direct_blocks
-from sim.geometry.scene import BoolArray, FloatArray
 
 ENOUGH = 0.3
 """Share of the certified gap that a good step leaves at most."""
@@ -24,13 +24,14 @@ FLOOR = 1e-8
 FORCING = (1e-1, 1e-2)
 """Residual that conjugate gradients leave, first and from the second step on."""
 CG_LIMIT = 60
+"""Products of one step at most: it bounds the time of a step; how good the image is the certificate tells."""
 SWEEPS = 12
 """Of coordinate descent within a pixel of several channels, at most."""
 CHUNK = 1 << 13
 """Pixels at a time: what the sweeps touch stays in the processor's cache."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class State:
     """A projector image in the box, and how far it can be from the best."""
 
@@ -42,11 +43,11 @@ class State:
     """The objective is convex, so it can fall by no more than sum max(g (p - lower), g (p - upper)), g the gradient."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class BoxProblem:
     """The problem; images are (n, C)."""
 
-    view: SplitTransport
+    transport: SplitTransport
     target: FloatArray
     lower: float
     upper: float
@@ -55,30 +56,31 @@ class BoxProblem:
 
     def at(self, p: FloatArray) -> State:
         """Evaluate the objective, its gradient and the gap."""
-        residual = self.view.forward(p) - self.target
-        weighted = self.weighed(residual)
-        gradient = self.view.adjoint(weighted)
+        residual = self.transport.forward(p) - self.target
+        weighted = self.weighted(residual)
+        gradient = self.transport.adjoint(weighted)
         gap = np.maximum(gradient * (p - self.lower), gradient * (p - self.upper)).sum()
-        return State(p, residual, gradient, float(np.vdot(residual, weighted)) / 2, float(gap))
+        objective = float(np.vdot(residual, weighted)) / 2
+        return State(p=p, residual=residual, gradient=gradient, objective=objective, gap=float(gap))
 
-    def weighed(self, c: FloatArray) -> FloatArray:
+    def weighted(self, c: FloatArray) -> FloatArray:
         """Ω c."""
         return c if self.metric is None else np.einsum("nbc,nc->nb", self.metric, c)
 
     def hessian(self, p: FloatArray) -> FloatArray:
         """TᵀΩT p."""
-        return self.view.adjoint(self.weighed(self.view.forward(p)))
+        return self.transport.adjoint(self.weighted(self.transport.forward(p)))
 
     def relative_gap(self, state: State) -> float:
         """Gap over the objective, or over the least objective that counts."""
         return max(state.gap, 0.0) / max(state.objective, self._least, np.finfo(float).tiny)
 
-    def short(self, state: State) -> float:
+    def shortfall(self, state: State) -> float:
         """How far, at most, the RMS residual is above the optimum, as a share."""
         share = state.gap / max(state.objective, self._least, np.finfo(float).tiny)
         return 1 - float(np.sqrt(max(1 - max(share, 0.0), 0.0)))
 
-    def held(self, state: State) -> BoolArray:
+    def at_bounds(self, state: State) -> BoolArray:
         """Values that the gradient presses against a bound."""
         at_lower = (state.p <= self.lower) & (state.gradient >= 0)
         return np.asarray(at_lower | ((state.p >= self.upper) & (state.gradient <= 0)))
@@ -92,7 +94,7 @@ class BoxProblem:
     @cached_property
     def blocks(self) -> FloatArray:
         """(n, C, C) Kᵀ D Ω D K: direct light's part of TᵀΩT."""
-        return direct_blocks(self.view, self.metric)
+        return direct_blocks(self.transport, self.metric)
 
     @cached_property
     def curvature(self) -> FloatArray:
@@ -103,29 +105,29 @@ class BoxProblem:
     @cached_property
     def _indirect_curvature(self) -> FloatArray:
         bands = []
-        for b, coupling in enumerate(self.view.couplings):
-            H, V = coupling.interreflection, coupling.view
+        for b, interreflection in enumerate(self.transport.interreflections):
+            H, V = interreflection.patch_to_patch, interreflection.view
             weighted = V if self.metric is None else V.multiply(self.metric[:, b, b][:, None]).tocsr()
-            returned = np.einsum("wl,wl->l", H, (coupling.view_adjoint @ weighted) @ H)
-            bands.append(coupling.emission_adjoint.power(2) @ returned)
-        return np.asarray(np.stack(bands, axis=-1) @ self.view.mixing**2)
+            returned = np.einsum("wl,wl->l", H, (interreflection.view_adjoint @ weighted) @ H)
+            bands.append(interreflection.emission_adjoint.power(2) @ returned)
+        return np.asarray(np.stack(bands, axis=-1) @ self.transport.mixing**2)
 
     @cached_property
     def _target_length(self) -> float:
-        return float(np.sqrt(max(float(np.vdot(self.target, self.weighed(self.target))), 0.0)))
+        return float(np.sqrt(max(float(np.vdot(self.target, self.weighted(self.target))), 0.0)))
 
     @cached_property
     def _least(self) -> float:
         return FLOOR * self._target_length**2 / 2
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Optimum:
     """The best image found, and its certificate."""
 
     p: FloatArray
     """(n, C)."""
-    held: BoolArray
+    at_bounds: BoolArray
     """(n, C) values that the range holds back."""
     objective: float
     steps: int
@@ -135,18 +137,18 @@ class Optimum:
 
 def optimum(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> Optimum:
     """Improve a start (n, C) until the relative gap is within the tolerance, or the steps run out."""
-    state, steps, products = solved(problem, start, tolerance, limit)
+    state, steps, products = minimise(problem, start, tolerance, limit)
     notes: dict[str, float | str] = {
         "gap": problem.relative_gap(state),
         "kkt_residual": problem.kkt_residual(state),
-        "short_of_optimum": problem.short(state),
+        "short_of_optimum": problem.shortfall(state),
         "optimal_rms_at_least": (2 * max(state.objective - state.gap, 0.0) / state.p.size) ** 0.5,
         "products": products,
     }
-    return Optimum(state.p, problem.held(state), state.objective, steps, notes)
+    return Optimum(p=state.p, at_bounds=problem.at_bounds(state), objective=state.objective, steps=steps, notes=notes)
 
 
-def solved(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> tuple[State, int, int]:
+def minimise(problem: BoxProblem, start: FloatArray, tolerance: float, limit: int) -> tuple[State, int, int]:
     """Take steps; return the state, the steps, and the products with TᵀΩT inside them.
 
     A primal-dual active set method (Hintermüller, Ito and Kunisch, SIAM J. Optim. 13, 2002): values that
@@ -171,11 +173,11 @@ def _improved(problem: BoxProblem, state: State, damping: float, forcing: float)
     local = pixel_optimum(problem, state.p, state.gradient)
     low, high = local <= problem.lower, local >= problem.upper
     moved = problem.at(np.where(low, problem.lower, np.where(high, problem.upper, state.p)))
-    step, spent = _newton_step(problem, moved, ~(low | high), damping, forcing)
+    step, spent = _newton_step(problem, moved, ~(low | high), damping=damping, forcing=forcing)
     trial = problem.at(np.clip(moved.p + step, problem.lower, problem.upper))
     if trial.objective < state.objective and trial.gap < ENOUGH * state.gap:
         return trial, spent
-    step, more = _newton_step(problem, state, ~problem.held(state), damping, forcing)
+    step, more = _newton_step(problem, state, ~problem.at_bounds(state), damping=damping, forcing=forcing)
     newton = _searched(problem, state, step)
     descending = [each for each in (trial, newton) if each is not None and each.objective < state.objective]
     if descending:
@@ -199,13 +201,13 @@ def pixel_optimum(problem: BoxProblem, p: FloatArray, gradient: FloatArray) -> F
             problem.curvature[part].T.copy(),
             p[part].T.copy(),
             gradient[part].T.copy(),
-            (problem.lower, problem.upper),
+            box=(problem.lower, problem.upper),
         ).T
     return x
 
 
 def _descended(
-    blocks: FloatArray, curvature: FloatArray, x: FloatArray, slope: FloatArray, box: tuple[float, float]
+    blocks: FloatArray, curvature: FloatArray, x: FloatArray, slope: FloatArray, *, box: tuple[float, float]
 ) -> FloatArray:
     """Coordinate descent at each pixel; blocks (C, C, n), the others (C, n), x and slope overwritten."""
     channels, settled = len(x), 1e-3 * (box[1] - box[0])
@@ -223,7 +225,7 @@ def _descended(
 
 
 def _newton_step(
-    problem: BoxProblem, state: State, free: BoolArray, damping: float, forcing: float
+    problem: BoxProblem, state: State, free: BoolArray, *, damping: float, forcing: float
 ) -> tuple[FloatArray, int]:
     """Minimise over the free values by preconditioned conjugate gradients: (TᵀΩT + damping) step = -gradient there."""
     damped = damping * problem.curvature

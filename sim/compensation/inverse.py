@@ -12,9 +12,9 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, gmres
 
-from sim.compensation.split_transport import SplitTransport, divided
+from sim.arrays import FloatArray
+from sim.compensation.split_transport import SplitTransport, divide_where_lit
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.light.interreflection_operator import InterreflectionOperator
 
 DENSE_LIMIT = 4000
@@ -25,7 +25,7 @@ DENSE_LIMIT = 4000
 class Inverse:
     """T⁻¹ without limits; pixels without direct light stay at 0."""
 
-    view: SplitTransport
+    transport: SplitTransport
     steps: list[int] = field(default_factory=list)
     """Iterations of each patch solve so far; 1 for a factorised one."""
 
@@ -36,36 +36,36 @@ class Inverse:
 
     def apply(self, c: FloatArray) -> FloatArray:
         """T⁻¹ c, (n, C): the projector image whose camera image is c."""
-        return self.view.unmixed(self._by_band(c, adjoint=False))
+        return self.transport.unmixed(self._by_band(c, adjoint=False))
 
     def adjoint(self, p: FloatArray) -> FloatArray:
         """T⁻ᵀ p, (n, C)."""
-        return self._by_band((self.view.unmixing.T @ p.T).T, adjoint=True)
+        return self._by_band((self.transport.unmixing.T @ p.T).T, adjoint=True)
 
     def _by_band(self, values: FloatArray, adjoint: bool) -> FloatArray:
         return np.stack([band.apply(values[:, b], adjoint) for b, band in enumerate(self._bands)]).T
 
     @cached_property
     def _bands(self) -> list[_Band]:
-        reciprocals = divided(np.ones_like(self.view.diagonal), self.view.diagonal)
-        return [_Band(each, reciprocals[:, b], self.steps) for b, each in enumerate(self.view.couplings)]
+        reciprocals = divide_where_lit(np.ones_like(self.transport.diagonal), self.transport.diagonal)
+        return [_Band(each, reciprocals[:, b], self.steps) for b, each in enumerate(self.transport.interreflections)]
 
 
 @dataclass(frozen=True, eq=False)
 class _Band:
-    coupling: InterreflectionOperator
+    interreflection: InterreflectionOperator
     reciprocal: FloatArray
     """(n,) 1 / D."""
     steps: list[int]
 
     def apply(self, values: FloatArray, adjoint: bool) -> FloatArray:
-        coupling, scaled = self.coupling, self.reciprocal * values
-        H = coupling.interreflection
+        interreflection, scaled = self.interreflection, self.reciprocal * values
+        H = interreflection.patch_to_patch
         if adjoint:
-            q = H.T @ self._solve(coupling.view_adjoint @ scaled, trans=1)
-            return np.asarray(scaled - self.reciprocal * (coupling.emission_adjoint @ q))
-        q = self._solve(H @ (coupling.emission @ scaled), trans=0)
-        return np.asarray(scaled - self.reciprocal * (coupling.view @ q))
+            q = H.T @ self._solve(interreflection.view_adjoint @ scaled, trans=1)
+            return np.asarray(scaled - self.reciprocal * (interreflection.emission_adjoint @ q))
+        q = self._solve(H @ (interreflection.emission @ scaled), trans=0)
+        return np.asarray(scaled - self.reciprocal * (interreflection.view @ q))
 
     def _solve(self, right: FloatArray, trans: int) -> FloatArray:
         if len(right) <= DENSE_LIMIT:
@@ -75,19 +75,21 @@ class _Band:
 
     @cached_property
     def _factors(self) -> tuple[FloatArray, FloatArray]:
-        H = self.coupling.interreflection
-        loop = self.coupling.emission @ self.coupling.view.multiply(self.reciprocal[:, None]).tocsr()
+        H = self.interreflection.patch_to_patch
+        loop = self.interreflection.emission @ self.interreflection.view.multiply(self.reciprocal[:, None]).tocsr()
         factors, pivots = lu_factor(np.eye(len(H)) + (loop.T @ H.T).T, check_finite=False)
         return factors, pivots
 
     def _iterated(self, right: FloatArray, trans: int) -> FloatArray:
-        coupling, H = self.coupling, self.coupling.interreflection
+        interreflection, H = self.interreflection, self.interreflection.patch_to_patch
 
         def forward(q: FloatArray) -> FloatArray:
-            return np.asarray(q + H @ (coupling.emission @ (self.reciprocal * (coupling.view @ q))))
+            return np.asarray(q + H @ (interreflection.emission @ (self.reciprocal * (interreflection.view @ q))))
 
         def backward(q: FloatArray) -> FloatArray:
-            return np.asarray(q + coupling.view_adjoint @ (self.reciprocal * (coupling.emission_adjoint @ (H.T @ q))))
+            return np.asarray(
+                q + interreflection.view_adjoint @ (self.reciprocal * (interreflection.emission_adjoint @ (H.T @ q)))
+            )
 
         steps: list[float] = []
         operator = LinearOperator(

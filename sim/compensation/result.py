@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.arrays import BoolArray, FloatArray
 from sim.compensation.split_transport import SplitTransport, Transport, split_transport_of
 from sim.errors import SimulationError
-from sim.geometry.scene import BoolArray, FloatArray
 from sim.light.colour import ColourTransport
 
 Notes = Mapping[str, float | str]
 WORSE = 1 + 1e-6
-"""Ratio of errors from which on a strategy says that ``direct`` is better."""
+"""Ratio of errors from which on a strategy says that ``direct`` is better: above the roundoff of equal images."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Compensation:
     """A projector image, and the camera image that the model expects of it; (n,) grey or (n, C) in colour."""
 
@@ -40,49 +40,65 @@ class Compensation:
     error of ``direct`` this one's is."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Problem:
     """A checked request: a transport, a target and the projector's range."""
 
-    view: SplitTransport
+    transport: SplitTransport
     target: FloatArray
-    """(n, C)."""
+    """(n, C) camera image wanted."""
     lower: float
+    """Darkest value of a projector pixel."""
     upper: float
+    """Brightest value of a projector pixel."""
     grey: bool
     """The caller's images are (n,)."""
     started_s: float
 
     def clamped(self, wanted: FloatArray) -> FloatArray:
-        """Clamp to the projector's range."""
+        """Return an image clamped to the projector's range."""
         return np.clip(wanted, self.lower, self.upper)
 
     def out_of_range(self, wanted: FloatArray) -> BoolArray:
         """Tell where a wanted image leaves the projector's range."""
         return np.asarray((wanted < self.lower) | (wanted > self.upper))
 
-    def finished(
-        self, wanted: FloatArray, iterations: int = 1, notes: Notes | None = None, held: BoolArray | None = None
+    def result(
+        self, wanted: FloatArray, iterations: int = 1, notes: Notes | None = None, clipped: BoolArray | None = None
     ) -> Compensation:
-        """Clamp a wanted projector image (n, C) to the range, predict what it gives, and compare with ``direct``.
+        """Return the result of a wanted image: clamped to the range, with what it gives, compared with ``direct``.
 
         Parameters
         ----------
-        held : (n, C) bool, optional
+        wanted : (n, C) array
+            Projector image; it may leave the range.
+        iterations : int
+            How many it took to find.
+        notes : mapping, optional
+            What the strategy has to say.
+        clipped : (n, C) bool array, optional
             Values that the range holds back; default: where ``wanted`` leaves it.
+
+        Returns
+        -------
+        Compensation
+            Its images are shaped as the caller's.
         """
         seconds = time.perf_counter() - self.started_s
         p = self.clamped(wanted)
-        predicted = self.view.forward(p)
-        clipped = self.out_of_range(wanted) if held is None else held
-        said = dict(notes or {}) | self._compared(predicted)
-        rms = float(np.sqrt(np.mean((predicted - self.target) ** 2)))
+        predicted = self.transport.forward(p)
         return Compensation(
-            self._shaped(p), self._shaped(predicted), self._shaped(clipped), rms, iterations, seconds, said
+            projector_image=self._shaped(p),
+            predicted=self._shaped(predicted),
+            clipped=self._shaped(self.out_of_range(wanted) if clipped is None else clipped),
+            residual_rms=float(np.sqrt(np.mean((predicted - self.target) ** 2))),
+            iterations=iterations,
+            seconds=seconds,
+            notes=dict(notes or {}) | self._compared(predicted),
         )
 
     def _compared(self, predicted: FloatArray) -> dict[str, float]:
-        by_direct = self.view.forward(self.clamped(self.view.by_direct(self.target)))
+        by_direct = self.transport.forward(self.clamped(self.transport.divide_by_direct(self.target)))
         ours, direct = (np.abs(seen - self.target) for seen in (predicted, by_direct))
         # An error of direct that is roundoff is no measure.
         least = max(1e-9 * float(np.abs(self.target).max(initial=0.0)), np.finfo(float).tiny)
@@ -97,7 +113,21 @@ class Problem:
 
 
 def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float) -> Problem:
-    """Check what a strategy is asked.
+    """Return the problem that a strategy is asked to solve, checked.
+
+    Parameters
+    ----------
+    transport : LightTransport or ColourTransport
+        Of the projector's view: one camera value a projector pixel.
+    target : (n,) or (n, C) array
+        Camera image wanted, in the transport's unit.
+    lower, upper : float
+        The projector's range.
+
+    Returns
+    -------
+    Problem
+        Its images are (n, C), C = 1 for a grey transport.
 
     Raises
     ------
@@ -117,10 +147,10 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
     if not lower < upper:
         raise SimulationError(f"projector range {lower:g} ... {upper:g} is empty; lower must be below upper")
     return Problem(
-        split_transport_of(transport),
-        np.asfortranarray(values.reshape(pixels, channels)),
-        lower,
-        upper,
-        not colour,
-        started_s,
+        transport=split_transport_of(transport),
+        target=np.asfortranarray(values.reshape(pixels, channels)),
+        lower=lower,
+        upper=upper,
+        grey=not colour,
+        started_s=started_s,
     )

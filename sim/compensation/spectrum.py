@@ -4,33 +4,35 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.compensation.split_transport import SplitTransport, divided
+from sim.compensation.split_transport import SplitTransport, divide_where_lit
 from sim.errors import SimulationError
 
 
-def spectral_radius(view: SplitTransport, tolerance: float = 1e-6, limit: int = 500) -> float:
+def spectral_radius(transport: SplitTransport, tolerance: float = 1e-6, limit: int = 500) -> float:
     """Spectral radius of R D⁻¹, R the global light: that of H S D⁻¹ V, patch to patch, the largest of the bands.
 
     Power iteration; the matrix has no negative entry, so the largest eigenvalue is real and its vector positive.
     """
-    return max(_band_radius(view, b, tolerance, limit) for b in range(len(view.bands)))
+    return max(_band_radius(transport, b, tolerance, limit) for b in range(len(transport.bands)))
 
 
-def _band_radius(view: SplitTransport, band: int, tolerance: float, limit: int) -> float:
-    coupling = view.couplings[band]
-    D = view.diagonal[:, band]
-    reciprocal = divided(np.ones_like(D), D)
-    loop = coupling.emission @ coupling.view.multiply(reciprocal[:, None]).tocsr()
+def _band_radius(transport: SplitTransport, band: int, tolerance: float, limit: int) -> float:
+    interreflection = transport.interreflections[band]
+    D = transport.diagonal[:, band]
+    reciprocal = divide_where_lit(np.ones_like(D), D)
+    loop = interreflection.emission @ interreflection.view.multiply(reciprocal[:, None]).tocsr()
     x, radius = np.ones(loop.shape[1]), 0.0
     for _ in range(limit):
-        x = coupling.interreflection @ (loop @ (x / max(float(np.linalg.norm(x)), np.finfo(float).tiny)))
+        x = interreflection.patch_to_patch @ (loop @ (x / max(float(np.linalg.norm(x)), np.finfo(float).tiny)))
         previous, radius = radius, float(np.linalg.norm(x))
         if abs(radius - previous) <= tolerance * radius:
             break
     return radius
 
 
-def damping_for(view: SplitTransport, strategy: str, damping: float | None) -> tuple[float, dict[str, float | str]]:
+def damping_for(
+    transport: SplitTransport, strategy: str, damping: float | None
+) -> tuple[float, dict[str, float | str]]:
     """Step w for u <- u + w D⁻¹ (c - T u), and the notes that say why.
 
     The error of such a step shrinks by |1 - w (1 + m)| for each eigenvalue m of R D⁻¹. They lie in -1 ... r, r the
@@ -46,7 +48,7 @@ def damping_for(view: SplitTransport, strategy: str, damping: float | None) -> t
     SimulationError
         For a damping with which the iteration diverges.
     """
-    radius = spectral_radius(view)
+    radius = spectral_radius(transport)
     limit = 2 / (1 + radius)
     step = 2 / (2 + radius) if damping is None else damping
     if not 0 < step < limit:

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from scipy.sparse import csr_array
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.light.colour import ColourTransport
 from sim.light.interreflection_operator import InterreflectionOperator
 from sim.light.transport import LightTransport
@@ -30,7 +30,7 @@ class SplitTransport:
     """(C, C) K."""
     diagonal: FloatArray
     """(n, C) D."""
-    couplings: tuple[InterreflectionOperator, ...]
+    interreflections: tuple[InterreflectionOperator, ...]
     """The interreflection of each band."""
 
     @cached_property
@@ -48,11 +48,15 @@ class SplitTransport:
 
     def indirect(self, light: FloatArray) -> FloatArray:
         """V H S of each band's light: what comes back from the patches, (n, C)."""
-        return self._by_band([coupling.apply(light[:, b]) for b, coupling in enumerate(self.couplings)])
+        return self._by_band(
+            [interreflection.apply(light[:, b]) for b, interreflection in enumerate(self.interreflections)]
+        )
 
     def indirect_adjoint(self, c: FloatArray) -> FloatArray:
         """Sᵀ Hᵀ Vᵀ c of each band, (n, C)."""
-        return self._by_band([coupling.adjoint(c[:, b]) for b, coupling in enumerate(self.couplings)])
+        return self._by_band(
+            [interreflection.adjoint(c[:, b]) for b, interreflection in enumerate(self.interreflections)]
+        )
 
     def forward(self, p: FloatArray) -> FloatArray:
         """Camera image T p, (n, C)."""
@@ -63,9 +67,9 @@ class SplitTransport:
         """Tᵀ c, (n, C)."""
         return np.asarray((self.mixing.T @ (self.diagonal * c + self.indirect_adjoint(c)).T).T)
 
-    def by_direct(self, c: FloatArray) -> FloatArray:
+    def divide_by_direct(self, c: FloatArray) -> FloatArray:
         """K⁻¹ c / D: the projector image whose direct light is c; no light where no direct light goes."""
-        return self.unmixed(divided(c, self.diagonal))
+        return self.unmixed(divide_where_lit(c, self.diagonal))
 
     @staticmethod
     def _by_band(columns: list[FloatArray]) -> FloatArray:
@@ -84,12 +88,12 @@ def split_transport_of(transport: Transport) -> SplitTransport:
     bands = transport.bands if isinstance(transport, ColourTransport) else (transport,)
     mixing = transport.mixing if colour else np.eye(1)
     diagonal = np.stack([diagonal_of(band) for band in bands]).T
-    return SplitTransport(bands, mixing, diagonal, tuple(band.coupling for band in bands))
+    return SplitTransport(bands, mixing, diagonal, tuple(band.interreflection for band in bands))
 
 
-def direct_blocks(view: SplitTransport, metric: FloatArray | None = None) -> FloatArray:
+def direct_blocks(transport: SplitTransport, metric: FloatArray | None = None) -> FloatArray:
     """(n, C, C) Kᵀ D Ω D K, direct light's part of TᵀΩT; the metric Ω (n, C, C) is the identity unless given."""
-    scaled = view.diagonal[:, :, None] * view.mixing
+    scaled = transport.diagonal[:, :, None] * transport.mixing
     return np.asarray(scaled.transpose(0, 2, 1) @ (scaled if metric is None else metric @ scaled))
 
 
@@ -113,6 +117,6 @@ def diagonal_of(transport: LightTransport) -> FloatArray:
     return diagonal
 
 
-def divided(numerator: FloatArray, diagonal: FloatArray) -> FloatArray:
+def divide_where_lit(numerator: FloatArray, diagonal: FloatArray) -> FloatArray:
     """Numerator / diagonal; 0 where no direct light goes."""
     return np.divide(numerator, diagonal, out=np.zeros_like(numerator), where=diagonal > 0)

@@ -1,4 +1,4 @@
-"""Exact form factors between axis-parallel rectangles (native; definition in ``closed_form_reference``).
+"""Exact form factors between axis-parallel rectangles (native; definition in ``sim.reference.closed_form``).
 
 A_1 F_12 of two parallel or perpendicular rectangles is a fourfold alternating sum of one corner function of
 their edge coordinates (Ehlert & Smith, J. Thermophys. Heat Transfer 7, 1993). For small patches far apart that
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 
 ALIGNMENT_TOLERANCE = 1e-9
@@ -58,10 +59,10 @@ def _fill_grids(scene: Scene, matrix: FloatArray, row_sums: FloatArray) -> None:
         )
     frames = np.array([[face.origin_m, face.edge_u_m, face.edge_v_m, face.normal] for face in scene.faces])
     counts = np.array([[face.columns, face.rows, face.first_patch] for face in scene.faces], dtype=np.int64)
-    _kernel.grid_form_factors(frames, counts, facing, matrix, row_sums)
+    _kernel.grid_form_factors(frames, counts, facing, factors=matrix, row_sums=row_sums)
 
 
-def _facing(scene: Scene) -> NDArray[np.bool_]:
+def _facing(scene: Scene) -> BoolArray:
     """(F, F) bool: some of each face lies on the lit side of the other."""
     corners = np.stack([face.points([0, 1, 1, 0], [0, 0, 1, 1]) for face in scene.faces])
     normals = np.stack([face.normal for face in scene.faces])
@@ -72,7 +73,7 @@ def _facing(scene: Scene) -> NDArray[np.bool_]:
     return np.ascontiguousarray(in_front & in_front.T)
 
 
-def _misaligned(scene: Scene, facing: NDArray[np.bool_]) -> tuple[str, str, float] | None:
+def _misaligned(scene: Scene, facing: BoolArray) -> tuple[str, str, float] | None:
     """Names of two faces that see each other at an angle, and the angle between their normals [degrees]."""
     axes = np.stack([face.axes for face in scene.faces])
     flat = axes.reshape(-1, 3)

@@ -3,7 +3,7 @@
 Patches are sorted into a tree of clusters. The exchange areas K = A F between two clusters that are apart form a
 matrix of low rank, u vᵀ, found from a few of its rows and columns by adaptive cross approximation (Bebendorf,
 "Approximation of boundary element matrices", Numer. Math. 86, 2000) and cut back to the smallest rank. Blocks
-partly hidden are compressed too where that pays, or divided; what is left is kept whole. Which occluders may
+partly hidden are compressed too where that pays, or divide_where_lit; what is left is kept whole. Which occluders may
 stand between two clusters is found with planes (Haines, "Shaft culling for efficient ray-cast radiosity", 1991)
 and handed down the tree. Each unordered pair of clusters is kept once, so that K is exactly symmetric.
 
@@ -20,14 +20,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 FINEST, COARSEST = 1e-6, 1e-1
 """Tolerances taken: numbers are kept in single precision, and above 0.1 nothing is left of the light."""
 LEAF_PATCHES = 32
-"""Largest cluster that is not divided."""
+"""Largest cluster that is not divide_where_lit."""
 SAMPLED_ROWS = 100
 """Rows evaluated again for the estimate of the error."""
 
@@ -48,7 +48,7 @@ class CompressionError:
     """Number of rows evaluated again."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class CompressedFormFactors:
     """Form factors as products: what an iterative solver needs."""
 
@@ -73,11 +73,38 @@ class CompressedFormFactors:
     method: str = "compressed"
 
     def apply(self, x: ArrayLike) -> FloatArray:
-        """F x for x of shape (P,) or (P, K): what each patch receives from radiosities x."""
+        """Return F x: what each patch receives from radiosities x.
+
+        Parameters
+        ----------
+        x : (P,) or (P, K) array
+            Radiosities, one column for each of K lights.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            Irradiances, in the unit of x.
+
+        Raises
+        ------
+        SimulationError
+            For an array of another shape.
+        """
         return _apply(self.kernel, np.asarray(x, dtype=np.float64), len(self.areas))
 
     def exchange(self, x: FloatArray) -> FloatArray:
-        """diag(A) F x, (P,) or (P, K): the symmetric product."""
+        """Return diag(A) F x, the symmetric product.
+
+        Parameters
+        ----------
+        x : (P,) or (P, K) array
+            Radiosities.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            In the unit of x times m².
+        """
         areas = self.areas if np.ndim(x) == 1 else self.areas[:, None]
         return np.asarray(areas * self.apply(x))
 
@@ -96,34 +123,44 @@ class Blocks:
 def compressed_form_factors(
     surface: Surface, tolerance: float = 1e-3, on_progress: Callable[[float], None] | None = None
 ) -> CompressedFormFactors:
-    """Form factors of a surface, compressed.
+    """Return the form factors of a surface, compressed.
 
     Parameters
     ----------
     surface : Surface
+        A ``Scene``, a ``Mesh`` or ``AdaptivePatches``.
     tolerance : float
         Wanted error of F x for light x of at most 1, as a share of it: 1e-3 is 0.1 % of white. It is aimed at,
         not guaranteed: ``error`` tells what was reached.
     on_progress : callable, optional
         Called with the share of the work done, 0 ... 1.
 
+    Returns
+    -------
+    CompressedFormFactors
+
     Raises
     ------
     SimulationError
         For a tolerance outside 1e-6 ... 0.1.
+
+    References
+    ----------
+    Bebendorf, Approximation of boundary element matrices, Numerische Mathematik 86, 2000.
+    Haines and Wallace, Shaft culling for efficient ray-cast radiosity, Eurographics Workshop on Rendering, 1991.
     """
     if not FINEST <= tolerance <= COARSEST:
         raise SimulationError(f"tolerance {tolerance:g}; compression takes {FINEST:g} ... {COARSEST:g}")
     started = time.perf_counter()
     occluders = np.zeros((0, 4, 3)) if surface.convex else surface.occluders
     kernel = _kernel.CompressedMatrix(
-        np.ascontiguousarray(surface.vertices, dtype=np.float64),
-        np.ascontiguousarray(surface.normals, dtype=np.float64),
-        np.ascontiguousarray(surface.areas, dtype=np.float64),
-        np.ascontiguousarray(surface.region, dtype=np.int64),
-        np.ascontiguousarray(occluders, dtype=np.float64),
-        tolerance,
-        LEAF_PATCHES,
+        vertices=np.ascontiguousarray(surface.vertices, dtype=np.float64),
+        normals=np.ascontiguousarray(surface.normals, dtype=np.float64),
+        areas=np.ascontiguousarray(surface.areas, dtype=np.float64),
+        region=np.ascontiguousarray(surface.region, dtype=np.int64),
+        occluders=np.ascontiguousarray(occluders, dtype=np.float64),
+        tolerance=tolerance,
+        leaf_size=LEAF_PATCHES,
     )
     done = 0.0
     while done < 1:
@@ -151,7 +188,7 @@ def compressed_form_factors(
 
 
 def exact_rows(factors: CompressedFormFactors, rows: IntArray, x: ArrayLike) -> FloatArray:
-    """(len(rows), K) rows of F x with every entry evaluated again, more finely, for x of shape (P, K)."""
+    """Return (len(rows), K) rows of F x with every entry evaluated again, more finely, for x of shape (P, K)."""
     return _exact_rows(factors.kernel, rows, np.asarray(x, dtype=np.float64))
 
 

@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import Quality, visible_fraction
-from sim.form_factors.visibility import visible_fraction as visible_fraction_by_rays
-from sim.geometry.scene import FloatArray
+from sim.form_factors.visibility import visible_fraction_by_rays
 from sim.geometry.surface import Surface
 
 Method = Literal["auto", "closed_form", "polygon", "paper"]
@@ -36,7 +36,7 @@ class ClosureWarning(UserWarning):
     """The form factors create light, or lose some in a closed scene."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FormFactors:
     """The matrix and what is known about its error."""
 
@@ -54,17 +54,42 @@ class FormFactors:
     seconds: float
 
     def apply(self, x: ArrayLike) -> FloatArray:
-        """F x, (P,) or (P, K): what each patch gets of the radiosities x."""
+        """Return F x: what each patch receives from radiosities x.
+
+        Parameters
+        ----------
+        x : (P,) or (P, K) array
+            Radiosities, one column for each of K lights.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            Irradiances, in the unit of x.
+        """
         values = np.ascontiguousarray(x, dtype=np.float64)
         if values.ndim == 1:
             return self.exchange(values) / self.areas
         return np.asarray(self.matrix @ values)
 
     def exchange(self, x: FloatArray) -> FloatArray:
-        """diag(A) F x, (P,) or (P, K): the symmetric product, of which only half of F need be read."""
+        """Return diag(A) F x, the symmetric product, of which only half of F need be read.
+
+        Parameters
+        ----------
+        x : (P,) or (P, K) array
+            Radiosities.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            In the unit of x times m².
+        """
         if x.ndim == 1:
             out = np.empty(len(self.areas))
-            _kernel.reciprocal_product(self.matrix, self.areas, *self._occupied, np.ascontiguousarray(x), out)
+            starts, ranges = self._occupied
+            _kernel.reciprocal_product(
+                self.matrix, self.areas, starts=starts, ranges=ranges, x=np.ascontiguousarray(x), out=out
+            )
             return out
         return np.asarray(self.areas[:, None] * (self.matrix @ x))
 
@@ -74,7 +99,13 @@ class FormFactors:
         return _kernel.occupied_columns(self.matrix)
 
     def in_single_precision(self) -> FormFactors:
-        """Give the same factors with a matrix of half the size; sums over rows still run in double precision."""
+        """Return the same factors with a matrix of half the size; sums over rows still run in double precision.
+
+        Returns
+        -------
+        FormFactors
+            Their matrix is (P, P) float32.
+        """
         single: Any = self.matrix.astype(np.float32)
         return replace(self, matrix=single)
 
@@ -96,15 +127,17 @@ def form_factors(
     surface: Surface,
     method: Method = "auto",
     visibility: Visibility = "auto",
+    *,
     rays_per_pair: int = 64,
     tolerance: float = 1e-6,
     samples: int | None = None,
 ) -> FormFactors:
-    """All form factors of a scene or mesh.
+    """Return all form factors of a scene or mesh.
 
     Parameters
     ----------
     surface : Surface
+        A ``Scene``, a ``Mesh`` or ``AdaptivePatches``.
     method : {"auto", "closed_form", "polygon", "paper"}
         ``closed_form``: exact for rectangles along three axes. ``polygon``: any flat triangles and quads, to
         ``tolerance``. ``auto``: the closed form where it applies, else polygons. ``paper``: 3x3 midpoint samples
@@ -120,6 +153,10 @@ def form_factors(
     samples : int, optional
         For ``polygon``: points on one patch of a near pair at most, a square (9, 25), instead of the tolerance.
 
+    Returns
+    -------
+    FormFactors
+
     Raises
     ------
     SimulationError
@@ -129,6 +166,14 @@ def form_factors(
     -----
     ClosureWarning
         If row sums are off by more than 1e-3.
+
+    References
+    ----------
+    Ehlert and Smith, View factors for perpendicular and parallel rectangular plates, Journal of Thermophysics and Heat
+    Transfer 7, 1993: the closed form.
+    Sparrow, A new and simpler formulation for radiative angle factors, Journal of Heat Transfer 85, 1963: polygons.
+    Dehos, Zéghers, Sarry, Rousselle and Renaud, Immersive front-projection analysis using a radiosity-based simulation
+    method, Virtual Reality 18(2), 2014: ``paper``.
     """
     _check_choices(method, visibility)
     started = time.perf_counter()
@@ -138,23 +183,26 @@ def form_factors(
     n = surface.n_patches
     matrix, row_sums = np.empty((n, n)), np.empty(n)
     if method == "polygon":
-        _fill_polygons(surface, matrix, row_sums, samples, tolerance)
+        polygon.fill_exchange_areas(surface, matrix, samples, tolerance)
+        _kernel.divide_rows(matrix, surface.areas, row_sums)
     else:
         FILLS[method](surface, matrix, row_sums)
     if visibility != "none":
-        _occlude(surface, matrix, row_sums, visibility, rays_per_pair)
+        _occlude(surface, matrix, visibility, rays_per_pair)
+        np.sum(matrix, axis=1, out=row_sums)
     seconds = time.perf_counter() - started
     closure = _closure_max(surface, row_sums)
     if closure > DEFECT_TO_WARN:
         warnings.warn(_defect(surface, row_sums, method, visibility), ClosureWarning, stacklevel=2)
-    return FormFactors(matrix, surface.areas, row_sums, closure, method, visibility, seconds)
-
-
-def _fill_polygons(
-    surface: Surface, matrix: FloatArray, row_sums: FloatArray, samples: int | None, tolerance: float
-) -> None:
-    polygon.fill_exchange_areas(surface, matrix, samples, tolerance)
-    _kernel.divide_rows(matrix, surface.areas, row_sums)
+    return FormFactors(
+        matrix=matrix,
+        areas=surface.areas,
+        row_sums=row_sums,
+        closure_max=closure,
+        method=method,
+        visibility=visibility,
+        seconds=seconds,
+    )
 
 
 def _check_choices(method: str, visibility: str) -> None:
@@ -170,14 +218,11 @@ def _visibility_needed(surface: Surface, visibility: Visibility) -> Visibility:
     return "none" if surface.convex or not len(surface.occluders) else "exact"
 
 
-def _occlude(
-    surface: Surface, matrix: FloatArray, row_sums: FloatArray, visibility: Visibility, rays_per_pair: int
-) -> None:
+def _occlude(surface: Surface, matrix: FloatArray, visibility: Visibility, rays_per_pair: int) -> None:
     if visibility == "rays":
         matrix *= visible_fraction_by_rays(surface, matrix > 0, rays_per_pair)
     else:
         visible_fraction(surface, matrix, cast(Quality, visibility)).apply(matrix)
-    np.sum(matrix, axis=1, out=row_sums)
 
 
 def _closure_max(surface: Surface, row_sums: FloatArray) -> float:

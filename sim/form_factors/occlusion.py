@@ -1,4 +1,4 @@
-"""Visible share of pairs of patches by exact clipping: what light between them passes the occluders.
+"""VisibleFractions share of pairs of patches by exact clipping: what light between them passes the occluders.
 
 Three steps, native (``sim/kernel/occlusion*``). The shaft of two patches, the hull of both, is tested against
 the occluders; most pairs keep 1 and some are surely 0. For the others Gauss points on the patch that looks
@@ -19,8 +19,8 @@ from typing import Literal
 import numpy as np
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 Quality = Literal["quick", "fair", "exact"]
@@ -30,7 +30,7 @@ POINTS = {"quick": 1, "fair": 2, "exact": 6}
 
 
 @dataclass(frozen=True, eq=False)
-class Visible:
+class VisibleFractions:
     """The pairs that an occluder parts, each once; all others see each other fully."""
 
     first: IntArray
@@ -49,19 +49,23 @@ class Visible:
 
 def visible_fraction(
     surface: Surface, exchange: FloatArray, quality: Quality = "exact", points: int | None = None
-) -> Visible:
-    """Find the visible share of all pairs that exchange light.
+) -> VisibleFractions:
+    """Return the visible share of all pairs that exchange light.
 
     Parameters
     ----------
     surface : Surface
-    exchange : (P, P)
-        Exchange areas without occluders; pairs with 0 are left out. Only the upper triangle is read. [m²]
+    exchange : (P, P) array
+        FormFactorOperator areas without occluders; pairs with 0 are left out. Only the upper triangle is read. [m²]
     quality : {"quick", "fair", "exact"}
         1, 2 or 6 Gauss points along each side of the outer patch: the rms of partly hidden pairs of the box
         scene, as a share of theirs, is below 3 %, 1 % and 0.15 %.
     points : int, optional
         Their number, 1 ... 64, instead.
+
+    Returns
+    -------
+    VisibleFractions
 
     Raises
     ------
@@ -70,31 +74,29 @@ def visible_fraction(
     """
     if exchange.shape != (surface.n_patches, surface.n_patches):
         raise SimulationError(f"exchange areas of shape {exchange.shape} for {surface.n_patches} patches; one a pair")
-    nodes, weights = _rule(quality, points)
-    vertices, occluders = _geometry(surface)
-    if not len(occluders):
+    rule, geometry = _rule(quality, points), _geometry(surface)
+    if not len(geometry[1]):
         nothing = np.zeros(0, dtype=np.intp)
-        return Visible(nothing, nothing, np.zeros(0))
+        return VisibleFractions(nothing, nothing, np.zeros(0))
     given = np.ascontiguousarray(exchange, dtype=np.float64)
-    return Visible(*_kernel.visible_of_matrix(vertices, occluders, given, nodes, weights))
+    return VisibleFractions(*_kernel.visible_of_matrix(*geometry, given, *rule))
 
 
 def visible_fraction_of_pairs(
     surface: Surface, first: IntArray, second: IntArray, quality: Quality = "exact", points: int | None = None
 ) -> FloatArray:
-    """(n,) visible share of listed pairs, 1 for those that nothing parts; arguments as above."""
-    nodes, weights = _rule(quality, points)
+    """Return (n,) the visible share of listed pairs, 1 for those that nothing parts; arguments as above."""
+    rule, geometry = _rule(quality, points), _geometry(surface)
     first, second = (np.ascontiguousarray(indices, dtype=np.int64) for indices in (first, second))
     _check_pairs(surface, first, second)
-    vertices, occluders = _geometry(surface)
     fraction = np.ones(len(first))
-    if len(occluders):
-        _kernel.visible_of_pairs(vertices, occluders, first, second, nodes, weights, fraction)
+    if len(geometry[1]):
+        _kernel.visible_of_pairs(*geometry, first, second, *rule, fraction)
     return fraction
 
 
 def segments_blocked(surface: Surface, begin: FloatArray, end: FloatArray) -> BoolArray:
-    """(n,) True where an occluder cuts the segment between two points, each (n, 3) [m].
+    """Return (n,) True where an occluder cuts the segment between two points, each (n, 3) [m].
 
     An occluder that an end lies on (within 1e-7 of the scene's size) does not count; an edge does.
     """
@@ -104,7 +106,8 @@ def segments_blocked(surface: Surface, begin: FloatArray, end: FloatArray) -> Bo
     blocked = np.zeros(len(begin), dtype=bool)
     vertices, occluders = _geometry(surface)
     size = float(np.linalg.norm(np.ptp(vertices.reshape(-1, 3), axis=0)))
-    _kernel.segments_blocked(occluders, size, begin, end, blocked)
+    segments = (begin, end)
+    _kernel.segments_blocked(occluders, size, *segments, blocked)
     return blocked
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.geometry.surface import Surface
 
 SAMPLES = 3
+"""Points along each side of a patch, as published."""
 
 
 def fill(surface: Surface, matrix: FloatArray, row_sums: FloatArray) -> None:
@@ -25,12 +26,12 @@ def fill(surface: Surface, matrix: FloatArray, row_sums: FloatArray) -> None:
     points = sample_points(surface)
     normals = np.ascontiguousarray(surface.normals.T)
     offsets = np.einsum("pk,pk->p", surface.normals, surface.centres)
-    _kernel.paper_exchange_areas(points, normals, offsets, surface.areas, matrix)
+    _kernel.paper_exchange_areas(points, normals, offsets=offsets, areas=surface.areas, exchange=matrix)
     _kernel.divide_rows(matrix, surface.areas, row_sums)
 
 
 def sample_points(surface: Surface) -> FloatArray:
-    """(3, 9, P) midpoints of a 3x3 division of each patch [m]."""
+    """Return (3, 9, P) midpoints of a 3x3 division of each patch [m]."""
     a, b, c, d = np.moveaxis(surface.vertices, 1, 0)
     triangles = np.flatnonzero((c == d).all(axis=1))
     if len(triangles):
@@ -41,22 +42,3 @@ def sample_points(surface: Surface) -> FloatArray:
     offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES
     points = [(1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d for v in offsets for u in offsets]
     return np.ascontiguousarray(np.moveaxis(np.stack(points), 2, 0))
-
-
-def reference_exchange_areas(surface: Surface) -> FloatArray:
-    """(P, P) A_i F_ij in plain numpy: the definition, and the oracle of the native kernel [m²]."""
-    points = np.moveaxis(sample_points(surface), 0, 2)
-    normals, centres = surface.normals, surface.centres
-    total = np.zeros((surface.n_patches, surface.n_patches))
-    # Patches are flat, so r cos is the height of one sample over the other patch's plane: over[k, i, j] of
-    # sample k of patch j over patch i.
-    over = np.einsum("kjx,ix->kij", points, normals) - np.einsum("ix,ix->i", centres, normals)[:, None]
-    over = np.where(over > 1e-9, over, 0.0)
-    for of_first, first in enumerate(points):
-        for of_second, second in enumerate(points):
-            squared = ((first[:, None] - second[None]) ** 2).sum(axis=2)
-            np.fill_diagonal(squared, 1.0)
-            squared[squared == 0] = 1.0
-            total += over[of_second] * over[of_first].T / squared**2
-    areas = surface.areas
-    return np.asarray(total * np.outer(areas, areas) / (np.pi * SAMPLES**4))

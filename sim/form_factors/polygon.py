@@ -13,7 +13,7 @@ n x n Gauss points on a patch make a relative error below 2 p_n (1 + s rho / 3) 
 rho = g + sqrt(1 + g²) is that of Bernstein's ellipse, g the gap over half the patch's longest edge, s and d how much
 its height over the other's plane and its area element vary (0 ... 1), and p_n the error of n points in 1/r⁴ far
 away, larger along the line of centres than across it (sim/kernel/polygon_pairs.hpp).
-tests/sim/test_polygon_factors.py holds this bound against exact values.
+tests/sim/form_factors/test_polygon_factors.py holds this bound against exact values.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 from sim.geometry.surface import Surface
 
 FINEST_TOLERANCE = 1e-12
+"""Below it nothing but roundoff is left to gain."""
 TOLERANCE_OF_SAMPLES = {4: 2e-3, 9: 2e-4, 16: 1e-5, 25: 1e-6, 36: 1e-7}
 """Relative error of every pair that a number of samples a patch stands for."""
 HIGHEST_ORDER = 10
@@ -34,7 +35,7 @@ HIGHEST_ORDER = 10
 
 
 def exchange_areas(surface: Surface, samples: int | None = None, tolerance: float = 1e-6) -> FloatArray:
-    """(P, P) A_i F_ij of every pair of patches, exactly symmetric, in 0 ... min(A_i, A_j) [m²].
+    """Return (P, P) A_i F_ij of every pair of patches, exactly symmetric, in 0 ... min(A_i, A_j) [m²].
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def fill_exchange_areas(surface: Surface, exchange: FloatArray, samples: int | N
 def exchange_areas_of_pairs(
     surface: Surface, first: ArrayLike, second: ArrayLike, tolerance: float = 1e-6
 ) -> FloatArray:
-    """(K,) A F of the pairs (first[k], second[k]): the same bits as in :func:`exchange_areas` [m²].
+    """Return (K,) A F of the pairs (first[k], second[k]): the same bits as in :func:`exchange_areas` [m²].
 
     Every call prepares all patches of the surface: ask for many pairs at once.
 
@@ -85,8 +86,14 @@ def exchange_areas_of_pairs(
         )
     order_of_rows = np.argsort(low, kind="stable")
     exchange = np.empty(len(one))
-    sorted_pairs = low[order_of_rows], high[order_of_rows]
-    _kernel.polygon_exchange_areas_of_pairs(_corners(surface), *sorted_pairs, wanted, HIGHEST_ORDER, exchange)
+    _kernel.polygon_exchange_areas_of_pairs(
+        _corners(surface),
+        first=low[order_of_rows],
+        second=high[order_of_rows],
+        tolerance=wanted,
+        highest_order=HIGHEST_ORDER,
+        exchange=exchange,
+    )
     answer = np.empty_like(exchange)
     answer[order_of_rows] = exchange
     return np.where(one == other, 0.0, answer)
@@ -104,93 +111,3 @@ def _checked_tolerance(samples: int | None, tolerance: float) -> float:
 
 def _corners(surface: Surface) -> FloatArray:
     return np.ascontiguousarray(surface.vertices, dtype=np.float64)
-
-
-def point_to_polygon(points: FloatArray, normals: FloatArray, polygon: FloatArray) -> FloatArray:
-    """(N,) exact factors from points with a normal to a flat polygon (Lambert 1760); the plain definition.
-
-    F = 1/(2 pi) sum over edges of the angle under which an edge is seen times the cosine between the point's
-    normal and that of the plane through point and edge. What lies below a point's horizon is cut off.
-
-    Parameters
-    ----------
-    points, normals : (N, 3)
-        Places [m] and unit normals.
-    polygon : (M, 3)
-        Convex, counter-clockwise seen from its lit side, which looks at the points [m].
-    """
-    corners = polygon - points[:, None]
-    heights = np.einsum("nmk,nk->nm", corners, normals)
-    total = np.zeros(len(points))
-    leaves, enters = np.zeros_like(points), np.zeros_like(points)
-    for k in range(len(polygon)):
-        after = (k + 1) % len(polygon)
-        begin, end = _above(corners[:, k], corners[:, after], heights[:, k], heights[:, after])
-        total += _edge_share(begin, end, normals)
-        down = (heights[:, k] >= 0) & (heights[:, after] < 0)
-        up = (heights[:, k] < 0) & (heights[:, after] >= 0)
-        leaves[down], enters[up] = end[down], begin[up]
-    return np.asarray(total + _edge_share(leaves, enters, normals))
-
-
-def _above(
-    begin: FloatArray, end: FloatArray, height_begin: FloatArray, height_end: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """(N, 3) ends of the part of a segment above the horizon; both the same where there is none."""
-    drop = height_begin - height_end
-    share = np.where(drop == 0, 0.0, height_begin / np.where(drop == 0, 1.0, drop))[:, None]
-    horizon = begin + share * (end - begin)
-    below_begin, below_end = (height_begin < 0)[:, None], (height_end < 0)[:, None]
-    new_begin = np.where(below_begin, np.where(below_end, end, horizon), begin)
-    return new_begin, np.where(below_end & ~below_begin, horizon, end)
-
-
-def _edge_share(begin: FloatArray, end: FloatArray, normals: FloatArray) -> FloatArray:
-    across = np.cross(end, begin)
-    length = np.linalg.norm(across, axis=1)
-    angle = np.arctan2(length, (begin * end).sum(axis=1))
-    cosine = (across * normals).sum(axis=1) / np.where(length > 0, length, 1.0)
-    return np.asarray(angle * cosine / (2 * np.pi))
-
-
-def reference_exchange_area(first: FloatArray, second: FloatArray, order: int) -> float:
-    """A F of two convex polygons by n x n Gauss points on the first and exact factors to the second [m²].
-
-    Slow, and independent of the contour integral; its error falls like n^-4 where the two touch.
-
-    Parameters
-    ----------
-    first, second : (M, 3)
-        Corners, counter-clockwise seen from the lit side [m].
-    order : int
-        Points along each side of every triangle that the first is cut into.
-    """
-    before = _cut(first, _normal(second), second[0])
-    normal, nodes, weights = _normal(first), *np.polynomial.legendre.leggauss(order)
-    u, v = (axis.ravel() for axis in np.meshgrid((nodes + 1) / 2, (nodes + 1) / 2))
-    weight = np.outer(weights, weights).ravel() / 4
-    total = 0.0
-    for k in range(1, len(before) - 1):
-        a, b, c = before[0], before[k], before[k + 1]
-        points = a + v[:, None] * ((1 - u)[:, None] * (b - a) + u[:, None] * (c - a))
-        density = weight * v * np.linalg.norm(np.cross(b - a, c - a))
-        total += float(density @ point_to_polygon(points, np.tile(normal, (len(points), 1)), second))
-    return total
-
-
-def _normal(polygon: FloatArray) -> FloatArray:
-    vector = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0]).sum(axis=0)
-    return np.asarray(vector / np.linalg.norm(vector))
-
-
-def _cut(polygon: FloatArray, normal: FloatArray, point: FloatArray) -> FloatArray:
-    """Corners of the part of a convex polygon before a plane (Sutherland & Hodgman)."""
-    heights = (polygon - point) @ normal
-    kept = []
-    for k in range(len(polygon)):
-        if heights[k - 1] * heights[k] < 0:
-            share = heights[k - 1] / (heights[k - 1] - heights[k])
-            kept.append(polygon[k - 1] + share * (polygon[k] - polygon[k - 1]))
-        if heights[k] >= 0:
-            kept.append(polygon[k])
-    return np.array(kept).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Visible share of two patches by segments between low-discrepancy samples: the readable reference.
+"""VisibleFractions share of two patches by segments between low-discrepancy samples: the readable reference.
 
 ``sim.form_factors.occlusion`` finds the same numbers by clipping, thousands of times faster.
 """
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 CHUNK = 1 << 16
@@ -18,32 +18,34 @@ COPLANAR = 1e-7
 """A patch this close to an occluder's plane, in sizes of the scene, lies on it and is not shaded by it."""
 
 
-def visible_fraction(surface: Surface, candidates: BoolArray, rays_per_pair: int = 64) -> FloatArray:
-    """Share of the light between two patches that no occluder stops; symmetric and deterministic.
+def visible_fraction_by_rays(surface: Surface, candidates: BoolArray, rays_per_pair: int = 64) -> FloatArray:
+    """Return the share of the light between two patches that no occluder stops; symmetric and deterministic.
 
     Parameters
     ----------
     surface : Surface
-    candidates : (P, P) bool
+    candidates : (P, P) bool array
         Pairs worth a look (those with a form factor); the others keep 1.
     rays_per_pair : int
+        Segments between two patches.
 
     Returns
     -------
-    (P, P) in [0, 1].
+    (P, P) array
+        In [0, 1].
     """
     fraction = np.ones((surface.n_patches, surface.n_patches))
     if len(surface.occluders):
         first, second = np.nonzero(np.triu(candidates, 1))
-        share = visible_fraction_of_pairs(surface, first, second, rays_per_pair)
+        share = visible_fraction_of_pairs_by_rays(surface, first, second, rays_per_pair)
         fraction[first, second] = fraction[second, first] = share
     return fraction
 
 
-def visible_fraction_of_pairs(
+def visible_fraction_of_pairs_by_rays(
     surface: Surface, first: IntArray, second: IntArray, rays_per_pair: int = 64
 ) -> FloatArray:
-    """(n,) share of the light between listed pairs: each segment counts cos cos' / r², 0 behind a patch."""
+    """Return (n,) the share of the light between listed pairs: each segment counts cos cos' / r², 0 behind a patch."""
     size = float(np.linalg.norm(np.ptp(surface.vertices.reshape(-1, 3), axis=0)))
     frames = [_Frame.of(surface, corners, COPLANAR * size) for corners in surface.occluders]
     share = np.ones(len(first))
@@ -58,14 +60,14 @@ def visible_fraction_of_pairs(
         blocked = np.zeros(begin.shape[:2], dtype=bool)
         for frame, some in zip(frames, suspects[:, here], strict=True):
             blocked[some] |= frame.cuts(begin[some], end[some])
-        weight = _weight(surface, first[here], second[here], begin, end)
+        weight = _weight(end - begin, surface.normals[first[here]], surface.normals[second[here]])
         total = weight.sum(axis=1)
         # The ratio is exactly 1 where nothing is blocked: 1 - blocked, never visible / total.
         share[here] = 1 - np.where(blocked, weight, 0.0).sum(axis=1) / np.where(total > 0, total, 1.0)
     return np.clip(share, 0.0, 1.0)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Frame:
     """An occluder's plane and edges, and where the patches lie to them."""
 
@@ -94,7 +96,16 @@ class _Frame:
         heights = (surface.vertices - corners[0]) @ normal
         outside = (surface.vertices @ edges.T <= offsets).all(axis=1).T
         above, below = (heights > touch).any(axis=1), (heights < -touch).any(axis=1)
-        return cls(normal, corners[0], edges, offsets, touch, above, below, outside)
+        return cls(
+            normal=normal,
+            corner=corners[0],
+            edges=edges,
+            edge_offsets=offsets,
+            touch=touch,
+            above=above,
+            below=below,
+            outside=outside,
+        )
 
     def may_block(self, first: IntArray, second: IntArray) -> BoolArray:
         """Pairs on both sides of the plane that no edge leaves outside together."""
@@ -110,11 +121,10 @@ class _Frame:
         return np.asarray(crosses & (place @ self.edges.T >= self.edge_offsets).all(axis=-1))
 
 
-def _weight(surface: Surface, first: IntArray, second: IntArray, begin: FloatArray, end: FloatArray) -> FloatArray:
-    """(pairs, rays) cos cos' / r², 0 where an end lies behind the other's plane."""
-    along = end - begin
-    leaves = np.einsum("prk,pk->pr", along, surface.normals[first])
-    arrives = -np.einsum("prk,pk->pr", along, surface.normals[second])
+def _weight(along: FloatArray, normals_first: FloatArray, normals_second: FloatArray) -> FloatArray:
+    """(pairs, rays) cos cos' / r² of segments (pairs, rays, 3), 0 where an end lies behind the other's plane."""
+    leaves = np.einsum("prk,pk->pr", along, normals_first)
+    arrives = -np.einsum("prk,pk->pr", along, normals_second)
     squared = np.maximum((along**2).sum(axis=-1), 1e-300)
     return np.asarray(np.maximum(leaves, 0) * np.maximum(arrives, 0) / squared**2)
 

@@ -1,7 +1,7 @@
 """Frames for a live projector: one 8-bit colour picture in, the projector's 8-bit picture out, in one native call.
 
-``frame_model`` prepares a transport once; ``FrameCompensator`` turns frames. ``reference_frame`` is the definition
-in numpy and double precision.
+``frame_model`` prepares a transport once; ``FrameCompensator`` turns frames. ``sim.reference.frame`` is
+the definition in numpy and double precision.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import _kernel
+from sim.arrays import CodeArray
 from sim.errors import SimulationError
+from sim.frame.codes import checked_frame
 from sim.frame.model import CHANNELS, FrameModel, frame_model
 from sim.frame.tables import response_cubics, response_tables, target_table
-from sim.reference.frame import checked_frame, reference_frame
 
-__all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model", "reference_frame"]
+__all__ = ["FrameCompensator", "FrameModel", "FrameReport", "frame_model"]
 
 Strategy = Literal["exact", "bounded"]
 STEPS, FIRST_STEPS = 1, 4
@@ -68,18 +69,22 @@ class FrameCompensator:
             model, response_tables(model), response_cubics(model), np.linalg.inv(model.mixing).astype(np.float64)
         )
 
-    def frame(
-        self, codes: NDArray[np.uint8], out: NDArray[np.uint8] | None = None, gain: float = 1.0
-    ) -> NDArray[np.uint8]:
-        """Give the projector's codes for a target's.
+    def frame(self, codes: CodeArray, out: CodeArray | None = None, gain: float = 1.0) -> CodeArray:
+        """Return the projector's codes for a target's.
 
         Parameters
         ----------
-        codes : (H, W, 3) uint8
-        out : (H, W, 3) uint8, optional
+        codes : (H, W, 3) uint8 array
+            The target's codes, as the model's ``eotf`` reads them.
+        out : (H, W, 3) uint8 array, optional
             Filled and returned; a new array otherwise.
         gain : float
             Times the target's light.
+
+        Returns
+        -------
+        (H, W, 3) uint8 array
+            ``out``, where it is given.
 
         Raises
         ------
@@ -102,8 +107,10 @@ class FrameCompensator:
         """Forget the frame before: the next one begins anew."""
         self._fresh = True
 
-    def _bounded(self, codes: NDArray[np.uint8], out: NDArray[np.uint8], target: NDArray[np.float32]) -> FrameReport:
+    def _bounded(self, codes: CodeArray, out: CodeArray, target: NDArray[np.float32]) -> FrameReport:
         fresh, self._fresh = self._fresh, False
-        clipped, squared, passes = self._kernel.bounded(codes, out, target, STEPS, FIRST_STEPS, fresh, self.threads)
+        clipped, squared, passes = self._kernel.bounded(
+            codes, out, target, steps=STEPS, first_steps=FIRST_STEPS, fresh=fresh, threads=self.threads
+        )
         error = float(np.sqrt(squared / self._channels / np.mean(self.model.target_scale**2)))
         return FrameReport(error, clipped / self._channels, passes)

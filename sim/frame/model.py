@@ -17,25 +17,27 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array, diags_array
 
+from sim.arrays import BoolArray, CodeArray, FloatArray, IntArray
 from sim.compensation.split_transport import diagonal_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
 from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.light.colour import ColourTransport
+from sim.light.interreflection_operator import patch_to_patch
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
 CHANNELS = 3
 DITHER_PX = 64
+"""Side of the dither pattern, which repeats over the picture. [px]"""
 ROWS_OF_A_SUM = 14
 """A patch's sum takes no fewer rows than this, or all."""
 ONE_LAYER = 2e-3
 """Bands whose geometry differs by less than this share use one layer for it."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class FrameModel:
     """All that turns a frame's codes into the projector's; bands are 3, layers 1 (for all bands) or 3."""
 
@@ -71,7 +73,7 @@ class FrameModel:
     """(256,) linear light of a target's codes; 1 is full scale."""
     response: FloatArray
     """(3, 256) linear light of the projector's codes, a channel each."""
-    dither: NDArray[np.uint8]
+    dither: CodeArray
     """(3, 64, 64) share of a code, in 256ths, that is added before rounding down: 128 rounds to the nearest."""
 
     @property
@@ -96,27 +98,31 @@ def frame_model(
     response: ArrayLike | None = None,
     dither_seed: int | None = None,
 ) -> FrameModel:
-    """Prepare a transport for frames.
+    """Return a transport prepared for frames.
 
     Parameters
     ----------
     transport : LightTransport or ColourTransport
         Of the projector's view: square, D diagonal; its pixels are the active ones, row by row. A grey transport
         serves all three bands.
-    shape : (H, W)
-        Of the projector [px].
-    active : (H, W) bool, optional
+    shape : (int, int)
+        (H, W) of target and projector. [px]
+    active : (H, W) bool array, optional
         Pixels of the transport; the others stay at code 0. Default: all.
-    target_scale : float or (3,)
+    target_scale : float or (3,) array
         Camera value that a target's full scale stands for.
-    black : float or (n active,) or (n active, 3)
+    black : float or (n active,) or (n active, 3) array
         Camera value while the projector shows black: ambient light and the projector's own.
-    eotf : (256,), optional
+    eotf : (256,) array, optional
         Linear light of a target's codes, 1 = full scale. Default: code / 255.
-    response : (256,) or (3, 256), optional
+    response : (256,) or (3, 256) array, optional
         Linear light above black of the projector's codes, rising. Default: code / 255.
     dither_seed : int, optional
         Round to one of the two nearest codes by a fixed pattern, so that means are right. Default: to the nearest.
+
+    Returns
+    -------
+    FrameModel
 
     Raises
     ------
@@ -134,29 +140,32 @@ def frame_model(
     lit = np.unique(patch[emission > 0])
     index = np.minimum(np.searchsorted(lit, patch), len(lit) - 1)
     sums = csr_array((emission, (index, np.arange(len(places)))), shape=(len(lit), len(places)))
-    inverse = [_inverse(band, sums, lit, cells.viewed, share[k][lit], gain_share[k]) for k, band in enumerate(light)]
+    inverse = [
+        _inverse(band, sums, lit, cells.viewed, share=share[k][lit], gain_ratio=gain_share[k])
+        for k, band in enumerate(light)
+    ]
     curvature = np.stack([sums.power(2) @ band.inverse**2 for band in light])
     seen_black = np.stack([sums @ row for row in black_over_direct])
-    rows, scale = _sum_rows(shape, places, index, emission, len(lit))
+    rows, scale = _sum_rows(shape, places, index, emission, n_lit=len(lit))
     image = _Image(places, shape)
     return FrameModel(
-        shape,
-        image.packed([band.inverse for band in light]),
-        image.packed(black_over_direct if black_of.any() else [np.zeros(len(places))]),
-        image.packed(gain),
-        rows,
-        scale,
-        image.packed([emission]),
-        runs_of(index, places, shape),
-        cells.cells,
-        packed_rows(np.stack(inverse)),
-        curvature,
-        seen_black,
-        mixing,
-        _scale(target_scale),
-        _table("eotf", eotf, (256,)),
-        _response(response),
-        _dither(dither_seed),
+        shape=shape,
+        inverse_direct=image.packed([band.inverse for band in light]),
+        offset=image.packed(black_over_direct if black_of.any() else [np.zeros(len(places))]),
+        view_gain=image.packed(gain),
+        sum_rows=rows,
+        row_scale=scale,
+        emission=image.packed([emission]),
+        patch_runs=runs_of(index, places, shape),
+        cells=cells.cells,
+        inverse=packed_rows(np.stack(inverse)),
+        curvature=curvature,
+        black_emission=seen_black,
+        mixing=mixing,
+        target_scale=_scale(target_scale),
+        eotf=_table("eotf", eotf, (256,)),
+        response=_response(response),
+        dither=_dither(dither_seed),
     )
 
 
@@ -256,7 +265,7 @@ def _response(response: ArrayLike | None) -> FloatArray:
     return table
 
 
-def _dither(seed: int | None) -> NDArray[np.uint8]:
+def _dither(seed: int | None) -> CodeArray:
     """Every 256th share equally often in each channel's tile."""
     shape = (CHANNELS, DITHER_PX, DITHER_PX)
     if seed is None:
@@ -314,7 +323,7 @@ def _main_patch(band: _Band) -> tuple[IntArray, FloatArray]:
 
 
 def _sum_rows(
-    shape: tuple[int, int], places: IntArray, index: IntArray, emission: FloatArray, n_lit: int
+    shape: tuple[int, int], places: IntArray, index: IntArray, emission: FloatArray, *, n_lit: int
 ) -> tuple[NDArray[np.int32], FloatArray]:
     """Rows for sums over patches, and what the left-out ones are made up for with.
 
@@ -342,7 +351,7 @@ def _one_layer(layers: Sequence[FloatArray]) -> tuple[list[FloatArray], list[flo
 
 
 def _inverse(
-    band: _Band, sums: csr_array, lit: IntArray, viewed: IntArray, share: FloatArray, gain_ratio: float
+    band: _Band, sums: csr_array, lit: IntArray, viewed: IntArray, *, share: FloatArray, gain_ratio: float
 ) -> FloatArray:
     """(W, L) from sums over a patch's pixels to the irradiance of the viewed patches, in the view's unit."""
     transport = band.transport
@@ -361,6 +370,4 @@ def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray)
     if isinstance(radiosity.form_factors, FormFactors):
         # A factor pays for so many right-hand sides.
         radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
-    unit = np.zeros((radiosity.n_patches, len(lit)))
-    unit[lit, np.arange(len(lit))] = 1.0
-    return np.asarray((radiosity.solve(unit) - unit)[viewed])
+    return patch_to_patch(radiosity, lit, viewed)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry.scene import FloatArray
+from sim.arrays import FloatArray
 
 SHIFT = 11
 """Bits of a single-precision number that are dropped."""
@@ -44,7 +44,7 @@ class Packed:
 
 
 def packed(values: FloatArray) -> Packed:
-    """Round numbers of 0 and more, (layers, H, W), each layer to its own unit."""
+    """Return numbers of 0 and more, (layers, H, W), each layer rounded to its own unit."""
     unit = np.array([_largest(layer) / (1 - 2.0**-13) for layer in values])
     bits = _aligned(values.shape)
     for layer, per, out in zip(values, unit, bits, strict=True):
@@ -86,7 +86,7 @@ class PackedRows:
 
 
 def packed_rows(matrices: FloatArray) -> PackedRows:
-    """Round matrices (layers, W, L) to at most a 65,534th of the largest magnitude of the row."""
+    """Return matrices (layers, W, L) rounded to at most a 65,534th of the largest magnitude of the row."""
     unit = (np.abs(matrices).max(axis=2, initial=0.0) / _LARGEST_ENTRY).astype(np.float32)
     per = np.where(unit > 0, unit, 1).astype(np.float64)
     entries = np.clip(np.rint(matrices / per[..., None]), -_LARGEST_ENTRY, _LARGEST_ENTRY)

@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from sim.arrays import CodeArray, FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 
 AT_ONCE = 1 << 19
 """Pixels whose view is taken apart at a time."""
 ALONG_X = 5
+"""Row of ``CORNERS`` for two patches that lie along x."""
 CORNERS = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 1], [0, 1, 2, 2], [0, 1, 2, 3], [0, 1, 0, 1]])
 """Which of a pixel's patches stand at the cell's corners, by their number; last: two along x."""
 
@@ -45,7 +46,7 @@ class BilinearCells:
     """(C, 4) viewed patches at the corners (x, y) = (0, 0), (1, 0), (0, 1), (1, 1) of each cell."""
     runs: Runs
     """Values: cells."""
-    place: NDArray[np.uint8]
+    place: CodeArray
     """(2, H, W) x and y within the cell, in 255ths."""
 
 
@@ -61,7 +62,7 @@ class CellView:
 
 
 def runs_of(values: IntArray, places: IntArray, shape: tuple[int, int]) -> Runs:
-    """Runs of equal values, (n,) or (n, K); pixels that have none belong to the run before them.
+    """Return the runs of equal values, (n,) or (n, K); pixels that have none belong to the run before them.
 
     Parameters
     ----------
@@ -83,7 +84,7 @@ def runs_of(values: IntArray, places: IntArray, shape: tuple[int, int]) -> Runs:
 
 
 def cells_of(view: csr_array, reflectance: FloatArray, places: IntArray, shape: tuple[int, int]) -> CellView:
-    """Take a smooth view apart: gain times a bilinear mean of the irradiance of four patches.
+    """Return a smooth view taken apart: gain times a bilinear mean of the irradiance of four patches.
 
     Raises
     ------
@@ -109,9 +110,7 @@ def cells_of(view: csr_array, reflectance: FloatArray, places: IntArray, shape: 
     return CellView(BilinearCells(cells, runs, of_pixel.reshape(2, *shape)), viewed, misfit)
 
 
-def _take_apart(
-    view: csr_array, reflectance: FloatArray, corners: NDArray[np.int32], place: NDArray[np.uint8]
-) -> float:
+def _take_apart(view: csr_array, reflectance: FloatArray, corners: NDArray[np.int32], place: CodeArray) -> float:
     """Fill the corners and the place between them of each pixel; returns the largest misfit."""
     count = np.diff(view.indptr)
     share, patch = np.zeros((len(count), 4)), np.zeros((len(count), 4), dtype=np.int32)

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from numpy.typing import NDArray
 
+from sim.arrays import FloatArray
+from sim.frame.codes import fractional_code
 from sim.frame.model import CHANNELS, FrameModel
-from sim.geometry.scene import FloatArray
-from sim.reference.frame import fractional_code
 
 OCTAVES, STEPS = 15, 128
+"""Octaves of light that the table covers, and entries in each."""
 TOE = 2.0**-OCTAVES
+"""Added to a share of the span, so that black has an octave too."""
 HALVES = 32
 """Halves of octaves that cubics are for, 31 of them in use."""
 CUBICS_OFF_CODES = 0.1
@@ -27,7 +29,7 @@ _HIGHEST = 255.0
 
 
 def response_tables(model: FrameModel) -> NDArray[np.uint32]:
-    """(3, 1922), or (1, 1922) for channels alike: code and step to the next entry, 16 bits each, in 256ths of a code.
+    """Return (3, 1922), or (1, 1922) for channels alike: code and step to the next, 16 bits each, in 256ths.
 
     Entries lie at shares of the span that, with 2⁻¹⁵ added, part each octave into 128: fine where codes are dark,
     and nowhere further than 1/128 of the light apart.
@@ -38,7 +40,7 @@ def response_tables(model: FrameModel) -> NDArray[np.uint32]:
 
 
 def response_cubics(model: FrameModel) -> NDArray[np.float32]:
-    """(3, 4, 32), or (1, 4, 32) for channels alike: coefficients of the powers of share + 2⁻¹⁵ in halves of octaves.
+    """Return (3, 4, 32), or (1, 4, 32) for channels alike: coefficients of powers of share + 2⁻¹⁵ by half octave.
 
     They give the code by four look-ups within registers where the table takes one in memory. No layers, (0, 4, 32),
     where a response is too uneven for them.
@@ -79,5 +81,5 @@ def _table(response: FloatArray, share: FloatArray) -> NDArray[np.uint32]:
 
 
 def target_table(model: FrameModel, gain: float) -> NDArray[np.float32]:
-    """(3, 256) camera value that each code of a target asks for."""
+    """Return (3, 256) camera value that each code of a target asks for."""
     return np.asarray(gain * model.target_scale[:, None] * model.eotf, dtype=np.float32)

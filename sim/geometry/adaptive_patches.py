@@ -7,15 +7,16 @@ from functools import cached_property
 
 import numpy as np
 
-from sim.geometry.scene import BoolArray, Face, FloatArray, IntArray, Scene, intersect
+from sim.arrays import BoolArray, FloatArray, IntArray
+from sim.geometry.scene import Face, Scene, intersect
 from sim.geometry.surface import Surface
 
 ON_PLANE = 1e-9
 """Distance from a plane, over the scene's size, up to which an edge lies in it."""
-PER_CELL = ("vertices", "reflectance", "region", "whole")
+PER_PATCH = ("vertices", "reflectance", "region", "whole")
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class AdaptivePatches:
     """Patches of unequal size; a ``sim.geometry.surface.Surface``. Corners of one may lie within another's edge."""
 
@@ -23,19 +24,19 @@ class AdaptivePatches:
     vertices: FloatArray
     """(P, 4, 3) corners, counter-clockwise seen from the lit side; a triangle repeats its last [m]."""
     reflectance: FloatArray
-    """(P,) share of the light that a cell sends back."""
+    """(P,) share of the light that a patch sends back, in [0, 1]."""
     region: IntArray
-    """(P,) number of the flat region that each cell was cut from."""
+    """(P,) number of the flat region that each patch was cut from."""
     whole: IntArray
-    """(P,) number of the whole, uncut cell that each cell was cut from."""
+    """(P,) number of the whole, uncut patch that each was cut from."""
     occluders: FloatArray
-    """(M, 4, 3) polygons that may stand between two cells, uncut [m]."""
+    """(M, 4, 3) polygons that may stand between two patches, uncut [m]."""
     convex: bool
     closed: bool
 
     @property
     def n_patches(self) -> int:
-        """Number of cells, P."""
+        """Number of patches, P."""
         return len(self.vertices)
 
     @cached_property
@@ -71,7 +72,18 @@ class AdaptivePatches:
         return np.asarray((self.vertices[:, 2] == self.vertices[:, 3]).all(axis=1))
 
     def variation(self, gradient: FloatArray) -> FloatArray:
-        """(P,) integral over each cell of (g . (x - centre))² for (P, 3) gradients g [unit² m²]."""
+        """Return how much a linear field varies within each patch.
+
+        Parameters
+        ----------
+        gradient : (P, 3) array
+            Of the field, g. [unit/m]
+
+        Returns
+        -------
+        (P,) array
+            Integral over each patch of (g . (x - centre))². [unit² m²]
+        """
         a, b, c, d = np.moveaxis(self.vertices - self.centres[:, None], 1, 0)
         total = np.zeros(self.n_patches)
         for corners in ((a, b, c), (a, c, d)):
@@ -82,40 +94,61 @@ class AdaptivePatches:
 
     @cached_property
     def polar_moments(self) -> FloatArray:
-        """(P,) integral over each cell of |x - centre|² [m⁴]."""
+        """(P,) integral over each patch of |x - centre|² [m⁴]."""
         return np.asarray(sum(self.variation(np.tile(axis, (self.n_patches, 1))) for axis in np.eye(3)))
 
     def chosen(self, cells: BoolArray | IntArray) -> AdaptivePatches:
-        """Some of the cells."""
-        vertices, reflectance, region, whole = (getattr(self, key)[cells] for key in PER_CELL)
-        return replace(self, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
-
-    def halves(self, along: IntArray) -> AdaptivePatches:
-        """(2 P) cells, first halves before second ones: quads across u (0) or v (1).
+        """Return some of the patches.
 
         Parameters
         ----------
-        along : (P,) int
-            Triangles are cut at their longest edge, whatever it says.
+        cells : (P,) bool array, or int array
+            Which ones.
+
+        Returns
+        -------
+        AdaptivePatches
+        """
+        vertices, reflectance, region, whole = (getattr(self, key)[cells] for key in PER_PATCH)
+        return replace(self, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
+
+    def halves(self, along: IntArray) -> AdaptivePatches:
+        """Return the halves of all patches, first halves before second ones.
+
+        Parameters
+        ----------
+        along : (P,) int array
+            Quads are cut across u (0) or v (1); triangles at their longest edge, whatever it says.
+
+        Returns
+        -------
+        AdaptivePatches
+            2 P of them.
         """
         first, second = _halves(self.vertices, along, self.triangular)
         return joined(replace(self, vertices=first), replace(self, vertices=second))
 
     def quarters(self) -> AdaptivePatches:
-        """(4 P) cells: each cut twice; cell i becomes i, i + P, i + 2 P, i + 3 P."""
+        """Return the quarters of all patches, each cut twice.
+
+        Returns
+        -------
+        AdaptivePatches
+            4 P of them; patch i becomes i, i + P, i + 2 P, i + 3 P.
+        """
         once = self.halves(np.zeros(self.n_patches, dtype=np.intp))
         return once.halves(np.ones(once.n_patches, dtype=np.intp))
 
 
 def joined(first: AdaptivePatches, second: AdaptivePatches) -> AdaptivePatches:
-    """AdaptivePatches of one scene together."""
-    parts = (np.concatenate([getattr(first, key), getattr(second, key)]) for key in PER_CELL)
+    """Return two sets of patches of one scene as one, the first before the second."""
+    parts = (np.concatenate([getattr(first, key), getattr(second, key)]) for key in PER_PATCH)
     vertices, reflectance, region, whole = parts
     return replace(first, vertices=vertices, reflectance=reflectance, region=region, whole=whole)
 
 
 def triangles(vertices: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Areas (P, 2) and centroids (P, 2, 3) of the two triangles of each cell."""
+    """Return areas (P, 2) [m²] and centroids (P, 2, 3) [m] of the two triangles of each patch (P, 4, 3)."""
     a, b, c, d = np.moveaxis(vertices, 1, 0)
     areas = [np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, np.linalg.norm(np.cross(c - a, d - a), axis=1) / 2]
     return np.stack(areas, axis=1), np.stack([(a + b + c) / 3, (a + c + d) / 3], axis=1)
@@ -138,8 +171,8 @@ def _longest_edge(vertices: FloatArray) -> IntArray:
     return np.asarray(np.argmax(lengths, axis=0))
 
 
-def whole_cells(surface: Surface) -> AdaptivePatches:
-    """The fewest cells: a scene's faces, cut where others stand on them; a mesh's patches as they are.
+def coarsest_patches(surface: Surface) -> AdaptivePatches:
+    """Return the fewest patches: a scene's faces, cut where others stand on them; a mesh's patches as they are.
 
     What another object covers (the floor under a box) is left out: no light gets there. A face whose
     reflectance varies keeps its patches.
@@ -147,14 +180,14 @@ def whole_cells(surface: Surface) -> AdaptivePatches:
     if isinstance(surface, Scene):
         return _cells_of_scene(surface)
     return AdaptivePatches(
-        surface.name,
-        surface.vertices,
-        surface.reflectance,
-        surface.region,
-        np.arange(surface.n_patches),
-        surface.occluders,
-        surface.convex,
-        surface.closed,
+        name=surface.name,
+        vertices=surface.vertices,
+        reflectance=surface.reflectance,
+        region=surface.region,
+        whole=np.arange(surface.n_patches),
+        occluders=surface.occluders,
+        convex=surface.convex,
+        closed=surface.closed,
     )
 
 
@@ -176,14 +209,14 @@ def _cells_of_scene(scene: Scene) -> AdaptivePatches:
     vectors = np.cross(vertices[:, 2] - vertices[:, 0], vertices[:, 3] - vertices[:, 1]) / 2
     closed = len(scene.faces) > 3 and bool(np.abs(vectors.sum(axis=0)).max() < 1e-9 * np.abs(vectors).sum())
     return AdaptivePatches(
-        scene.name,
-        vertices,
-        np.concatenate(reflectance),
-        np.concatenate(region),
-        np.arange(len(vertices)),
-        scene.occluders,
-        scene.convex,
-        closed,
+        name=scene.name,
+        vertices=vertices,
+        reflectance=np.concatenate(reflectance),
+        region=np.concatenate(region),
+        whole=np.arange(len(vertices)),
+        occluders=scene.occluders,
+        convex=scene.convex,
+        closed=closed,
     )
 
 
@@ -209,7 +242,7 @@ def _distinct(values: FloatArray) -> FloatArray:
 
 
 def _grid(face: Face, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(cells, 4, 3) corners of the rectangles between lines."""
+    """(patches, 4, 3) corners of the rectangles between lines."""
     low_u, low_v = (grid.ravel() for grid in np.meshgrid(u[:-1], v[:-1]))
     high_u, high_v = (grid.ravel() for grid in np.meshgrid(u[1:], v[1:]))
     pairs = ((low_u, low_v), (high_u, low_v), (high_u, high_v), (low_u, high_v))
@@ -217,7 +250,7 @@ def _grid(face: Face, u: FloatArray, v: FloatArray) -> FloatArray:
 
 
 def _covered(scene: Scene, face: Face, vertices: FloatArray) -> BoolArray:
-    """(cells,) True where the middle of a cell sees mostly backs of faces: it lies inside an object."""
+    """(patches,) True where the middle of a patch sees mostly backs of faces: it lies inside an object."""
     u, v, normal = face.axes
     size = float(np.ptp(scene.vertices.reshape(-1, 3), axis=0).max())
     origin = vertices.mean(axis=1) + 1e-6 * size * normal

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.geometry.intersections import piercing_and_overlapping
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 from sim.geometry.topology import WELD, Topology, extent
 
@@ -44,7 +44,7 @@ NAMED = 10
 
 
 @dataclass(frozen=True)
-class Problem:
+class MeshFault:
     """One kind of fault and the patches that have it."""
 
     kind: Kind
@@ -59,58 +59,63 @@ class Problem:
         return self.kind not in NOTES
 
 
-def problems(surface: Surface | FloatArray, *, thorough: bool = False) -> tuple[Problem, ...]:
-    """All that is wrong with the patches of a surface.
+def mesh_faults(surface: Surface | FloatArray, *, thorough: bool = False) -> tuple[MeshFault, ...]:
+    """Return all that is wrong with the patches of a surface.
 
     Parameters
     ----------
-    surface : Surface or (P, 4, 3)
+    surface : Surface or (P, 4, 3) array
         A surface is also held to what it says of itself (closed, convex); bare corners say nothing. [m]
     thorough : bool
         Also look for patches that pierce or cover each other: seconds for 10,000 patches.
+
+    Returns
+    -------
+    tuple of MeshFault
+        One for each kind, notes included.
     """
     if isinstance(surface, np.ndarray):
-        return tuple(_examined(surface, False, False, thorough)[0])
-    return tuple(_examined(surface.vertices, surface.closed, surface.convex, thorough)[0])
+        return tuple(_examined(surface, closed=False, convex=False, thorough=thorough)[0])
+    return tuple(_examined(surface.vertices, closed=surface.closed, convex=surface.convex, thorough=thorough)[0])
 
 
 def checked_topology(
     name: str, vertices: FloatArray, *, closed: bool = False, convex: bool = False, thorough: bool = False
 ) -> Topology:
-    """Topology of (P, 4, 3) corners without faults.
+    """Return the topology of (P, 4, 3) corners without faults [m].
 
     Raises
     ------
     SimulationError
         A line for each kind of fault, with patches and advice.
     """
-    found, topology = _examined(vertices, closed, convex, thorough)
+    found, topology = _examined(vertices, closed=closed, convex=convex, thorough=thorough)
     refuse(name, found)
     return topology
 
 
-def refuse(name: str, found: Iterable[Problem]) -> None:
+def refuse(name: str, found: Iterable[MeshFault]) -> None:
     """Raise SimulationError, a line for each fault that is more than a note."""
-    lines = [f"\n  {problem.kind}: {problem.message}" for problem in found if problem.refused]
+    lines = [f"\n  {fault.kind}: {fault.message}" for fault in found if fault.refused]
     if lines:
         raise SimulationError(f"mesh {name}: bad geometry" + "".join(lines))
 
 
-def _examined(vertices: FloatArray, closed: bool, convex: bool, thorough: bool) -> tuple[list[Problem], Topology]:
+def _examined(vertices: FloatArray, *, closed: bool, convex: bool, thorough: bool) -> tuple[list[MeshFault], Topology]:
     """Faults, and the topology of the patches that have a shape."""
     faults = _shape_faults(vertices)
     shapeless = np.concatenate([fault.patches for fault in faults] or [np.zeros(0, dtype=np.intp)])
     sound = np.setdiff1d(np.arange(len(vertices)), shapeless)
     topology = Topology.of(vertices[sound])
-    scale = _scale_problems(topology.size_m) if len(sound) else []
+    scale = _scale_faults(topology.size_m) if len(sound) else []
     faults += _joint_faults(topology, sound, closed, convex)
     if thorough:
         faults += _crossing_faults(topology, sound)
-    return [fault.told(vertices) for fault in faults] + scale, topology
+    return [fault.described(vertices) for fault in faults] + scale, topology
 
 
 @dataclass(frozen=True, eq=False)
-class _Fault:
+class _Finding:
     """A kind of fault before it is put into words."""
 
     kind: Kind
@@ -120,7 +125,7 @@ class _Fault:
     figures: tuple[str, ...] = ()
     """Something to say of each of the first patches."""
 
-    def told(self, vertices: FloatArray) -> Problem:
+    def described(self, vertices: FloatArray) -> MeshFault:
         """Put it into words, with the place of each patch's first corner."""
         rows = self.patches.reshape(len(self.patches), -1)
         words = []
@@ -132,15 +137,15 @@ class _Fault:
         singular, plural = ("pair", "pairs") if rows.shape[1] == 2 else ("patch", "patches")
         counted = f"{len(rows)} {singular if len(rows) == 1 else plural}"
         message = f"{counted}: {'; '.join(words + more)}: {self.advice}"
-        return Problem(self.kind, tuple(int(patch) for patch in np.unique(rows)), message)
+        return MeshFault(self.kind, tuple(int(patch) for patch in np.unique(rows)), message)
 
 
-def _named(kind: Kind, patches: IntArray, advice: str, figures: Iterable[str] = ()) -> list[_Fault]:
+def _named(kind: Kind, patches: IntArray, advice: str, figures: Iterable[str] = ()) -> list[_Finding]:
     """Nothing for no patches."""
-    return [_Fault(kind, patches, advice, tuple(figures))] if len(patches) else []
+    return [_Finding(kind, patches, advice, tuple(figures))] if len(patches) else []
 
 
-def _shape_faults(vertices: FloatArray) -> list[_Fault]:
+def _shape_faults(vertices: FloatArray) -> list[_Finding]:
     finite = np.isfinite(vertices).all(axis=(1, 2))
     found = _named("not finite", np.flatnonzero(~finite), "a corner is NaN or infinite; correct the coordinates")
     left = np.flatnonzero(finite)
@@ -174,7 +179,7 @@ def _shape_faults(vertices: FloatArray) -> list[_Fault]:
     return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Shape:
     """Shape of each of P finite patches."""
 
@@ -208,11 +213,11 @@ class _Shape:
         height = np.einsum("nkc,nc->nk", vertices - vertices.mean(axis=1, keepdims=True), plane)
         limit = np.maximum(FLATNESS * longest, WELD * extent(vertices))
         return cls(
-            same[:, [0, 1, 3, 4, 5]].any(axis=1),
-            thickness,
-            np.abs(height).max(axis=1, initial=0),
-            limit,
-            back.sum(axis=1),
+            repeats=same[:, [0, 1, 3, 4, 5]].any(axis=1),
+            thickness=thickness,
+            deviation_m=np.abs(height).max(axis=1, initial=0),
+            flat_within_m=limit,
+            turns_back=back.sum(axis=1),
         )
 
 
@@ -220,7 +225,7 @@ def _norm(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=1, keepdims=True))
 
 
-def _scale_problems(size_m: float) -> list[Problem]:
+def _scale_faults(size_m: float) -> list[MeshFault]:
     if SMALLEST_M <= size_m <= LARGEST_M:
         return []
     guess = "millimetres taken for metres" if size_m > LARGEST_M else "metres taken for millimetres"
@@ -228,10 +233,10 @@ def _scale_problems(size_m: float) -> list[Problem]:
         f"the scene is {size_m:.4g} m large, expected {SMALLEST_M:g} ... {LARGEST_M:g} m: probably {guess}; "
         "give coordinates in metres (of a file, the unit it is in)"
     )
-    return [Problem("scale", (), message)]
+    return [MeshFault("scale", (), message)]
 
 
-def _joint_faults(topology: Topology, sound: IntArray, closed: bool, convex: bool) -> list[_Fault]:
+def _joint_faults(topology: Topology, sound: IntArray, closed: bool, convex: bool) -> list[_Finding]:
     """What is wrong with patches as neighbours; ``sound`` are the numbers of the topology's patches."""
     copies, contacts = _copies(topology)
     found = _named(
@@ -293,7 +298,7 @@ def _inverted(topology: Topology) -> IntArray:
     return np.union1d(np.flatnonzero(np.isin(sheet, sheet[fewer])), second[twisted & ~copied])
 
 
-def _crossing_faults(topology: Topology, sound: IntArray) -> list[_Fault]:
+def _crossing_faults(topology: Topology, sound: IntArray) -> list[_Finding]:
     pierce, overlap = piercing_and_overlapping(topology)
     same_side = (topology.normals[overlap[:, 0]] * topology.normals[overlap[:, 1]]).sum(axis=1) > 0
     copies = set(map(tuple, np.concatenate(_copies(topology)).tolist()))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import KDTree
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.topology import PARALLEL, WELD, Topology
 
 CHUNK = 200_000
@@ -26,7 +26,7 @@ def piercing_and_overlapping(topology: Topology) -> tuple[IntArray, IntArray]:
         normal_a, normal_b = topology.normals[first], topology.normals[second]
         a, b = topology.vertices[first], topology.vertices[second]
         flat = np.linalg.norm(np.cross(normal_a, normal_b), axis=1) < PARALLEL
-        pierce[here] = _pierce(a, b, normal_a, normal_b, tolerance)
+        pierce[here] = _pierce(a, b, normals=(normal_a, normal_b), tolerance_m=tolerance)
         overlap[here] = flat & _overlap(a, b, normal_a, tolerance)
     return pairs[pierce], pairs[overlap]
 
@@ -53,8 +53,9 @@ def _near_pairs(vertices: FloatArray) -> IntArray:
     return np.concatenate(found)
 
 
-def _pierce(a: FloatArray, b: FloatArray, normal_a: FloatArray, normal_b: FloatArray, tolerance_m: float) -> BoolArray:
+def _pierce(a: FloatArray, b: FloatArray, *, normals: tuple[FloatArray, FloatArray], tolerance_m: float) -> BoolArray:
     """(N,) patches of which each has corners on both sides of the other's plane, and that meet there."""
+    normal_a, normal_b = normals
     height_a = _heights(a, b, normal_b, tolerance_m)
     height_b = _heights(b, a, normal_a, tolerance_m)
     crosses = _on_both_sides(height_a) & _on_both_sides(height_b)

@@ -10,20 +10,20 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.geometry.checks import checked_topology
-from sim.geometry.scene import FloatArray, IntArray
 from sim.geometry.topology import WELD, Topology
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Mesh:
     """Flat triangles and quads with a diffuse reflectance a patch; a ``sim.geometry.surface.Surface``.
 
     Raises
     ------
     SimulationError
-        For bad geometry, each kind with its patches (``sim.geometry.checks.problems``; patches that pierce or
+        For bad geometry, each kind with its patches (``sim.geometry.checks.mesh_faults``; patches that pierce or
         cover each other are only looked for there), and for a reflectance outside 0 ... 1.
     """
 
@@ -59,20 +59,27 @@ class Mesh:
         closed: bool | None = None,
         region: ArrayLike | None = None,
     ) -> Mesh:
-        """Build a mesh from shared corners.
+        """Return a mesh of patches that share corners.
 
         Parameters
         ----------
-        vertices_m : (V, 3)
+        name : str
+            What messages call it.
+        vertices_m : (V, 3) array
             Corners. [m]
-        polygons : sequence of 3 or 4 indices each, or (P, 3) or (P, 4) int
+        polygons : sequence of 3 or 4 indices each, or (P, 3) or (P, 4) int array
             Corners of each patch, counter-clockwise seen from the lit side; -1 fills the row of a triangle.
-        reflectance : float or (P,)
+        reflectance : float or (P,) array
+            In [0, 1].
         convex, closed : bool, optional
             None: found out. Convex: no corner lies behind a patch. Closed: every edge meets another patch's,
             and the lit sides look inwards.
-        region : (P,) int, optional
+        region : (P,) int array, optional
             None: neighbours in one plane are one region.
+
+        Returns
+        -------
+        Mesh
 
         Raises
         ------
@@ -81,7 +88,14 @@ class Mesh:
         """
         corners = _corners(name, np.asarray(vertices_m, dtype=np.float64), _padded(name, polygons))
         numbers = np.zeros(0, dtype=np.intp) if region is None else np.asarray(region, dtype=np.intp)
-        mesh = cls(name, corners, np.asarray(reflectance), bool(convex), bool(closed), numbers)
+        mesh = cls(
+            name=name,
+            vertices=corners,
+            reflectance=np.asarray(reflectance),
+            convex=bool(convex),
+            closed=bool(closed),
+            region=numbers,
+        )
         return mesh._with(
             convex=not mesh.topology.covers.any() if convex is None else convex,
             closed=mesh.topology.closed if closed is None else closed,
@@ -122,7 +136,22 @@ class Mesh:
         return _merged(self.vertices[covers], self.topology.region[covers], tolerance_m)
 
     def with_reflectance(self, reflectance: ArrayLike) -> Mesh:
-        """Give the same mesh another reflectance, one number or one a patch."""
+        """Return the same mesh with another reflectance.
+
+        Parameters
+        ----------
+        reflectance : float or (P,) array
+            In [0, 1].
+
+        Returns
+        -------
+        Mesh
+
+        Raises
+        ------
+        SimulationError
+            For a reflectance outside 0 ... 1, or one of another shape.
+        """
         return self._with(reflectance=self._checked_reflectance(reflectance))
 
     def _with(self, **values: object) -> Mesh:
@@ -196,12 +225,12 @@ def _merged(vertices: FloatArray, region: IntArray, tolerance_m: float) -> Float
     area = np.linalg.norm(total, axis=1)
     normal = np.asarray(total / area[:, None])
     side = vertices[example, 1] - vertices[example, 0]
-    place = _in_frames(vertices, region, vertices[example, 0], side, normal)
+    place = _in_frames(vertices - vertices[example, 0][region, None], _axes(side, normal)[region])
     # The side of a small patch may be turned by the rounding of a file; that of the rectangle hardly is.
     origin = _lowest_corner(vertices, region, place[..., 1] + place[..., 0])
     long_side = _lowest_corner(vertices, region, place[..., 1] - place[..., 0]) - origin
     side = np.where((long_side == 0).all(axis=1, keepdims=True), side, long_side)
-    place = _in_frames(vertices, region, origin, side, normal)
+    place = _in_frames(vertices - origin[region, None], _axes(side, normal)[region])
     low, high = np.full((len(area), 2), np.inf), np.full((len(area), 2), -np.inf)
     np.minimum.at(low, region, place.min(axis=1))
     np.maximum.at(high, region, place.max(axis=1))
@@ -218,11 +247,9 @@ def _axes(side: FloatArray, normal: FloatArray) -> FloatArray:
     return np.stack([along, np.cross(normal, along)], axis=1)
 
 
-def _in_frames(
-    vertices: FloatArray, region: IntArray, origin: FloatArray, side: FloatArray, normal: FloatArray
-) -> FloatArray:
-    """(P, 4, 2) coordinates of corners along and across the side of their region [m]."""
-    return np.asarray(np.einsum("pkc,pac->pka", vertices - origin[region, None], _axes(side, normal)[region]))
+def _in_frames(relative: FloatArray, axes: FloatArray) -> FloatArray:
+    """(P, 4, 2) coordinates of corners (P, 4, 3), from an origin, along axes (P, 2, 3) [m]."""
+    return np.asarray(np.einsum("pkc,pac->pka", relative, axes))
 
 
 def _lowest_corner(vertices: FloatArray, region: IntArray, height: FloatArray) -> FloatArray:

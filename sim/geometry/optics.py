@@ -7,16 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 Distortion = tuple[float, float, float, float, float]
 UNDISTORT_STEPS = 50
+"""Steps of the fixed point: lenses whose distortion can be undone take fewer."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lens:
-    """Image size and projection of a pinhole with radial and tangential distortion."""
+    """Image size and projection of a pinhole with radial and tangential distortion.
+
+    Raises
+    ------
+    SimulationError
+        For a size or focal length not above 0.
+    """
 
     width_px: int
     height_px: int
@@ -35,11 +42,33 @@ class Lens:
 
     @classmethod
     def from_horizontal_field_of_view(cls, width_px: int, height_px: int, hfov_deg: float) -> Lens:
-        """Square pixels, centred, no distortion; the field of view counts from pixel edge to pixel edge."""
+        """Return a lens with square pixels, centred, without distortion.
+
+        Parameters
+        ----------
+        width_px, height_px : int
+            Size of the image. [px]
+        hfov_deg : float
+            Horizontal field of view, from pixel edge to pixel edge. [degrees]
+
+        Returns
+        -------
+        Lens
+
+        Raises
+        ------
+        SimulationError
+            For a field of view outside 0 ... 180 degrees, both excluded.
+        """
         if not 0 < hfov_deg < 180:
             raise SimulationError(f"horizontal field of view {hfov_deg:g} degrees; it must lie between 0 and 180")
         focal_px = float(width_px / 2 / np.tan(np.radians(hfov_deg) / 2))
-        return cls(width_px, height_px, (focal_px, focal_px), ((width_px - 1) / 2, (height_px - 1) / 2))
+        return cls(
+            width_px=width_px,
+            height_px=height_px,
+            focal_px=(focal_px, focal_px),
+            principal_point_px=((width_px - 1) / 2, (height_px - 1) / 2),
+        )
 
     @property
     def n_pixels(self) -> int:
@@ -52,14 +81,26 @@ class Lens:
         return self.height_px, self.width_px
 
     def pixel_grid(self) -> FloatArray:
-        """(H * W, 2) pixel centres (x, y), row by row [px]."""
+        """Return the pixel centres, row by row.
+
+        Returns
+        -------
+        (H * W, 2) array
+            (x, y) of each; the first is (0, 0). [px]
+        """
         y, x = np.mgrid[: self.height_px, : self.width_px]
         return np.stack([x.ravel(), y.ravel()], axis=1).astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Where a device stands: x_device = rotation x_world + translation; x right, y down, z forward."""
+    """Where a device stands: x_device = rotation x_world + translation; x right, y down, z forward.
+
+    Raises
+    ------
+    SimulationError
+        For a rotation that is none.
+    """
 
     rotation: FloatArray
     """(3, 3) device_from_world."""
@@ -86,7 +127,26 @@ class Pose:
         up: ArrayLike = (0.0, 0.0, 1.0),
         roll_deg: float = 0.0,
     ) -> Pose:
-        """Stand at a position and aim at a target, image rows level against ``up``, then rolled."""
+        """Return the pose at a position, aimed at a target, image rows level against ``up``, then rolled.
+
+        Parameters
+        ----------
+        position_m, target_m : (3,) array
+            Centre of projection, and a point on the optical axis. [m]
+        up : (3,) array
+            A direction that shows upwards in the image.
+        roll_deg : float
+            Turn about the optical axis, from the image's x to its y. [degrees]
+
+        Returns
+        -------
+        Pose
+
+        Raises
+        ------
+        SimulationError
+            For a target at the position, or straight along ``up``.
+        """
         position = np.asarray(position_m, dtype=np.float64)
         forward = np.asarray(target_m, dtype=np.float64) - position
         right = np.cross(forward, np.asarray(up, dtype=np.float64))
@@ -100,12 +160,12 @@ class Pose:
 
 
 def pixel_rays(lens: Lens, pose: Pose) -> FloatArray:
-    """(H, W, 3) unit world directions of all pixel centres."""
+    """Return (H, W, 3) unit world directions of all pixel centres."""
     return rays_at(lens, pose, lens.pixel_grid()).reshape(*lens.shape, 3)
 
 
 def rays_at(lens: Lens, pose: Pose, xy_px: ArrayLike) -> FloatArray:
-    """(N, 3) unit world directions of image points (N, 2)."""
+    """Return (N, 3) unit world directions of image points (N, 2) [px]."""
     plane = undistorted(lens, np.asarray(xy_px, dtype=np.float64))
     rays = np.column_stack([plane, np.ones(len(plane))])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
@@ -113,7 +173,7 @@ def rays_at(lens: Lens, pose: Pose, xy_px: ArrayLike) -> FloatArray:
 
 
 def project(lens: Lens, pose: Pose, points_m: ArrayLike) -> FloatArray:
-    """(N, 2) image points of world points (N, 3); NaN for what lies behind the device [px]."""
+    """Return (N, 2) image points [px] of world points (N, 3) [m]; NaN for what lies behind the device."""
     local = np.asarray(points_m, dtype=np.float64) @ pose.rotation.T + pose.translation_m
     depth = np.where(local[:, 2] > 0, local[:, 2], np.nan)
     plane = distort(local[:, :2] / depth[:, None], lens.distortion)
@@ -121,7 +181,7 @@ def project(lens: Lens, pose: Pose, points_m: ArrayLike) -> FloatArray:
 
 
 def solid_angles(lens: Lens, xy_px: ArrayLike) -> FloatArray:
-    """(N,) solid angle of a pixel centred at each image point [sr].
+    """Return (N,) the solid angle of a pixel centred at each image point (N, 2) [sr].
 
     cos³ gamma / (fx fy) over the distortion's Jacobian, gamma from the optical axis.
     """
@@ -131,7 +191,7 @@ def solid_angles(lens: Lens, xy_px: ArrayLike) -> FloatArray:
 
 
 def distort(plane: FloatArray, distortion: Distortion) -> FloatArray:
-    """Points (N, 2) on the plane z = 1 after the lens's distortion."""
+    """Return points (N, 2) of the plane z = 1 after the lens's distortion."""
     k1, k2, p1, p2, k3 = distortion
     x, y = plane[:, 0], plane[:, 1]
     squared = x * x + y * y
@@ -142,7 +202,7 @@ def distort(plane: FloatArray, distortion: Distortion) -> FloatArray:
 
 
 def undistorted(lens: Lens, xy_px: FloatArray) -> FloatArray:
-    """(N, 2) points on the plane z = 1 that the lens images at (N, 2) image points, by fixed-point iteration.
+    """Return (N, 2) points of the plane z = 1 that the lens images at (N, 2) image points, by fixed-point iteration.
 
     Raises
     ------

@@ -5,29 +5,33 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.geometry.scene import FloatArray, IntArray
+from sim.arrays import FloatArray, IntArray
 from sim.geometry.topology import WELD, extent, weld
 
 _FLAT = 5e-7
 """Largest distance of a corner from the other triangle's plane, over the longest diagonal: half of what passes."""
 _STRAIGHT = 1e-3
-"""Smallest sine of a quad's corner."""
+"""Smallest sine of a quad's corner: 0.06 degrees off straight."""
 
 
-def joined(points_m: ArrayLike, triangles: IntArray, group: ArrayLike) -> tuple[IntArray, IntArray]:
+def quads_from_triangles(points_m: ArrayLike, triangles: IntArray, group: ArrayLike) -> tuple[IntArray, IntArray]:
     """Join neighbouring triangles of one plane and group to convex quads, the most rectangular first.
 
     Parameters
     ----------
-    points_m : (V, 3)
+    points_m : (V, 3) array
         Finite corners. [m]
-    triangles : (T, 3) int
-    group : (T,)
+    triangles : (T, 3) int array
+        Corner numbers.
+    group : (T,) array
         Only triangles of equal group are joined (equal reflectance).
 
     Returns
     -------
-    (P, 4) corner numbers, the last -1 for triangles that are left; (P,) first triangle of each.
+    corners : (P, 4) int array
+        Corner numbers, the last -1 for triangles that are left.
+    first : (P,) int array
+        First triangle of each.
     """
     points = np.asarray(points_m, dtype=np.float64)
     _, number = weld(points, WELD * extent(points))

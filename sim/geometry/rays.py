@@ -9,15 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import BoolArray, FloatArray
 from sim.geometry.optics import Lens, Pose, undistorted
-from sim.geometry.scene import BoolArray, FloatArray, Hits, Scene, intersect, traced
+from sim.geometry.scene import Hits, Scene, hits_of_tracer, intersect
 from sim.geometry.surface import Surface
 
 _tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()
 
 
 def tracer_of(surface: Surface) -> _kernel.Tracer:
-    """Build a surface's tracer, once: gridded rectangles of a scene, or a tree of boxes over the patches."""
+    """Return a surface's tracer, built once: gridded rectangles of a scene, or a tree of boxes over the patches."""
     if isinstance(surface, Scene):
         return surface.tracer
     if surface not in _tracers:
@@ -28,32 +29,43 @@ def tracer_of(surface: Surface) -> _kernel.Tracer:
 
 
 def plane_axes(surface: Surface) -> FloatArray:
-    """(P, 2, 3) two unit axes in each patch's plane: along its first edge, and across it."""
+    """Return (P, 2, 3) two unit axes in each patch's plane: along its first edge, and across it."""
     along = surface.vertices[:, 1] - surface.vertices[:, 0]
     along = along / np.linalg.norm(along, axis=1, keepdims=True)
     return np.stack([along, np.cross(surface.normals, along)], axis=1)
 
 
 def trace(surface: Surface, origin_m: ArrayLike, directions: ArrayLike) -> Hits:
-    """Find the nearest hit of each ray, as ``scene.intersect`` does in a scene; a mesh's patches stop light too.
+    """Return the nearest hit of each ray, as ``scene.intersect`` does in a scene; a mesh's patches stop light too.
 
-    Of a mesh, ``face`` is the region that is met, and ``uv`` the place about the patch's centroid [m].
+    Parameters
+    ----------
+    surface : Surface
+    origin_m : (3,) or (N, 3) array
+        Where the rays begin. [m]
+    directions : (N, 3) array
+        Unit directions.
+
+    Returns
+    -------
+    Hits
+        Of a mesh, ``face`` is the region that is met, and ``uv`` the place about the patch's centroid [m].
     """
     if isinstance(surface, Scene):
         return intersect(surface, origin_m, np.asarray(directions))
-    hits = traced(tracer_of(surface), origin_m, directions)
+    hits = hits_of_tracer(tracer_of(surface), origin_m, directions)
     return replace(hits, face=np.where(hits.face >= 0, surface.region[hits.face], -1))
 
 
 def blocked(surface: Surface, start_m: FloatArray, end_m: FloatArray) -> BoolArray:
-    """(N,) tell between which points (N, 3) something of the surface stands."""
+    """Return (N,) bool: something of the surface stands between two points, (N, 3) each [m]."""
     stopped = np.empty(len(start_m), dtype=np.uint8)
     tracer_of(surface).blocked(np.ascontiguousarray(start_m), np.ascontiguousarray(end_m), stopped)
     return stopped.astype(bool)
 
 
 def device_of(lens: Lens, pose: Pose) -> _kernel.Device:
-    """Lens and pose as the kernel wants them.
+    """Return lens and pose as the kernel wants them.
 
     Raises
     ------
@@ -66,4 +78,6 @@ def device_of(lens: Lens, pose: Pose) -> _kernel.Device:
     undistorted(lens, np.concatenate([np.stack(np.meshgrid(*side), axis=-1).reshape(-1, 2) for side in border]))
     numbers = np.array([*lens.focal_px, *lens.principal_point_px, *lens.distortion], dtype=np.float64)
     rotation = np.ascontiguousarray(pose.rotation)
-    return _kernel.Device(lens.width_px, lens.height_px, numbers, rotation, pose.position_m)
+    return _kernel.Device(
+        width=lens.width_px, height=lens.height_px, lens=numbers, rotation=rotation, position=pose.position_m
+    )

@@ -6,25 +6,24 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sim import _kernel
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 
-FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.intp]
-BoolArray = NDArray[np.bool_]
 
-EDGE_TOLERANCE = 1e-9
-"""How far outside [0, 1] a ray may meet a face and still hit it, so that none leaks through an edge."""
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Face:
     """A rectangle gridded into ``rows`` (along v) x ``columns`` (along u) equal patches.
 
     Its normal is u x v and points to the lit side. Patch (row, column) has the index
     ``first_patch + row * columns + column``.
+
+    Raises
+    ------
+    SimulationError
+        For edges that are not perpendicular, of length 0 or not finite, or less than one patch.
     """
 
     name: str
@@ -81,12 +80,34 @@ class Face:
         return float(np.linalg.norm(self.edge_u_m)), float(np.linalg.norm(self.edge_v_m))
 
     def points(self, u: ArrayLike, v: ArrayLike) -> FloatArray:
-        """(..., 3) world points of face coordinates in [0, 1] [m]."""
+        """Return world points of face coordinates.
+
+        Parameters
+        ----------
+        u, v : arrays of one shape
+            Shares of the edges, in [0, 1].
+
+        Returns
+        -------
+        (..., 3) array
+            [m]
+        """
         u, v = np.asarray(u, dtype=np.float64), np.asarray(v, dtype=np.float64)
         return np.asarray(self.origin_m + u[..., None] * self.edge_u_m + v[..., None] * self.edge_v_m)
 
     def patch_at(self, uv: FloatArray) -> IntArray:
-        """(N,) scene patch indices of (N, 2) face coordinates in [0, 1]."""
+        """Return the patches that face coordinates lie in.
+
+        Parameters
+        ----------
+        uv : (N, 2) array
+            Shares of the edges, in [0, 1].
+
+        Returns
+        -------
+        (N,) int array
+            Indices in the scene.
+        """
         column = np.minimum((uv[:, 0] * self.columns).astype(np.intp), self.columns - 1)
         row = np.minimum((uv[:, 1] * self.rows).astype(np.intp), self.rows - 1)
         return np.asarray(self.first_patch + row * self.columns + column)
@@ -94,7 +115,13 @@ class Face:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Gridded rectangles with a diffuse reflectance a patch."""
+    """Gridded rectangles with a diffuse reflectance a patch; a ``sim.geometry.surface.Surface``.
+
+    Raises
+    ------
+    SimulationError
+        For no faces, faces whose patches are not numbered one after the other, or a reflectance outside 0 ... 1.
+    """
 
     name: str
     faces: tuple[Face, ...]
@@ -181,7 +208,22 @@ class Scene:
         return _kernel.Tracer(np.array(rows), corners, np.zeros((0, 12)))
 
     def with_reflectance(self, reflectance: ArrayLike) -> Scene:
-        """Give the same scene another reflectance, one number or one a patch."""
+        """Return the same scene with another reflectance.
+
+        Parameters
+        ----------
+        reflectance : float or (P,) array
+            In [0, 1].
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        SimulationError
+            For a reflectance outside 0 ... 1.
+        """
         values = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (self.n_patches,))
         return Scene(self.name, self.faces, values.copy(), self.convex)
 
@@ -195,7 +237,7 @@ def _patch_vertices(face: Face) -> FloatArray:
     return np.stack(corners, axis=1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Hits:
     """Where rays first meet a scene."""
 
@@ -212,63 +254,50 @@ class Hits:
 
 
 def intersect(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits:
-    """Find the nearest hit of each ray; a face met from behind still stops it.
+    """Return the nearest hit of each ray; a face met from behind still stops it.
 
     Parameters
     ----------
     scene : Scene
-    origin_m : (3,) or (N, 3)
+    origin_m : (3,) or (N, 3) array
         Where the rays begin. [m]
-    directions : (N, 3)
+    directions : (N, 3) array
         Unit directions.
 
     Returns
     -------
     Hits
     """
-    return traced(scene.tracer, origin_m, directions)
+    return hits_of_tracer(scene.tracer, origin_m, directions)
 
 
-def traced(tracer: _kernel.Tracer, origin_m: ArrayLike, directions: ArrayLike) -> Hits:
-    """Hits of rays on whatever the tracer knows, by the native kernel."""
+def hits_of_tracer(tracer: _kernel.Tracer, origin_m: ArrayLike, directions: ArrayLike) -> Hits:
+    """Return the hits of rays on whatever the tracer knows, by the native kernel.
+
+    Raises
+    ------
+    SimulationError
+        For origins or directions of another shape than ``intersect`` takes.
+    """
     rays = np.ascontiguousarray(directions, dtype=np.float64)
     origins = np.atleast_2d(np.ascontiguousarray(origin_m, dtype=np.float64))
     n = len(rays)
     if rays.shape != (n, 3) or origins.shape not in ((1, 3), (n, 3)):
         raise SimulationError(f"rays: origins {origins.shape} and directions {rays.shape}; give (N, 3) directions")
-    hits = Hits(np.empty(n, np.intp), np.empty(n, np.intp), np.empty(n), np.empty((n, 2)), np.empty(n))
-    tracer.trace(origins, rays, hits.face, hits.patch, hits.distance, hits.uv, hits.cos_incidence)
+    hits = Hits(
+        face=np.empty(n, np.intp),
+        patch=np.empty(n, np.intp),
+        distance=np.empty(n),
+        uv=np.empty((n, 2)),
+        cos_incidence=np.empty(n),
+    )
+    tracer.trace(
+        origins,
+        rays,
+        face=hits.face,
+        patch=hits.patch,
+        distance=hits.distance,
+        uv=hits.uv,
+        cosine=hits.cos_incidence,
+    )
     return hits
-
-
-def intersect_reference(scene: Scene, origin_m: ArrayLike, directions: FloatArray) -> Hits:
-    """Do what ``intersect`` does in plain numpy: the definition, and the kernel's oracle."""
-    origin = np.asarray(origin_m, dtype=np.float64)
-    n = len(directions)
-    hit_face, patch = np.full(n, -1, dtype=np.intp), np.full(n, -1, dtype=np.intp)
-    distance, uv, cosine = np.full(n, np.inf), np.zeros((n, 2)), np.zeros(n)
-    for index, face in enumerate(scene.faces):
-        at, here_uv, here_cosine = meet(face, origin, directions)
-        nearer = at < distance
-        hit_face[nearer], distance[nearer] = index, at[nearer]
-        uv[nearer], cosine[nearer] = here_uv[nearer], here_cosine[nearer]
-    for index, face in enumerate(scene.faces):
-        lit = (hit_face == index) & (cosine > 0)
-        patch[lit] = face.patch_at(uv[lit])
-    return Hits(hit_face, patch, distance, uv, cosine)
-
-
-def meet(face: Face, origin: FloatArray, directions: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Distance (infinite for a miss), face coordinates and cosine of incidence of rays on one face."""
-    towards = directions @ face.normal
-    height = (origin - face.origin_m) @ face.normal
-    moving = np.where(np.abs(towards) > 1e-15, towards, np.inf)
-    at = -height / moving
-    relative = origin - face.origin_m
-    size_u, size_v = face.size_m
-    u = (relative @ face.axes[0] + at * (directions @ face.axes[0])) / size_u
-    v = (relative @ face.axes[1] + at * (directions @ face.axes[1])) / size_v
-    low, high = -EDGE_TOLERANCE, 1 + EDGE_TOLERANCE
-    inside = (at > 1e-12) & (u >= low) & (u <= high) & (v >= low) & (v <= high)
-    uv = np.clip(np.stack([u, v], axis=-1), 0.0, 1.0)
-    return np.where(inside, at, np.inf), uv, -towards

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from sim.geometry.scene import FloatArray, IntArray
+from sim.arrays import FloatArray, IntArray
 
 
 class Surface(Protocol):

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 
 WELD = 1e-7
 """Corners nearer than this share of the scene's size are one: above the rounding of float32 files."""
@@ -21,7 +21,7 @@ MANY = 30_000_000
 """Products of directions and corners up to which trying all is faster than walking over the hull."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Topology:
     """Edges of patches after their corners are welded and edges are cut where another's corner lies on them.
 
@@ -46,7 +46,7 @@ class Topology:
 
     @classmethod
     def of(cls, vertices: FloatArray) -> Topology:
-        """Find it for (P, 4, 3) finite corners."""
+        """Return the topology of (P, 4, 3) finite corners [m]."""
         size = extent(vertices)
         points, corner = weld(vertices.reshape(-1, 3), WELD * size)
         corner = corner.reshape(-1, 4)
@@ -60,13 +60,13 @@ class Topology:
         pieces = patch[loose][parent]
         count = np.bincount(parent, minlength=len(loose))
         return cls(
-            vertices,
-            size,
-            corner,
-            np.concatenate([patch[kept], pieces]),
-            np.concatenate([start[kept], first]),
-            np.concatenate([end[kept], last]),
-            np.unique(patch[loose][count > 1]),
+            vertices=vertices,
+            size_m=size,
+            corner=corner,
+            patch=np.concatenate([patch[kept], pieces]),
+            start=np.concatenate([start[kept], first]),
+            end=np.concatenate([end[kept], last]),
+            cut=np.unique(patch[loose][count > 1]),
         )
 
     @property
@@ -155,12 +155,12 @@ class Topology:
 
 
 def extent(vertices: FloatArray) -> float:
-    """Largest extent along an axis [m]."""
+    """Return the largest extent along an axis of corners (..., 3) [m]."""
     return float(np.ptp(vertices.reshape(-1, 3), axis=0).max()) if vertices.size else 0.0
 
 
 def weld(points: FloatArray, tolerance_m: float) -> tuple[FloatArray, IntArray]:
-    """Give points nearer than the tolerance one number: (V, 3) distinct points, (N,) numbers."""
+    """Return (V, 3) distinct points, and (N,) numbers: points (N, 3) nearer than the tolerance have one."""
     distinct, number = np.unique(points, axis=0, return_inverse=True)
     number = number.reshape(-1)
     near = KDTree(distinct).query_pairs(tolerance_m, output_type="ndarray")

@@ -10,33 +10,35 @@
 
 #include "arrays.hpp"
 #include "bindings.hpp"
-#include "level.hpp"
+#include "instruction_set.hpp"
 
 namespace {
 
 const char *NAMES[] = {"baseline", "avx2", "avx512", "avx512vbmi"};
 
-std::string name_of(kernel::Level level) { return NAMES[static_cast<int>(level)]; }
+std::string name_of(kernel::InstructionSet set) { return NAMES[static_cast<int>(set)]; }
 
-void set_level(const std::string &name) {
+void set_instruction_set(const std::string &name) {
     std::string all;
     for (std::size_t k = 0; k < std::size(NAMES); ++k) {
-        if (name == NAMES[k]) return kernel::set_level(static_cast<kernel::Level>(k));
+        if (name == NAMES[k]) return kernel::set_instruction_set(static_cast<kernel::InstructionSet>(k));
         all += (k ? ", " : "") + std::string(NAMES[k]);
     }
     throw std::invalid_argument("unknown instruction set " + name + "; there are " + all);
 }
 
 // Those that this processor has.
-std::vector<std::string> levels() { return {NAMES, NAMES + static_cast<int>(kernel::best_level()) + 1}; }
+std::vector<std::string> instruction_sets() {
+    return {NAMES, NAMES + static_cast<int>(kernel::best_instruction_set()) + 1};
+}
 
 }  // namespace
 
 NB_MODULE(_kernel, m) {
-    m.def("level", [] { return name_of(kernel::level()); });
-    m.def("best_level", [] { return name_of(kernel::best_level()); });
-    m.def("levels", &levels);
-    m.def("set_level", &set_level, nb::arg("name"));
+    m.def("level", [] { return name_of(kernel::instruction_set()); });
+    m.def("best_level", [] { return name_of(kernel::best_instruction_set()); });
+    m.def("levels", &instruction_sets);
+    m.def("set_level", &set_instruction_set, nb::arg("name"));
     m.def("threads", [] { return omp_get_max_threads(); });
     m.def("set_threads", [](int n) { omp_set_num_threads(n); }, nb::arg("n"));
     bind_closed_form(m);

@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <cstring>
 
-#include "vec.hpp"
+#include "geometry/vectors.hpp"
 
 namespace kernel {
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.sparse.linalg import LinearOperator
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 from sim.light.transport import LightTransport
 
 CONDITION_LIMIT = 1e4
@@ -17,7 +17,7 @@ CONDITION_LIMIT = 1e4
 
 
 class ColourTransport(LinearOperator):  # type: ignore[misc]
-    """Linear operator from a colour projector image p to a colour camera image c.
+    """The linear operator from a colour projector image p to a colour camera image c.
 
     c_b = T_b Σ_q K[b, q] p_q. As an operator it takes and gives flat images (n C,), channels last;
     :meth:`forward` and :meth:`adjoint` take and give (n, C).
@@ -26,7 +26,7 @@ class ColourTransport(LinearOperator):  # type: ignore[misc]
     ----------
     bands : sequence of C LightTransport
         T_b of each band of the camera, all of one geometry, so of one shape.
-    mixing : (C, C)
+    mixing : (C, C) array
         K[b, q]: light that band b of the camera gets from channel q of the projector.
 
     Raises
@@ -60,12 +60,32 @@ class ColourTransport(LinearOperator):  # type: ignore[misc]
         return self.bands[0].pixel_patch
 
     def forward(self, p: FloatArray) -> FloatArray:
-        """Camera image (n_camera, C) of a projector image (n_projector, C)."""
+        """Return the camera image T p of a projector image.
+
+        Parameters
+        ----------
+        p : (n_projector, C) array
+            Linear light of each pixel and channel.
+
+        Returns
+        -------
+        (n_camera, C) array
+            In the transport's unit.
+        """
         light = p @ self.mixing.T
         return np.stack([np.asarray(band @ light[:, b]) for b, band in enumerate(self.bands)], axis=-1)
 
     def adjoint(self, c: FloatArray) -> FloatArray:
-        """Tᵀ c, (n_projector, C), of a camera image (n_camera, C)."""
+        """Return Tᵀ c of a camera image.
+
+        Parameters
+        ----------
+        c : (n_camera, C) array
+
+        Returns
+        -------
+        (n_projector, C) array
+        """
         returned = [np.asarray(band.rmatvec(c[:, b])) for b, band in enumerate(self.bands)]
         return np.asarray(np.stack(returned, axis=-1) @ self.mixing)
 

@@ -1,4 +1,4 @@
-"""Lights that a plan is made for: irradiance of white at every point of a surface, 1 = white."""
+"""Test lightings that a plan is made for: irradiance of white at every point of a surface, 1 = white."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors.occlusion import segments_blocked
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
-from sim.geometry.scene import FloatArray, IntArray
 
 SAMPLES = 4
-"""Light is sampled at SAMPLES x SAMPLES points of a cell, and at its square where it varies."""
+"""Light is sampled at SAMPLES x SAMPLES points of a patch, and at the square of that where it varies."""
 POINTS_AT_A_TIME = 1 << 13
 """Their arrays take less than 2 MB."""
 
@@ -23,37 +23,47 @@ Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 
 
 @dataclass(frozen=True)
-class Light:
-    """A light by name."""
+class Lighting:
+    """How white light falls on a scene, by name."""
 
     name: str
     description: str
     irradiance: Irradiance
 
 
-LIGHTS = ("projector", "floor", "uniform")
+TEST_LIGHTINGS = ("projector", "floor", "uniform")
 
 
-def standard_light(name: str, cells: AdaptivePatches) -> Light:
-    """Build one of ``LIGHTS`` for a scene.
+def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
+    """Return one of ``TEST_LIGHTINGS`` for a scene.
 
     ``projector``: white from a 640 x 480 projector with a horizontal field of view of 100 degrees, standing at
     5/24 of the scene's length and width and half its height, aimed level at the far corner: cos(theta) without
     fall-off (the paper's convention), with shadows. ``floor``: irradiance 1 on the lowest region that faces
     up, or on the first region. ``uniform``: irradiance 1 everywhere.
 
+    Parameters
+    ----------
+    name : {"projector", "floor", "uniform"}
+    cells : AdaptivePatches
+        Of the scene.
+
+    Returns
+    -------
+    Lighting
+
     Raises
     ------
     SimulationError
         For an unknown name, or a projector that lights nothing.
     """
-    if name not in LIGHTS:
-        raise SimulationError(f"unknown light {name!r}; there are {', '.join(LIGHTS)}")
+    if name not in TEST_LIGHTINGS:
+        raise SimulationError(f"unknown light {name!r}; there are {', '.join(TEST_LIGHTINGS)}")
     if name == "uniform":
-        return Light(name, "white light 1 on every surface", lambda points, normals, region: np.ones(len(points)))
+        return Lighting(name, "white light 1 on every surface", lambda points, _normals, _region: np.ones(len(points)))
     if name == "floor":
         lit = _floor(cells)
-        return Light(name, "white light 1 on the floor", lambda points, normals, region: (region == lit) * 1.0)
+        return Lighting(name, "white light 1 on the floor", lambda _points, _normals, region: (region == lit) * 1.0)
     light = _projector(cells)
     if not emission(cells.quarters().quarters(), light).irradiance.any():
         raise SimulationError(f"{cells.name}: the standard projector lights nothing; use the light 'floor'")
@@ -66,13 +76,13 @@ def _floor(cells: AdaptivePatches) -> int:
     return int(cells.region[lowest])
 
 
-def _projector(cells: AdaptivePatches) -> Light:
+def _projector(cells: AdaptivePatches) -> Lighting:
     corners = cells.vertices.reshape(-1, 3)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
     lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
     pose = Pose.look_at(low + size * np.array([5 / 24, 5 / 24, 0.5]), low + size * np.array([1, 1, 0.5]))
 
-    def irradiance(points: FloatArray, normals: FloatArray, region: IntArray) -> FloatArray:
+    def irradiance(points: FloatArray, normals: FloatArray, _region: IntArray) -> FloatArray:
         ray = points - pose.position_m
         cosine = -np.einsum("nk,nk->n", ray, normals) / np.maximum(np.linalg.norm(ray, axis=1), 1e-12)
         xy = project(lens, pose, points)
@@ -83,21 +93,23 @@ def _projector(cells: AdaptivePatches) -> Light:
         return np.where(lit, cosine, 0.0)
 
     x, y, z = pose.position_m
-    return Light("projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance)
+    return Lighting(
+        "projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class Emission:
-    """A light on cells."""
+    """White light on patches."""
 
     irradiance: FloatArray
-    """(P,) mean over each cell; 1 = white."""
+    """(P,) mean over each patch; 1 = white."""
     variance: FloatArray
-    """(P,) of the irradiance within each cell."""
+    """(P,) of the irradiance within each patch."""
 
 
-def emission(cells: AdaptivePatches, light: Light) -> Emission:
-    """Mean and variance of a light over each cell."""
+def emission(cells: AdaptivePatches, light: Lighting) -> Emission:
+    """Return the mean and variance of a lighting over each patch."""
     mean, variance = _sampled(cells, light, SAMPLES)
     varies = variance > 1e-12
     if varies.any():
@@ -105,7 +117,7 @@ def emission(cells: AdaptivePatches, light: Light) -> Emission:
     return Emission(mean, variance)
 
 
-def _sampled(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+def _sampled(cells: AdaptivePatches, light: Lighting, n: int) -> tuple[FloatArray, FloatArray]:
     step = max(1, POINTS_AT_A_TIME // n**2)
     starts = range(0, cells.n_patches, step)
     parts = [_moments(cells.chosen(np.arange(k, min(k + step, cells.n_patches))), light, n) for k in starts]
@@ -113,7 +125,7 @@ def _sampled(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, 
     return mean, variance
 
 
-def _moments(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, FloatArray]:
+def _moments(cells: AdaptivePatches, light: Lighting, n: int) -> tuple[FloatArray, FloatArray]:
     """(P,) means and variances over n x n points."""
     points, weights = sample_points(cells, n)
     normals, region = np.repeat(cells.normals, n * n, axis=0), np.repeat(cells.region, n * n)
@@ -123,7 +135,7 @@ def _moments(cells: AdaptivePatches, light: Light, n: int) -> tuple[FloatArray, 
 
 
 def sample_points(cells: AdaptivePatches, n: int) -> tuple[FloatArray, FloatArray]:
-    """(P, n², 3) midpoints of an n x n division of each cell [m] and their (P, n²) shares of its area."""
+    """Return (P, n², 3) midpoints of an n x n division of each patch [m] and their (P, n²) shares of its area."""
     places = (np.arange(n) + 0.5) / n
     s, t = (grid.ravel()[None, :, None] for grid in np.meshgrid(places, places))
     a, b, c, d = (corner[:, None] for corner in np.moveaxis(cells.vertices, 1, 0))

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
-from sim.geometry.scene import FloatArray
 from sim.light.solvers import TINY, Iterate, conjugate_gradients, gauss_seidel, jacobi, refined
 
-__all__ = ["Accuracy", "Exchange", "Radiosity", "Solution", "gauss_seidel", "jacobi"]
+__all__ = ["Accuracy", "FormFactorOperator", "Radiosity", "Solution", "gauss_seidel", "jacobi"]
 
 Solver = Literal["auto", "repeated", "conjugate_gradients", "direct"]
 Precision = Literal["double", "mixed"]
@@ -25,7 +25,7 @@ RIGHT_HAND_SIDES = 96
 """Beyond P / 96 columns in one call the factor costs less than a few products with F for each."""
 
 
-class Exchange(Protocol):
+class FormFactorOperator(Protocol):
     """Form factors as the solver needs them: dense or compressed."""
 
     @property
@@ -49,11 +49,11 @@ class Exchange(Protocol):
         ...
 
     def apply(self, x: FloatArray) -> FloatArray:
-        """F x, (P,) or (P, K)."""
+        """Return F x for x (P,) or (P, K)."""
         ...
 
     def exchange(self, x: FloatArray) -> FloatArray:
-        """diag(A) F x, (P,) or (P, K)."""
+        """Return diag(A) F x for x (P,) or (P, K)."""
         ...
 
 
@@ -67,7 +67,7 @@ class Accuracy:
     """Bound of max |B - B exact| over max |E|; B exact is the solution with these form factors. May be infinite."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Solution:
     """A radiosity, how it was found, and how far off it can be."""
 
@@ -91,8 +91,9 @@ class Radiosity:
 
     Parameters
     ----------
-    form_factors : FormFactors or any :class:`Exchange`
-    reflectance : float or (P,)
+    form_factors : FormFactors, CompressedFormFactors or any other :class:`FormFactorOperator`
+    reflectance : float or (P,) array
+        In [0, 1].
     tolerance : float
         Residual of the iterations over the norm of the right-hand side.
     solver : {"auto", "repeated", "conjugate_gradients", "direct"}
@@ -110,8 +111,9 @@ class Radiosity:
 
     def __init__(
         self,
-        form_factors: Exchange,
+        form_factors: FormFactorOperator,
         reflectance: ArrayLike,
+        *,
         tolerance: float = 1e-12,
         solver: Solver = "auto",
         precision: Precision = "double",
@@ -156,37 +158,116 @@ class Radiosity:
         return len(self.reflectance)
 
     def solve(self, E: ArrayLike) -> FloatArray:
-        """Radiosity B of the emission E, (P,) or (P, K)."""
+        """Return the radiosity B of an emission E (eq. 6).
+
+        Parameters
+        ----------
+        E : (P,) or (P, K) array
+            Light that each patch sends back of what the projector sends to it, a column for each of K lights.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            In the unit of E.
+
+        Raises
+        ------
+        SimulationError
+            For an array of another shape, or iterations that do not reach the tolerance.
+
+        References
+        ----------
+        Dehos, Zéghers, Sarry, Rousselle and Renaud, Virtual Reality 18(2), 2014; equations 1, 2 and 6.
+        """
         E = self._checked(E)
         y = self._solve_symmetric(self._right(E))
         return np.asarray(E + self._column(self._scale, y) * y)
 
     def solution(self, E: ArrayLike) -> Solution:
-        """Radiosity of the emission E, (P,) or (P, K), with its accuracy and what it took."""
+        """Return the radiosity of an emission with its accuracy and what it took.
+
+        Parameters
+        ----------
+        E : (P,) or (P, K) array
+            As for :meth:`solve`.
+
+        Returns
+        -------
+        Solution
+
+        Raises
+        ------
+        SimulationError
+            As :meth:`solve` does.
+        """
         E = self._checked(E)
         found = self._iterate(self._right(E))
         B = np.asarray(E + self._column(self._scale, E) * found.x)
         accuracy = self.accuracy(B, E)
         return Solution(
-            B, accuracy.residual, accuracy.error_bound, found.iterations, found.products + 1, found.products_single
+            B=B,
+            residual=accuracy.residual,
+            error_bound=accuracy.error_bound,
+            iterations=found.iterations,
+            products=found.products + 1,
+            products_single=found.products_single,
         )
 
     def solve_adjoint(self, e: ArrayLike) -> FloatArray:
-        """Solve the transposed system (I - G)ᵀ x = e for x, (P,) or (P, K)."""
+        """Return the solution x of the transposed system (I - G)ᵀ x = e.
+
+        Parameters
+        ----------
+        e : (P,) or (P, K) array
+
+        Returns
+        -------
+        (P,) or (P, K) array
+
+        Raises
+        ------
+        SimulationError
+            As :meth:`solve` does.
+        """
         e = self._checked(e)
         scale = self._column(self._scale, e)
         y = self._solve_symmetric(scale * e)
         return np.asarray(e + self.form_factors.exchange(scale * y))
 
     def gather(self, B: FloatArray) -> FloatArray:
-        """G B = rho F B: the light that B sends to every patch and that is reflected there."""
+        """Return G B = rho F B: the light that B sends to every patch and that is reflected there.
+
+        Parameters
+        ----------
+        B : (P,) or (P, K) array
+            Radiosity.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            In the unit of B.
+        """
         return np.asarray(self._column(self.reflectance, B) * self.form_factors.apply(B))
 
     def accuracy(self, B: FloatArray, E: FloatArray) -> Accuracy:
-        """Residual and error bound of a solution.
+        """Return the residual and an error bound of a solution.
 
-        For any positive x with G x <= gamma x, gamma < 1 (Collatz & Wielandt), max |error / x| is at most
-        max |residual / x| / (1 - gamma); the roundoff of the residual itself is allowed for.
+        For any positive x with G x <= gamma x, gamma < 1, max |error / x| is at most max |residual / x| / (1 - gamma);
+        the roundoff of the residual itself is allowed for.
+
+        Parameters
+        ----------
+        B, E : (P,) or (P, K) array
+            Radiosity and the emission that it is the solution for.
+
+        Returns
+        -------
+        Accuracy
+
+        References
+        ----------
+        Collatz, Einschliessungssatz für die charakteristischen Zahlen von Matrizen, Mathematische Zeitschrift 48, 1942:
+        the bound of the spectral radius.
         """
         scale = max(float(np.abs(E).max()), TINY)
         residual = np.abs(E - B + self.gather(B))
@@ -198,7 +279,20 @@ class Radiosity:
         return Accuracy(float(residual.max()) / scale, weighted * float(x.max()) / (1 - gamma) / scale)
 
     def spectral_radius(self, iterations: int = 1000, tolerance: float = 1e-12) -> float:
-        """Spectral radius of G = diag(rho) F by power iteration on the symmetric form."""
+        """Return the spectral radius of G = diag(rho) F, by power iteration on the symmetric form.
+
+        Parameters
+        ----------
+        iterations : int
+            At most.
+        tolerance : float
+            Relative change of the radius at which it ends.
+
+        Returns
+        -------
+        float
+            The share of the light that a bounce keeps.
+        """
         x = self._scale * self.form_factors.areas
         norm = float(np.linalg.norm(x))
         radius = 0.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 Product = Callable[[FloatArray], FloatArray]
 TINY = float(np.finfo(float).tiny)
@@ -30,13 +30,22 @@ class Iterate:
 
 
 def conjugate_gradients(multiply: Product, right: FloatArray, tolerance: float, limit: int = 2000) -> Iterate:
-    """Solve a symmetric positive system for every column until its residual is ``tolerance`` of its norm.
+    """Solve a symmetric positive definite system for every column until its residual is ``tolerance`` of its norm.
 
     Parameters
     ----------
     multiply : callable
         Product with the matrix, (n,) or (n, k).
-    right : (n,) or (n, k)
+    right : (n,) or (n, k) array
+        Right-hand side.
+    tolerance : float
+        Residual over the norm of the right-hand side.
+    limit : int
+        Most steps.
+
+    Returns
+    -------
+    Iterate
 
     Raises
     ------
@@ -90,7 +99,7 @@ def refined(multiply: Product, multiply_single: Product, right: FloatArray, tole
 
 
 def jacobi(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 20_000) -> tuple[FloatArray, int]:
-    """Solve (I - G) B = E by Jacobi's iteration (eq. 6), a bounce of light a step; returns B, steps."""
+    """Solve (I - G) B = E by Jacobi's iteration (eq. 6), a bounce of light a step; return B and the steps."""
     B = E.copy()
     for step in range(1, limit + 1):
         previous, B = B, E + G @ B
@@ -100,7 +109,7 @@ def jacobi(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 
 
 
 def gauss_seidel(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 5_000) -> tuple[FloatArray, int]:
-    """Solve (I - G) B = E by Gauss and Seidel's iteration (eq. 6); returns B, sweeps."""
+    """Solve (I - G) B = E by Gauss and Seidel's iteration (eq. 6); return B and the sweeps."""
     lower, upper = np.tril(np.eye(len(G)) - G), np.triu(G, 1)
     B = E.copy()
     for sweep in range(1, limit + 1):

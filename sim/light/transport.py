@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import LinearOperator
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
-from sim.light.interreflection_operator import InterreflectionOperator, coupling_of
+from sim.light.interreflection_operator import InterreflectionOperator, interreflection_of
 from sim.light.radiosity import Radiosity
 
 
 class LightTransport(LinearOperator):  # type: ignore[misc]
-    """Linear operator from a projector image p (n_projector,) to a camera image c (n_camera,).
+    """The linear operator from a projector image p (n_projector,) to a camera image c (n_camera,).
 
     Parameters
     ----------
@@ -32,10 +32,15 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         The scene's (I - G) B = E.
     view : (n_camera, P) csr
         V: what the camera's pixels see of the patches' interreflection B - E.
-    pixel_patch : (n_projector,) int
+    pixel_patch : (n_projector,) int array
         Patch that each projector pixel meets, -1 for none.
-    pixel_xy_px : (n_projector, 2), optional
+    pixel_xy_px : (n_projector, 2) array, optional
         Where each projector pixel stands in its picture, for what needs to know its neighbours.
+
+    Raises
+    ------
+    SimulationError
+        For parts that do not fit together.
     """
 
     def __init__(
@@ -44,6 +49,7 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         emission: csr_array,
         radiosity: Radiosity,
         view: csr_array,
+        *,
         pixel_patch: NDArray[np.integer],
         pixel_xy_px: FloatArray | None = None,
     ) -> None:
@@ -79,12 +85,25 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         return _operator(self.shape, self._global, self._global_adjoint)
 
     @cached_property
-    def coupling(self) -> InterreflectionOperator:
+    def interreflection(self) -> InterreflectionOperator:
         """The interreflection as a dense matrix between lit and viewed patches, made on first use."""
-        return coupling_of(self.radiosity, self.emission, self.view)
+        return interreflection_of(self.radiosity, self.emission, self.view)
 
     def radiosity_of(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Emission E = S p and radiosity B of the patches, (P,) each, for a projector image."""
+        """Return emission and radiosity of the patches for a projector image.
+
+        Parameters
+        ----------
+        p : (n_projector,) or (n_projector, K) array
+            Linear light of each projector pixel.
+
+        Returns
+        -------
+        E : (P,) or (P, K) array
+            S p.
+        B : (P,) or (P, K) array
+            All light that the patches send back.
+        """
         E = np.asarray(self.emission @ p)
         return E, self.radiosity.solve(E)
 

@@ -15,17 +15,18 @@ from typing import Literal
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
+from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
-from sim.geometry.scene import BoolArray, FloatArray, Hits, IntArray, Scene, intersect
+from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
 __all__ = [
     "LightTransport",
     "area_emission",
-    "bilinear",
     "coaxial_transport",
     "irradiance_at",
     "physical_transport",
@@ -41,14 +42,20 @@ def coaxial_transport(
     form_factors: FormFactors,
     lens: Lens,
     pose: Pose,
+    *,
     convention: Convention = "paper",
     emission_rule: EmissionRule = "pixel_mean",
     subsamples: int = 2,
 ) -> LightTransport:
-    """Camera and projector in one place with one lens: pixel k of one is pixel k of the other.
+    """Return the light transport of camera and projector in one place with one lens: pixel k of both is the same.
 
     Parameters
     ----------
+    scene : Scene
+    form_factors : FormFactors
+        Of that scene.
+    lens, pose
+        Of camera and projector.
     convention : {"paper", "physical"}
         ``paper``: D = rho cos(theta), no fall-off (eqs. 4, 9). ``physical``: over r² cos³ gamma.
     emission_rule : {"pixel_mean", "area"}
@@ -56,6 +63,20 @@ def coaxial_transport(
         light that lands on the patch over its area.
     subsamples : int
         ``area``: each pixel is split into subsamples x subsamples.
+
+    Returns
+    -------
+    LightTransport
+        Square, its direct part diagonal.
+
+    Raises
+    ------
+    SimulationError
+        For an unknown convention or emission rule.
+
+    References
+    ----------
+    Dehos, Zéghers, Sarry, Rousselle and Renaud, Virtual Reality 18(2), 2014; equations 4, 5 and 9.
     """
     _check_choices(convention, emission_rule)
     beam = _beam(scene, lens, pose, lens.pixel_grid())
@@ -67,12 +88,14 @@ def coaxial_transport(
     if emission_rule == "pixel_mean":
         emission = _pixel_mean(scene, beam.hits.patch, direct)
     else:
-        emission = area_emission(scene, lens, pose, subsamples, convention)
+        emission = area_emission(scene, lens, pose, subsamples=subsamples, convention=convention)
     pixels = np.flatnonzero(beam.lit)
     view = _csr(np.ones(len(pixels)), pixels, beam.hits.patch[pixels], (lens.n_pixels, scene.n_patches))
     radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
     direct_matrix = csr_array(diags_array(direct))
-    return LightTransport(direct_matrix, emission, radiosity, view, beam.hits.patch, lens.pixel_grid())
+    return LightTransport(
+        direct_matrix, emission, radiosity, view, pixel_patch=beam.hits.patch, pixel_xy_px=lens.pixel_grid()
+    )
 
 
 def physical_transport(
@@ -80,22 +103,42 @@ def physical_transport(
     form_factors: FormFactors,
     projector_lens: Lens,
     projector_pose: Pose,
+    *,
     camera_lens: Lens,
     camera_pose: Pose,
     subsamples: int = 2,
 ) -> LightTransport:
-    """Camera and projector each in its place, in the ``physical`` unit of this module.
+    """Return the light transport of camera and projector each in its place, in the ``physical`` unit of this module.
 
     Direct light: each camera pixel takes the projector pixels about its surface point, bilinearly, where the
     projector sees that point. Indirect light: bilinear between the patch centres of a face.
+
+    Parameters
+    ----------
+    scene : Scene
+    form_factors : FormFactors
+        Of that scene.
+    projector_lens, projector_pose
+        Of the projector.
+    camera_lens, camera_pose
+        Of the camera.
+    subsamples : int
+        Each projector pixel is split into subsamples x subsamples for the light that lands on a patch.
+
+    Returns
+    -------
+    LightTransport
+        (camera pixels, projector pixels).
     """
     radiosity = Radiosity(form_factors, scene.reflectance, solver="repeated")
-    emission = area_emission(scene, projector_lens, projector_pose, subsamples, "physical")
+    emission = area_emission(scene, projector_lens, projector_pose, subsamples=subsamples, convention="physical")
     beam = _beam(scene, projector_lens, projector_pose, projector_lens.pixel_grid())
     seen = _beam(scene, camera_lens, camera_pose, camera_lens.pixel_grid())
     direct = _direct(scene, projector_lens, projector_pose, seen)
     view = smooth_view(scene, seen.hits, seen.reflectance)
-    return LightTransport(direct, emission, radiosity, view, beam.hits.patch, projector_lens.pixel_grid())
+    return LightTransport(
+        direct, emission, radiosity, view, pixel_patch=beam.hits.patch, pixel_xy_px=projector_lens.pixel_grid()
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,8 +183,22 @@ def _pixel_mean(scene: Scene, patch: IntArray, direct: FloatArray) -> csr_array:
     return _csr(values, patch[pixels], pixels, (scene.n_patches, len(patch)))
 
 
-def area_emission(scene: Scene, lens: Lens, pose: Pose, subsamples: int, convention: Convention) -> csr_array:
-    """(P, n_projector) S by area: the light of each pixel's parts that land on a patch, over its area."""
+def area_emission(scene: Scene, lens: Lens, pose: Pose, *, subsamples: int, convention: Convention) -> csr_array:
+    """Return S by area: the light of each pixel's parts that land on a patch, over its area.
+
+    Parameters
+    ----------
+    scene : Scene
+    lens, pose
+        Of the projector.
+    subsamples : int
+        Each pixel is split into subsamples x subsamples.
+    convention : {"paper", "physical"}
+
+    Returns
+    -------
+    (P, n_projector) csr
+    """
     grid, pixels = lens.pixel_grid(), np.arange(lens.n_pixels)
     offsets = (np.arange(subsamples) + 0.5) / subsamples - 0.5
     total = csr_array((scene.n_patches, lens.n_pixels))
@@ -167,7 +224,7 @@ def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
     with np.errstate(invalid="ignore"):
         inside = ((xy > -0.5) & (xy < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1)
     camera, points, xy = camera[inside], points[inside], xy[inside]
-    value = seen.reflectance[camera] * irradiance_at(scene, lens, pose, points, seen.hits.patch[camera])
+    value = seen.reflectance[camera] * irradiance_at(scene, lens, pose, points_m=points, patch=seen.hits.patch[camera])
     rows, columns, weights = bilinear(xy, lens.width_px, lens.height_px)
     return _csr(
         (value[:, None] * weights).ravel(),
@@ -177,14 +234,23 @@ def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
     )
 
 
-def irradiance_at(scene: Scene, lens: Lens, pose: Pose, points_m: FloatArray, patch: IntArray) -> FloatArray:
-    """(N,) irradiance cos(theta) I / r² of white at surface points inside the picture; 0 in shadow.
+def irradiance_at(scene: Scene, lens: Lens, pose: Pose, *, points_m: FloatArray, patch: IntArray) -> FloatArray:
+    """Return the irradiance cos(theta) I / r² of white at surface points inside the picture; 0 in shadow.
 
     Parameters
     ----------
-    points_m : (N, 3)
-    patch : (N,) int
+    scene : Scene
+    lens, pose
+        Of the projector.
+    points_m : (N, 3) array
+        [m]
+    patch : (N,) int array
         The patch that each point lies on.
+
+    Returns
+    -------
+    (N,) array
+        In the ``physical`` unit of this module.
     """
     to_point = points_m - pose.position_m
     distance = np.linalg.norm(to_point, axis=1)
@@ -204,13 +270,14 @@ def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: F
 
 
 def smooth_view(scene: Scene, hits: Hits, reflectance: FloatArray) -> csr_array:
-    """V for pixels with these hits: the irradiance (B - E) / rho is bilinear between patch centres of a face.
+    """Return V for pixels with these hits: the irradiance (B - E) / rho is bilinear between patch centres of a face.
 
     Parameters
     ----------
+    scene : Scene
     hits : Hits
         Where the N pixels look.
-    reflectance : (N,)
+    reflectance : (N,) array
         Of the surface point that each pixel sees (camera vignetting may be in it).
 
     Returns
@@ -231,17 +298,3 @@ def smooth_view(scene: Scene, hits: Hits, reflectance: FloatArray) -> csr_array:
         weights = weights * reflectance[pixels, None] / np.where(rho > 0, rho, 1.0)
         pieces.append(_csr(weights.ravel(), np.repeat(pixels, 4), patches.ravel(), shape))
     return csr_array(sum(pieces[1:], start=pieces[0]))
-
-
-def bilinear(xy: FloatArray, width: int, height: int) -> tuple[IntArray, IntArray, FloatArray]:
-    """(N, 4) rows, columns, weights of the four cells about each point; constant beyond the border."""
-    limits = np.array([width - 1, height - 1], dtype=np.float64)
-    clipped = np.clip(xy, 0, limits)
-    corner = np.minimum(np.floor(clipped), np.maximum(limits - 1, 0)).astype(np.intp)
-    fx, fy = (clipped - corner).T
-    left, top = corner.T
-    right, bottom = np.minimum(left + 1, width - 1), np.minimum(top + 1, height - 1)
-    rows = np.stack([top, top, bottom, bottom], axis=1)
-    columns = np.stack([left, right, left, right], axis=1)
-    weights = np.stack([(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy], axis=1)
-    return rows, columns, weights

@@ -6,66 +6,83 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import _kernel
+from sim.arrays import FloatArray, IntArray
 from sim.geometry.optics import Lens, Pose, rays_at
 from sim.geometry.rays import trace, tracer_of
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 COARSEST_PX = 16
-"""Spacing of the first points that are gathered."""
+"""Spacing of the first points that are final_gather."""
+ROW_BELOW, COLUMN_BESIDE = np.array([0, 0, 1, 0], dtype=np.intp), np.array([0, 0, 0, 1], dtype=np.intp)
+"""Added to (top, left, bottom, right), they take in the last row, or column, of a cell."""
 NUDGE = 1e-6
 """Share of the way to its patch's centroid that a point is moved, off the edges where the factor has no value."""
 
 
 def irradiance(surface: Surface, radiosity: FloatArray, points_m: FloatArray, normals: FloatArray) -> FloatArray:
-    """(N,) irradiance at surface points (N, 3) from patches of constant radiosity (P,).
+    """Return the irradiance at surface points from patches of constant radiosity.
 
     Each patch's factor is Lambert's formula, cut at the point's horizon. Where something may stand between, it is
     multiplied by the share of the patch that rays see: 5 rays, and 36 where these disagree.
+
+    Parameters
+    ----------
+    surface : Surface
+    radiosity : (P,) array
+        B of each patch.
+    points_m, normals : (N, 3) array
+        Places [m] and unit normals.
+
+    Returns
+    -------
+    (N,) array
+        In the unit of the radiosity.
     """
     received = np.empty(len(points_m))
     _kernel.gather(
         tracer_of(surface),
-        np.ascontiguousarray(points_m, dtype=np.float64),
-        np.ascontiguousarray(normals, dtype=np.float64),
-        np.ascontiguousarray(surface.vertices, dtype=np.float64),
-        np.ascontiguousarray(surface.normals, dtype=np.float64),
-        np.ascontiguousarray(radiosity, dtype=np.float64),
-        not surface.convex,
-        received,
+        points=np.ascontiguousarray(points_m, dtype=np.float64),
+        normals=np.ascontiguousarray(normals, dtype=np.float64),
+        vertices=np.ascontiguousarray(surface.vertices, dtype=np.float64),
+        patch_normals=np.ascontiguousarray(surface.normals, dtype=np.float64),
+        radiosity=np.ascontiguousarray(radiosity, dtype=np.float64),
+        shadows=not surface.convex,
+        received=received,
     )
     return received
 
 
-def irradiance_reference(
-    surface: Surface, radiosity: FloatArray, points_m: FloatArray, normals: FloatArray
+def final_gather(
+    surface: Surface,
+    radiosity: FloatArray,
+    lens: Lens,
+    pose: Pose,
+    *,
+    patch: NDArray[np.int32],
+    tolerance: float,
 ) -> FloatArray:
-    """Do what ``irradiance`` does in plain numpy, for convex surfaces that lie above every point's horizon."""
-    corners = surface.vertices[None] - points_m[:, None, None]
-    following = np.roll(corners, -1, axis=2)
-    across = np.cross(following, corners)
-    length = np.linalg.norm(across, axis=-1)
-    angle = np.arctan2(length, (corners * following).sum(axis=-1))
-    projected = np.einsum("npck,nk->npc", across, normals)
-    factor = np.where(length > 0, angle * projected / np.where(length > 0, length, 1.0), 0.0).sum(axis=2) / (2 * np.pi)
-    return np.asarray(np.maximum(factor, 0.0) @ radiosity)
+    """Return the irradiance of the surface points that the pixels see.
 
-
-def gathered(
-    surface: Surface, radiosity: FloatArray, lens: Lens, pose: Pose, patch: NDArray[np.int32], tolerance: float
-) -> FloatArray:
-    """(H, W) irradiance of the surface points that the pixels see.
-
-    Points are gathered on a coarse grid of pixels. A cell that shows one flat region, and whose middle
+    Points are final_gather on a coarse grid of pixels. A cell that shows one flat region, and whose middle
     and sides are what its corners predict, is filled bilinearly; any other is split, down to single pixels along
     edges.
 
     Parameters
     ----------
-    patch : (H, W) int
+    surface : Surface
+    radiosity : (P,) array
+        B of each patch.
+    lens, pose
+        Of the camera.
+    patch : (H, W) int array
         The patch that each pixel sees, -1 for none.
     tolerance : float
         Largest deviation of a cell's middle and sides from its corners' prediction, as a share of it.
+
+    Returns
+    -------
+    (H, W) array
+        In the unit of the radiosity.
     """
     height, width = patch.shape
     region = np.where(patch >= 0, surface.region[patch], -1)
@@ -75,7 +92,7 @@ def gathered(
     while len(cells):
         top, left, bottom, right = cells.T
         middle_y, middle_x = (top + bottom) // 2, (left + right) // 2
-        whole = _count(changes_x, top, left, bottom + 1, right) + _count(changes_y, top, left, bottom, right + 1) == 0
+        whole = _count(changes_x, cells + ROW_BELOW) + _count(changes_y, cells + COLUMN_BESIDE) == 0
         whole &= (bottom - top > 1) | (right - left > 1)
         wanted = np.zeros(patch.shape, dtype=bool)
         for y in (top, bottom):
@@ -84,7 +101,11 @@ def gathered(
         probes = [(middle_y, middle_x), (top, middle_x), (bottom, middle_x), (middle_y, left), (middle_y, right)]
         for y, x in probes:
             wanted[y[whole], x[whole]] = True
-        _fill(surface, radiosity, lens, pose, patch, wanted & np.isnan(values), values)
+        missing = wanted & np.isnan(values)
+        values[missing & (patch < 0)] = 0.0
+        places = np.nonzero(missing & (patch >= 0))
+        points = _points_seen(surface, lens, pose, places)
+        values[places] = _gathered(surface, radiosity, points, patch[places])
         accepted = whole
         for y, x in probes:
             predicted = _bilinear(values, cells, y, x)
@@ -94,23 +115,17 @@ def gathered(
     return values
 
 
-def _fill(
-    surface: Surface,
-    radiosity: FloatArray,
-    lens: Lens,
-    pose: Pose,
-    patch: NDArray[np.int32],
-    wanted: BoolArray,
-    values: FloatArray,
-) -> None:
-    """Gather at the pixels that are wanted; 0 where they see nothing."""
-    values[wanted & (patch < 0)] = 0.0
-    y, x = np.nonzero(wanted & (patch >= 0))
+def _points_seen(surface: Surface, lens: Lens, pose: Pose, places: tuple[IntArray, ...]) -> FloatArray:
+    """(N, 3) surface points that pixels at places (y, x) see [m]."""
+    y, x = places
     rays = rays_at(lens, pose, np.stack([x, y], axis=1).astype(np.float64))
-    points = pose.position_m + trace(surface, pose.position_m, rays).distance[:, None] * rays
-    seen = patch[y, x]
-    points += NUDGE * (surface.centres[seen] - points)
-    values[y, x] = irradiance(surface, radiosity, points, surface.normals[seen])
+    return np.asarray(pose.position_m + trace(surface, pose.position_m, rays).distance[:, None] * rays)
+
+
+def _gathered(surface: Surface, radiosity: FloatArray, points_m: FloatArray, patch: NDArray[np.int32]) -> FloatArray:
+    """(N,) irradiance at points of patches."""
+    points_m = points_m + NUDGE * (surface.centres[patch] - points_m)
+    return irradiance(surface, radiosity, points_m, surface.normals[patch])
 
 
 def _first_cells(height: int, width: int) -> IntArray:
@@ -167,6 +182,7 @@ def _running_changes(region: IntArray, axis: int) -> IntArray:
     return sums
 
 
-def _count(sums: IntArray, top: IntArray, left: IntArray, bottom: IntArray, right: IntArray) -> IntArray:
-    """Sum over [top, bottom) x [left, right)."""
+def _count(sums: IntArray, boxes: IntArray) -> IntArray:
+    """(N,) sums over [top, bottom) x [left, right) of boxes (N, 4)."""
+    top, left, bottom, right = boxes.T
     return np.asarray(sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left])

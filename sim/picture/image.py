@@ -1,7 +1,7 @@
 """The picture that a camera takes of a scene while a projector lights it, from geometry to pixels.
 
 c = rho cos(theta) p + rho H (eq. 9): direct light by the pixel, the light H that arrives from all patches by the
-patch, smoothly between patches, or gathered at the pixel. No matrix but the form factors is made; to apply the
+patch, smoothly between patches, or final_gather at the pixel. No matrix but the form factors is made; to apply the
 same transport many times see ``sim.light.transport_of_scene``. Units and conventions are those of that module.
 """
 
@@ -16,15 +16,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
+from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
 from sim.geometry.rays import blocked, device_of, trace, tracer_of
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.light.radiosity import Radiosity
-from sim.light.transport_of_scene import Convention, EmissionRule, bilinear
-from sim.picture.gather import gathered
+from sim.light.transport_of_scene import Convention, EmissionRule
+from sim.picture.gather import final_gather
 from sim.picture.reconstruction import fans, quadratics
 
 Reconstruction = Literal["patch", "smooth", "gather"]
@@ -33,7 +35,7 @@ PARTS_A_PATCH = 100
 """Parts of pixels that should fall on a patch, if all were lit."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SimulatedImage:
     """A picture and what it is made of; radiosity in the convention's unit."""
 
@@ -58,8 +60,8 @@ def simulate_image(
     form_factors: FormFactors,
     lens: Lens,
     pose: Pose,
-    projector_image: ArrayLike,
     *,
+    projector_image: ArrayLike,
     convention: Convention = "paper",
     emission: EmissionRule = "area",
     reconstruction: Reconstruction = "smooth",
@@ -68,7 +70,7 @@ def simulate_image(
     camera_lens: Lens | None = None,
     camera_pose: Pose | None = None,
 ) -> SimulatedImage:
-    """Simulate what the camera sees: light, solve, reconstruct.
+    """Return the picture that the camera takes: light, solve, reconstruct.
 
     Parameters
     ----------
@@ -78,7 +80,7 @@ def simulate_image(
         Of that surface.
     lens, pose
         Of the projector, and of the camera unless it has its own.
-    projector_image : (H, W)
+    projector_image : (H, W) array
         Linear light, 0 or more.
     convention : {"paper", "physical"}
         Without fall-off, or over r² cos³ gamma.
@@ -87,31 +89,41 @@ def simulate_image(
         that reach the patch, which takes half-lit patches for lit.
     reconstruction : {"smooth", "patch", "gather"}
         Of the indirect light: continuous within each flat region and true to the patches' means; constant a
-        patch (eq. 9); or gathered from all patches at the pixels (slow: 0.1 to 10 s).
+        patch (eq. 9); or final_gather from all patches at the pixels (slow: 0.1 to 10 s).
     subsamples : int, optional
         ``area``: each pixel is split into subsamples x subsamples parts; from 2 to 8 by itself, so that about a
         hundred parts fall on a patch.
     gather_tolerance : float
-        ``gather``: what interpolation between gathered pixels may cost, as a share.
+        ``gather``: what interpolation between final_gather pixels may cost, as a share.
     camera_lens, camera_pose : optional
         A camera apart from the projector: its direct light is bilinear between projector pixels, and shadowed.
+
+    Returns
+    -------
+    SimulatedImage
 
     Raises
     ------
     SimulationError
         For an unknown choice, a picture that does not fit the lens or is negative, or form factors of another
         surface.
+
+    References
+    ----------
+    Dehos, Zéghers, Sarry, Rousselle and Renaud, Virtual Reality 18(2), 2014; equations 5, 6 and 9.
     """
     picture = _checked(surface, form_factors, lens, projector_image)
     _check_choices(convention, emission, reconstruction, subsamples)
     marks = [time.perf_counter()]
     wanted = int(np.clip(np.ceil(np.sqrt(PARTS_A_PATCH * surface.n_patches / lens.n_pixels)), 2, 8))
     parts = 0 if emission == "pixel_mean" else wanted if subsamples is None else subsamples
-    E, seen = _lit(surface, lens, pose, picture, convention == "physical", parts)
+    E, seen = _lit(surface, lens, pose, picture=picture, physical=convention == "physical", subsamples=parts)
     if camera_lens is not None or camera_pose is not None:
         camera_lens, camera_pose = camera_lens or lens, camera_pose or pose
-        _, seen = _lit(surface, camera_lens, camera_pose, np.zeros(camera_lens.shape), False, 0)
-        direct = _direct_apart(surface, lens, pose, picture, convention, camera_lens, camera_pose)
+        dark = np.zeros(camera_lens.shape)
+        _, seen = _lit(surface, camera_lens, camera_pose, picture=dark, physical=False, subsamples=0)
+        points = _seen_points(surface, camera_lens, camera_pose)
+        direct = _direct_apart(surface, lens, pose, picture=picture, convention=convention, points=points)
         seen = _Seen(direct, seen.patch, seen.place)
     else:
         camera_lens, camera_pose = lens, pose
@@ -119,14 +131,22 @@ def simulate_image(
     B = Radiosity(form_factors, surface.reflectance).solve(E)
     marks.append(time.perf_counter())
     if reconstruction == "gather":
-        H = gathered(surface, B, camera_lens, camera_pose, seen.patch, gather_tolerance)
+        H = final_gather(surface, B, camera_lens, camera_pose, patch=seen.patch, tolerance=gather_tolerance)
         indirect = np.where(seen.patch >= 0, surface.reflectance[seen.patch], 0.0) * H
     else:
         indirect = _indirect(surface, _received(surface, form_factors, E, B), seen, reconstruction)
     camera_image = seen.direct + indirect
     marks.append(time.perf_counter())
     seconds = dict(zip(("light", "solve", "reconstruct"), np.diff(marks).tolist(), strict=True))
-    return SimulatedImage(camera_image, seen.direct, indirect, E, B, seen.patch, seconds)
+    return SimulatedImage(
+        camera_image=camera_image,
+        direct=seen.direct,
+        indirect=indirect,
+        emission=E,
+        radiosity=B,
+        pixel_patch=seen.patch,
+        seconds=seconds,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +160,7 @@ class _Seen:
 
 
 def _lit(
-    surface: Surface, lens: Lens, pose: Pose, picture: FloatArray, physical: bool, subsamples: int
+    surface: Surface, lens: Lens, pose: Pose, *, picture: FloatArray, physical: bool, subsamples: int
 ) -> tuple[FloatArray, _Seen]:
     """Emission of the patches, and what the projector's pixels meet (in plain numpy: ``transport_of_scene``)."""
     seen = _Seen(np.empty(lens.shape), np.empty(lens.shape, dtype=np.int32), np.empty((*lens.shape, 2)))
@@ -148,14 +168,14 @@ def _lit(
     tracer_of(surface).light(
         device_of(lens, pose),
         picture,
-        np.ascontiguousarray(surface.reflectance),
-        np.ascontiguousarray(surface.areas),
-        subsamples,
-        physical,
-        seen.direct,
-        seen.patch,
-        seen.place,
-        E,
+        reflectance=np.ascontiguousarray(surface.reflectance),
+        areas=np.ascontiguousarray(surface.areas),
+        subsamples=subsamples,
+        physical=physical,
+        direct=seen.direct,
+        patch=seen.patch,
+        place=seen.place,
+        emission=E,
     )
     return E, seen
 
@@ -181,40 +201,59 @@ def _indirect(surface: Surface, H: FloatArray, seen: _Seen, reconstruction: str)
         _kernel.shade_quadratic(seen.patch, seen.place, np.ascontiguousarray(coefficients), indirect)
     else:
         corners, values = fans(surface, H)
-        _kernel.shade_fan(seen.patch, seen.place, corners, np.ascontiguousarray(rho[:, None] * values), indirect)
+        _kernel.shade_fan(
+            seen.patch,
+            seen.place,
+            corners=corners,
+            values=np.ascontiguousarray(rho[:, None] * values),
+            indirect=indirect,
+        )
     return indirect
 
 
+@dataclass(frozen=True, eq=False)
+class _SeenPoints:
+    """Surface points that the pixels of a camera see."""
+
+    shape: tuple[int, int]
+    """(H, W) of the camera [px]."""
+    pixel: IntArray
+    """(N,) flat index of each pixel that sees something."""
+    points_m: FloatArray
+    """(N, 3) [m]."""
+    patch: IntArray
+    """(N,) the patch that each point lies on."""
+
+
+def _seen_points(surface: Surface, lens: Lens, pose: Pose) -> _SeenPoints:
+    rays = rays_at(lens, pose, lens.pixel_grid())
+    hits = trace(surface, pose.position_m, rays)
+    pixels = np.flatnonzero(hits.patch >= 0)
+    points = pose.position_m + hits.distance[pixels, None] * rays[pixels]
+    return _SeenPoints(lens.shape, pixels, points, hits.patch[pixels])
+
+
 def _direct_apart(
-    surface: Surface,
-    lens: Lens,
-    pose: Pose,
-    picture: FloatArray,
-    convention: Convention,
-    camera_lens: Lens,
-    camera_pose: Pose,
+    surface: Surface, lens: Lens, pose: Pose, *, picture: FloatArray, convention: Convention, points: _SeenPoints
 ) -> FloatArray:
     """(H, W) direct light that a camera apart from the projector sees, shadowed by rays."""
-    rays = rays_at(camera_lens, camera_pose, camera_lens.pixel_grid())
-    hits = trace(surface, camera_pose.position_m, rays)
-    direct = np.zeros(camera_lens.n_pixels)
-    pixels = np.flatnonzero(hits.patch >= 0)
-    points = camera_pose.position_m + hits.distance[pixels, None] * rays[pixels]
-    xy = project(lens, pose, points)
+    xy = project(lens, pose, points.points_m)
     with np.errstate(invalid="ignore"):
         inside = ((xy > -0.5) & (xy < np.array([lens.width_px, lens.height_px]) - 0.5)).all(axis=1)
-    pixels, points, xy = pixels[inside], points[inside], xy[inside]
-    way = points - pose.position_m
+    pixels, patch, xy = points.pixel[inside], points.patch[inside], xy[inside]
+    way = points.points_m[inside] - pose.position_m
     distance = np.linalg.norm(way, axis=1)
-    cosine = -np.einsum("nk,nk->n", way, surface.normals[hits.patch[pixels]]) / distance
+    cosine = -np.einsum("nk,nk->n", way, surface.normals[patch]) / distance
     # The point is on the surface: a ray that ends just before it is not stopped by it.
-    shadow = (cosine <= 0) | blocked(surface, np.broadcast_to(pose.position_m, points.shape), points - 1e-6 * way)
+    end_m = points.points_m[inside] - 1e-6 * way
+    shadow = (cosine <= 0) | blocked(surface, np.broadcast_to(pose.position_m, end_m.shape), end_m)
     if convention == "physical":
         cosine = cosine / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, xy) * distance**2)
     rows, columns, weights = bilinear(xy, lens.width_px, lens.height_px)
     light = (weights * picture[rows, columns]).sum(axis=1)
-    direct[pixels] = np.where(shadow, 0.0, surface.reflectance[hits.patch[pixels]] * cosine * light)
-    return direct.reshape(camera_lens.shape)
+    direct = np.zeros(points.shape[0] * points.shape[1])
+    direct[pixels] = np.where(shadow, 0.0, surface.reflectance[patch] * cosine * light)
+    return direct.reshape(points.shape)
 
 
 def _checked(surface: Surface, form_factors: FormFactors, lens: Lens, projector_image: ArrayLike) -> FloatArray:

@@ -14,16 +14,15 @@ from __future__ import annotations
 import numpy as np
 from scipy.sparse import coo_array
 
+from sim.arrays import FloatArray, IntArray
 from sim.geometry.rays import plane_axes
-from sim.geometry.scene import Face, FloatArray, IntArray, Scene
+from sim.geometry.scene import Face, Scene
 from sim.geometry.surface import Surface
-
-WELD = 1e-7
-"""Corners closer than this share of the mesh's size are one."""
+from sim.geometry.topology import WELD
 
 
 def line_values(means: FloatArray) -> FloatArray:
-    """(n + 1, ...) values on the lines between and around n equal cells of these means, along the first axis."""
+    """Return (n + 1, ...) values on the lines between and around n equal cells of these means, along the first axis."""
     n = len(means)
     if n == 1:
         return np.concatenate([means, means])
@@ -39,39 +38,21 @@ def line_values(means: FloatArray) -> FloatArray:
 
 
 def quadratics(scene: Scene, means: FloatArray) -> FloatArray:
-    """(P, 3, 3) Bernstein coefficients of each patch's biquadratic, rows along v, columns along u.
+    """Return (P, 3, 3) Bernstein coefficients of each patch's biquadratic, rows along v, columns along u.
 
     A patch whose coefficients would go below 0 is drawn towards its mean until they do not.
 
     Parameters
     ----------
-    means : (P,)
+    means : (P,) array
         Mean of each patch, 0 or more.
     """
     coefficients = np.concatenate([_face_quadratics(face, means[face.patches]) for face in scene.faces])
     return _without_negatives(coefficients.reshape(-1, 9), means).reshape(-1, 3, 3)
 
 
-def quadratic_values(coefficients: FloatArray, patch: IntArray, place: FloatArray) -> FloatArray:
-    """(N,) values of biquadratics (P, 3, 3) at cell coordinates (N, 2): what the kernel does, in plain numpy."""
-    weights = np.stack([(1 - place) ** 2, 2 * place * (1 - place), place**2], axis=-1)
-    return np.asarray(np.einsum("nrc,nc,nr->n", coefficients[patch], weights[:, 0], weights[:, 1]))
-
-
-def fan_values(corners: FloatArray, values: FloatArray, patch: IntArray, place: FloatArray) -> FloatArray:
-    """(N,) values of fans at places (N, 2) about the centroid [m]: what the kernel does, in plain numpy."""
-    a, b = corners[patch], np.roll(corners, -1, axis=1)[patch]
-    at_a, at_b = _cross(place[:, None], b), _cross(a, place[:, None])
-    twice = _cross(a, b)
-    real = twice > 0
-    at_a, at_b = (np.divide(part, twice, out=np.full_like(part, -np.inf), where=real) for part in (at_a, at_b))
-    sector = np.minimum(at_a, at_b).argmax(axis=1)
-    here = (np.arange(len(patch)), sector)
-    first, second = values[patch, sector], values[patch, (sector + 1) % 4]
-    return np.asarray(at_a[here] * first + at_b[here] * second + (1 - at_a[here] - at_b[here]) * values[patch, 4])
-
-
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the cross product of vectors (..., 2) of one plane."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
@@ -102,25 +83,25 @@ def _bernstein(means: FloatArray) -> FloatArray:
 
 
 def fans(surface: Surface, means: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fan of triangles about each patch's centroid.
+    """Return the fan of triangles about each patch's centroid.
 
     Parameters
     ----------
-    means : (P,)
+    means : (P,) array
         Mean of each patch, 0 or more.
 
     Returns
     -------
-    corners : (P, 4, 2)
+    corners : (P, 4, 2) array
         In the patch's plane, about its centroid. [m]
-    values : (P, 5)
+    values : (P, 5) array
         At the four corners and, last, at the centroid.
     """
     from_centre = surface.vertices - surface.centres[:, None]
     corners = np.einsum("pck,pak->pca", from_centre, plane_axes(surface))
     at_corners = np.maximum(_corner_values(surface, means, from_centre), 0.0)
     following = np.roll(corners, -1, axis=1)
-    sectors = _cross(corners, following)
+    sectors = cross(corners, following)
     sectors /= sectors.sum(axis=1, keepdims=True)
     rim = (sectors * (at_corners + np.roll(at_corners, -1, axis=1))).sum(axis=1)
     centre = 3 * means - rim

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 
 @dataclass(frozen=True)
@@ -43,16 +43,22 @@ class Sensor:
 def expose(
     light: FloatArray, exposure: float, sensor: Sensor, generator: np.random.Generator | None = None
 ) -> NDArray[np.uint16]:
-    """Digital numbers of an image of linear light.
+    """Return the digital numbers of an image of linear light.
 
     Parameters
     ----------
-    light : any shape
+    light : array of any shape
         Linear light, at least 0, in the scene's unit.
     exposure : float
         Share of the full well that light of 1 fills.
+    sensor : Sensor
     generator : numpy Generator, optional
         Source of shot and read noise; without one the exposure is free of noise.
+
+    Returns
+    -------
+    uint16 array
+        Shaped as the light; between 0 and the full scale. [dn]
 
     Raises
     ------

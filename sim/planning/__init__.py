@@ -1,1 +1,1 @@
-"""What a scene needs: cells, method, solver and cost for a tolerance."""
+"""What a scene needs: patches, method, solver and cost for a tolerance."""

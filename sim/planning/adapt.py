@@ -1,14 +1,14 @@
-"""Adaptive patches: the fewest cells whose constant light is within a tolerance, from a coarser solution.
+"""Adaptive patches: the fewest whose constant light is within a tolerance, from a coarser solution.
 
-What is approximated is the light between the surfaces: the irradiance H = F B of a cell is one number, while
-the true one varies. Over a cell its squared error is the integral of (g . (x - centre))², g the gradient of H
-that neighbouring cells of the same flat region show; where the solution has several cells inside, their
-variance is added. A cell is halved across its steepest direction, the worst ones first, until the sum meets
+What is approximated is the light between the surfaces: the irradiance H = F B of a patch is one number, while
+the true one varies. Over a patch its squared error is the integral of (g . (x - centre))², g the gradient of H
+that neighbouring patches of the same flat region show; where the solution has several patches inside, their
+variance is added. A patch is halved across its steepest direction, the worst ones first, until the sum meets
 the goal.
 
-A light's edge inside a cell moves the place from which light leaves. That matters to surfaces nearby only:
+A light's edge inside a patch moves the place from which light leaves. That matters to surfaces nearby only:
 its squared error is SOURCE_WEIGHT area variance(E) min(1, (size / distance)⁴), the distance to the nearest
-plane that the cell looks at.
+plane that the patch looks at.
 """
 
 from __future__ import annotations
@@ -18,52 +18,54 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.adaptive_patches import AdaptivePatches, joined
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
-from sim.light.lighting import Light, emission
+from sim.light.lighting import Lighting, emission
 
 SOURCE_WEIGHT = 0.05
-"""Squared error of the irradiance at a half-lit contact cell, over the light's variance; chosen, not measured."""
+"""Squared error of the irradiance at a half-lit contact patch, over the light's variance; chosen, not measured."""
 NEIGHBOURS = 8
+"""Patches that a gradient is fitted to: as many as surround one in a grid."""
 ROUGHNESS = 1.0
-"""Weight of what a linear fit to the neighbours leaves, as a gradient in every direction."""
+"""Weight of what a linear fit to the neighbours leaves, as a gradient in every direction; chosen, not measured."""
 LONGEST_ASPECT = 2.9
+"""More stretched patches are halved across: the halves are at most 1.45 times as long as wide."""
 MOST_PLANES = 64
 """Distances are measured to at most this many planes of regions."""
 
 
-@dataclass(frozen=True, eq=False)
-class Probe:
-    """A solved model, and how its irradiance varies."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedPatches:
+    """A coarse solution, and how its irradiance varies: what finer patches are planned from."""
 
     cells: AdaptivePatches
     irradiance: FloatArray
-    """(P,) H = F B from the other cells; 1 = white."""
+    """(P,) H = F B from the other patches; 1 = white."""
     gradient: FloatArray
-    """(P, 3) of the irradiance in each cell's plane [1/m]."""
+    """(P, 3) of the irradiance in each patch's plane [1/m]."""
     roughness: FloatArray
-    """(P,) square of a gradient in every direction, for what is not linear about a cell [1/m²]."""
+    """(P,) square of a gradient in every direction, for what is not linear about a patch [1/m²]."""
     within: FloatArray
-    """(P,) integral of its squared variation within each cell [m²]."""
+    """(P,) integral of its squared variation within each patch [m²]."""
 
     @classmethod
-    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> Probe:
-        """Find the gradients from neighbours in the same region."""
+    def of(cls, cells: AdaptivePatches, irradiance: FloatArray) -> SolvedPatches:
+        """Return a solution, (P,) irradiance, with gradients from neighbours in the same region."""
         gradient, roughness = gradients(cells, irradiance)
         within = cells.variation(gradient) + roughness * cells.polar_moments
-        return cls(cells, irradiance, gradient, roughness, within)
+        return cls(cells=cells, irradiance=irradiance, gradient=gradient, roughness=roughness, within=within)
 
     @property
     def error(self) -> float:
-        """RMS over the surface of what the radiosity varies about its cells' values."""
+        """RMS over the surface of what the radiosity varies about its patches' values."""
         squared = self.cells.reflectance**2 * self.within
         return float(np.sqrt(squared.sum() / self.cells.areas.sum()))
 
 
 def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(P, 3) gradients in each cell's plane, and (P,) roughness.
+    """Return (P, 3) gradients in each patch's plane, and (P,) roughness.
 
-    Least squares over the nearest cells of the same region; what they leave, over the area, is the roughness.
+    Least squares over the nearest patches of the same region; what they leave, over the area, is the roughness.
     """
     gradient, left = np.zeros((cells.n_patches, 3)), np.zeros(cells.n_patches)
     order = np.argsort(cells.region, kind="stable")
@@ -90,8 +92,8 @@ def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tupl
     return slope @ basis, left
 
 
-def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
-    """Patches of about equal size: halved along longer edges until there are ``count``, quartered at least once."""
+def uniform_patches(whole: AdaptivePatches, count: int) -> AdaptivePatches:
+    """Return patches of about equal size: quartered once, then halved until there are ``count``."""
     cells = whole.quarters()
     size_m = float(np.sqrt(cells.areas.sum() / count))
     while True:
@@ -102,30 +104,38 @@ def even_cells(whole: AdaptivePatches, count: int) -> AdaptivePatches:
         cells = joined(cells.chosen(~large), cells.chosen(large).halves(np.argmax(edges_m[large], axis=1)))
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Refinement:
-    """AdaptivePatches on the way from the whole faces to the fewest that meet a goal."""
+    """Patches on the way from the whole faces to the fewest that meet a goal."""
 
-    probe: Probe
-    light: Light
+    probe: SolvedPatches
+    light: Lighting
     cells: AdaptivePatches
     owner: IntArray
-    """(cells of the probe,) the cell that each one's centre lies in."""
+    """(patches of the probe,) the patch that each one's centre lies in."""
     example: IntArray
-    """(P,) a cell of the probe that shows how the light varies here."""
+    """(P,) a patch of the probe that shows how the light varies here."""
     squared: FloatArray
     """(P,) squared error times area, of the irradiance's variation and of a light's edge [m²]."""
     along: IntArray
-    """(P,) which way to halve each cell next."""
+    """(P,) which way to halve each patch next."""
 
     @classmethod
-    def start(cls, whole: AdaptivePatches, probe: Probe, light: Light) -> Refinement:
-        """Begin with the whole faces."""
+    def start(cls, whole: AdaptivePatches, probe: SolvedPatches, light: Lighting) -> Refinement:
+        """Return a refinement that begins with the whole faces."""
         owner = probe.cells.whole.copy()
         example = np.zeros(whole.n_patches, dtype=np.intp)
         example[owner] = np.arange(len(owner))
         nothing = np.zeros(0)
-        start = cls(probe, light, whole, owner, example, nothing, nothing.astype(np.intp))
+        start = cls(
+            probe=probe,
+            light=light,
+            cells=whole,
+            owner=owner,
+            example=example,
+            squared=nothing,
+            along=nothing.astype(np.intp),
+        )
         start.squared, start.along = start._judged(whole, np.arange(whole.n_patches))
         return start
 
@@ -135,14 +145,14 @@ class Refinement:
         return float(np.sqrt(self.squared.sum() / self.cells.areas.sum()))
 
     def measured_error(self, irradiance: FloatArray) -> float:
-        """RMS over the surface of a solution on these cells, (P,) irradiance, against the probe's."""
+        """Return the RMS over the surface of a solution on these patches, (P,) irradiance, against the probe's."""
         probe = self.probe
         difference = probe.irradiance - irradiance[self.owner]
         squared = probe.cells.reflectance**2 * (probe.cells.areas * difference**2 + probe.within)
         return float(np.sqrt(squared.sum() / probe.cells.areas.sum()))
 
     def refine(self, error: float, most_cells: int) -> None:
-        """Halve the worst cells until the error or the number of cells is reached."""
+        """Halve the worst patches until the error or the number of patches is reached."""
         goal = error**2 * float(self.cells.areas.sum())
         while self.squared.sum() > goal and self.cells.n_patches < most_cells:
             order = np.argsort(self.squared)[::-1]
@@ -181,7 +191,7 @@ class Refinement:
         return cells.reflectance**2 * (spread + edge), along
 
     def _spread(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Squared variation of the irradiance over cells, and its part along u and v."""
+        """Squared variation of the irradiance over patches, and its part along u and v."""
         probe, n = self.probe, self.cells.n_patches
         example = self.example[index]
         count = np.bincount(self.owner, minlength=n)[index]

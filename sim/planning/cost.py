@@ -16,8 +16,10 @@ import numpy as np
 from sim import _kernel
 
 PROBE_SIZE = 2000
+"""Rows of the matrix that the speed is measured with: 32 MB, more than a processor's cache."""
 MB = 1e6
 SMALLEST_MB = 0.05
+"""Added to every estimate: what a model of a few patches takes."""
 LIGHT_MB = 1.6
 """Of points in the light, at most."""
 LIGHT_MB_PER_PATCH = 0.02
@@ -63,11 +65,13 @@ class Cost:
 
 
 def measured_machine() -> Machine:
-    """Time a product of a matrix with a vector, the best of three."""
+    """Return the speed of a product of a matrix with a vector, the best of three."""
     areas, out = np.ones(PROBE_SIZE), np.empty(PROBE_SIZE)
     matrix = np.full((PROBE_SIZE, PROBE_SIZE), 1 / PROBE_SIZE)
-    occupied = _kernel.occupied_columns(matrix)
-    product_s = _best_s(lambda: _kernel.reciprocal_product(matrix, areas, *occupied, areas, out))
+    starts, ranges = _kernel.occupied_columns(matrix)
+    product_s = _best_s(
+        lambda: _kernel.reciprocal_product(matrix, areas, starts=starts, ranges=ranges, x=areas, out=out)
+    )
     return Machine(matrix.nbytes / MB / product_s)
 
 
@@ -81,13 +85,13 @@ def _best_s(work: Callable[[], object]) -> float:
 
 
 def products_needed(spectral_radius: float, residual: float) -> int:
-    """Bound of the products that conjugate gradients need for eigenvalues of I - M in 1 - r ... 1 + r / 3."""
+    """Return a bound of the products that conjugate gradients need for eigenvalues of I - M in 1 - r ... 1 + r / 3."""
     root = np.sqrt((1 + spectral_radius / 3) / max(1 - spectral_radius, 1e-6))
     return int(np.ceil(np.log(2 / residual) / np.log((root + 1) / (root - 1)))) if spectral_radius > 0 else 1
 
 
-def dense_cost(patches: int, products: int, channels: int, timing: Timing, machine: Machine) -> Cost:
-    """Estimate the cost of the whole matrix, from the timing of a smaller model of the same scene."""
+def dense_cost(patches: int, products: int, channels: int, *, timing: Timing, machine: Machine) -> Cost:
+    """Return the cost of the whole matrix, from the timing of a smaller model of the same scene."""
     ratio = patches / timing.patches
     factors_s = START_S + max(timing.factors_s - START_S, 0.0) * ratio**2
     read_s = 8 * patches**2 / MB / machine.read_mb_per_s + PRODUCT_S
@@ -95,8 +99,8 @@ def dense_cost(patches: int, products: int, channels: int, timing: Timing, machi
     return Cost(seconds, dense_mb(patches))
 
 
-def compressed_cost(patches: int, products: int, channels: int, timing: Timing) -> Cost:
-    """Estimate the cost of compressed form factors: building them takes longer than all else."""
+def compressed_cost(patches: int, products: int, channels: int, *, timing: Timing) -> Cost:
+    """Return the cost of compressed form factors: building them takes longer than all else."""
     ratio = patches / COMPRESSED_PATCHES
     factors_s, stored_mb = COMPRESSED_PATCH_S * patches, COMPRESSED_MB * ratio**1.3
     product_s = stored_mb / COMPRESSED_MB_PER_S + PRODUCT_S
@@ -111,15 +115,15 @@ def compressing_pays(patches: int, dense: Timing) -> bool:
 
 
 def largest_compressed(memory_mb: float) -> int:
-    """Most patches whose compressed model fits."""
+    """Return the most patches whose compressed model fits."""
     return int(COMPRESSED_PATCHES * (memory_mb / (COMPRESSED_MB + COMPRESSED_WORK_MB)) ** (1 / 1.3))
 
 
 def dense_mb(patches: int) -> float:
-    """Peak memory of the dense model: the matrix, and what is made beside it."""
+    """Return the peak memory of the dense model: the matrix, and what is made beside it."""
     return DENSE_MATRICES * 8 * patches**2 / MB + min(LIGHT_MB, LIGHT_MB_PER_PATCH * patches) + SMALLEST_MB
 
 
 def largest_dense(memory_mb: float) -> int:
-    """Most patches whose dense model fits."""
+    """Return the most patches whose dense model fits."""
     return int(np.sqrt(max(memory_mb - LIGHT_MB - SMALLEST_MB, 0.0) * MB / (8 * DENSE_MATRICES)))

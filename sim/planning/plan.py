@@ -1,6 +1,6 @@
-"""Model only what a scene needs: from a tolerance to cells, method, visibility, solver and bounces, and why.
+"""Model only what a scene needs: from a tolerance to patches, method, visibility, solver and bounces, and why.
 
-The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each cell's
+The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each patch's
 being constant, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
 and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what they show is
 corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
@@ -11,16 +11,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
-from sim.geometry.adaptive_patches import AdaptivePatches, whole_cells
-from sim.geometry.scene import FloatArray
+from sim.geometry.adaptive_patches import AdaptivePatches, coarsest_patches
 from sim.geometry.surface import Surface
-from sim.light.lighting import Light, standard_light
-from sim.planning.adapt import Probe, Refinement, even_cells
+from sim.light.lighting import Lighting, make_test_lighting
+from sim.planning.adapt import Refinement, SolvedPatches, uniform_patches
 from sim.planning.cost import (
     Cost,
     Timing,
@@ -38,9 +36,9 @@ from sim.planning.simulation import Model, simulate
 SAFETY = 1.25
 """The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
 FIRST_PROBE = 500
-"""AdaptivePatches of the first solution."""
+"""Patches of the first solution."""
 REACH = 3
-"""A plan has at most this many times the cells of the solution that it was made from."""
+"""A plan has at most this many times the patches of the solution that it was made from."""
 FAIR_TOLERANCE = 1.0
 """From this tolerance on, fair visibility is enough. [%]"""
 ADVICE = 1.3
@@ -51,26 +49,31 @@ SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Plan:
     """The cheapest model that meets a tolerance, and what it is expected to cost."""
 
     cells: AdaptivePatches
-    light: Light
+    light: Lighting
     model: Model
     solver: str
     channels: int
+    """Solves: different reflectances of the colours."""
     bounces: int
+    """After which less than a tenth of the tolerance is left."""
     reasons: tuple[str, ...]
+    """A sentence for each choice."""
     tolerance_percent: float
     error_percent: float
     """Expected, RMS over the surface. [% of white]"""
     seconds: float
+    """Expected."""
     peak_mb: float
+    """Expected peak memory. [MB = 1e6 bytes]"""
 
     @property
     def patches(self) -> int:
-        """Number of cells."""
+        """Number of patches."""
         return self.cells.n_patches
 
 
@@ -78,23 +81,28 @@ def plan(
     surface: Surface,
     tolerance_percent: float,
     light: str = "projector",
+    *,
     memory_limit_mb: float = 4096.0,
     reflectances: tuple[float, ...] | None = None,
 ) -> Plan:
-    """Choose the cheapest model of a surface that meets a tolerance.
+    """Return the cheapest model of a surface that meets a tolerance.
 
     Parameters
     ----------
     surface : Surface
-        A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest cells.
+        A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest ones.
     tolerance_percent : float
         Error allowed, RMS over the surface. [% of white]
     light : str
-        One of ``sim.light.lighting.LIGHTS``.
+        One of ``sim.light.lighting.TEST_LIGHTINGS``.
     memory_limit_mb : float
-        What may be used.
+        What may be used. [MB = 1e6 bytes]
     reflectances : tuple of float, optional
         One for each colour, the same on all surfaces, instead of the surface's own.
+
+    Returns
+    -------
+    Plan
 
     Raises
     ------
@@ -103,18 +111,18 @@ def plan(
     """
     if not tolerance_percent > 0:
         raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
-    whole = whole_cells(surface)
+    whole = coarsest_patches(surface)
     colours = None
     if reflectances is not None:
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
-    chosen_light = standard_light(light, whole)
+    chosen_light = make_test_lighting(light, whole)
     model = Model(
-        "closed_form" if closed_form.applies(whole) else "polygon",
-        _visibility(whole, tolerance_percent),
-        SOLVER_SHARE * tolerance_percent / 100,
+        method="closed_form" if closed_form.applies(whole) else "polygon",
+        visibility=_visibility(whole, tolerance_percent),
+        residual=SOLVER_SHARE * tolerance_percent / 100,
     )
-    search = _Search(whole, chosen_light, model, tolerance_percent / 100, memory_limit_mb)
+    search = _Search(whole, chosen_light, model, tolerance=tolerance_percent / 100, memory_limit_mb=memory_limit_mb)
     search.run()
     model = replace(search.model_for(search.cells), reflectances=colours)
     channels = 1 if colours is None else len(colours)
@@ -129,7 +137,7 @@ def plan(
         solver="conjugate gradients",
         channels=channels,
         bounces=bounces,
-        reasons=_reasons(search, whole, channels, bounces, products, tolerance_percent),
+        reasons=_reasons(search, channels=channels, bounces=bounces, products=products),
         tolerance_percent=tolerance_percent,
         error_percent=100 * search.error,
         seconds=cost.seconds,
@@ -138,10 +146,10 @@ def plan(
 
 
 class _Search:
-    """From solution to finer solution, until one is fine enough to tell the cells that a tolerance needs."""
+    """From solution to finer solution, until one is fine enough to tell the patches that a tolerance needs."""
 
     def __init__(
-        self, whole: AdaptivePatches, light: Light, model: Model, tolerance: float, memory_limit_mb: float
+        self, whole: AdaptivePatches, light: Lighting, model: Model, *, tolerance: float, memory_limit_mb: float
     ) -> None:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
@@ -150,8 +158,8 @@ class _Search:
         self.correction = 1.0
 
     def run(self) -> None:
-        """Find the cells."""
-        probe_cells, adapted = even_cells(self.whole, FIRST_PROBE), False
+        """Find the patches."""
+        probe_cells, adapted = uniform_patches(self.whole, FIRST_PROBE), False
         while True:
             probe = self._solve(probe_cells)
             self.refinement = Refinement.start(self.whole, probe, self.light)
@@ -170,7 +178,7 @@ class _Search:
 
     @property
     def cells(self) -> AdaptivePatches:
-        """The cells that meet the tolerance."""
+        """The patches that meet the tolerance."""
         return self.refinement.cells
 
     @property
@@ -179,23 +187,23 @@ class _Search:
         return SAFETY * self.correction * self.refinement.error
 
     def model_for(self, cells: AdaptivePatches) -> Model:
-        """Give the model for so many cells: compressed where that is faster, or where the matrix does not fit."""
+        """Give the model for so many patches: compressed where that is faster, or where the matrix does not fit."""
         slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
         if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
             compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
             return replace(self.model, compression=compression)
         return self.model
 
-    def _solve(self, cells: AdaptivePatches) -> Probe:
+    def _solve(self, cells: AdaptivePatches) -> SolvedPatches:
         model = self.model_for(cells)
         self.solved = simulate(cells, self.light, model)
         self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
         if model.compression is None:
             self.dense_timing = self.timing
-        return Probe.of(cells, self.solved.irradiance[:, 0])
+        return SolvedPatches.of(cells, self.solved.irradiance[:, 0])
 
-    def _missed(self, probe: Probe) -> float:
-        """Error that a plan of a quarter of the probe's cells shows against the probe, over what it expected."""
+    def _missed(self, probe: SolvedPatches) -> float:
+        """Error that a plan of a quarter of the probe's patches shows against the probe, over what it expected."""
         coarse = Refinement.start(self.whole, probe, self.light)
         coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
         if coarse.error <= 1e-9:
@@ -206,7 +214,7 @@ class _Search:
         model = self.model_for(refinement.cells)
         return refinement.measured_error(simulate(refinement.cells, self.light, model).irradiance[:, 0])
 
-    def _meet_tolerance(self, probe: Probe) -> None:
+    def _meet_tolerance(self, probe: SolvedPatches) -> None:
         goal = self.tolerance / SAFETY
         most = 2 * REACH * probe.cells.n_patches
         self.refinement.refine(goal / self.correction, most)
@@ -219,7 +227,7 @@ class _Search:
             self.refinement.refine(0.9 * goal / self.correction, most)
 
     def _needed(self) -> int:
-        """AdaptivePatches that the tolerance needs; where they were not all made, from error ~ cells^(-1/2)."""
+        """Patches that the tolerance needs; where they were not all made, from error ~ patches^(-1/2)."""
         return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
 
     def _refusal(self, needed: int) -> str:
@@ -233,8 +241,8 @@ class _Search:
 def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
     patches = search.cells.n_patches
     if model.compression is not None:
-        return compressed_cost(patches, products, channels, search.timing)
-    return dense_cost(patches, products, channels, search.dense_timing, measured_machine())
+        return compressed_cost(patches, products, channels, timing=search.timing)
+    return dense_cost(patches, products, channels, timing=search.dense_timing, machine=measured_machine())
 
 
 def _visibility(cells: AdaptivePatches, tolerance_percent: float) -> Visibility:
@@ -244,22 +252,14 @@ def _visibility(cells: AdaptivePatches, tolerance_percent: float) -> Visibility:
 
 
 def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
-    """Bounces after which what is left, r^(n + 1) / (1 - r), is below a tenth of the tolerance."""
+    """Return the bounces after which what is left, r^(n + 1) / (1 - r), is below a tenth of the tolerance."""
     if spectral_radius <= 0:
         return 0
     left = tolerance_percent / 1000 * (1 - spectral_radius)
     return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1
 
 
-def distinct_channels(reflectance: ArrayLike) -> int:
-    """Solves that (P,) or (P, C) reflectances need: columns that are equal share one."""
-    values: FloatArray = np.asarray(reflectance, dtype=np.float64)
-    return 1 if values.ndim == 1 else len(np.unique(values, axis=1).T)
-
-
-def _reasons(
-    search: _Search, whole: AdaptivePatches, channels: int, bounces: int, products: int, tolerance: float
-) -> tuple[str, ...]:
+def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> tuple[str, ...]:
     cells, patches = search.cells, search.cells.n_patches
     radius = search.solved.spectral_radius
     sizes_m = np.sqrt(cells.areas)
@@ -272,7 +272,7 @@ def _reasons(
             f"{patches} patches: blocks of the form factors compressed, "
             f"instead of {dense_mb(patches):.0f} MB for the whole matrix"
         )
-    occluders = len(whole.occluders)
+    occluders = len(search.whole.occluders)
     visibility = {
         "none": "nothing stands between two points: no visibility test",
         "fair": f"{occluders} occluders, and {FAIR_TOLERANCE:g} % or more is allowed: fair visibility",
@@ -285,7 +285,7 @@ def _reasons(
     return (
         f"light: {search.light.description}",
         f"{patches} patches of {sizes_m.min():.2g} to {sizes_m.max():.2g} m, small where light changes fast: "
-        f"{100 * search.error:.2g} % expected, {tolerance:g} % allowed",
+        f"{100 * search.error:.2g} % expected, {100 * search.tolerance:g} % allowed",
         f"planned on a solution of {search.timing.patches} patches; expected error x {SAFETY:g} for safety",
         method[search.model.method],
         visibility[search.model_for(cells).visibility_done],

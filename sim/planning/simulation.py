@@ -1,4 +1,4 @@
-"""Carry out a model: light on cells, form factors, radiosity, and what is left over."""
+"""Carry out a model: light on patches, form factors, radiosity, and what is left over."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import compressed_form_factors
 from sim.form_factors.factors import ClosureWarning, Method, Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches
-from sim.geometry.scene import FloatArray
-from sim.light.lighting import Light, emission
-from sim.light.radiosity import Exchange, Radiosity
+from sim.light.lighting import Lighting, emission
+from sim.light.radiosity import FormFactorOperator, Radiosity
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Model:
-    """How light between cells is computed."""
+    """How light between patches is computed."""
 
     method: Method
     """``closed_form`` or ``polygon``: of the form factors."""
@@ -30,7 +30,7 @@ class Model:
     compression: float | None = None
     """Tolerance of the compressed form factors (``sim.form_factors.compressed``); None: the whole matrix."""
     reflectances: tuple[float, ...] | None = None
-    """Different reflectances of the colours, if one holds for the whole scene; None: the cells' own."""
+    """Different reflectances of the colours, if one holds for the whole scene; None: the patches' own."""
 
     @property
     def visibility_done(self) -> str:
@@ -38,7 +38,7 @@ class Model:
         return self.visibility if self.compression is None or self.visibility == "none" else "rays"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Simulation:
     """The light of a scene."""
 
@@ -50,8 +50,8 @@ class Simulation:
     B: FloatArray
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
-    """(P, C) from other cells, H = F B; 1 = white."""
-    factors: Exchange
+    """(P, C) from other patches, H = F B; 1 = white."""
+    factors: FormFactorOperator
     spectral_radius: float
     """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
     products: int
@@ -64,7 +64,7 @@ class Simulation:
 
     @property
     def energy_balance(self) -> float:
-        """Share of the emitted power that is neither absorbed by a cell nor leaves through an opening."""
+        """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
         areas, rho = self.cells.areas[:, None], self.reflectance
         row_sums = self.factors.row_sums[:, None]
         absorbed = float((areas * (1 - rho) * self.irradiance).sum())
@@ -73,8 +73,19 @@ class Simulation:
         return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
-def simulate(cells: AdaptivePatches, light: Light, model: Model) -> Simulation:
-    """Solve the radiosity of cells in a light.
+def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulation:
+    """Return the radiosity of patches under a test lighting.
+
+    Parameters
+    ----------
+    cells : AdaptivePatches
+    light : Lighting
+    model : Model
+        As of a :class:`Plan`, ``simulate(plan.cells, plan.light, plan.model)``.
+
+    Returns
+    -------
+    Simulation
 
     Raises
     ------
@@ -114,7 +125,7 @@ def simulate(cells: AdaptivePatches, light: Light, model: Model) -> Simulation:
     )
 
 
-def _factors(cells: AdaptivePatches, model: Model) -> Exchange:
+def _factors(cells: AdaptivePatches, model: Model) -> FormFactorOperator:
     if model.compression is not None:
         return compressed_form_factors(cells, model.compression)
     with warnings.catch_warnings():
@@ -135,11 +146,22 @@ class Check:
     """Of the refined solution."""
 
 
-def refined_check(simulation: Simulation, light: Light, model: Model, most_patches: int) -> Check:
-    """Solve again on cells quartered, or quartered twice where ``most_patches`` allows it, and compare.
+def refined_check(simulation: Simulation, light: Lighting, model: Model, most_patches: int) -> Check:
+    """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
 
-    The finer cells still miss 1/4 (or 1/16) of the squared variation within a cell of the coarser ones: their
+    The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
     squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility.
+
+    Parameters
+    ----------
+    simulation, light, model
+        What :func:`simulate` gave and took.
+    most_patches : int
+        Of the refined solution.
+
+    Returns
+    -------
+    Check
     """
     coarse = simulation.cells
     times = 2 if 16 * coarse.n_patches <= most_patches else 1

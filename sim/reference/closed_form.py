@@ -1,7 +1,7 @@
 """The closed form in plain numpy: the readable definition, and the oracle of the native one.
 
 A_1 F_12 of two such rectangles is a fourfold alternating sum of one corner function over their edge
-coordinates (Ehlert & Smith, "SplitTransport factors for perpendicular and parallel rectangular plates", J. Thermophys.
+coordinates (Ehlert & Smith, "View factors for perpendicular and parallel rectangular plates", J. Thermophys.
 Heat Transfer 7, 1993). Faces are grids, so the corner function is evaluated once on all combinations of a
 face pair's grid lines and differenced along the four axes: about one evaluation a patch pair instead of
 sixteen. Along an axis that both faces share with the same pitch only the coordinate differences matter, and
@@ -13,10 +13,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.geometry.scene import Face, FloatArray, Scene
+from sim.geometry.scene import Face, Scene
 
 ALIGNMENT_TOLERANCE = 1e-9
 """Sine of the angle up to which faces count as parallel or perpendicular."""
@@ -24,7 +24,7 @@ TINY = 1e-300
 
 
 def exchange_areas(scene: Scene) -> FloatArray:
-    """(P, P) A_i F_ij of every pair of patches, exactly symmetric [m²].
+    """Return (P, P) A_i F_ij of every pair of patches, exactly symmetric [m²].
 
     Raises
     ------
@@ -50,7 +50,7 @@ class _SharedAxis:
     """(M,) distinct differences of the grid lines of a and b [m]."""
     uniform: bool
     """True if both grids have the same pitch, so that M = lines a + lines b - 1."""
-    index: NDArray[np.intp]
+    index: IntArray
     """(cells a, cells b) place of each pair of cells after :meth:`difference`."""
 
     def difference(self, table: FloatArray, axis: int) -> FloatArray:

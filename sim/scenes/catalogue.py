@@ -19,7 +19,7 @@ class Entry:
 
     build: Callable[[], Surface]
     light: str
-    """One of ``sim.light.lighting.LIGHTS``."""
+    """One of ``sim.light.lighting.TEST_LIGHTINGS``."""
 
 
 LIGHT_OF: Mapping[str, str] = {"corner": "floor", "furnace": "uniform"}

@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
-from sim.geometry.scene import Face, FloatArray, Scene
+from sim.geometry.scene import Face, Scene
 
 ROOM_FACES = ("floor", "ceiling", "x0", "x1", "y0", "y1")
 Reflectance = float | Mapping[str, float]
@@ -25,17 +26,24 @@ def room(
     faces: Sequence[str] = ROOM_FACES,
     name: str = "room",
 ) -> Scene:
-    """Build a box-shaped room seen from inside, one corner at the origin, or some of its faces.
+    """Return a box-shaped room seen from inside, one corner at the origin, or some of its faces.
 
     Parameters
     ----------
-    size_m : (x, y, z)
-        Edge lengths. [m]
+    size_m : (float, float, float)
+        Edge lengths along x, y and z. [m]
     patch_size_m : float
         Wanted patch size; the count along an edge is rounded, at least 1. [m]
     reflectance : float or mapping of face name to float
+        In [0, 1].
     faces : sequence of str
         Which of ``ROOM_FACES`` there are.
+    name : str
+        What messages call it.
+
+    Returns
+    -------
+    Scene
 
     Raises
     ------
@@ -51,7 +59,26 @@ def room(
 
 
 def paper_room(ceiling: bool = True, reflectance: float = 0.7, patch_size_m: float = 0.4) -> Scene:
-    """Build the room of Dehos et al. 2014: 4.8 x 4.8 x 2.4 m in 576 patches (432 without a ceiling)."""
+    """Return the room of Dehos et al. 2014: 4.8 x 4.8 x 2.4 m in 576 patches (432 without a ceiling).
+
+    Parameters
+    ----------
+    ceiling : bool
+        Whether there is one.
+    reflectance : float
+        Of all faces, in [0, 1].
+    patch_size_m : float
+        Wanted patch size. [m]
+
+    Returns
+    -------
+    Scene
+
+    References
+    ----------
+    Dehos, Zéghers, Sarry, Rousselle and Renaud, Immersive front-projection analysis using a radiosity-based simulation
+    method, Virtual Reality 18(2), 2014.
+    """
     faces = [face for face in ROOM_FACES if ceiling or face != "ceiling"]
     return room(patch_size_m=patch_size_m, reflectance=reflectance, faces=faces, name="paper-room")
 
@@ -61,26 +88,13 @@ def corner(
     patch_size_m: float = 0.25,
     reflectance: Reflectance = 0.7,
 ) -> Scene:
-    """Build the floor and two walls that meet at the origin: open, convex."""
+    """Return the floor and two walls that meet at the origin: open, convex."""
     return room(size_m, patch_size_m, reflectance, ("floor", "x0", "y0"), name="corner")
 
 
 def furnace(patch_size_m: float = 0.25, reflectance: Reflectance = 0.5, size_m: float = 1.0) -> Scene:
-    """Build a closed cube: with the same emission E everywhere, B = E / (1 - rho) exactly."""
+    """Return a closed cube: with the same emission E everywhere, B = E / (1 - rho) exactly."""
     return room((size_m,) * 3, patch_size_m, reflectance, name="furnace")
-
-
-def parallel_plates(
-    size_m: tuple[float, float] = (1.0, 1.0),
-    gap_m: float = 1.0,
-    patch_size_m: float = 0.25,
-    reflectance: Reflectance = 0.5,
-) -> Scene:
-    """Build two directly opposed rectangles: the textbook's first view factor."""
-    _check_sizes((*size_m, gap_m), patch_size_m)
-    geometry = _room_geometry(size_m[0], size_m[1], gap_m)
-    plates = {"floor": geometry["floor"], "ceiling": geometry["ceiling"]}
-    return _scene("parallel-plates", plates, patch_size_m, reflectance, convex=True)
 
 
 def room_with_box(
@@ -91,7 +105,32 @@ def room_with_box(
     box_patch_size_m: float | None = None,
     size_m: tuple[float, float, float] = (4.8, 4.8, 2.4),
 ) -> Scene:
-    """Build the paper's room with a box on the floor (five faces): not convex."""
+    """Return the paper's room with a box on the floor (five faces): not convex.
+
+    Parameters
+    ----------
+    patch_size_m : float
+        Wanted patch size of the room. [m]
+    reflectance : float
+        Of all faces, in [0, 1].
+    box_size_m : (float, float, float)
+        Edge lengths of the box along x, y and z. [m]
+    box_corner_m : (float, float)
+        Its lowest x and y. [m]
+    box_patch_size_m : float, optional
+        Wanted patch size of the box; default: half of the room's. [m]
+    size_m : (float, float, float)
+        Edge lengths of the room. [m]
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    SimulationError
+        For a size or patch size not above 0.
+    """
     box_patch = box_patch_size_m or patch_size_m / 2
     _check_sizes((*size_m, *box_size_m), min(patch_size_m, box_patch))
     walls = _room_geometry(*size_m)
@@ -145,7 +184,17 @@ def _faces(geometry: Mapping[str, Geometry], patch_size_m: float, first_patch: i
     faces = []
     for name, (origin, u, v) in geometry.items():
         columns, rows = (max(1, round(float(np.linalg.norm(edge)) / patch_size_m)) for edge in (u, v))
-        faces.append(Face(name, origin, u, v, rows, columns, first_patch))
+        faces.append(
+            Face(
+                name=name,
+                origin_m=origin,
+                edge_u_m=u,
+                edge_v_m=v,
+                rows=rows,
+                columns=columns,
+                first_patch=first_patch,
+            )
+        )
         first_patch += rows * columns
     return faces
 
@@ -187,7 +236,7 @@ FURNITURE: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, fl
 
 
 def furnished_room(patch_size_m: float = 0.2, reflectance: float = 0.7) -> Scene:
-    """Build the paper's room with a table on legs, a cabinet, a shelf, a bed and a pillar: nine boxes, 48 faces.
+    """Return the paper's room with a table on legs, a cabinet, a shelf, a bed and a pillar: nine boxes, 48 faces.
 
     It has 2,780, 12,098, 23,655, 47,587 and 94,957 patches at 0.2, 0.0967, 0.0684, 0.0484 and 0.0342 m. The
     floor and ceiling below and above a box keep their patches, which see nothing.

@@ -1,15 +1,13 @@
-"""Scenes that no gridded rectangles can make: a room under a sloped ceiling, spheres, wedges."""
+"""Scenes that no gridded rectangles can make: a room under a sloped ceiling, spheres."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.geometry.mesh import Mesh
-from sim.geometry.scene import FloatArray
 
 ROOM_M = (4.8, 4.8, 2.4)
 HIGH_SIDE_M = 3.2
@@ -17,7 +15,7 @@ HIGH_SIDE_M = 3.2
 
 
 def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, reflectance: float = 0.7) -> Mesh:
-    """Build the paper's room under a ceiling that climbs from 2.4 m at x = 0 to 3.2 m at x = 4.8 m.
+    """Return the paper's room under a ceiling that climbs from 2.4 m at x = 0 to 3.2 m at x = 4.8 m.
 
     The walls at both ends of y are trapezoids; patches of all faces meet corner to corner. 576 patches at 0.4 m.
 
@@ -25,9 +23,14 @@ def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, re
     ----------
     patch_size_m : float
         Wanted patch size along the floor and the lowest wall; counts are rounded, at least 1. [m]
-    rotation : (3, 3), optional
+    rotation : (3, 3) array, optional
         Turns the whole room.
     reflectance : float
+        Of all faces, in [0, 1].
+
+    Returns
+    -------
+    Mesh
 
     Raises
     ------
@@ -47,11 +50,11 @@ def sloped_room(patch_size_m: float = 0.4, rotation: ArrayLike | None = None, re
     region = np.repeat(np.arange(len(grids)), [len(grid) for grid in grids])
     vertices = np.concatenate(grids) @ turn.T
     shares = np.full(len(vertices), float(reflectance))
-    return Mesh("sloped-room", vertices, shares, convex=True, closed=True, region=region)
+    return Mesh(name="sloped-room", vertices=vertices, reflectance=shares, convex=True, closed=True, region=region)
 
 
 def grid_of_quad(corners: ArrayLike, columns: int, rows: int) -> FloatArray:
-    """(rows * columns, 4, 3) patches of a flat quad, its sides cut into equal parts; columns along the first side."""
+    """Return (rows * columns, 4, 3) patches of a flat quad, its sides in equal parts; columns along the first side."""
     a, b, c, d = np.asarray(corners, dtype=np.float64)
     u, v = (axis[..., None] for axis in np.meshgrid(np.arange(columns + 1) / columns, np.arange(rows + 1) / rows))
     points = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
@@ -60,7 +63,7 @@ def grid_of_quad(corners: ArrayLike, columns: int, rows: int) -> FloatArray:
 
 
 def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance: float = 0.9) -> Mesh:
-    """Build a sphere seen from inside: an icosahedron's triangles, each cut into four `subdivisions` times.
+    """Return a sphere seen from inside: an icosahedron's triangles, each cut into four `subdivisions` times.
 
     The corners lie on the sphere; the flat triangles see a little more of their neighbours the finer they are:
     F_ij goes to A_j / (4 pi R²).
@@ -81,26 +84,7 @@ def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance
     inside = radius_m * triangles[:, [0, 2, 1, 1]]
     shares = np.full(len(inside), float(reflectance))
     region = np.arange(len(inside))
-    return Mesh("integrating-sphere", inside, shares, convex=True, closed=True, region=region)
-
-
-def wedge(angle_degrees: float, length_m: float = 1.0, widths_m: Sequence[float] = (1.0, 1.0)) -> Mesh:
-    """Build two rectangles that share the edge of the given length along x and open by an angle.
-
-    Raises
-    ------
-    SimulationError
-        For an angle outside 0 ... 180 degrees, both excluded, or a length not above 0.
-    """
-    if not (0 < angle_degrees < 180 and min(length_m, *widths_m) > 0):
-        raise SimulationError(
-            f"wedge of {angle_degrees} degrees, edges {(length_m, *widths_m)} m; give 0 ... 180 and above 0"
-        )
-    angle = np.radians(angle_degrees)
-    start, end = np.zeros(3), np.array([length_m, 0.0, 0.0])
-    out = [widths_m[0] * np.array([0.0, 1.0, 0.0]), widths_m[1] * np.array([0.0, np.cos(angle), np.sin(angle)])]
-    vertices = np.stack([[start, end, end + out[0], start + out[0]], [end, start, start + out[1], end + out[1]]])
-    return Mesh("wedge", vertices, np.full(2, 0.5), convex=True, region=np.arange(2))
+    return Mesh(name="integrating-sphere", vertices=inside, reflectance=shares, convex=True, closed=True, region=region)
 
 
 def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:

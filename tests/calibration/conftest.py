@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Device:
     """A lens in the room; pose by position, a point in the middle of its view, and roll."""
 
@@ -39,14 +39,9 @@ class Device:
     def rays(self, xy_px):
         """(N, 3) directions in the room."""
         stop = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-12)
-        flat = cv2.undistortPointsIter if hasattr(cv2, "undistortPointsIter") else None
+        undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
         points = np.ascontiguousarray(xy_px, dtype=np.float64).reshape(-1, 1, 2)
-        if flat is not None:
-            plane = flat(points, self.matrix, np.array(self.distortion), np.eye(3), np.eye(3), stop)
-        else:
-            plane = cv2.undistortPoints(
-                points, self.matrix, np.array(self.distortion), None, np.eye(3), np.eye(3), stop
-            )
+        plane = undistort(points, self.matrix, np.array(self.distortion), R=np.eye(3), P=np.eye(3), criteria=stop)
         plane = np.asarray(plane).reshape(-1, 2)
         return np.column_stack([plane, np.ones(len(plane))]) @ self.rotation
 
@@ -55,7 +50,9 @@ class Device:
         local = (points_m - np.array(self.position_m)) @ self.rotation.T
         vector = cv2.Rodrigues(self.rotation)[0]
         shift = -self.rotation @ np.array(self.position_m)
-        xy, _ = cv2.projectPoints(points_m.reshape(-1, 1, 3), vector, shift, self.matrix, np.array(self.distortion))
+        xy, _ = cv2.projectPoints(
+            points_m.reshape(-1, 1, 3), vector, shift, self.matrix, distCoeffs=np.array(self.distortion)
+        )
         xy = np.asarray(xy).reshape(-1, 2)
         size = np.array(self.shape[::-1])
         seen = (xy > -0.5).all(1) & (xy < size - 0.5).all(1) & (local[:, 2] > 0.1)
@@ -65,23 +62,28 @@ class Device:
 
 
 CAMERA = Device(
-    (960, 1280), 531.7, (644.3, 472.8), (-0.021, 0.0025, 0.0004, -0.0003, 0.0), (0.60, 1.42, 1.38),
-    (4.60, 4.55, 1.12), 1.3,
-)  # fmt: skip
+    shape=(960, 1280),
+    focal_px=531.7,
+    principal_point_px=(644.3, 472.8),
+    distortion=(-0.021, 0.0025, 0.0004, -0.0003, 0.0),
+    position_m=(0.60, 1.42, 1.38),
+    look_at_m=(4.60, 4.55, 1.12),
+    roll_deg=1.3,
+)
 PROJECTOR = Device(
-    (768, 1024),
-    431.2,
-    (508.6, 402.4),
-    (0.008, -0.001, 0.0, 0.0003, 0.0),
-    (1.0, 1.0, 1.2),
-    (4.80, 4.72, 1.20),
-    -0.6,
+    shape=(768, 1024),
+    focal_px=431.2,
+    principal_point_px=(508.6, 402.4),
+    distortion=(0.008, -0.001, 0.0, 0.0003, 0.0),
+    position_m=(1.0, 1.0, 1.2),
+    look_at_m=(4.80, 4.72, 1.20),
+    roll_deg=-0.6,
 )
 
 FACES = (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling"))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SyntheticRoom:
     """Truth of one set-up, and the data sheets that the fit is given."""
 
@@ -138,5 +140,5 @@ class SyntheticRoom:
 
 @pytest.fixture(scope="session")
 def room():
-    """The paper's room with the bench's devices."""
+    """The paper's room with the simulated world's devices."""
     return SyntheticRoom()

@@ -6,9 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.records import CalibrationError, Correspondence, PixelReason
+from calibration.errors import CalibrationError
+from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.gray import gray_code_patterns
 from calibration.structured_light.subpixel import refine_subpixel
 
 PROJECTOR = (96, 128)

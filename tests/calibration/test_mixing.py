@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calibration.errors import CalibrationError
 from calibration.radiometry.mixing import fit_mixing
-from calibration.records import CalibrationError
 
 FloatArray = NDArray[np.float64]
 MIXING = np.array([[0.91, 0.07, 0.02], [0.06, 0.86, 0.08], [0.02, 0.07, 0.91]])

@@ -6,9 +6,18 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.records import CalibrationError
-from calibration.structured_light.gray import bits_for, positions, words
-from calibration.structured_light.patterns import checker_patterns, flat, gray_code_patterns, level_patterns
+from calibration.errors import CalibrationError
+from calibration.structured_light.gray import bits_for, gray_code_patterns, positions, words
+from calibration.structured_light.patterns import (
+    checker,
+    checker_patterns,
+    flat,
+    left_half,
+    level_patterns,
+    primary,
+    random_blocks,
+    strip,
+)
 
 
 def test_gray_code_has_columns_first_and_the_most_significant_bit_first() -> None:
@@ -79,6 +88,33 @@ def test_checkers_light_half_of_the_picture_and_every_pixel_about_half_the_time(
 def test_every_checker_is_another_one() -> None:
     stack = {p.codes.tobytes() for p in checker_patterns((48, 48), size_px=8, shifts=25)}
     assert len(stack) == 25
+
+
+def test_a_shift_of_one_square_gives_the_complement() -> None:
+    board = checker((20, 30), 3)
+    assert np.array_equal(checker((20, 30), 3, (0, 3)), 255 - board)
+    assert board[0, 0] == 255
+
+
+def test_a_strip_lies_along_its_side() -> None:
+    lit = {side: np.argwhere(strip((8, 10), side, 1, 2)) for side in ("left", "right", "top", "bottom")}
+    assert set(lit["left"][:, 1]) == {1, 2}
+    assert set(lit["right"][:, 1]) == {7, 8}
+    assert set(lit["top"][:, 0]) == {1, 2}
+    assert set(lit["bottom"][:, 0]) == {5, 6}
+
+
+def test_halves_and_primaries_light_what_they_say() -> None:
+    assert left_half((4, 6))[:, :3].min() == 255
+    assert left_half((4, 6))[:, 3:].max() == 0
+    assert primary((4, 6), 1, "green").codes.reshape(-1, 3).max(axis=0).tolist() == [0, 255, 0]
+
+
+def test_blocks_are_always_the_same_and_have_edges_everywhere() -> None:
+    codes = random_blocks((60, 80), 20)
+    assert np.array_equal(codes, random_blocks((60, 80), 20))
+    assert set(np.unique(codes)) == {40, 255}
+    assert 0.3 < (codes == 255).mean() < 0.7
 
 
 @pytest.mark.parametrize("shifts", [0, 1, 24, 10000])

@@ -6,8 +6,9 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from calibration.records import CalibrationError
-from calibration.reflectance import Source, estimate_reflectance, fit_vignetting
+from calibration.errors import CalibrationError
+from calibration.light.reflectance import ReflectanceSource, estimate_reflectance
+from calibration.light.vignetting import fit_vignetting
 
 SIZE_M = np.array([4.8, 4.8, 2.4])
 FINE_M, COARSE_M = 0.3, 0.6
@@ -92,8 +93,8 @@ PROJECTOR = device((1.0, 1.0, 1.2), (4.8, 4.72, 1.2), 98, 0.75)
 CAMERA = device((0.6, 1.42, 1.38), (4.6, 4.55, 1.12), 100, 0.75)
 
 
-@dataclass(frozen=True)
-class Measured:
+@dataclass(frozen=True, kw_only=True)
+class MeasuredRoom:
     """What the fit is given, and the truth on its coarse patches."""
 
     direct_over_irradiance: np.ndarray
@@ -125,7 +126,13 @@ def measured(seed, noise=0.02):
     n = fine.coarse.max() + 1
     coarse_f = np.zeros((n, n))
     np.add.at(coarse_f, (fine.coarse[:, None], fine.coarse[None]), F / 4)
-    return Measured(mean(rho * FLUX, lit), mean(rho * arriving, seen), every(e), coarse_f, every(rho))
+    return MeasuredRoom(
+        direct_over_irradiance=mean(rho * FLUX, lit),
+        global_light=mean(rho * arriving, seen),
+        irradiance=every(e),
+        form_factors=coarse_f,
+        reflectance=every(rho),
+    )
 
 
 def fitted(room):
@@ -136,7 +143,7 @@ def test_reflectance_of_seen_patches_and_flux_are_found_in_a_closed_room():
     for seed in (1, 2, 3):
         room = measured(seed)
         fit = fitted(room)
-        seen = fit.source != Source.UNSEEN
+        seen = fit.source != ReflectanceSource.UNSEEN
         assert np.sqrt(np.mean((fit.reflectance - room.reflectance)[seen] ** 2)) < 0.03
         assert fit.flux == pytest.approx(FLUX, rel=0.03)
         assert fit.unseen_reflectance == pytest.approx(room.reflectance[~seen].mean(), abs=0.06)
@@ -155,16 +162,16 @@ def test_each_patch_says_what_its_reflectance_rests_on():
     room = measured(1)
     fit = fitted(room)
     lit, seen = np.isfinite(room.direct_over_irradiance), np.isfinite(room.global_light)
-    assert (fit.source[lit] == Source.DIRECT).all()
-    assert (fit.source[seen & ~lit] == Source.GLOBAL).all()
-    assert (fit.source[~seen] == Source.UNSEEN).all()
+    assert (fit.source[lit] == ReflectanceSource.DIRECT).all()
+    assert (fit.source[seen & ~lit] == ReflectanceSource.GLOBAL).all()
+    assert (fit.source[~seen] == ReflectanceSource.UNSEEN).all()
     assert (fit.reflectance[~seen] == fit.unseen_reflectance).all()
 
 
 def test_patches_seen_in_the_light_of_others_only_get_their_own_reflectance():
     room = measured(1, noise=0.0)
     fit = fitted(room)
-    only = fit.source == Source.GLOBAL
+    only = fit.source == ReflectanceSource.GLOBAL
     assert only.any()
     assert np.sqrt(np.mean((fit.reflectance - room.reflectance)[only] ** 2)) < 0.04
 
@@ -186,7 +193,7 @@ def test_both_lenses_vignetting_is_told_apart():
     camera = 1 - 0.22 * camera_r**2 + 0.03 * camera_r**4
     projector = 1 - 0.15 * projector_r**2
     gain = (FLUX * rho * e * camera * projector)[use]
-    fit = fit_vignetting(gain, e[use], samples.face[use], camera_r[use], projector_r[use])
+    fit = fit_vignetting(gain, e[use], face=samples.face[use], camera_r=camera_r[use], projector_r=projector_r[use])
     r = np.linspace(0, 1, 11)
     for found, truth in ((fit.camera, (-0.22, 0.03)), (fit.projector, (-0.15, 0.0))):
         difference = (found[0] - truth[0]) * r**2 + (found[1] - truth[1]) * r**4

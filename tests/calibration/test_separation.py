@@ -6,15 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.records import CalibrationError, Correspondence, PixelReason
-from calibration.separation import separate, separate_by_pattern
+from calibration.errors import CalibrationError
+from calibration.light.separation import separate, separate_by_pattern
+from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.patterns import checker_patterns
 
 PROJECTOR = (128, 160)
 CAMERA = (140, 180)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Scene:
     """A wall that the projector lights directly, and light that comes back from everywhere."""
 
@@ -60,7 +61,7 @@ def scene(defocus_px: float = 0.6, noise: float = 0.01, leak: float = 0.0) -> Sc
     xy = np.stack([10 + 0.78 * x + 0.02 * y, 8 + 0.77 * y - 0.01 * x], axis=-1).astype(np.float32)
     direct = 0.5 + 0.15 * np.sin(x / 40) + 0.1 * np.cos(y / 25)
     global_ = 0.3 + 0.1 * np.sin(x / 90 + y / 70)
-    return Scene(direct, global_, xy, defocus_px, noise, leak)
+    return Scene(direct=direct, global_=global_, xy=xy, defocus_px=defocus_px, noise=noise, leak=leak)
 
 
 def bias(found: np.ndarray, true: np.ndarray, valid: np.ndarray) -> float:

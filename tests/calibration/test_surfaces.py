@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.geometry.planes import assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.planes import ViewedPoints, assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.geometry.room import room_from_stereo
 from calibration.geometry.stereo import StereoCalibration
-from calibration.records import CalibrationError, PinholeModel
 
 SIZE_M = (4.8, 4.8, 2.4)
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
@@ -18,7 +19,15 @@ def model(device, rotation, translation_m):
     height, width = device.shape
     focal = (device.focal_px, device.focal_px)
     distortion = tuple(device.distortion)
-    return PinholeModel(width, height, focal, device.principal_point_px, distortion, rotation, translation_m)
+    return PinholeModel(
+        width_px=width,
+        height_px=height,
+        focal_px=focal,
+        principal_point_px=device.principal_point_px,
+        distortion=distortion,
+        rotation=rotation,
+        translation_m=translation_m,
+    )
 
 
 def true_pair(room, faces):
@@ -33,7 +42,18 @@ def true_pair(room, faces):
         position = 0.0 if face in ("x0", "y0", "floor") else room.size_m[WALLS[face]]
         planes.append(turn @ normal / (position - normal @ at))
     axes = tuple(WALLS[face] for face in faces)
-    return StereoCalibration(camera, projector, np.array(planes), axes, turn.T, 0.1, 0.1, 0.1, {}, 1.0)
+    return StereoCalibration(
+        camera=camera,
+        projector=projector,
+        planes=np.array(planes),
+        axes=axes,
+        room_axes=turn.T,
+        rms_px=0.1,
+        camera_rms_px=0.1,
+        projector_rms_px=0.1,
+        sigmas={},
+        inlier_share=1.0,
+    )
 
 
 def test_the_room_of_the_bench_comes_out_in_the_frame_of_the_simulated_world(room):
@@ -119,7 +139,7 @@ def test_two_walls_are_told_apart_and_strays_left_out():
     stray = random.random(len(x1)) < 0.05
     x2[stray] += random.uniform(20, 60, (stray.sum(), 2))
     points[stray] *= random.uniform(0.5, 0.9, (stray.sum(), 1))
-    found = segment_planes(points, straight, x2, x1, x1, np.ones(len(x1), dtype=bool))
+    found = segment_planes(ViewedPoints(points, x1, x1, x2), straight, np.ones(len(x1), dtype=bool))
     assert len(found) == 2
     order = np.argsort(-found[:, 2])
     assert np.allclose(found[order], planes, atol=1e-3)

@@ -4,8 +4,10 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate
-from calibration.records import CalibrationError, Correspondence, PinholeModel, PixelReason
+from calibration.structured_light.correspondence import Correspondence, PixelReason
 
 
 def device(
@@ -37,7 +39,7 @@ def seen_by(model: PinholeModel, points_m: np.ndarray) -> np.ndarray:
     cx, cy = model.principal_point_px
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     vector = cv2.Rodrigues(model.rotation)[0]
-    image = cv2.projectPoints(points_m, vector, model.translation_m, matrix, np.array(model.distortion))[0]
+    image = cv2.projectPoints(points_m, vector, model.translation_m, matrix, distCoeffs=np.array(model.distortion))[0]
     return np.asarray(image).reshape(-1, 2)
 
 
@@ -84,6 +86,15 @@ def test_rays_that_meet_behind_the_devices_give_no_point() -> None:
     assert np.isnan(apart.points_m).all()
     parallel = triangulate(np.array([[620.0, 830.0]]), np.array([[620.0, 830.0]]), camera, projector)
     assert np.isnan(parallel.points_m).all()
+
+
+def test_on_the_cameras_rays_a_point_keeps_its_camera_pixel(points_m: np.ndarray) -> None:
+    noise = np.random.default_rng(9).normal(0, 0.5, (len(points_m), 2))
+    pixels, shown = seen_by(CAMERA, points_m), seen_by(PROJECTOR, points_m) + noise
+    kept = triangulate(pixels, shown, CAMERA, PROJECTOR, on_camera_rays=True).points_m
+    middle = triangulate(pixels, shown, CAMERA, PROJECTOR).points_m
+    assert np.abs(seen_by(CAMERA, kept) - pixels).max() < 1e-4
+    assert np.abs(seen_by(CAMERA, middle) - pixels).max() > 0.05
 
 
 def test_camera_pixels_of_one_projector_pixel_are_averaged() -> None:

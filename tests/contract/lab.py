@@ -20,6 +20,7 @@ from rig.emulated.rig import open_display as open_display_of
 from rig.profile.schema import Profile, load_profile
 from tests.contract.readback_camera import ReadbackCamera, Screen
 from tests.device_lab.host.displays import DesktopScreen, XDisplay, virtual_display
+from tests.device_lab.waiting import GENEROUS_S
 
 ROOT = Path(__file__).parents[2]
 UNTIL_THE_END = ExitStack()
@@ -46,11 +47,11 @@ def display_output(module: str) -> str:
 def display_profile(driver: str, output: str) -> Profile:
     """The tiny rig, on an output of 640 x 480 pixels."""
     tiny = load_profile(ROOT / "hw_profiles" / "ci-tiny.toml")
-    camera, projector = tiny.raw.decode().split("[simulation]")[0].split("[projector]")
+    camera, projector = tiny.raw.decode().split("[simulation]")[0].split("[[projector]]")
     camera = camera.replace('"simulated"', '"v4l2"\ndevice_id = "readback"\npixel_format = "Y12"')
     projector = projector.replace('"simulated"', f'"{driver}"\noutput = "{output}"').replace("0.06 ", "0.005 ")
     projector = projector.replace("width_px = 256", "width_px = 640").replace("height_px = 192", "height_px = 480")
-    return Profile.parse(f"{camera}[projector]{projector}".encode(), tiny.path)
+    return Profile.parse(f"{camera}[[projector]]{projector}".encode(), tiny.path)
 
 
 def open_display(module: str) -> Rig:
@@ -91,9 +92,9 @@ def camera_profile(device_id: str) -> Profile:
         f'driver = "v4l2"\ndevice_id = "{device_id}"\npixel_format = "GREY"\nwidth_px = 320\nheight_px = 180\n'
         "bit_depth = 8\nframe_rate_hz = 25.0\nexposure_range_s = [0.04, 0.04]\nexposure_s = 0.04\nhfov_deg = 60.0\n"
     )
-    head, rest = tiny.raw.decode().split("[simulation]")[0].split("[camera]")
-    projector = rest.split("[projector]")[1].replace('"simulated"', '"kms"\noutput = "none"')
-    return Profile.parse(f"{head}[camera]\n{camera}[projector]{projector}".encode(), tiny.path)
+    head, rest = tiny.raw.decode().split("[simulation]")[0].split("[[camera]]")
+    projector = rest.split("[[projector]]")[1].replace('"simulated"', '"kms"\noutput = "none"')
+    return Profile.parse(f'{head}[[camera]]\nname = "camera"\n{camera}[[projector]]{projector}'.encode(), tiny.path)
 
 
 class UnseenProjector:
@@ -120,8 +121,8 @@ def open_vivid() -> Rig:
     """The kernel's test camera; it sees its own test picture, whatever the projector shows."""
     load_module("vivid", "n_devs=1", "node_types=0x1", "num_inputs=1", "input_types=0")
     profile = camera_profile("platform:vivid-000")
-    camera, _, clock = make_devices(profile)
-    rig = Rig(profile, camera, UnseenProjector(clock, profile.projector.shape), clock)
+    made = make_devices(profile)
+    rig = Rig(profile, made.camera, UnseenProjector(made.clock, profile.projector.shape), made.clock)
     rig.open()
     rig.set_exposure(profile.camera.exposure_s)
     return rig
@@ -156,7 +157,7 @@ def virtual_rig() -> EmulatedRig:
 def open_virtual() -> Rig:
     """A display, and a camera that sees it in the simulated room: both by real kernel drivers."""
     profile = virtual_rig().profile
-    wait_for_camera(profile)
+    wait_for_camera(profile, GENEROUS_S)
     return open_rig(profile)
 
 

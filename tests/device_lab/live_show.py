@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tests.contract.lab import display_profile
+from tests.device_lab.waiting import GENEROUS_S
 
 
 class LiveShow:
@@ -21,7 +22,7 @@ class LiveShow:
     def end(self, number: int) -> dict[str, Any]:
         """Send a signal, and return what the show says of itself."""
         self.process.send_signal(number)
-        out, _ = self.process.communicate(timeout=120)
+        out, _ = self.process.communicate(timeout=GENEROUS_S)
         result: dict[str, Any] = json.loads(out)
         return result
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.gray import gray_code_patterns
 from rig.files.pictures import write_png
 from rig.profile.schema import load_profile
 

@@ -4,24 +4,27 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_origin
 
 import pytest
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from rig.cli.app import app
-from rig.devices.simulated.devices import settings as simulation_settings
+from rig.devices.simulated import settings as simulation_settings
+from rig.profile import tables
 from rig.profile.schema import Profile
-from rig.run.session import STEPS
+from rig.run.steps import STEPS
 
 ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\| `([a-z_0-9]+)` \| (.+?) \| (.+) \|$", re.MULTILINE)
 PARTS_OF_BENCH = {
     "[[simulation.posters]]": simulation_settings.Poster,
-    "[simulation.camera]": simulation_settings.SimulatedCameraSettings,
-    "[simulation.projector]": simulation_settings.SimulatedProjectorSettings,
+    "[[simulation.camera]]": simulation_settings.SimulatedCameraSettings,
+    "[[simulation.projector]]": simulation_settings.SimulatedProjectorSettings,
 }
+PARTS_OF_A_PROJECTOR = {"[projector.pjlink]": tables.Pjlink, "[projector.lightcrafter]": tables.LightCrafter}
+SURFACES = (tables.Box, tables.Planes, tables.FreeSurface, tables.SurfaceFile)
 
 
 def page(name: str) -> str:
@@ -30,17 +33,27 @@ def page(name: str) -> str:
 
 def tables_of_the_code() -> dict[str, Mapping[str, FieldInfo]]:
     """Fields of each table of a profile, by the heading that the page gives it."""
-    tables = {
-        f"[{name}]": model.model_fields
-        for name, field in Profile.model_fields.items()
-        if (model := model_of(field)) is not None
-    }
-    top = {field.alias or name: field for name, field in Profile.model_fields.items() if f"[{name}]" not in tables}
-    return {"Top level": top} | tables | {name: part.model_fields for name, part in PARTS_OF_BENCH.items()}
+    found: dict[str, Mapping[str, FieldInfo]] = {"Top level": {}}
+    top: dict[str, FieldInfo] = {}
+    for name, field in Profile.model_fields.items():
+        key, model = field.alias or name, model_of(field)
+        if model is None:
+            top[key] = field
+        elif key == "surface":
+            found["[surface]"] = {}
+            for surface in SURFACES:
+                (kind,) = get_args(surface.model_fields["kind"].annotation)
+                found[f'[surface] kind = "{kind}"'] = surface.model_fields
+        else:
+            found[f"[[{key}]]" if get_origin(field.annotation) is tuple else f"[{key}]"] = model.model_fields
+        if key == "projector":
+            found |= {name: part.model_fields for name, part in PARTS_OF_A_PROJECTOR.items()}
+    found["Top level"] = top
+    return found | {name: part.model_fields for name, part in PARTS_OF_BENCH.items()}
 
 
 def model_of(field: FieldInfo) -> type[BaseModel] | None:
-    options = [field.annotation, *getattr(field.annotation, "__args__", ())]
+    options = [field.annotation, *get_args(field.annotation)]
     return next((o for o in options if isinstance(o, type) and issubclass(o, BaseModel)), None)
 
 
@@ -69,7 +82,9 @@ def test_the_profile_page_has_exactly_the_tables_of_the_code() -> None:
 def test_the_profile_page_has_every_key_with_its_default(table: str) -> None:
     shown = {key: default for key, default, _ in ROW.findall(sections(page("profile.md"))[table])}
     real = {
-        key: "required" if field.is_required() else as_written(field.get_default(call_default_factory=True))
+        field.alias or key: (
+            "required" if field.is_required() else as_written(field.get_default(call_default_factory=True))
+        )
         for key, field in tables_of_the_code()[table].items()
     }
     assert shown == real
@@ -94,7 +109,7 @@ def test_the_command_line_page_shows_every_key_of_the_metrics(compared_session: 
 def test_the_session_page_names_every_step_in_order_and_no_file_that_is_not_there(compared_session: Path) -> None:
     text = page("session-folder.md")
     steps = re.findall(r"^\| `([a-z]+)` \|", sections(text)["Steps"], re.MULTILINE)
-    assert tuple(steps) == STEPS
+    assert steps == [step.name for step in STEPS]
     files = re.findall(r"`((?:maps|images|calibration)/[a-z0-9-]+-001\.(?:exr|json))`", text)
     assert len(files) > 10
     assert [file for file in files if not (compared_session / file).is_file()] == []

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
+from rig.benchmark.records import Criterion, Detail, Outcome, Point, Size
 from rig.benchmark.timing import median_seconds
 from rig.paper.experiments import CONFIGURATIONS, Configuration, desired_picture, paper_factors, paper_transport
 from rig.stages.picture_errors import WHITE
+from rig.terminal import OnStep
 from sim.compensation import STRATEGIES, Compensation, Transport, compensate
 from sim.form_factors import FormFactors
 from sim.light.colour import ColourTransport
@@ -49,7 +50,7 @@ def run(size: Size, on_step: OnStep) -> Outcome:
     on_step(COLOUR, len(chosen), len(chosen) + 1)
     points += measured(COLOUR, *colour_problem(factors[True], SHAPES[size]), BUDGET_S[size])
     on_step("compensate", len(chosen) + 1, len(chosen) + 1)
-    return Outcome(tuple(points), tuple(criteria(points)), NOTES)
+    return Outcome(points=tuple(points), criteria=tuple(criteria(points)), notes=NOTES)
 
 
 NOTES = (
@@ -77,10 +78,10 @@ def colour_problem(factors: FormFactors, shape: tuple[int, int]) -> tuple[Transp
 
 def measured(problem: str, transport: Transport, target: FloatArray, budget_s: float) -> list[Point]:
     """A point for each strategy; all take turns on the clock."""
-    solutions = {name: compensate(name, transport, target, 0.0, WHITE) for name in STRATEGIES}
+    solutions = {name: compensate(name, transport, target, lower=0.0, upper=WHITE) for name in STRATEGIES}
 
     def timed(name: str) -> Any:
-        return lambda: compensate(name, transport, target, 0.0, WHITE)
+        return lambda: compensate(name, transport, target, lower=0.0, upper=WHITE)
 
     seconds = {name: solution.seconds for name, solution in solutions.items()}
     if budget_s > 0:
@@ -88,11 +89,11 @@ def measured(problem: str, transport: Transport, target: FloatArray, budget_s: f
     patches = int(np.unique(transport.pixel_patch[transport.pixel_patch >= 0]).size)
     return [
         Point(
-            problem,
-            name,
-            patches,
-            seconds[name],
-            float(np.abs(solution.predicted - target).mean()),
+            problem=problem,
+            method=name,
+            n=patches,
+            seconds=seconds[name],
+            error=float(np.abs(solution.predicted - target).mean()),
             error_of="mean |predicted - target|, grey levels of 255",
             detail=_detail(solution, target),
         )
@@ -100,7 +101,7 @@ def measured(problem: str, transport: Transport, target: FloatArray, budget_s: f
     ]
 
 
-def _detail(solution: Compensation, target: FloatArray) -> dict[str, Any]:
+def _detail(solution: Compensation, target: FloatArray) -> Detail:
     numbers = {key: value for key, value in solution.notes.items() if isinstance(value, int | float)}
     return {
         "pixels": len(target),
@@ -119,14 +120,20 @@ def criteria(points: Sequence[Point]) -> list[Criterion]:
     found = []
     for problem, methods in by_problem.items():
         optimum = methods["bounded"]
-        found.append(Criterion(f"{problem}: bounded, certified gap", float(optimum.detail["note_gap"]), GAP))
-        found.append(Criterion(f"{problem}: bounded RMS over the least of all", _beaten(methods), 1 + BEATEN))
+        found.append(
+            Criterion(what=f"{problem}: bounded, certified gap", value=float(optimum.detail["note_gap"]), limit=GAP)
+        )
+        found.append(
+            Criterion(what=f"{problem}: bounded RMS over the least of all", value=_beaten(methods), limit=1 + BEATEN)
+        )
     reference, grey = by_problem.get("reference"), by_problem.get("grey")
     if reference:
         share = (reference["bounded"].error or 0.0) / (reference["paper"].error or 1.0)
-        found.append(Criterion("reference: error of bounded over that of paper", share, 0.45))
+        found.append(Criterion(what="reference: error of bounded over that of paper", value=share, limit=0.45))
     if grey:
-        found.append(Criterion("grey: error of bounded", grey["bounded"].error or 0.0, 0.1, "grey levels"))
+        found.append(
+            Criterion(what="grey: error of bounded", value=grey["bounded"].error or 0.0, limit=0.1, unit="grey levels")
+        )
     return found
 
 

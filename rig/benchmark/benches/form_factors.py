@@ -11,12 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from rig.benchmark import peers
 from rig.benchmark.benches import occlusion
-from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.records import Criterion, Detail, Outcome, Point, Size, joined
 from rig.benchmark.references.polygon import exchange_reference, largest_relative_error
 from rig.benchmark.references.room import errors_of
 from rig.benchmark.timing import median_seconds, peak_mb
+from rig.terminal import OnStep
+from sim.arrays import FloatArray
 from sim.form_factors import FormFactors, closed_form, form_factors, paper, polygon
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.scenes.library import paper_room
 from sim.scenes.meshes import sloped_room
@@ -39,7 +41,7 @@ class Case:
     work: Callable[[], FormFactors]
     samples: int | None = None
 
-    def detail(self, factors: FormFactors) -> dict[str, Any]:
+    def detail(self, factors: FormFactors) -> Detail:
         """What a result says of itself."""
         samples = {} if self.samples is None else {"samples": self.samples}
         return {
@@ -86,14 +88,20 @@ def _empty_room(pitch_m: float, size: Size) -> Outcome:
         cases += _polygon_cases(scene)
     if n <= 2400:
         cases.append(Case("paper", lambda: form_factors(scene, "paper"), samples=9))
-    points = _measured("empty room", scene, cases, lambda matrix: errors_of(matrix, scene, pitch_m)[0], BUDGET_S[size])
+    points = _measured(
+        "empty room",
+        scene,
+        cases,
+        error_of=lambda matrix: errors_of(matrix, scene, pitch_m)[0],
+        budget_s=BUDGET_S[size],
+    )
     criteria = _room_bars(points[0])
     if n == 576:
         criteria += _paper_bars(form_factors(scene, "paper"))
     if n == 576 and size != "quick" and peers.present("pyviewfactor"):
         peer, criterion = _against_pyviewfactor(scene, pitch_m)
         points, criteria = [*points, peer], [*criteria, criterion]
-    return Outcome(tuple(points), tuple(criteria))
+    return Outcome(points=tuple(points), criteria=tuple(criteria))
 
 
 def _polygon_cases(surface: Surface) -> list[Case]:
@@ -115,32 +123,55 @@ def _measured(
     for case in cases:
         memory = peak_mb(case.work)
         factors = case.work()
-        error, detail = error_of(factors.matrix), case.detail(factors)
+        error = error_of(factors.matrix)
         n = surface.n_patches
-        detail["peak_of_matrix"] = memory / (8e-6 * n**2)
-        points.append(Point(problem, case.name, n, seconds[case.name], error, memory, "largest relative", detail))
+        detail = {**case.detail(factors), "peak_of_matrix": memory / (8e-6 * n**2)}
+        points.append(
+            Point(
+                problem=problem,
+                method=case.name,
+                n=n,
+                seconds=seconds[case.name],
+                error=error,
+                peak_mb=memory,
+                error_of="largest relative",
+                detail=detail,
+            )
+        )
     return points
 
 
 def _room_bars(point: Point) -> list[Criterion]:
     name = f"closed form, N = {point.n}"
     criteria = [
-        Criterion(f"{name}: largest relative error", point.error or 0.0, 1e-8),
-        Criterion(f"{name}: closure", point.detail["closure_max"], 1e-10),
-        Criterion(f"{name}: reciprocity, to rounding", point.detail["reciprocity"], 1e-15),
+        Criterion(what=f"{name}: largest relative error", value=point.error or 0.0, limit=1e-8),
+        Criterion(what=f"{name}: closure", value=point.detail["closure_max"], limit=1e-10),
+        Criterion(what=f"{name}: reciprocity, to rounding", value=point.detail["reciprocity"], limit=1e-15),
     ]
     if point.n in ROOM_LIMIT_S:
-        criteria.append(Criterion(f"{name}: time", point.seconds or 0.0, ROOM_LIMIT_S[point.n], "s", "time"))
-        criteria.append(Criterion(f"{name}: peak over the matrix", point.detail["peak_of_matrix"], 1.15, "", "memory"))
+        criteria.append(
+            Criterion(
+                what=f"{name}: time", value=point.seconds or 0.0, limit=ROOM_LIMIT_S[point.n], unit="s", kind="time"
+            )
+        )
+        criteria.append(
+            Criterion(
+                what=f"{name}: peak over the matrix",
+                value=point.detail["peak_of_matrix"],
+                limit=1.15,
+                unit="",
+                kind="memory",
+            )
+        )
     return criteria
 
 
 def _paper_bars(factors: FormFactors) -> list[Criterion]:
     rows = factors.row_sums
     return [
-        Criterion("paper: lowest row sum less 1.0004", abs(float(rows.min()) - 1.0004), 1e-4),
-        Criterion("paper: highest row sum less 1.0869", abs(float(rows.max()) - 1.0869), 1e-4),
-        Criterion("paper: spectral radius less 1.0197", abs(factors.spectral_radius - 1.0197), 1e-4),
+        Criterion(what="paper: lowest row sum less 1.0004", value=abs(float(rows.min()) - 1.0004), limit=1e-4),
+        Criterion(what="paper: highest row sum less 1.0869", value=abs(float(rows.max()) - 1.0869), limit=1e-4),
+        Criterion(what="paper: spectral radius less 1.0197", value=abs(factors.spectral_radius - 1.0197), limit=1e-4),
     ]
 
 
@@ -157,8 +188,24 @@ def _against_pyviewfactor(scene: Scene, pitch_m: float) -> tuple[Point, Criterio
     ratio = seconds["peer"] / seconds["ours"]
     closure = float(np.abs(matrix.sum(axis=1) - 1).max())
     detail = {"closure_max": closure, "ratio": ratio}
-    point = Point("empty room", "pyviewfactor", 576, seconds["peer"], error, memory, "largest relative", detail)
-    return point, Criterion("closed form over pyviewfactor, N = 576", ratio, 300.0, "x faster", "time", at_least=True)
+    point = Point(
+        problem="empty room",
+        method="pyviewfactor",
+        n=576,
+        seconds=seconds["peer"],
+        error=error,
+        peak_mb=memory,
+        error_of="largest relative",
+        detail=detail,
+    )
+    return point, Criterion(
+        what="closed form over pyviewfactor, N = 576",
+        value=ratio,
+        limit=300.0,
+        unit="x faster",
+        kind="time",
+        at_least=True,
+    )
 
 
 def _sloped_room(size: Size) -> Outcome:
@@ -169,16 +216,16 @@ def _sloped_room(size: Size) -> Outcome:
         "sloped room",
         surface,
         _polygon_cases(surface),
-        lambda matrix: largest_relative_error(matrix, surface, reference),
-        BUDGET_S[size],
+        error_of=lambda matrix: largest_relative_error(matrix, surface, reference),
+        budget_s=BUDGET_S[size],
     )
     nine, twenty_five = points
     criteria = (
-        Criterion("sloped room, 9 samples: largest relative error", nine.error or 0.0, 2e-4),
-        Criterion("sloped room, 25 samples: largest relative error", twenty_five.error or 0.0, 1e-6),
-        Criterion("sloped room, 9 samples: time", nine.seconds or 0.0, 0.012, "s", "time"),
+        Criterion(what="sloped room, 9 samples: largest relative error", value=nine.error or 0.0, limit=2e-4),
+        Criterion(what="sloped room, 25 samples: largest relative error", value=twenty_five.error or 0.0, limit=1e-6),
+        Criterion(what="sloped room, 9 samples: time", value=nine.seconds or 0.0, limit=0.012, unit="s", kind="time"),
     )
-    return Outcome(tuple(points), criteria)
+    return Outcome(points=tuple(points), criteria=criteria)
 
 
 def _thread_scaling(size: Size) -> Outcome:
@@ -199,10 +246,22 @@ def _thread_scaling(size: Size) -> Outcome:
     points, criteria = [], []
     for name in works:
         for k in (1, 2):
-            points.append(Point("threads", name, scene.n_patches, seconds[f"{name}/{k}"], detail={"threads": k}))
+            points.append(
+                Point(
+                    problem="threads",
+                    method=name,
+                    n=scene.n_patches,
+                    seconds=seconds[f"{name}/{k}"],
+                    detail={"threads": k},
+                )
+            )
         gain = seconds[f"{name}/1"] / seconds[f"{name}/2"]
-        criteria.append(Criterion(f"{name}: 2 threads over 1", gain, 1.8, "x faster", "time", at_least=True))
-    return Outcome(tuple(points), tuple(criteria))
+        criteria.append(
+            Criterion(
+                what=f"{name}: 2 threads over 1", value=gain, limit=1.8, unit="x faster", kind="time", at_least=True
+            )
+        )
+    return Outcome(points=tuple(points), criteria=tuple(criteria))
 
 
 def _with_threads(count: int, work: Callable[[], Any]) -> Callable[[], Any]:

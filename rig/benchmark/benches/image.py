@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 
 from rig.benchmark import checkout, peers
-from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
+from rig.benchmark.records import Criterion, Detail, Outcome, Point, Size
 from rig.benchmark.timing import median_seconds, peak_mb
+from rig.terminal import OnStep
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
-from sim.geometry.scene import FloatArray
 from sim.picture.image import Reconstruction, SimulatedImage, simulate_image
 from sim.scenes.library import paper_room
 
@@ -31,9 +31,9 @@ PEER_SPP, PEER_NOISE = 16, 0.01
 PROBLEM = "white picture, 640 x 480"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Reference:
-    """What the path tracer left in tests/data/path_tracer_blocks.npz."""
+    """What the path tracer left in rig/benchmark/data/path_tracer_blocks.npz."""
 
     blocks: FloatArray
     """(rows, columns) means of square blocks of pixels."""
@@ -55,8 +55,6 @@ class Reference:
 def run(size: Size, on_step: OnStep) -> Outcome:
     """Measure all that ``rig bench image`` shows."""
     reference = _reference()
-    if reference is None:
-        return Outcome((), (), ("no path tracer's block means here (tests/data is part of the sources): nothing done",))
     points: list[Point] = []
     pitches = PITCHES_M[size]
     for number, pitch_m in enumerate(pitches):
@@ -68,27 +66,28 @@ def run(size: Size, on_step: OnStep) -> Outcome:
         points.append(live)
     on_step("path tracer", len(pitches) + 1, len(pitches) + 1)
     error = f"standard error of a block {100 * reference.standard_error:.3f} %"
-    return Outcome(tuple(points), tuple(_bars(points, reference)), (f"path tracer: {reference.tracer}; {error}",))
+    return Outcome(
+        points=tuple(points),
+        criteria=tuple(_bars(points, reference)),
+        notes=(f"path tracer: {reference.tracer}; {error}",),
+    )
 
 
-def _reference() -> Reference | None:
-    path = checkout.data_file("path_tracer_blocks.npz")
-    if path is None:
-        return None
-    with np.load(path) as stored:
+def _reference() -> Reference:
+    with np.load(checkout.data_file("path_tracer_blocks.npz")) as stored:
         height_px, width_px = (int(side) for side in stored["image_px"])
         mean = stored["block_mean"]
         lens = Lens.from_horizontal_field_of_view(width_px, height_px, float(stored["horizontal_field_of_view_deg"]))
         noise = float(stored["pixel_noise"])
         return Reference(
-            mean,
-            float(np.sqrt(((stored["block_standard_error"] / mean) ** 2).mean())),
-            int(stored["block_px"]),
-            float(stored["reflectance"]),
-            lens,
-            Pose.look_at(stored["position_m"], stored["target_m"]),
-            float(np.median(stored["seconds"])) * (noise / PEER_NOISE) ** 2,
-            str(stored["tracer"]),
+            blocks=mean,
+            standard_error=float(np.sqrt(((stored["block_standard_error"] / mean) ** 2).mean())),
+            block_px=int(stored["block_px"]),
+            reflectance=float(stored["reflectance"]),
+            lens=lens,
+            pose=Pose.look_at(stored["position_m"], stored["target_m"]),
+            seconds_at_one_percent=float(np.median(stored["seconds"])) * (noise / PEER_NOISE) ** 2,
+            tracer=str(stored["tracer"]),
         )
 
 
@@ -99,7 +98,13 @@ def _pictures(reference: Reference, pitch_m: float, size: Size) -> list[Point]:
     def picture(reconstruction: Reconstruction) -> SimulatedImage:
         factors = form_factors(scene, "closed_form")
         return simulate_image(
-            scene, factors, reference.lens, reference.pose, white, reconstruction=reconstruction, emission="area"
+            scene,
+            factors,
+            reference.lens,
+            reference.pose,
+            projector_image=white,
+            reconstruction=reconstruction,
+            emission="area",
         )
 
     kinds = [kind for kind in RECONSTRUCTIONS if kind != "gather" or pitch_m >= GATHER_FROM_M[size]]
@@ -112,11 +117,22 @@ def _pictures(reference: Reference, pitch_m: float, size: Size) -> list[Point]:
         detail |= {f"{stage}_s": value for stage, value in result.seconds.items()}
         memory = peak_mb(work) if kind != "gather" else None
         rms = detail["rms"]
-        points.append(Point(PROBLEM, kind, scene.n_patches, seconds[kind], rms, memory, "blocks, relative rms", detail))
+        points.append(
+            Point(
+                problem=PROBLEM,
+                method=kind,
+                n=scene.n_patches,
+                seconds=seconds[kind],
+                error=rms,
+                peak_mb=memory,
+                error_of="blocks, relative rms",
+                detail=detail,
+            )
+        )
     return points
 
 
-def _errors(reference: Reference, picture: FloatArray) -> dict[str, Any]:
+def _errors(reference: Reference, picture: FloatArray) -> Detail:
     error = reference.block_means(picture) / reference.blocks - 1
     return {
         "bias": float(error.mean()),
@@ -139,7 +155,16 @@ def _live_seconds() -> Point | None:
     seconds = min(first_s, second_s) * (noise / PEER_NOISE) ** 2
     detail = {"samples": PEER_SPP, "measured_s": min(first_s, second_s), "pixel_noise": noise}
     name = f"Mitsuba {mitsuba.__version__}, 1 % noise"
-    return Point(PROBLEM, name, 0, seconds, PEER_NOISE, None, "pixel noise", detail)
+    return Point(
+        problem=PROBLEM,
+        method=name,
+        n=0,
+        seconds=seconds,
+        error=PEER_NOISE,
+        peak_mb=None,
+        error_of="pixel noise",
+        detail=detail,
+    )
 
 
 def _bars(points: list[Point], reference: Reference) -> list[Criterion]:
@@ -148,9 +173,15 @@ def _bars(points: list[Point], reference: Reference) -> list[Criterion]:
         limit = RMS_LIMITS.get((point.method, point.detail.get("pitch_m", 0.0)))
         if limit is not None:
             name = f"{point.method}, {point.detail['pitch_m']:g} m"
-            criteria.append(Criterion(f"{name}: block rms", 100 * (point.error or 0.0), 100 * limit, "%"))
+            criteria.append(
+                Criterion(what=f"{name}: block rms", value=100 * (point.error or 0.0), limit=100 * limit, unit="%")
+            )
             if point.detail["pitch_m"] != 0.4:
-                criteria.append(Criterion(f"{name}: bias", 100 * abs(point.detail["bias"]), 100 * BIAS_LIMIT, "%"))
+                criteria.append(
+                    Criterion(
+                        what=f"{name}: bias", value=100 * abs(point.detail["bias"]), limit=100 * BIAS_LIMIT, unit="%"
+                    )
+                )
     return criteria + _time_bars(points, reference)
 
 
@@ -161,8 +192,19 @@ def _time_bars(points: list[Point], reference: Reference) -> list[Criterion]:
     live = [p.seconds for p in points if p.method.startswith("Mitsuba") and p.seconds is not None]
     peer_s, when = (live[0], "in this run") if live else (reference.seconds_at_one_percent, "as stored")
     return [
-        Criterion(f"whole simulation, {WHOLE_PITCH_M:g} m", whole[0].seconds, WHOLE_LIMIT_S, "s", "time"),
         Criterion(
-            f"over Mitsuba at 1 % noise, {when}", peer_s / whole[0].seconds, FASTER, "x faster", "time", at_least=True
+            what=f"whole simulation, {WHOLE_PITCH_M:g} m",
+            value=whole[0].seconds,
+            limit=WHOLE_LIMIT_S,
+            unit="s",
+            kind="time",
+        ),
+        Criterion(
+            what=f"over Mitsuba at 1 % noise, {when}",
+            value=peer_s / whole[0].seconds,
+            limit=FASTER,
+            unit="x faster",
+            kind="time",
+            at_least=True,
         ),
     ]

@@ -9,12 +9,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.records import Criterion, Outcome, Point, Size, joined
 from rig.benchmark.references.live_peers import NumpyFrame, OpenCvFrame
 from rig.benchmark.references.live_scene import LiveScene, live_scene, panning_frames
 from rig.benchmark.timing import Work, median_seconds
+from rig.terminal import OnStep
 from sim.compensation import compensate
-from sim.frame.compensator import FrameCompensator, FrameModel, reference_frame
+from sim.frame.compensator import FrameCompensator, FrameModel
+from sim.reference.frame import reference_frame
 from sim.threads import threads
 
 Codes = NDArray[np.uint8]
@@ -67,8 +69,19 @@ def _picture(width: int, height: int, patch_size_m: float, size: Size) -> Outcom
         if name != "bounded":
             detail["largest_lsb"] = float(np.abs(shown - definition).max())
         error = live.error(frames[-1], shown)
-        points.append(Point(problem, name, live.scene.n_patches, seconds[name], error, None, ERROR_OF, detail))
-    return Outcome(tuple(points), tuple(_bars(problem, points)))
+        points.append(
+            Point(
+                problem=problem,
+                method=name,
+                n=live.scene.n_patches,
+                seconds=seconds[name],
+                error=error,
+                peak_mb=None,
+                error_of=ERROR_OF,
+                detail=detail,
+            )
+        )
+    return Outcome(points=tuple(points), criteria=tuple(_bars(problem, points)))
 
 
 def _methods(live: LiveScene, model: FrameModel) -> dict[str, Method]:
@@ -94,15 +107,32 @@ def _endless(work: Method, frames: Sequence[Codes]) -> Work:
 def _bars(problem: str, points: Sequence[Point]) -> list[Criterion]:
     by_name = {point.method: point for point in points}
     lsb = by_name["exact"].detail["largest_lsb"]
-    criteria = [Criterion(f"{problem}: exact against its definition", lsb, LARGEST_LSB, "codes")]
+    criteria = [Criterion(what=f"{problem}: exact against its definition", value=lsb, limit=LARGEST_LSB, unit="codes")]
     if problem != BARS_FOR:
         return criteria
     seconds = {name: point.seconds or np.nan for name, point in by_name.items()}
     for name, limit_s in LIMITS_S.items():
-        criteria.append(Criterion(f"{problem}: {name}, a frame", 1e3 * seconds[name], 1e3 * limit_s, "ms", "time"))
+        criteria.append(
+            Criterion(
+                what=f"{problem}: {name}, a frame",
+                value=1e3 * seconds[name],
+                limit=1e3 * limit_s,
+                unit="ms",
+                kind="time",
+            )
+        )
     for peer, times in FASTER.items():
         ratio = seconds[peer] / seconds["exact"]
-        criteria.append(Criterion(f"{problem}: exact over {peer}", ratio, times, "x faster", "time", at_least=True))
+        criteria.append(
+            Criterion(
+                what=f"{problem}: exact over {peer}",
+                value=ratio,
+                limit=times,
+                unit="x faster",
+                kind="time",
+                at_least=True,
+            )
+        )
     return criteria
 
 
@@ -118,12 +148,26 @@ def _certified(width: int, height: int, count: int) -> Outcome:
             errors[name].append(live.error(frame, compensator.frame(frame)))
     problem = f"{width}x{height} pan"
     points = [
-        Point(problem, name, live.scene.n_patches, None, float(np.median(values)), None, ERROR_OF, {"frames": count})
+        Point(
+            problem=problem,
+            method=name,
+            n=live.scene.n_patches,
+            seconds=None,
+            error=float(np.median(values)),
+            peak_mb=None,
+            error_of=ERROR_OF,
+            detail={"frames": count},
+        )
         for name, values in errors.items()
     ]
     worst = float(np.max(np.divide(errors["bounded"], errors["certified"])))
     return Outcome(
-        tuple(points), (Criterion(f"{problem}: bounded over certified, worst frame", worst, OVER_OPTIMUM, "x"),)
+        points=tuple(points),
+        criteria=(
+            Criterion(
+                what=f"{problem}: bounded over certified, worst frame", value=worst, limit=OVER_OPTIMUM, unit="x"
+            ),
+        ),
     )
 
 

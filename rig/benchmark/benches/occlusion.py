@@ -11,9 +11,10 @@ from rig.benchmark import peers
 from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.benchmark.references.box import VisibleShares, partly_occluded, uncovered_share
 from rig.benchmark.timing import median_seconds, peak_mb
+from sim.arrays import FloatArray, IntArray
 from sim.form_factors import form_factors
 from sim.form_factors.factors import Visibility
-from sim.geometry.scene import FloatArray, IntArray, Scene
+from sim.geometry.scene import Scene
 from sim.scenes.library import room_with_box
 
 SEGMENTS = {"quick": 1 << 9, "default": 1 << 15, "full": 1 << 18}
@@ -65,7 +66,7 @@ def box(size: Size) -> Outcome:
         f"box occluder: {len(truth.parted.share)} partly occluded pairs; reference of {SEGMENTS[size]} segments "
         f"a pair, which its last doubling moved by {truth.parted.change_rms:.1e} rms"
     )
-    return Outcome(tuple(points), tuple(criteria), (note,))
+    return Outcome(points=tuple(points), criteria=tuple(criteria), notes=(note,))
 
 
 def _ours(scene: Scene, mode: Visibility) -> Callable[[], FloatArray]:
@@ -76,7 +77,16 @@ def _point(truth: Truth, method: str, seconds: float, work: Callable[[], FloatAr
     memory, matrix = peak_mb(work), work()
     detail = {"row_sum_error": truth.row_sum_error(matrix)}
     error = truth.pair_error(matrix)
-    return Point(PROBLEM, method, truth.scene.n_patches, seconds, error, memory, "partly occluded pairs, rms", detail)
+    return Point(
+        problem=PROBLEM,
+        method=method,
+        n=truth.scene.n_patches,
+        seconds=seconds,
+        error=error,
+        peak_mb=memory,
+        error_of="partly occluded pairs, rms",
+        detail=detail,
+    )
 
 
 def _bars(points: dict[str, Point]) -> list[Criterion]:
@@ -84,10 +94,12 @@ def _bars(points: dict[str, Point]) -> list[Criterion]:
     for mode, error, seconds in (("exact", 0.0015, 0.4), ("quick", 0.03, 0.04)):
         point = points[mode]
         name = f"box, {mode}"
-        criteria.append(Criterion(f"{name}: partly occluded pairs, rms", point.error or 0.0, error))
-        criteria.append(Criterion(f"{name}: time", point.seconds or 0.0, seconds, "s", "time"))
+        criteria.append(Criterion(what=f"{name}: partly occluded pairs, rms", value=point.error or 0.0, limit=error))
+        criteria.append(
+            Criterion(what=f"{name}: time", value=point.seconds or 0.0, limit=seconds, unit="s", kind="time")
+        )
     exact = points["exact"].detail["row_sum_error"]
-    return [*criteria, Criterion("box, exact: row sums of partly covered patches", exact, 1e-3)]
+    return [*criteria, Criterion(what="box, exact: row sums of partly covered patches", value=exact, limit=1e-3)]
 
 
 def _peers(truth: Truth) -> list[Point]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import statistics
 import time
 
-from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size
+from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.benchmark.timing import peak_mb
+from rig.terminal import OnStep
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import refined_check, simulate
 from sim.scenes.library import LIBRARY
@@ -30,7 +31,7 @@ def run(size: Size, on_step: OnStep) -> Outcome:
         on_step(f"{scene}, {tolerance:g} %", number, len(cases))
         points.append(_point(scene, tolerance, REFINED_PATCHES[size]))
     on_step("plan", len(cases), len(cases))
-    return Outcome(tuple(points), tuple(_bars(points)))
+    return Outcome(points=tuple(points), criteria=tuple(_bars(points)))
 
 
 def _point(scene: str, tolerance: float, most_patches: int) -> Point:
@@ -43,14 +44,14 @@ def _point(scene: str, tolerance: float, most_patches: int) -> Point:
     memory = peak_mb(lambda: simulate(planned.cells, planned.light, planned.model))
     detail = {"tolerance": tolerance, "plan_s": between - started, **_promised(planned)}
     return Point(
-        scene,
-        f"tolerance {tolerance:g} %",
-        planned.patches,
-        seconds,
-        100 * check.rms,
-        memory,
-        "% of white, rms",
-        detail,
+        problem=scene,
+        method=f"tolerance {tolerance:g} %",
+        n=planned.patches,
+        seconds=seconds,
+        error=100 * check.rms,
+        peak_mb=memory,
+        error_of="% of white, rms",
+        detail=detail,
     )
 
 
@@ -70,8 +71,18 @@ def _bars(points: list[Point]) -> list[Criterion]:
     for point in points:
         tolerance = float(point.detail["tolerance"])
         criteria.append(
-            Criterion(f"{point.problem} at {tolerance:g} %: actual error", point.error or 0.0, tolerance, "%")
+            Criterion(
+                what=f"{point.problem} at {tolerance:g} %: actual error",
+                value=point.error or 0.0,
+                limit=tolerance,
+                unit="%",
+            )
         )
     no_more = [(point.error or 0.0) >= float(point.detail["tolerance"]) / 10 for point in points]
     share = statistics.mean(map(float, no_more))
-    return [*criteria, Criterion("plans with an error of a tenth of the tolerance or more", share, MOST, at_least=True)]
+    return [
+        *criteria,
+        Criterion(
+            what="plans with an error of a tenth of the tolerance or more", value=share, limit=MOST, at_least=True
+        ),
+    ]

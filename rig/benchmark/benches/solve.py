@@ -11,11 +11,13 @@ import numpy as np
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse.linalg import LinearOperator, bicgstab, gmres
 
-from rig.benchmark.records import Criterion, OnStep, Outcome, Point, Size, joined
+from rig.benchmark.records import Criterion, Detail, Outcome, Point, Size, joined
 from rig.benchmark.timing import median_seconds, peak_mb
+from rig.terminal import OnStep
+from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors, form_factors
-from sim.geometry.scene import FloatArray, Scene
+from sim.geometry.scene import Scene
 from sim.light.radiosity import Precision, Radiosity, Solver, gauss_seidel, jacobi
 from sim.scenes.library import paper_room
 
@@ -124,10 +126,13 @@ def _measured(system: System, size: Size) -> Outcome:
         else:
             points.append(refusal)
     seconds = median_seconds({method.name: method.timed for method in methods}, BUDGET_S[size])
-    done = [_point(system, exact, m.name, m.described(), seconds[m.name], peak_mb(m.timed)) for m in methods]
+    done = [
+        _point(system, exact, m.name, solved=m.described(), seconds=seconds[m.name], memory=peak_mb(m.timed))
+        for m in methods
+    ]
     if size != "quick":
         points += [_slow_point(system, exact, method) for method in _iterations(system)]
-    return Outcome((*done, *points), tuple(_bars(system, done[0])))
+    return Outcome(points=(*done, *points), criteria=tuple(_bars(system, done[0])))
 
 
 def _refusal(system: System, method: Method) -> Point | None:
@@ -136,18 +141,27 @@ def _refusal(system: System, method: Method) -> Point | None:
         method.timed()
     except SimulationError as error:
         detail = {"reflectance": system.reflectance, "gave_up": str(error)}
-        return Point(_name(system), method.name, system.n, detail=detail)
+        return Point(problem=_name(system), method=method.name, n=system.n, detail=detail)
     return None
 
 
 def _point(system: System, exact: FloatArray, name: str, solved: Solved, seconds: float, memory: float | None) -> Point:
     largest = float(np.abs(solved.B - exact).max())
-    detail: dict[str, Any] = {"reflectance": system.reflectance, "tolerance": TOLERANCE, **solved.detail}
+    detail = {"reflectance": system.reflectance, "tolerance": TOLERANCE, **solved.detail}
     if solved.error_bound is not None:
         detail["error_bound"] = solved.error_bound
         detail["bound_true"] = largest <= solved.error_bound * float(np.abs(system.E).max())
     error = largest / float(np.abs(exact).max())
-    return Point(_name(system), name, system.n, seconds, error, memory, "largest, of the largest radiosity", detail)
+    return Point(
+        problem=_name(system),
+        method=name,
+        n=system.n,
+        seconds=seconds,
+        error=error,
+        peak_mb=memory,
+        error_of="largest, of the largest radiosity",
+        detail=detail,
+    )
 
 
 def _name(system: System) -> str:
@@ -159,7 +173,7 @@ def _slow_point(system: System, exact: FloatArray, method: Method) -> Point:
     started = time.perf_counter()
     refusal = _refusal(system, method)
     seconds = time.perf_counter() - started
-    return refusal or _point(system, exact, method.name, method.described(), seconds, None)
+    return refusal or _point(system, exact, method.name, solved=method.described(), seconds=seconds, memory=None)
 
 
 def _methods(system: System) -> Iterator[Method]:
@@ -182,7 +196,7 @@ def _iterations(system: System) -> Iterator[Method]:
 
 def _ours(system: System, name: str, solver: Solver = "conjugate_gradients", precision: Precision = "double") -> Method:
     def radiosity() -> Radiosity:
-        return Radiosity(system.factors, system.reflectance, TOLERANCE, solver, precision)
+        return Radiosity(system.factors, system.reflectance, tolerance=TOLERANCE, solver=solver, precision=precision)
 
     def described() -> Solved:
         found = radiosity().solution(system.E)
@@ -200,7 +214,7 @@ def _stepped(answer: tuple[FloatArray, int]) -> Solved:
     return Solved(answer[0], {"matvecs": answer[1]})
 
 
-def _krylov(system: System, method: Callable[..., tuple[FloatArray, int]], options: dict[str, Any]) -> Solved:
+def _krylov(system: System, method: Callable[..., tuple[FloatArray, int]], options: Detail) -> Solved:
     system.products = 0
     operator = LinearOperator((system.n, system.n), matvec=system.apply, dtype=np.float64)
     B, status = method(operator, system.E, rtol=TOLERANCE, atol=0.0, maxiter=2000, **options)
@@ -218,11 +232,15 @@ def _by_lu(system: System) -> Solved:
 def _bars(system: System, point: Point) -> list[Criterion]:
     name = f"solve, N = {system.n}, reflectance {system.reflectance:g}"
     criteria = [
-        Criterion(f"{name}: error", point.error or 0.0, TOLERANCE / (1 - system.reflectance)),
-        Criterion(f"{name}: error bound true", float(point.detail["bound_true"]), 1.0, at_least=True),
+        Criterion(what=f"{name}: error", value=point.error or 0.0, limit=TOLERANCE / (1 - system.reflectance)),
+        Criterion(what=f"{name}: error bound true", value=float(point.detail["bound_true"]), limit=1.0, at_least=True),
     ]
     if system.reflectance <= STRICT_UP_TO:
-        criteria.append(Criterion(f"{name}: products", point.detail["matvecs"], MATVEC_LIMIT))
+        criteria.append(Criterion(what=f"{name}: products", value=point.detail["matvecs"], limit=MATVEC_LIMIT))
         if system.n in LIMIT_S:
-            criteria.append(Criterion(f"{name}: time", point.seconds or 0.0, LIMIT_S[system.n], "s", "time"))
+            criteria.append(
+                Criterion(
+                    what=f"{name}: time", value=point.seconds or 0.0, limit=LIMIT_S[system.n], unit="s", kind="time"
+                )
+            )
     return criteria

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import qmc
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray, Scene
+from sim.arrays import BoolArray, FloatArray, IntArray
+from sim.geometry.scene import Scene
 
 _CLASSIFYING = 1 << 8
 """Segments that tell pairs that the box parts from those that it does not touch."""
@@ -47,9 +48,9 @@ def partly_occluded(scene: Scene, free: FloatArray, segments: int) -> VisibleSha
     _, representative, member = np.unique(key, return_index=True, return_inverse=True)
     i, j = first[representative], second[representative]
     box = _box(scene)
-    share = _shares(scene, box, i, j, _samples(_CLASSIFYING))[0]
+    share = _shares(scene, box, i, second=j, samples=_samples(_CLASSIFYING))[0]
     parted = np.flatnonzero((share > 0) & (share < 1))
-    half, whole = _shares(scene, box, i[parted], j[parted], _samples(segments))
+    half, whole = _shares(scene, box, i[parted], second=j[parted], samples=_samples(segments))
     share[parted] = whole
     partly = np.zeros(len(share), dtype=bool)
     partly[parted] = (whole > 0) & (whole < 1)
@@ -114,7 +115,7 @@ def _shares(
             step = max(1, _AT_ONCE // len(block))
             for start in range(0, len(first), step):
                 here = slice(start, start + step)
-                halves[number, :, here] += _light(scene, box, first[here], second[here], block)
+                halves[number, :, here] += _light(scene, box, first[here], second=second[here], samples=block)
     coarse, whole = halves[0], halves.sum(axis=0)
     return coarse[0] / np.maximum(coarse[1], 1e-300), whole[0] / np.maximum(whole[1], 1e-300)
 

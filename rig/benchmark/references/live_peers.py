@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from rig.benchmark.references.live_scene import LiveScene
+from sim.frame.codes import fractional_code
 from sim.frame.compensator import FrameModel
-from sim.reference.frame import fractional_code, layers
+from sim.reference.frame import layers
 
 Codes = NDArray[np.uint8]
 Float32 = NDArray[np.float32]

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 from skimage.transform import resize
 
+from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.frame.compensator import FrameModel, frame_model
 from sim.geometry.optics import Lens, Pose, rays_at
-from sim.geometry.scene import FloatArray, Hits, Scene, intersect
+from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
@@ -39,7 +40,7 @@ POSITION_M, AIM_M = (1.2, 1.2, 1.2), (2.2, 2.2, 1.2)
 PAN_PX = 8
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class LiveScene:
     """One room seen by one projector."""
 
@@ -76,15 +77,23 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     """Build the paper's room in colour, a painted pattern on its walls, and a projector of 100 degrees."""
     room = paper_room(patch_size_m=patch_size_m)
     ideal = Lens.from_horizontal_field_of_view(width_px, height_px, 100.0)
-    lens = Lens(width_px, height_px, ideal.focal_px, ideal.principal_point_px, (-0.02, 0.003, 2e-4, -1e-4, 0.0))
+    lens = Lens(
+        width_px=width_px,
+        height_px=height_px,
+        focal_px=ideal.focal_px,
+        principal_point_px=ideal.principal_point_px,
+        distortion=(-0.02, 0.003, 2e-4, -1e-4, 0.0),
+    )
     pose = Pose.look_at(POSITION_M, AIM_M)
     rays = rays_at(lens, pose, lens.pixel_grid())
     hits = intersect(room, pose.position_m, rays)
     points = pose.position_m + hits.distance[:, None] * rays
     vignetting = _vignetting(lens)
-    light = irradiance_at(room, lens, pose, points, hits.patch) * vignetting
+    light = irradiance_at(room, lens, pose, points_m=points, patch=hits.patch) * vignetting
     del rays
-    emission = area_emission(room.with_reflectance(1.0), lens, pose, 2, "physical") @ diags_array(vignetting)
+    emission = area_emission(room.with_reflectance(1.0), lens, pose, subsamples=2, convention="physical") @ diags_array(
+        vignetting
+    )
     view = smooth_view(room.with_reflectance(1.0), hits, np.ones(lens.n_pixels))
     factors = form_factors(room)
     pattern = 1 + 0.08 * np.sin(9 * points[:, 0] + 5 * points[:, 2]) * np.sin(7 * points[:, 1])
@@ -98,14 +107,22 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
                 csr_array(diags_array(rho) @ emission),
                 Radiosity(factors, rho, solver="repeated"),
                 csr_array(diags_array(seen) @ view @ diags_array(1 / rho)),
-                hits.patch,
+                pixel_patch=hits.patch,
             )
         )
     transport = ColourTransport(bands, MIXING)
     white = np.median(transport.forward(np.ones((lens.n_pixels, 3))), axis=0)
     black = np.tile(BLACK_SHARE * white, (lens.n_pixels, 1)) * (seen / np.median(seen))[:, None]
     curve = (np.arange(256) / 255) ** GAMMA
-    return LiveScene(room, lens, hits, transport, TARGET_SHARE * white, black, curve)
+    return LiveScene(
+        scene=room,
+        lens=lens,
+        hits=hits,
+        transport=transport,
+        target_scale=TARGET_SHARE * white,
+        black=black,
+        curve=curve,
+    )
 
 
 def _vignetting(lens: Lens) -> FloatArray:

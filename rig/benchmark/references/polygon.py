@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.geometry.scene import BoolArray, FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.surface import Surface
 
 NEAR = 3.0

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.geometry.scene import Face, FloatArray, IntArray, Scene
+from sim.arrays import FloatArray, IntArray
+from sim.geometry.scene import Face, Scene
 
 LongArray = NDArray[np.longdouble]
 _TAU = 8 * np.arctan(np.longdouble(1))
@@ -34,7 +35,7 @@ def reference_blocks(scene: Scene, pitch_m: float) -> Iterator[tuple[slice, slic
         for other in scene.faces[number + 1 :]:
             first, second = (scene.centres[f.patches] / pitch_m for f in (face, other))
             opposite = abs(face.normal @ other.normal) > 0.5
-            block = (_opposite if opposite else _adjacent)(face, other, first, second, pitch_m)
+            block = (_opposite if opposite else _adjacent)(face, other, first, second, pitch_m=pitch_m)
             yield face.patches, other.patches, block * pitch_m**2
 
 

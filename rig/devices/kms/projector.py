@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import atexit
 
-import numpy as np
-
+from rig.devices.driver_settings import ProjectorSettings
 from rig.devices.kms.find import choose_output, find_outputs, list_outputs
 from rig.devices.kms.flips import Flip, FlipLog
 from rig.devices.kms.screen import Screen
 from rig.devices.protocols import Clock, Codes, Shown
-from rig.errors import DeviceLost, SettingRefused
+from rig.devices.refusals import check_codes
+from rig.errors import DeviceLost
 
 
 class KmsProjector:
@@ -91,10 +91,7 @@ class KmsProjector:
             The codes are no bytes, or of another shape.
         """
         screen = self._opened()
-        if codes.dtype != np.uint8 or codes.shape not in (self._shape, (*self._shape, 3)):
-            raise SettingRefused(
-                f"the projector shows uint8 codes of shape {self._shape}, not {codes.dtype} of {codes.shape}"
-            )
+        check_codes(codes, self._shape)
         flip = screen.flip(codes)
         self._flips.append(flip)
         return flip
@@ -111,3 +108,10 @@ class KmsProjector:
         if self._screen is None:
             raise DeviceLost(f"the projector on {self._output} is closed: open it before showing a picture")
         return self._screen
+
+
+def from_profile(settings: ProjectorSettings, clock: Clock) -> KmsProjector:
+    """Make the projector of a profile's table [[projector]], closed: driver ``kms``."""
+    return KmsProjector(
+        settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock
+    )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 
-from rig.devices.lightcrafter.controller import LightCrafter, LightCrafterState
-from rig.devices.protocols import Codes, Projector, Shown, check_on_screen
+from rig.devices.driver_settings import LightCrafterSettings
+from rig.devices.lightcrafter.controller import LightCrafter, LightCrafterState, open_lightcrafter
+from rig.devices.protocols import Clock, Codes, Projector, Shown, check_on_screen
 from rig.errors import DeviceError
 
 
@@ -74,3 +75,8 @@ class LightCrafterProjector:
 def _restore(controller: LightCrafter, found: LightCrafterState) -> None:
     with suppress(DeviceError):  # it is gone, and its settings with it
         controller.restore(found)
+
+
+def from_profile(display: Projector, settings: LightCrafterSettings, clock: Clock) -> LightCrafterProjector:
+    """Make a projector whose light engine its table [projector.lightcrafter] describes, closed."""
+    return LightCrafterProjector(display, lambda: open_lightcrafter(settings.serial, clock), settings.led_currents)

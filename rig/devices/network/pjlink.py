@@ -99,13 +99,17 @@ class Pjlink:
         if len(words) != 3 or [word.upper() for word in words[:2]] != ["PJLINK", "1"]:
             raise DeviceError(f"{self.where} greets with {greeting!r}, which is no PJLink; check host and port")
         if self._password is None:
-            raise DeviceForbidden(f"{self.where} wants a password: name its variable in pjlink.password_variable")
+            raise DeviceForbidden(
+                f"{self.where} wants a password: name its variable in projector.pjlink.password_variable"
+            )
         return hashlib.md5((words[2] + self._password).encode(), usedforsecurity=False).hexdigest()
 
     def _checked(self, command: str, answer: str) -> str:
         """The answer's value, if it is the answer to this command."""
         if answer.upper() == "PJLINK ERRA":
-            raise DeviceForbidden(f"{self.where} does not accept the password; correct pjlink.password_variable")
+            raise DeviceForbidden(
+                f"{self.where} does not accept the password; correct projector.pjlink.password_variable"
+            )
         head, equals, value = answer.partition("=")
         if head.upper() != f"%{command[:5]}" or not equals:
             raise DeviceError(f"{self.where} answers {answer!r} to {command!r}; does another program control it?")

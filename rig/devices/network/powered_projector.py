@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable
 
+from rig.devices.driver_settings import PjlinkSettings
 from rig.devices.network.pjlink import Pjlink, Power
 from rig.devices.protocols import Clock, Codes, Projector, Shown, check_on_screen
 from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
@@ -106,7 +107,8 @@ class PoweredProjector:
             self._clock.wait_until_s(min(self._clock.now_s() + _PERIOD_S, until_s))
         raise DeviceError(
             f"{self._control.where} was not ready within {self._warm_up_timeout_s:g} s "
-            f"({problem or 'it is still warming up or cooling down'}); does it need a longer pjlink.warm_up_timeout_s?"
+            f"({problem or 'it is still warming up or cooling down'}); does it need a longer "
+            "projector.pjlink.warm_up_timeout_s?"
         ) from problem
 
     def _is_lit(self) -> bool:
@@ -122,7 +124,7 @@ class PoweredProjector:
             self._control.select_input(self._input_code)
         except SettingRefused as error:
             known = ", ".join(self._control.inputs())
-            raise SettingRefused(f"{error}; pjlink.input may be one of {known}") from error
+            raise SettingRefused(f"{error}; projector.pjlink.input may be one of {known}") from error
         return False
 
     def _is_open(self) -> bool:
@@ -134,3 +136,14 @@ class PoweredProjector:
             return True
         self._control.set_mute(False)
         return False
+
+
+def from_profile(display: Projector, settings: PjlinkSettings, password: str | None, clock: Clock) -> PoweredProjector:
+    """Make a projector that its table [projector.pjlink] switches on, closed."""
+    return PoweredProjector(
+        display,
+        Pjlink(settings.host, settings.port, password),
+        input_code=settings.input,
+        warm_up_timeout_s=settings.warm_up_timeout_s,
+        clock=clock,
+    )

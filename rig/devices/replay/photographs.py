@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from calibration.records import PinholeModel
+from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.gray import bits_for
 from rig.errors import DeviceLost, ProfileError, UsageError
 from rig.files.pictures import read_pixels
@@ -145,7 +145,8 @@ def load_manifest(path: Path) -> Manifest:
         raw = path.read_bytes()
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}; give the manifest's name") from error
-    document = validate(_Document, parse_toml(raw, path), path, _cross_checks)
+    data = parse_toml(raw, path)
+    document = validate(_Document, data, path, _cross_checks(data))
     pose, code = document.projector_from_camera, document.gray_code
     return Manifest(
         path=path,

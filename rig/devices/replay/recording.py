@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.clock import VirtualClock
-from rig.devices.protocols import Codes, RawFrame, Shown, signature_of
+from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown, signature_of
+from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.replay.photographs import Manifest, grey, read_photograph
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.files.exr import read_exr
@@ -41,7 +41,11 @@ class RecordedFrame:
     """Of the codes that were shown; empty when not known."""
 
 
-@dataclass(frozen=True, slots=True)
+RecordedFrames = Mapping[str, tuple[RecordedFrame, ...]]
+"""By the pattern's name, in the order in which they were taken."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
     """What a camera saw of each pattern."""
 
@@ -49,15 +53,14 @@ class Recording:
     camera_shape: tuple[int, int, int]
     projector_shape: tuple[int, int]
     full_scale_dn: int
-    exposure_range_s: tuple[float, float]
-    frames: Mapping[str, tuple[RecordedFrame, ...]]
-    """By the pattern's name, in the order in which they were taken."""
+    exposure_range_s: ExposureRange
+    frames: RecordedFrames
 
 
 class ReplayProjector:
     """Takes the name of what is shown; accepts codes only of the recorded shape."""
 
-    def __init__(self, recording: Recording, clock: VirtualClock):
+    def __init__(self, recording: Recording, clock: Clock):
         self._recording = recording
         self._clock = clock
         self._open = False
@@ -82,10 +85,7 @@ class ReplayProjector:
         """Select the frames of pattern ``name``. Raises DeviceLost when the recording has none."""
         if not self._open:
             raise DeviceLost("the replayed projector is closed: open the rig before showing a picture")
-        if codes.dtype != np.uint8 or codes.shape not in (self.shape, (*self.shape, 3)):
-            raise SettingRefused(
-                f"the recording was made with uint8 codes of shape {self.shape}, not {codes.dtype} of {codes.shape}"
-            )
+        check_codes(codes, self.shape, "the recording was made with")
         if name not in self._recording.frames:
             raise DeviceLost(f"{self._recording.source}: the recording has no frame {name!r}; it has {self._known()}")
         self._check_picture(codes, name)
@@ -111,11 +111,11 @@ class ReplayProjector:
 class ReplayCamera:
     """Returns the recorded frames of what is shown, in their order; then the last one again."""
 
-    def __init__(self, recording: Recording, projector: ReplayProjector, clock: VirtualClock):
+    def __init__(self, recording: Recording, projector: ReplayProjector, clock: Clock):
         self._recording = recording
         self._projector = projector
         self._clock = clock
-        self._exposure_s = recording.exposure_range_s[0]
+        self._exposure_s = recording.exposure_range_s.shortest_s
         self._open = False
         self._sequence = 0
         self._used: dict[tuple[str, float], int] = {}
@@ -131,7 +131,7 @@ class ReplayCamera:
         return self._recording.full_scale_dn
 
     @property
-    def exposure_range_s(self) -> tuple[float, float]:
+    def exposure_range_s(self) -> ExposureRange:
         """Shortest and longest exposure."""
         return self._recording.exposure_range_s
 
@@ -149,11 +149,7 @@ class ReplayCamera:
         Raises SettingRefused outside the recorded camera's range, and when no recorded one is within 5 %.
         """
         self._check_open()
-        shortest, longest = self.exposure_range_s
-        if not shortest <= exposure_s <= longest:
-            raise SettingRefused(
-                f"exposure {exposure_s:.6g} s is outside the recorded camera's {shortest:g} … {longest:g} s"
-            )
+        check_exposure(exposure_s, self.exposure_range_s, "the recorded camera's")
         self._exposure_s = self._nearest(exposure_s)
         return self._exposure_s
 

@@ -1,4 +1,4 @@
-"""The simulated pair: a camera and a projector on one simulated world, in virtual time.
+"""Simulated devices: a camera and a projector on one simulated world, in virtual time.
 
 Every random event is drawn from the simulated world's seed and the time at which it happens, so it is a function of
 time alone: a session that is killed and resumed at the time of its last frame sees what it would have seen. Only
@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.protocols import Clock, Codes, RawFrame, Shown
+from rig.devices.driver_settings import Devices, RigSettings
+from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown
+from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
 from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
-from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld
-from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
+from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld, make_simulated_worlds
+from rig.errors import CaptureTimeout, DeviceLost, ProfileError
 
 FloatArray = NDArray[np.float64]
 
@@ -75,10 +77,7 @@ class SimulatedProjector:
     def show(self, codes: Codes, *, name: str) -> Shown:
         """Show codes of exactly its shape, (H, W) or (H, W, 3), at the next refresh."""
         self.check_on_screen()
-        if codes.dtype != np.uint8 or codes.shape not in (self.shape, (*self.shape, 3)):
-            raise SettingRefused(
-                f"the projector shows uint8 codes of shape {self.shape}, not {codes.dtype} of {codes.shape}"
-            )
+        check_codes(codes, self.shape)
         on_screen_s = math.ceil(self._clock.now_s() / self._period_s + 1e-9) * self._period_s
         self._clock.wait_until_s(on_screen_s)
         projector = self._world.settings.projector
@@ -115,8 +114,8 @@ class SimulatedCamera:
         self._clock = clock
         self._bit_depth = bit_depth
         self._period_s = 1.0 / frame_rate_hz
-        self._exposure_range_s = exposure_range_s
-        self._exposure_s = exposure_range_s[0]
+        self._exposure_range_s = ExposureRange(*exposure_range_s)
+        self._exposure_s = self._exposure_range_s.shortest_s
         self._earlier_exposure_s, self._set_s = self._exposure_s, -math.inf
         self._opened_s: float | None = None
         self._sequence = 0
@@ -134,7 +133,7 @@ class SimulatedCamera:
         return int(2**self._bit_depth - 1)
 
     @property
-    def exposure_range_s(self) -> tuple[float, float]:
+    def exposure_range_s(self) -> ExposureRange:
         """Shortest and longest exposure."""
         return self._exposure_range_s
 
@@ -144,7 +143,7 @@ class SimulatedCamera:
             now_s = self._clock.now_s()
             _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, now_s, now_s)
             self._opened_s = now_s
-            self._exposure_s = self._earlier_exposure_s = self._exposure_range_s[0]
+            self._exposure_s = self._earlier_exposure_s = self._exposure_range_s.shortest_s
 
     def close(self) -> None:
         """Let go."""
@@ -153,9 +152,7 @@ class SimulatedCamera:
     def set_exposure(self, exposure_s: float) -> float:
         """Choose the nearest multiple of 10 µs."""
         self._check_open()
-        shortest, longest = self._exposure_range_s
-        if not shortest <= exposure_s <= longest:
-            raise SettingRefused(f"exposure {exposure_s:.6g} s is outside the camera's {shortest:g} … {longest:g} s")
+        check_exposure(exposure_s, self._exposure_range_s)
         chosen_s = round(exposure_s * 1e5) / 1e5
         if chosen_s != self._exposure_s:
             self._earlier_exposure_s, self._set_s = self._exposure_s, self._clock.now_s()
@@ -259,3 +256,25 @@ def sensor_response(
     y *= (1 + camera.compression) / (1 + camera.compression * y)
     digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y
     return np.asarray(np.clip(np.rint(digital), 0, full_scale_dn), dtype=np.uint16)
+
+
+def from_profile(profile: RigSettings, clock: Clock) -> Devices:
+    """Make the devices of a simulated rig, closed: driver ``simulated``. Raises ProfileError without a simulation."""
+    settings, bands = profile.camera, worlds_of(profile, profile.camera.shape[2])
+    projector = SimulatedProjector(bands[0], clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
+    camera = SimulatedCamera(
+        bands,
+        projector,
+        clock,
+        bit_depth=settings.bit_depth,
+        frame_rate_hz=settings.frame_rate_hz,
+        exposure_range_s=settings.exposure_range_s,
+    )
+    return Devices({settings.name: camera}, {profile.projector.name: projector}, clock)
+
+
+def worlds_of(profile: RigSettings, channels: int) -> tuple[SimulatedWorld, ...]:
+    """Make a profile's simulated world in each band of a camera of 1 or 3 channels. Raises ProfileError."""
+    if profile.simulation is None:
+        raise ProfileError(f"{profile.path}: simulation: missing; a simulated room needs a [simulation] table")
+    return make_simulated_worlds(profile.simulation, profile.camera.shape[:2], profile.projector.shape, channels)

@@ -1,14 +1,16 @@
 """The `[simulation]` table of a simulated rig's profile: the truth that calibration has to find out.
 
-Nothing outside the simulated pair and the scoring of its results may read these numbers.
+Nothing outside the simulated devices and the scoring of its results may read these numbers.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+Item = TypeVar("Item")
 Vector3 = tuple[float, float, float]
 FaceName = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -17,6 +19,16 @@ NotNegative = Annotated[float, Field(ge=0.0)]
 FrameCount = Annotated[int, Field(ge=0)]
 BANDS = 3
 """Of a colour camera: red, green, blue."""
+
+
+def _some(tables: tuple[Item, ...]) -> tuple[Item, ...]:
+    if not tables:
+        raise ValueError("is empty; give at least one table")
+    return tables
+
+
+AT_LEAST_ONE = AfterValidator(_some)
+"""Of an array of tables; a length in the type would be missed, too, when a table is wrong."""
 
 
 def _listed(value: Any) -> Any:
@@ -61,6 +73,8 @@ class _Table(BaseModel):
 class SimulatedLensSettings(_Table):
     """Pose and lens of one device of the simulated world."""
 
+    name: Annotated[str, Field(min_length=1)]
+    """The camera's or projector's, as the profile calls it."""
     position_m: Vector3
     look_at_m: Vector3
     roll_deg: float = 0.0
@@ -155,12 +169,40 @@ class SimulationSettings(_Table):
     """How often a second the room light swells; mains lamps do twice a period: 100 or 120."""
     ambient_flicker: Share = 0.0
     """By how much, share of its mean."""
-    camera: SimulatedCameraSettings
-    projector: SimulatedProjectorSettings
+    cameras: Annotated[tuple[SimulatedCameraSettings, ...], Field(alias="camera"), AT_LEAST_ONE]
+    projectors: Annotated[tuple[SimulatedProjectorSettings, ...], Field(alias="projector"), AT_LEAST_ONE]
+
+    @property
+    def camera(self) -> SimulatedCameraSettings:
+        """The only camera. Raises ValueError when there are several."""
+        (camera,) = self.cameras
+        return camera
+
+    @property
+    def projector(self) -> SimulatedProjectorSettings:
+        """The only projector. Raises ValueError when there are several."""
+        (projector,) = self.projectors
+        return projector
+
+    def with_device(self, device: SimulatedCameraSettings | SimulatedProjectorSettings) -> SimulationSettings:
+        """Return the same settings, the camera or projector of that name replaced."""
+        return self.model_copy(
+            update={
+                "cameras": tuple(device if one.name == device.name else one for one in self.cameras),
+                "projectors": tuple(device if one.name == device.name else one for one in self.projectors),
+            }
+        )
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> SimulationSettings:
+        """Return a copy with some keys replaced, not validated. Raises ValueError for what is no key."""
+        unknown = set(update or ()) - set(type(self).model_fields)
+        if unknown:
+            raise ValueError(f"a simulation has no {', '.join(sorted(unknown))}; with_device() replaces one device")
+        return super().model_copy(update=update, deep=deep)
 
     @model_validator(mode="after")
     def _devices_are_inside(self) -> SimulationSettings:
-        for name, lens in (("camera", self.camera), ("projector", self.projector)):
+        for lens in (*self.cameras, *self.projectors):
             if not all(0.0 < p < s for p, s in zip(lens.position_m, self.size_m, strict=True)):
-                raise ValueError(f"{name}.position_m {lens.position_m} is outside size_m {self.size_m}")
+                raise ValueError(f"position_m {lens.position_m} of {lens.name!r} is outside size_m {self.size_m}")
         return self

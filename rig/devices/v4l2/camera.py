@@ -7,7 +7,9 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from rig.devices.protocols import Clock, RawFrame
+from rig.devices.driver_settings import CameraSettings
+from rig.devices.protocols import Clock, ExposureRange, RawFrame
+from rig.devices.refusals import check_exposure
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.controls import EXPOSURE_STEP_S, Setting, mismatch, read_control
 from rig.devices.v4l2.describe import ControlAbility
@@ -105,7 +107,7 @@ class V4l2Camera:
         self._format_name = pixel_format
         self._bit_depth = bit_depth
         self._frame_rate_hz = frame_rate_hz
-        self._exposure_range_s = exposure_range_s
+        self._exposure_range_s = ExposureRange(*exposure_range_s)
         self._controls = dict(controls)
         self._clock = clock
         self._opened: _Opened | None = None
@@ -121,7 +123,7 @@ class V4l2Camera:
         return int(2**self._bit_depth - 1)
 
     @property
-    def exposure_range_s(self) -> tuple[float, float]:
+    def exposure_range_s(self) -> ExposureRange:
         """Shortest and longest exposure."""
         return self._exposure_range_s
 
@@ -209,11 +211,7 @@ class V4l2Camera:
         camera takes another value, and when the frames do not follow; DeviceLost when closed or gone.
         """
         with self._opened_for("setting its exposure") as opened:
-            shortest_s, longest_s = self._exposure_range_s
-            if not shortest_s <= exposure_s <= longest_s:
-                raise SettingRefused(
-                    f"exposure {exposure_s:.6g} s is outside the camera's {shortest_s:g} … {longest_s:g} s"
-                )
+            check_exposure(exposure_s, self._exposure_range_s)
             if opened.exposure is not None:
                 self._set_exposure_control(opened, opened.exposure, round(exposure_s / EXPOSURE_STEP_S))
             return opened.exposure_s
@@ -292,6 +290,7 @@ class V4l2Camera:
                     f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
                     f"{seen}; check the cable, or give timing.timeout_s more time"
                 )
+            self._clock.wait_until_s(frame.started_s + frame.exposure_s)  # drivers may stamp a little ahead
             return frame
 
     @property
@@ -318,3 +317,17 @@ class V4l2Camera:
             opened.stream.start()
         hold_controls(opened.node, opened.settings)
         return opened.frames.next(after_s, until_s, opened.exposure_s, seen)
+
+
+def from_profile(settings: CameraSettings, clock: Clock) -> V4l2Camera:
+    """Make the camera of a profile's table [[camera]], closed: driver ``v4l2``."""
+    return V4l2Camera(
+        settings.device_id or "",
+        shape=settings.shape,
+        pixel_format=settings.pixel_format or "",
+        bit_depth=settings.bit_depth,
+        frame_rate_hz=settings.frame_rate_hz,
+        exposure_range_s=settings.exposure_range_s,
+        controls=settings.controls,
+        clock=clock,
+    )

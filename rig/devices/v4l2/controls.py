@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
+from rig.devices.protocols import ExposureRange
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.describe import ControlAbility, query_control
 from rig.devices.v4l2.node import STALLED, Node
@@ -165,3 +166,11 @@ def mismatch(control: ControlAbility, asked: int, got: int) -> SettingRefused:
         f"(range {control.minimum} … {control.maximum}, step {control.step}); "
         f"give a value that it keeps in camera.controls.{control.name}"
     )
+
+
+def exposure_range_of(controls: Iterable[ControlAbility]) -> ExposureRange | None:
+    """Return the exposures that a camera's control takes; None when it has no control in seconds."""
+    for control in controls:
+        if control.id == EXPOSURE_ABSOLUTE:
+            return ExposureRange(max(control.minimum, 1) * EXPOSURE_STEP_S, control.maximum * EXPOSURE_STEP_S)
+    return None

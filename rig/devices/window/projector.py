@@ -8,10 +8,12 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
+from rig.devices.driver_settings import ProjectorSettings
 from rig.devices.protocols import Clock, Codes, Shown
+from rig.devices.refusals import check_codes
 from rig.devices.window.link import ScreenLink
 from rig.devices.window.monitor import check_mode, choose_monitor
-from rig.errors import DeviceError, DeviceLost, SettingRefused
+from rig.errors import DeviceError, DeviceLost
 
 
 class WindowProjector:
@@ -73,11 +75,7 @@ class WindowProjector:
         """
         if self._link is None:
             raise DeviceLost(f"the projector on monitor {self._output!r} is closed: open the rig first")
-        if codes.dtype != np.uint8 or codes.shape not in (self._shape, (*self._shape, 3)):
-            raise SettingRefused(
-                f"the projector shows uint8 codes of shape {self._shape}, not {codes.dtype} of {codes.shape}; "
-                "make the picture in exactly its size"
-            )
+        check_codes(codes, self._shape)
         self._draw(self._link, codes)
         return Shown(self._clock.now_s(), name)
 
@@ -102,3 +100,10 @@ class WindowProjector:
             action()
         except DeviceError as error:
             raise type(error)(f"the projector on monitor {self._output!r}: {error}") from error
+
+
+def from_profile(settings: ProjectorSettings, clock: Clock) -> WindowProjector:
+    """Make the projector of a profile's table [[projector]], closed: driver ``window``."""
+    return WindowProjector(
+        settings.output or "", shape=settings.shape, refresh_rate_hz=settings.refresh_rate_hz, clock=clock
+    )

@@ -31,6 +31,7 @@ AWAKE_PERIOD_S = 10.0
 SETTLE_S = 3.0
 """How long a window manager may take to give the window the whole monitor."""
 _PACKET_BYTES = 1 << 16
+_GONE = "it was unplugged or switched off; connect it and open the rig again"
 Message: TypeAlias = dict[str, Any]
 """One JSON object, as it goes between the two processes."""
 
@@ -87,8 +88,15 @@ class Display:
         """Every monitor's name, place and present mode, in the server's order."""
         return [self._monitor(index, monitor) for index, monitor in enumerate(self.glfw.get_monitors())]
 
+    def mode(self, monitor: Any) -> Any:
+        """A monitor's present mode. Raises ScreenProblem for one that went away just now."""
+        try:
+            return self.glfw.get_video_mode(monitor)
+        except ValueError as error:  # the library's answer is a null pointer
+            raise ScreenProblem("lost", _GONE) from error
+
     def _monitor(self, index: int, monitor: Any) -> dict[str, object]:
-        (x_px, y_px), mode = self.glfw.get_monitor_pos(monitor), self.glfw.get_video_mode(monitor)
+        (x_px, y_px), mode = self.glfw.get_monitor_pos(monitor), self.mode(monitor)
         return {
             "name": self.glfw.get_monitor_name(monitor).decode(errors="replace"),
             "index": index,
@@ -108,7 +116,7 @@ class Window:
         monitors = self._glfw.get_monitors()
         if index >= len(monitors):
             raise ScreenProblem("lost", "it was switched off")
-        mode = self._glfw.get_video_mode(monitors[index])
+        mode = display.mode(monitors[index])
         self._awake_until_s = 0.0
         self._size = tuple(mode.size)
         self._place = tuple(self._glfw.get_monitor_pos(monitors[index]))
@@ -185,6 +193,9 @@ class Window:
         if time.monotonic() >= self._awake_until_s:
             self._display.stay_awake()
             self._awake_until_s = time.monotonic() + AWAKE_PERIOD_S
+        if self._trouble() is None:
+            return
+        self._glfw.poll_events()  # one that was switched off just now seemed to be moved, until its event came
         trouble = self._trouble()
         if trouble is not None:
             raise trouble
@@ -193,15 +204,18 @@ class Window:
         glfw, window = self._glfw, self._window
         monitor = glfw.get_window_monitor(window)
         if not monitor:
-            return ScreenProblem("lost", "it was unplugged or switched off; connect it and open the rig again")
+            return ScreenProblem("lost", _GONE)
         if glfw.window_should_close(window):
             return ScreenProblem("lost", "its window was closed by somebody; open the rig again")
         if glfw.get_window_attrib(window, glfw.ICONIFIED):
             return ScreenProblem("lost", "its window was minimised by somebody; open the rig again")
-        return self._wrong_mode(monitor) or self._wrong_size() or self._wrong_place(monitor)
+        try:
+            return self._wrong_mode(monitor) or self._wrong_size() or self._wrong_place(monitor)
+        except ScreenProblem as problem:
+            return problem
 
     def _wrong_mode(self, monitor: Any) -> ScreenProblem | None:
-        mode = tuple(self._glfw.get_video_mode(monitor).size)
+        mode = tuple(self._display.mode(monitor).size)
         if mode == self._size:
             return None
         text = f"its mode is now {_size(mode)}, it was {_size(self._size)}; set that mode again"

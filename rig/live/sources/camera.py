@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.devices.protocols import Camera, Clock, RawFrame
+from rig.devices.protocols import Camera, Clock, ExposureRange, RawFrame
 from rig.devices.v4l2.camera import V4l2Camera
-from rig.devices.v4l2.controls import EXPOSURE_ABSOLUTE, EXPOSURE_STEP_S
+from rig.devices.v4l2.controls import exposure_range_of
 from rig.devices.v4l2.describe import ControlAbility, FormatAbility, describe
 from rig.devices.v4l2.find import find_camera
 from rig.devices.v4l2.formats import PIXEL_FORMATS
@@ -114,9 +114,6 @@ def best_camera(device_id: str, shape: tuple[int, int], clock: Clock) -> Camera:
     )
 
 
-def _exposure_range_s(controls: Sequence[ControlAbility], period_s: float) -> tuple[float, float]:
+def _exposure_range_s(controls: Sequence[ControlAbility], period_s: float) -> ExposureRange:
     """All that its control allows; without one a camera exposes for its whole period."""
-    for control in controls:
-        if control.id == EXPOSURE_ABSOLUTE:
-            return control.minimum * EXPOSURE_STEP_S, control.maximum * EXPOSURE_STEP_S
-    return period_s, period_s
+    return exposure_range_of(controls) or ExposureRange(period_s, period_s)

@@ -7,29 +7,43 @@ codes are not proportional to light; the sum is then off, more and less in turns
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import get_args
 
 import cv2
 import numpy as np
 
-from rig.devices.protocols import Codes
-from rig.self_check.parts.linearity import Linear
-from rig.self_check.rig_under_test import BoolArray, FloatArray, RigUnderTest
-from rig.self_check.rows import Measured, Row
+from calibration.arrays import BoolArray, Codes, FloatArray
+from calibration.structured_light.patterns import Side, checker, strip
+from rig.records import Record, Verdict
+from rig.self_check.parts.linearity import CameraCurve
+from rig.self_check.results import PartResult
+from rig.self_check.rig_under_test import RigUnderTest
 
 _SIZES = (1, 2, 4)
 _REPEATS = 2
+"""Of each picture: halves the noise that the contrast is freed of."""
 _PATCH = 9
 """Camera pixels over which light is averaged to see beating: noise down, slow waves kept."""
 _EDGE = 3
 """Outermost projector pixels that have to be seen, and how far in they are compared."""
-_SIDES = ("left", "right", "top", "bottom")
+_SIDES: tuple[Side, ...] = get_args(Side)
 
 
-def checker(shape: tuple[int, int], size_px: int, shift_px: int = 0) -> Codes:
-    """Squares of 0 and 255."""
-    y, x = np.mgrid[: shape[0], : shape[1]]
-    return np.asarray(255 * (((x + shift_px) // size_px + y // size_px) % 2), dtype=np.uint8)
+@dataclass(frozen=True, kw_only=True)
+class Checkers(Record):
+    """How single pixels of the picture come out."""
+
+    sum: float
+    """Single-pixel checker + its complement over white + black, median."""
+    sum_5_percent: float
+    sum_95_percent: float
+    """The same in patches, quantiles."""
+    contrast: Mapping[int, float]
+    """By side of the squares in pixels, share of full contrast."""
+    edges: Mapping[str, float]
+    """Light of the picture's edge by side, over that a little further in."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,59 +58,71 @@ class _Scene:
     """Variance of a single photograph of white."""
 
 
-def check_checker(subject: RigUnderTest, linear: Linear) -> Measured:
+def check_checker(tested: RigUnderTest, curve: CameraCurve) -> PartResult[Checkers]:
     """Sum of complements, its beating, contrast of small squares, edges."""
-    scene = _scene(subject, linear)
-    pairs = {size: _pair(subject, linear, size) for size in _SIZES}
+    scene = _scene(tested, curve)
+    pairs = {size: _pair(tested, curve, size) for size in _SIZES}
     total = (sum(pairs[1]) / (scene.white + scene.black))[scene.lit]
     halves = float(np.median((pairs[1][0] / (sum(pairs[1]) / 2))[scene.lit]))
     low, high = np.quantile(_patches(sum(pairs[1]) / (scene.white + scene.black), scene.lit), (0.05, 0.95))
     contrasts = {size: _contrast(pair, scene) for size, pair in pairs.items()}
-    edges = _edges(subject, linear, scene)
-    limits = subject.limits
+    edges = _edges(tested, curve, scene)
+    limits = tested.limits
     worst = min(edges, key=lambda side: edges[side])
-    rows = (
-        Row("single-pixel checker + its complement off white + black", 100 * abs(float(np.median(total)) - 1), "%",
-            limits.checker_percent,
-            advice="native resolution, scaling 100 %, keystone and warping off, sharpness neutral, RGB 4:4:4"),
-        Row("beating of that sum over the picture", 100 * float(high - low), "%", limits.beat_percent,
-            advice="the picture is scaled: native resolution, overscan and keystone off"),
-        Row("single-pixel checker against its complement", 100 * abs(halves - 1), "%"),
-        Row("contrast of the single-pixel checker", contrasts[1], "of full"),
-        Row("contrast of a checker of 4 pixels", contrasts[4], "of full"),
-        Row(f"light of the picture's edge, weakest: {worst}", edges[worst], "of what is next to it",
-            limits.edge_share, at_least=True,
-            advice="overscan off, or aim the camera so that it sees the whole picture"),
-    )  # fmt: skip
-    numbers = {
-        "sum": float(np.median(total)),
-        "sum_5_percent": float(low),
-        "sum_95_percent": float(high),
-        "contrast": {str(size): value for size, value in contrasts.items()},
-        "edges": edges,
-    }
-    return Measured(rows, {}, numbers)
-
-
-def _light(subject: RigUnderTest, linear: Linear, picture: int | Codes, name: str) -> FloatArray:
-    frames = [subject.photograph(picture, name) for _ in range(_REPEATS)]
-    return linear.light(np.mean(frames, axis=0))
-
-
-def _scene(subject: RigUnderTest, linear: Linear) -> _Scene:
-    inside = cv2.erode(subject.lit.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-    lit = np.asarray(inside if inside.sum() > 0.2 * subject.lit.sum() else subject.lit)
-    white = _light(subject, linear, 255, "white")
-    noise = float((white - _light(subject, linear, 255, "white"))[lit].var()) * _REPEATS / 2
-    return _Scene(white, _light(subject, linear, 0, "black"), lit, noise)
-
-
-def _pair(subject: RigUnderTest, linear: Linear, size_px: int) -> tuple[FloatArray, FloatArray]:
-    """A checker, and the same shifted by one square: its complement."""
-    shape = subject.rig.projector.shape
-    first, second = (
-        _light(subject, linear, checker(shape, size_px, shift), f"checker-{size_px}-{shift}") for shift in (0, size_px)
+    verdicts = (
+        Verdict(
+            what="single-pixel checker + its complement off white + black",
+            value=100 * abs(float(np.median(total)) - 1),
+            limit=limits.checker_percent,
+            unit="%",
+            advice="native resolution, scaling 100 %, keystone and warping off, sharpness neutral, RGB 4:4:4",
+        ),
+        Verdict(
+            what="beating of that sum over the picture",
+            value=100 * float(high - low),
+            limit=limits.beat_percent,
+            unit="%",
+            advice="the picture is scaled: native resolution, overscan and keystone off",
+        ),
+        Verdict(what="single-pixel checker against its complement", value=100 * abs(halves - 1), unit="%"),
+        Verdict(what="contrast of the single-pixel checker", value=contrasts[1], unit="of full"),
+        Verdict(what="contrast of a checker of 4 pixels", value=contrasts[4], unit="of full"),
+        Verdict(
+            what=f"light of the picture's edge, weakest: {worst}",
+            value=edges[worst],
+            limit=limits.edge_share,
+            unit="of what is next to it",
+            at_least=True,
+            advice="overscan off, or aim the camera so that it sees the whole picture",
+        ),
     )
+    numbers = Checkers(
+        sum=float(np.median(total)),
+        sum_5_percent=float(low),
+        sum_95_percent=float(high),
+        contrast=contrasts,
+        edges=edges,
+    )
+    return PartResult(verdicts=verdicts, numbers=numbers)
+
+
+def _light(tested: RigUnderTest, curve: CameraCurve, picture: int | Codes, name: str) -> FloatArray:
+    frames = [tested.photograph(picture, name) for _ in range(_REPEATS)]
+    return curve.light(np.mean(frames, axis=0))
+
+
+def _scene(tested: RigUnderTest, curve: CameraCurve) -> _Scene:
+    inside = cv2.erode(tested.lit.astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
+    lit = np.asarray(inside if inside.sum() > 0.2 * tested.lit.sum() else tested.lit)
+    white = _light(tested, curve, 255, "white")
+    noise = float((white - _light(tested, curve, 255, "white"))[lit].var()) * _REPEATS / 2
+    return _Scene(white, _light(tested, curve, 0, "black"), lit, noise)
+
+
+def _pair(tested: RigUnderTest, curve: CameraCurve, size_px: int) -> tuple[FloatArray, FloatArray]:
+    """A checker, and the same shifted by one square: its complement."""
+    boards = (checker(tested.picture_shape, size_px, (0, shift_px)) for shift_px in (size_px, 0))
+    first, second = (_light(tested, curve, codes, f"checker-{size_px}-{k}") for k, codes in enumerate(boards))
     return first, second
 
 
@@ -117,23 +143,14 @@ def _contrast(pair: tuple[FloatArray, FloatArray], scene: _Scene) -> float:
     return float(np.sqrt(max(squared, 0.0) / np.mean(full[scene.lit] ** 2)))
 
 
-def _edges(subject: RigUnderTest, linear: Linear, scene: _Scene) -> dict[str, float]:
+def _edges(tested: RigUnderTest, curve: CameraCurve, scene: _Scene) -> dict[str, float]:
     """Light of a strip along each side of the picture against that of an equal strip further in."""
-    return {side: _edge(subject, linear, scene, side) for side in _SIDES}
+    return {side: _edge(tested, curve, scene, side) for side in _SIDES}
 
 
-def _edge(subject: RigUnderTest, linear: Linear, scene: _Scene, side: str) -> float:
+def _edge(tested: RigUnderTest, curve: CameraCurve, scene: _Scene, side: Side) -> float:
     light = []
     for inset in (0, 2 * _EDGE):
-        codes = strip(subject.rig.projector.shape, side, inset)
-        light.append(float((_light(subject, linear, codes, f"edge-{side}-{inset}") - scene.black).sum()))
+        codes = strip(tested.picture_shape, side, inset, _EDGE)
+        light.append(float((_light(tested, curve, codes, f"edge-{side}-{inset}") - scene.black).sum()))
     return light[0] / max(light[1], 1e-9)
-
-
-def strip(shape: tuple[int, int], side: str, inset_px: int) -> Codes:
-    """A few lines of white along a side, some pixels in."""
-    codes = np.zeros(shape, np.uint8)
-    lines = slice(inset_px, inset_px + _EDGE)
-    turned = {"left": codes.T, "right": codes.T[::-1], "top": codes, "bottom": codes[::-1]}[side]
-    turned[lines] = 255
-    return codes

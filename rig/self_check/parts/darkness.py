@@ -2,29 +2,53 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from rig.records import Record, Verdict
+from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest
-from rig.self_check.rows import Measured, Row
 
 
-def check_darkness(subject: RigUnderTest) -> Measured:
+@dataclass(frozen=True, kw_only=True)
+class Darkness(Record):
+    """Light while the projector shows black."""
+
+    black_dn: float
+    """Median over the lit pixels, above the dark level."""
+    share: float
+    """Of white."""
+    contrast: float
+    """White over black."""
+
+
+def check_darkness(tested: RigUnderTest) -> PartResult[Darkness]:
     """Light on black against light on white, and the contrast between the two.
 
     The camera cannot tell room light from the display's black without covering the projector's lens.
     """
-    white = subject.white - subject.offset_dn
-    black = subject.black - subject.offset_dn
+    white = tested.white - tested.offset_dn
+    black = tested.black - tested.offset_dn
     light = white - black
-    share = float(np.median((black / light)[subject.lit]))
-    contrast = float(np.median(white[subject.lit]) / max(float(np.median(black[subject.lit])), 1e-9))
-    noise = 1 / np.sqrt(subject.lit.sum())
-    measurable = float(np.median(black[subject.lit])) > 3 * noise
-    rows = (
-        Row("room light and the display's black, against white", 100 * share, "% of white",
-            subject.limits.dark_light_percent,
-            advice="darken the room; cover the projector's lens: what is left is room light"),
-        Row("contrast of white over black on the wall", contrast if measurable else None, "to 1",
-            advice="" if measurable else "black is too dark to be measured"),
-    )  # fmt: skip
-    return Measured(rows, {}, {"black_dn": float(np.median(black[subject.lit])), "share": share, "contrast": contrast})
+    share = float(np.median((black / light)[tested.lit]))
+    contrast = float(np.median(white[tested.lit]) / max(float(np.median(black[tested.lit])), 1e-9))
+    noise = 1 / np.sqrt(tested.lit.sum())
+    measurable = float(np.median(black[tested.lit])) > 3 * noise
+    verdicts = (
+        Verdict(
+            what="room light and the display's black, against white",
+            value=100 * share,
+            limit=tested.limits.dark_light_percent,
+            unit="% of white",
+            advice="darken the room; cover the projector's lens: what is left is room light",
+        ),
+        Verdict(
+            what="contrast of white over black on the wall",
+            value=contrast if measurable else None,
+            unit="to 1",
+            advice="" if measurable else "black is too dark to be measured",
+        ),
+    )
+    numbers = Darkness(black_dn=float(np.median(black[tested.lit])), share=share, contrast=contrast)
+    return PartResult(verdicts=verdicts, numbers=numbers)

@@ -12,18 +12,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from calibration.arrays import BoolArray, FloatArray
+from calibration.structured_light.patterns import flat
 from rig.devices.protocols import RawFrame
 from rig.errors import CaptureTimeout
+from rig.records import Record, Verdict
+from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest, fingerprint
-from rig.self_check.rows import Measured, Row
-
-FloatArray = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
 
 TRIALS = 40
 _FRAMES_WAITED = 200
@@ -34,6 +32,8 @@ _NO_GAP = 0.998
 _FRACTIONS = (0.2, 0.4, 0.6, 0.8)
 _GOLDEN = 0.618
 """Waits before a change, in periods, that fill the phases evenly."""
+_MARGIN = 0.25
+"""Of a refresh: what a change may hide between frames and still count as sharp, and what is added to be safe."""
 _LEAST_SHARP = 5
 """So many trials without a gap at the change are better than all trials with it."""
 
@@ -55,7 +55,32 @@ class _Levels:
         return float(np.interp(image[self.masks[mask]].mean(), self.means_dn[mask], self.shares))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
+class Latency(Record):
+    """The display's delay from its time stamp to light, over many changes of the picture. [s]."""
+
+    mean: float
+    min: float
+    median: float
+    max: float
+    sd: float
+    values_s: tuple[float, ...]
+    """Of the changes that count."""
+    safe_s: float
+    """A latency that a profile can promise: the largest seen + a quarter of a refresh."""
+    code: int
+    """Of the bright picture."""
+    exposure_s: float
+    trials: int
+    used: tuple[int, ...]
+    """Which trials count, from 0."""
+    unseen_s: float
+    """The most that fell between two frames, of the trials that count."""
+    readout_s: float
+    """Of the camera, first to last row; 0 where it is too short to be seen."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Sight:
     """One frame after a change: the new picture's share of it, and of its upper and lower half."""
 
@@ -89,43 +114,49 @@ class _Trial:
         return missing_s, unseen_s
 
 
-def check_latency(subject: RigUnderTest) -> Measured:
+def measure_latency(tested: RigUnderTest) -> Latency:
     """Distribution of the display's delay, and the camera's readout as far as it shows."""
-    period_s = 1 / subject.rig.profile.camera.frame_rate_hz
-    exposure_s = subject.rig.set_exposure(float(np.clip(_NO_GAP * period_s, *subject.exposure_range_s)))
-    levels = _levels(subject, exposure_s)
-    trials = [_run_trial(subject, levels, number) for number in range(TRIALS)]
+    period_s = 1 / tested.rig.profile.camera.frame_rate_hz
+    exposure_s = tested.rig.set_exposure(float(np.clip(_NO_GAP * period_s, *tested.exposure_range_s)))
+    levels = _levels(tested, exposure_s)
+    trials = [_run_trial(tested, levels, number) for number in range(TRIALS)]
     line_s = _line_delay_s(trials, levels)
     middle_row = float(np.nonzero(levels.masks[0])[0].mean())
     found = np.array([trial.delay() for trial in trials])
-    sharp = found[:, 1] < 0.25 / subject.refresh_rate_hz
+    sharp = found[:, 1] < _MARGIN / tested.refresh_rate_hz
     chosen = sharp if sharp.sum() >= _LEAST_SHARP else np.ones(len(found), bool)
     delays_s = found[chosen, 0] + line_s * middle_row
-    numbers = {
-        "code": levels.code,
-        "exposure_s": exposure_s,
-        "trials": TRIALS,
-        "used": [int(number) for number in np.flatnonzero(chosen)],
-        "unseen_s": float(found[chosen, 1].max()),
-        "readout_s": line_s * levels.masks[0].shape[0],
-    }
-    return _judge(subject, delays_s, numbers)
+    return Latency(
+        mean=float(delays_s.mean()),
+        min=float(delays_s.min()),
+        median=float(np.median(delays_s)),
+        max=float(delays_s.max()),
+        sd=float(delays_s.std(ddof=1)) if len(delays_s) > 1 else 0.0,
+        values_s=tuple(float(delay_s) for delay_s in delays_s),
+        safe_s=float(delays_s.max()) + _MARGIN / tested.refresh_rate_hz,
+        code=levels.code,
+        exposure_s=exposure_s,
+        trials=TRIALS,
+        used=tuple(int(number) for number in np.flatnonzero(chosen)),
+        unseen_s=float(found[chosen, 1].max()),
+        readout_s=line_s * levels.masks[0].shape[0],
+    )
 
 
-def _levels(subject: RigUnderTest, exposure_s: float) -> _Levels:
+def _levels(tested: RigUnderTest, exposure_s: float) -> _Levels:
     """Photograph a code that does not clip at this exposure, at shares of the exposure."""
     for code in (255, 192, 128, 64):
-        full = subject.photograph(code, f"level-{code:03d}", exposure_s)
-        if np.quantile(full, 0.999) < 0.9 * subject.full_scale_dn:
+        full = tested.photograph(code, f"level-{code:03d}", exposure_s)
+        if np.quantile(full, 0.999) < 0.9 * tested.full_scale_dn:
             break
     shares, images = [], []
     for fraction in _FRACTIONS:
-        if fraction * exposure_s >= subject.exposure_range_s[0]:
-            frame = subject.shoot(code, f"level-{code:03d}", fraction * exposure_s)
+        if fraction * exposure_s >= tested.exposure_range_s[0]:
+            frame = tested.shoot(code, f"level-{code:03d}", fraction * exposure_s)
             shares.append(frame.exposure_s / exposure_s)
-            images.append(subject.pixels(frame))
-    offset_dn = subject.offset_dn
-    black = subject.photograph(0, "black", exposure_s)
+            images.append(tested.pixels(frame))
+    offset_dn = tested.offset_dn
+    black = tested.photograph(0, "black", exposure_s)
     lit = full - black > 0.3 * np.quantile(full - black, 0.99)
     masks = _halves(lit)
     images = [image + (1 - share) * (black - offset_dn) for image, share in zip(images, shares, strict=True)]
@@ -140,23 +171,24 @@ def _halves(lit: BoolArray) -> tuple[BoolArray, BoolArray, BoolArray]:
     return lit, lit & (rows < middle), lit & (rows >= middle)
 
 
-def _run_trial(subject: RigUnderTest, levels: _Levels, number: int) -> _Trial:
+def _run_trial(tested: RigUnderTest, levels: _Levels, number: int) -> _Trial:
     """Change the picture once, and take frames until one is the new picture's alone."""
-    rig = subject.rig
+    rig = tested.rig
     brightens = number % 2 == 0
     period_s = 1 / rig.profile.camera.frame_rate_hz
     rig.clock.wait_until_s(rig.clock.now_s() + period_s * ((number * _GOLDEN) % 1))
-    shown = rig.projector.show(subject.codes_of(levels.code if brightens else 0), name=f"latency-{number}")
+    picture = flat(tested.picture_shape, levels.code if brightens else 0, f"latency-{number}")
+    shown = rig.projector.show(picture.codes, name=picture.name)
     sights: list[_Sight] = []
     seen: set[int] = set()
     after_s = shown.on_screen_s
     for _ in range(_FRAMES_WAITED):
-        frame = subject.take(after_s)
+        frame = tested.take(after_s)
         if frame is None or frame.started_s < after_s or (mark := fingerprint(frame)) in seen:
             continue
         seen.add(mark)
         after_s = frame.started_s + frame.exposure_s / 2
-        sights.append(_sight(subject.pixels(frame), frame, levels, brightens))
+        sights.append(_sight(tested.pixels(frame), frame, levels, brightens))
         if sights[-1].share > 1 - _CHANGED:
             return _Trial(shown.on_screen_s, tuple(sights))
     raise CaptureTimeout(
@@ -167,7 +199,7 @@ def _run_trial(subject: RigUnderTest, levels: _Levels, number: int) -> _Trial:
 def _sight(image: FloatArray, frame: RawFrame, levels: _Levels, brightens: bool) -> _Sight:
     bright = [levels.share_of(image, mask) for mask in range(3)]
     share, upper, lower = bright if brightens else (1 - b for b in bright)
-    return _Sight(frame.started_s, frame.exposure_s, share, upper, lower)
+    return _Sight(started_s=frame.started_s, exposure_s=frame.exposure_s, share=share, upper=upper, lower=lower)
 
 
 def _line_delay_s(trials: Sequence[_Trial], levels: _Levels) -> float:
@@ -182,26 +214,27 @@ def _line_delay_s(trials: Sequence[_Trial], levels: _Levels) -> float:
     return middle if abs(middle) > 5 * uncertainty and abs(middle) * levels.masks[0].shape[0] > 5e-4 else 0.0
 
 
-def _judge(subject: RigUnderTest, delays_s: FloatArray, numbers: dict[str, Any]) -> Measured:
-    refresh_s = 1 / subject.refresh_rate_hz
-    smallest, median, largest = (float(f(delays_s)) for f in (np.min, np.median, np.max))
+def check_latency(tested: RigUnderTest) -> PartResult[Latency]:
+    """Latency against the profile's, and its jitter."""
+    latency = measure_latency(tested)
     # the pictures were promised with the latency of the profile's file; while it is checked the rig has a generous one
-    rows = (
-        Row("latency of the display", largest, "s", subject.promised_latency_s,
-            advice="give projector.latency_s the value suggested below; game mode, if the projector has one"),
-        Row("latency of the display, median", median, "s"),
-        Row("jitter of the latency, largest - smallest", (largest - smallest) / refresh_s, "refreshes",
-            subject.limits.jitter_refreshes,
-            advice="frame interpolation and noise reduction of the projector off; no compositor; native refresh rate"),
-        Row("readout of the camera, first to last row", numbers["readout_s"], "s"),
-    )  # fmt: skip
-    distribution = {
-        "mean": float(delays_s.mean()),
-        "min": smallest,
-        "median": median,
-        "max": largest,
-        "sd": float(delays_s.std(ddof=1)) if len(delays_s) > 1 else 0.0,
-        "values_s": [float(d) for d in delays_s],
-    }
-    safe_s = largest + 0.25 * refresh_s
-    return Measured(rows, {"projector.latency_s": round(safe_s, 4)}, {**distribution, **numbers, "safe_s": safe_s})
+    verdicts = (
+        Verdict(
+            what="latency of the display",
+            value=latency.max,
+            limit=tested.promised_latency_s,
+            unit="s",
+            advice="give projector.latency_s the value suggested below; game mode, if the projector has one",
+        ),
+        Verdict(what="latency of the display, median", value=latency.median, unit="s"),
+        Verdict(
+            what="jitter of the latency, largest - smallest",
+            value=(latency.max - latency.min) * tested.refresh_rate_hz,
+            limit=tested.limits.jitter_refreshes,
+            unit="refreshes",
+            advice="frame interpolation and noise reduction of the projector off; no compositor; native refresh rate",
+        ),
+        Verdict(what="readout of the camera, first to last row", value=latency.readout_s, unit="s"),
+    )
+    suggested = {"projector.latency_s": round(latency.safe_s, 4)}
+    return PartResult(verdicts=verdicts, numbers=latency, suggested=suggested)

@@ -11,132 +11,155 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import FloatArray
+from calibration.radiometry.linearity import fit_linearity
+from calibration.radiometry.response import Response, fit_camera_response, ideal_levels
 from rig.errors import CalibrationFailed
-from rig.self_check.rig_under_test import FloatArray, RigUnderTest, line_through
-from rig.self_check.rows import Measured, Row
+from rig.records import Record, Verdict
+from rig.self_check.results import PartResult
+from rig.self_check.rig_under_test import RigUnderTest
 
 _STEPS = 8
+"""Of the sweep: enough for a curve of three terms and its residual."""
+_LEAST_STEPS = 4
+"""Different exposures: fewer say nothing about a curve."""
 _TOP = 0.9
 """Brightest level of the sweep, share of full scale."""
 _CODES = range(255, 31, -8)
+_SAMPLES = 64
+"""That the camera's curve is fitted to, each the mean of as many of the judged pixels: all see about the same light."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """Signal (above the dark level) of pixels of one level over exposure."""
+    """Pixels of one level over exposure."""
 
     code: int
     whole_refreshes: bool
     exposures_s: FloatArray
-    signals_dn: FloatArray
+    """(K,)"""
+    levels_dn: FloatArray
+    """(K, N) each pixel above the dark level, mean of two frames."""
     full_scale_dn: float
     """Above the dark level."""
 
-    def straight(self) -> tuple[float, float, float]:
-        """Largest residual of a straight line, share of the brightest signal; R²; slope. [-, -, dn/s]."""
-        slope, intercept = line_through(self.exposures_s, self.signals_dn)
-        residual = self.signals_dn - slope * self.exposures_s - intercept
-        spread = float(((self.signals_dn - self.signals_dn.mean()) ** 2).sum())
-        return (
-            float(np.abs(residual).max() / self.signals_dn.max()),
-            1 - float((residual**2).sum()) / spread,
-            slope,
-        )
-
-    def coefficients(self) -> FloatArray:
-        """(3,) light = a y + b y² + c y³ with y = share of full scale; 1 at full scale."""
-        y = self.signals_dn / self.full_scale_dn
-        terms = np.stack([y, y**2, y**3, np.ones_like(y)], axis=1)
-        fitted = np.linalg.lstsq(terms, self.exposures_s / self.exposures_s.max(), rcond=None)[0][:3]
-        return np.asarray(fitted / fitted.sum())
+    @property
+    def signals_dn(self) -> FloatArray:
+        """(K,) mean of the pixels."""
+        return np.asarray(self.levels_dn.mean(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
-class Linear:
+class CameraCurve:
     """From digital numbers to linear light, in the unit in which full scale stays what it is."""
 
     offset_dn: float
-    full_scale_dn: float
-    """Above the offset."""
-    coefficients: FloatArray
+    response: Response
 
     def light(self, digital: NDArray[np.float64]) -> FloatArray:
         """Linear light. [dn at full scale]."""
-        y = (digital - self.offset_dn) / self.full_scale_dn
-        a, b, c = self.coefficients
-        return np.asarray(self.full_scale_dn * y * (a + y * (b + y * c)))
-
-    def slope(self, digital: NDArray[np.float64]) -> FloatArray:
-        """Change of light with the digital number."""
-        y = (digital - self.offset_dn) / self.full_scale_dn
-        a, b, c = self.coefficients
-        return np.asarray(a + y * (2 * b + 3 * c * y))
+        return ideal_levels(self.response, digital - self.offset_dn)
 
 
-def measure_sweep(subject: RigUnderTest) -> Sweep:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Linearity(Record):
+    """Signal over exposure."""
+
+    code: int
+    """Of the picture."""
+    whole_refreshes: bool
+    """Whether the exposures are whole refreshes of the display."""
+    exposures_s: FloatArray
+    """(K,)"""
+    signals_dn: FloatArray
+    """(K,) above the dark level."""
+    slope_dn_per_s: float
+    intercept_dn: float
+    """Of the straight line."""
+    dark_level_dn: float
+
+
+def measure_sweep(tested: RigUnderTest) -> Sweep:
     """Photograph the sweep. Raises CalibrationFailed when no exposure fills the pixels."""
-    top_s, whole = _longest_s(subject)
-    code = _filling_code(subject, top_s) if whole else 255
+    top_s, whole = _longest_s(tested)
+    code = _filling_code(tested, top_s) if whole else 255
     if not whole:
-        level = float((subject.white - subject.offset_dn)[subject.one_level].mean()) / subject.full_scale_dn
-        top_s = min(subject.exposure_s * _TOP / level, subject.exposure_range_s[1])
-    exposures, signals = [], []
+        level = float((tested.white - tested.offset_dn)[tested.one_level].mean()) / tested.full_scale_dn
+        top_s = min(tested.exposure_s * _TOP / level, tested.exposure_range_s[1])
+    exposures, levels = [], []
     for step in range(1, _STEPS + 1):
-        wanted_s = max(top_s * step / _STEPS, subject.exposure_range_s[0])
-        frames = [subject.shoot(code, f"level-{code:03d}", wanted_s) for _ in range(2)]
+        wanted_s = max(top_s * step / _STEPS, tested.exposure_range_s[0])
+        frames = [tested.shoot(code, f"level-{code:03d}", wanted_s) for _ in range(2)]
         exposures.append(frames[0].exposure_s)
-        signals.append(np.mean([subject.pixels(f)[subject.one_level].mean() for f in frames]) - subject.offset_dn)
-    if len(set(exposures)) < 4:
+        levels.append(np.mean([tested.pixels(f)[tested.one_level] for f in frames], axis=0) - tested.offset_dn)
+    if len(set(exposures)) < _LEAST_STEPS:
         raise CalibrationFailed(
             f"the camera took {len(set(exposures))} different exposures of {_STEPS} that were asked for up to "
             f"{top_s:.4g} s; check exposure_range_s against what the camera does"
         )
-    return Sweep(code, whole, np.array(exposures), np.array(signals), subject.full_scale_dn - subject.offset_dn)
+    return Sweep(
+        code=code,
+        whole_refreshes=whole,
+        exposures_s=np.array(exposures),
+        levels_dn=np.array(levels),
+        full_scale_dn=tested.full_scale_dn - tested.offset_dn,
+    )
 
 
-def _longest_s(subject: RigUnderTest) -> tuple[float, bool]:
+def _longest_s(tested: RigUnderTest) -> tuple[float, bool]:
     """Eight refreshes, if white fills less than them and the camera allows so much."""
-    period_s = _STEPS / subject.refresh_rate_hz
-    return period_s, period_s <= subject.exposure_range_s[1]
+    period_s = _STEPS / tested.refresh_rate_hz
+    return period_s, period_s <= tested.exposure_range_s[1]
 
 
-def _filling_code(subject: RigUnderTest, exposure_s: float) -> int:
+def _filling_code(tested: RigUnderTest, exposure_s: float) -> int:
     """Brightest code that keeps the judged pixels below the top of the scale at an exposure."""
     low, high = 0, len(_CODES) - 1
     while low < high:
         middle = (low + high) // 2
-        image = subject.photograph(_CODES[middle], f"level-{_CODES[middle]:03d}", exposure_s)
-        if float(image[subject.one_level].mean()) > _TOP * subject.full_scale_dn:
+        image = tested.photograph(_CODES[middle], f"level-{_CODES[middle]:03d}", exposure_s)
+        if float(image[tested.one_level].mean()) > _TOP * tested.full_scale_dn:
             low = middle + 1
         else:
             high = middle
     return _CODES[low]
 
 
-def linear_of(subject: RigUnderTest, sweep: Sweep) -> Linear:
-    """What undoes the camera's curve."""
-    return Linear(subject.offset_dn, sweep.full_scale_dn, sweep.coefficients())
+def camera_curve(tested: RigUnderTest, sweep: Sweep) -> CameraCurve:
+    """What undoes the camera's curve. Raises CalibrationError when the sweep does not tell it."""
+    groups = np.array_split(sweep.levels_dn, _SAMPLES, axis=1)
+    samples = np.stack([group.mean(axis=1) for group in groups if group.size], axis=1)
+    return CameraCurve(tested.offset_dn, fit_camera_response(samples, sweep.exposures_s, sweep.full_scale_dn))
 
 
-def check_linearity(subject: RigUnderTest, sweep: Sweep) -> Measured:
+def check_linearity(tested: RigUnderTest, sweep: Sweep) -> PartResult[Linearity]:
     """Residual of a straight line, R²."""
-    limits = subject.limits
-    residual, r_squared, slope = sweep.straight()
+    limits = tested.limits
+    line = fit_linearity(sweep.exposures_s, sweep.signals_dn)
     note = "" if sweep.whole_refreshes else " (the exposures are no whole refreshes: a colour wheel shows here, too)"
-    rows = (
-        Row("nonlinearity: residual of signal over exposure", 100 * residual, "% of brightest",
-            limits.nonlinearity_percent,
-            advice="gamma, contrast, black-level and tone curves of the camera off; automatic exposure off" + note),
-        Row("R² of signal over exposure", r_squared, "", limits.r_squared, at_least=True,
-            advice="as above; if single exposures stick out, the camera does not take every exposure over"),
-    )  # fmt: skip
-    numbers = {
-        "code": sweep.code,
-        "whole_refreshes": sweep.whole_refreshes,
-        "exposures_s": [float(s) for s in sweep.exposures_s],
-        "signals_dn": [float(s) for s in sweep.signals_dn],
-        "slope_dn_per_s": slope,
-        "dark_level_dn": subject.offset_dn,
-        "light_of_share": [float(c) for c in sweep.coefficients()],
-    }
-    return Measured(rows, {}, numbers)
+    verdicts = (
+        Verdict(
+            what="nonlinearity: residual of signal over exposure",
+            value=100 * line.residual_share,
+            limit=limits.nonlinearity_percent,
+            unit="% of brightest",
+            advice="gamma, contrast, black-level and tone curves of the camera off; automatic exposure off" + note,
+        ),
+        Verdict(
+            what="R² of signal over exposure",
+            value=line.r_squared,
+            limit=limits.r_squared,
+            at_least=True,
+            advice="as above; if single exposures stick out, the camera does not take every exposure over",
+        ),
+    )
+    numbers = Linearity(
+        code=sweep.code,
+        whole_refreshes=sweep.whole_refreshes,
+        exposures_s=sweep.exposures_s,
+        signals_dn=sweep.signals_dn,
+        slope_dn_per_s=line.slope,
+        intercept_dn=line.intercept,
+        dark_level_dn=tested.offset_dn,
+    )
+    return PartResult(verdicts=verdicts, numbers=numbers)

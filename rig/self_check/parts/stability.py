@@ -7,17 +7,23 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from rig.devices.protocols import Codes
-from rig.self_check.rig_under_test import BoolArray, FloatArray, RigUnderTest, line_through
-from rig.self_check.rows import Measured, Row
+from calibration.arrays import BoolArray, Codes, FloatArray
+from calibration.radiometry.linearity import fit_linearity
+from calibration.structured_light.patterns import random_blocks
+from rig.records import Record, Verdict
+from rig.self_check.results import PartResult
+from rig.self_check.rig_under_test import RigUnderTest
 
 _FRAMES = 24
+"""Nearly a second of a usual camera: footsteps and fans show."""
 _BLOCKS = 40
 """Along the longer side of the picture: large enough to be sharp, small enough to hold still by."""
-_SEED = 7
 _REFERENCE_FRAMES = 3
+"""Averaged, so that the reference's noise does not move what is compared with it."""
 _ROUNDS = 2
+"""Of whole pixels and rest: the first rest may be more than half a pixel where noise is strong."""
 _SMOOTH_PX = 1.5
+"""So that a derivative from four neighbours is that of the picture."""
 _INSIDE = 0.05
 """Of the window: pixels nearer to the border are left out, where whole-pixel shifts wrap."""
 _LARGE_PX = 500_000
@@ -25,7 +31,7 @@ _LARGE_PX = 500_000
 
 
 @dataclass(frozen=True, slots=True)
-class Landmark:
+class ReferenceImage:
     """The scene under a picture full of edges, at the beginning of the check."""
 
     codes: Codes
@@ -33,19 +39,23 @@ class Landmark:
     """(H, W) digital numbers, noise averaged down."""
 
 
-def blocks(shape: tuple[int, int]) -> Codes:
-    """Random light and dark blocks, always the same."""
-    size = max(max(shape) // _BLOCKS, 1)
-    small = np.random.default_rng(_SEED).integers(0, 2, (shape[0] // size + 1, shape[1] // size + 1)) * 215 + 40
-    whole = np.repeat(np.repeat(small, size, axis=0), size, axis=1)
-    return np.asarray(whole[: shape[0], : shape[1]], dtype=np.uint8)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stability(Record):
+    """Where the picture was, and how bright white was, through the check."""
+
+    shifts_px: FloatArray
+    """(N, 2) (x, y) of each frame of a series, since the check began."""
+    white_times_s: FloatArray
+    """(M,) when white was photographed."""
+    white_light_dn: FloatArray
+    """(M,) its mean over the lit pixels, above black."""
 
 
-def note_landmark(subject: RigUnderTest) -> Landmark:
+def take_reference_image(tested: RigUnderTest) -> ReferenceImage:
     """Photograph the blocks."""
-    codes = blocks(subject.rig.projector.shape)
-    frames = [subject.photograph(codes, "blocks") for _ in range(_REFERENCE_FRAMES)]
-    return Landmark(codes, np.asarray(np.mean(frames, axis=0)))
+    codes = random_blocks(tested.picture_shape, _BLOCKS)
+    frames = [tested.photograph(codes, "blocks") for _ in range(_REFERENCE_FRAMES)]
+    return ReferenceImage(codes, np.asarray(np.mean(frames, axis=0)))
 
 
 def shift_px(image: FloatArray, reference: FloatArray) -> tuple[float, float]:
@@ -94,39 +104,54 @@ def _slope(image: FloatArray, axis: int) -> FloatArray:
     return np.asarray((8 * near - far) / 12)
 
 
-def check_stability(subject: RigUnderTest, reference_image: Landmark) -> Measured:
+def check_stability(tested: RigUnderTest, reference: ReferenceImage) -> PartResult[Stability]:
     """Vibration within a series, shift and light since the beginning."""
-    frames = subject.series(reference_image.codes, _FRAMES, "blocks")
-    shifts = np.array([shift_px(subject.pixels(frame), reference_image.image) for frame in frames])
+    frames = tested.series(reference.codes, _FRAMES, "blocks")
+    shifts = np.array([shift_px(tested.pixels(frame), reference.image) for frame in frames])
     vibration = float(np.sqrt(shifts.var(axis=0).sum()))
     moved = float(np.hypot(*shifts.mean(axis=0)))
-    subject.note_reference()
-    change, per_minute = _drift(subject)
-    limits = subject.limits
-    rows = (
-        Row("vibration of the picture, rms", vibration, "px", limits.vibration_px,
-            advice="screw camera and projector to something heavy; no fan and no footstep near them"),
-        Row("shift of the picture since the beginning", moved, "px", limits.shift_px,
-            advice="let the mounts settle and the lenses warm up; image stabiliser and autofocus off"),
-        Row("change of white between first and last frame", change, "%", limits.drift_percent,
-            advice="let the lamp warm up for half an hour; dynamic iris, eco mode and automatic gain off"),
-        Row("drift of white", per_minute, "% a minute", limits.drift_percent_per_minute,
-            advice="as above; daylight in the room drifts, too"),
-    )  # fmt: skip
-    numbers = {
-        "shifts_px": [[float(x), float(y)] for x, y in shifts],
-        "white_times_s": [t for t, _ in subject.references],
-        "white_light_dn": [light for _, light in subject.references],
-    }
-    return Measured(rows, {}, numbers)
+    tested.note_white()
+    times_s, light = (np.array(values) for values in zip(*tested.white_levels, strict=True))
+    change, per_minute = _drift(times_s, light)
+    limits = tested.limits
+    verdicts = (
+        Verdict(
+            what="vibration of the picture, rms",
+            value=vibration,
+            limit=limits.vibration_px,
+            unit="px",
+            advice="screw camera and projector to something heavy; no fan and no footstep near them",
+        ),
+        Verdict(
+            what="shift of the picture since the beginning",
+            value=moved,
+            limit=limits.shift_px,
+            unit="px",
+            advice="let the mounts settle and the lenses warm up; image stabiliser and autofocus off",
+        ),
+        Verdict(
+            what="change of white between first and last frame",
+            value=change,
+            limit=limits.drift_percent,
+            unit="%",
+            advice="let the lamp warm up for half an hour; dynamic iris, eco mode and automatic gain off",
+        ),
+        Verdict(
+            what="drift of white",
+            value=per_minute,
+            limit=limits.drift_percent_per_minute,
+            unit="% a minute",
+            advice="as above; daylight in the room drifts, too",
+        ),
+    )
+    return PartResult(
+        verdicts=verdicts, numbers=Stability(shifts_px=shifts, white_times_s=times_s, white_light_dn=light)
+    )
 
 
-def _drift(subject: RigUnderTest) -> tuple[float, float]:
-    """Change from first to last reference, and slope over all if it is more than scatter. [%, % a minute]."""
-    times_s, light = (np.array(values) for values in zip(*subject.references, strict=True))
+def _drift(times_s: FloatArray, light: FloatArray) -> tuple[float, float]:
+    """Change from first to last photograph, and slope over all if it is more than scatter. [%, % a minute]."""
     change = 100 * abs(float(light[-1] / light[0]) - 1)
-    slope, intercept = line_through(times_s - times_s[0], light)
-    scatter = light - intercept - slope * (times_s - times_s[0])
-    sigma = float(np.sqrt((scatter**2).sum() / max(len(light) - 2, 1) / ((times_s - times_s.mean()) ** 2).sum()))
-    sure = max(abs(slope) - 2 * sigma, 0.0)
+    line = fit_linearity(times_s - times_s[0], light)
+    sure = max(abs(line.slope) - 2 * line.slope_sigma, 0.0)
     return change, 60 * 100 * sure / float(light.mean())

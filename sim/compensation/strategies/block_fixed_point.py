@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from sim.compensation.fixed_point import repeated
+from sim.arrays import FloatArray, IntArray
+from sim.compensation.fixed_point import iterate_clamped
 from sim.compensation.result import Compensation, prepare
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray, IntArray
 
 
 def block_fixed_point(
@@ -18,6 +18,7 @@ def block_fixed_point(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     blocks: ArrayLike | None = None,
     steps: int = 30,
     damping: float | None = None,
@@ -25,34 +26,43 @@ def block_fixed_point(
 ) -> Compensation:
     """Repeat p <- clamp(K⁻¹ D⁻¹ (c - M R p)): M R p is the interreflection, constant within each block.
 
-    Reference: Habe, Saeki and Matsuyama, Inter-reflection compensation for immersive projection display, PROCAMS
-    2007, with coarse blocks of measured interreflection; here the blocks are patches unless told otherwise.
+    Published with coarse blocks of measured interreflection; here the blocks are patches unless told otherwise.
 
     Limits: the steps of light within a block are not seen, so block edges show; no optimum under clamping; undamped
     it diverges in closed bright rooms.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     blocks : (n,) int, optional
         Block of each pixel, negative for none; default: its patch.
     steps, damping, tolerance
         As in ``reverse_radiosity``.
 
+    Returns
+    -------
+    Compensation
+
     Raises
     ------
     SimulationError
         For a damping with which it diverges, or blocks of the wrong shape.
+
+    References
+    ----------
+    Habe, Saeki and Matsuyama, Inter-reflection compensation for immersive projection display, PROCAMS 2007.
     """
-    task = prepare(transport, target, lower, upper)
-    view = task.view
+    problem = prepare(transport, target, lower, upper)
+    split = problem.transport
     block = _checked(blocks, transport.pixel_patch)
-    step, notes = damping_for(view, "block_fixed_point", damping)
+    step, notes = damping_for(split, "block_fixed_point", damping)
 
     def correction(p: FloatArray) -> FloatArray:
-        return view.by_direct(task.target - _block_means(view.indirect(view.mixed(p)), block)) - p
+        return split.divide_by_direct(problem.target - _block_means(split.indirect(split.mixed(p)), block)) - p
 
-    wanted, taken = repeated(task, correction, step, steps, tolerance)
-    return task.finished(wanted, taken, notes)
+    wanted, taken = iterate_clamped(problem, correction, damping=step, steps=steps, tolerance=tolerance)
+    return problem.result(wanted, taken, notes)
 
 
 def _checked(blocks: ArrayLike | None, patches: IntArray) -> IntArray:

@@ -11,11 +11,11 @@ from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.box_least_squares import BoxProblem, optimum
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
-from sim.compensation.sampled_start import start_of
+from sim.compensation.sampled_start import initial_image
 from sim.compensation.split_transport import Transport
-from sim.compensation.strategies.content_scale import scaled
-from sim.compensation.strategies.remap import remapped
-from sim.compensation.strategies.smooth_attenuation import attenuated
+from sim.compensation.strategies.content_scale import scaled_target
+from sim.compensation.strategies.remap import remapped_target
+from sim.compensation.strategies.smooth_attenuation import attenuated_target
 from sim.errors import SimulationError
 
 
@@ -24,25 +24,27 @@ def bounded(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     tolerance: float = 1e-6,
     limit: int = 60,
-    goal: str = "target",
+    adjustment: str = "none",
 ) -> Compensation:
     """Minimise ||T p - c||² over lower <= p <= upper, to a certified share of the optimum.
 
-    References: Sheng, Yapo and Cutler, Global illumination compensation for spatially augmented reality, Eurographics
-    2010, for the problem; :mod:`sim.compensation.box_least_squares` for how it is solved and certified.
+    How it is solved and certified: :mod:`sim.compensation.box_least_squares`.
 
     Limits: the optimum of this error and of this model. A target that is too bright comes out dull where it cannot
     be reached.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     tolerance : float
         Stop once the duality gap is within this share of the objective.
     limit : int
         Most steps; the best image so far is returned, and ``gap`` says how good it is.
-    goal : {"target", "remap", "content_scale", "smooth_attenuation"}
+    adjustment : {"none", "remap", "content_scale", "smooth_attenuation"}
         What to come near: the target, or the target as that strategy changes it, so that one too bright stays a
         picture. The residual is from the target all the same.
 
@@ -56,21 +58,30 @@ def bounded(
     Raises
     ------
     SimulationError
-        For an unknown goal.
+        For an unknown adjustment.
+
+    References
+    ----------
+    Sheng, Yapo and Cutler, Global illumination compensation for spatially augmented reality, Eurographics 2010.
     """
-    if goal not in GOALS:
-        raise SimulationError(f"bounded: unknown goal {goal!r}; there are {', '.join(GOALS)}")
-    task = prepare(transport, target, lower, upper)
-    changed = GOALS[goal](task)
-    problem = BoxProblem(task.view, changed.values, lower, upper)
-    result = optimum(problem, start_of(problem, changed.wanted), tolerance, limit)
-    return task.finished(result.p, result.steps, result.notes | changed.notes, result.held)
+    if adjustment not in ADJUSTMENTS:
+        raise SimulationError(f"bounded: unknown adjustment {adjustment!r}; there are {', '.join(ADJUSTMENTS)}")
+    problem = prepare(transport, target, lower, upper)
+    adjusted = ADJUSTMENTS[adjustment](problem)
+    box = BoxProblem(transport=problem.transport, target=adjusted.values, lower=lower, upper=upper)
+    best = optimum(box, initial_image(box, adjusted.wanted), tolerance, limit)
+    return problem.result(best.p, best.steps, best.notes | adjusted.notes, best.at_bounds)
 
 
-def _unchanged(task: Problem) -> AdjustedTarget:
-    return AdjustedTarget(task.target, Inverse(task.view).apply(task.target), 1)
+def _unchanged(problem: Problem) -> AdjustedTarget:
+    return AdjustedTarget(problem.target, Inverse(problem.transport).apply(problem.target), 1)
 
 
-GOALS: Mapping[str, Callable[[Problem], AdjustedTarget]] = MappingProxyType(
-    {"target": _unchanged, "remap": remapped, "content_scale": scaled, "smooth_attenuation": attenuated}
+ADJUSTMENTS: Mapping[str, Callable[[Problem], AdjustedTarget]] = MappingProxyType(
+    {
+        "none": _unchanged,
+        "remap": remapped_target,
+        "content_scale": scaled_target,
+        "smooth_attenuation": attenuated_target,
+    }
 )

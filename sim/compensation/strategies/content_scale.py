@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray, IntArray
 from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
-from sim.geometry.scene import FloatArray, IntArray
 
 WEBER = 0.02
 """Just visible difference of luminance, as a share of what the eye is adapted to."""
@@ -18,6 +18,7 @@ DARKEST = 0.02
 MASKING = (0.0153, 392.0, 0.7, 4.0)
 """k1, k2, s, b of Daly's masking (1 + (k1 (k2 contrast)^s)^b)^(1/b)."""
 BISECTIONS = 12
+"""They leave 1/4096 of the scale open."""
 
 
 def content_scale(
@@ -25,19 +26,21 @@ def content_scale(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     visible_share: float = 0.01,
 ) -> Compensation:
     """Project T⁻¹ (s c), clamped, with the largest s <= 1 for which the clamping is hardly visible.
 
     A pixel's error is visible above its threshold: Weber's share of its patch's mean light, raised where the patch's
-    own contrast masks it (Daly, The visible differences predictor, 1993). References: Wang, Sato, Okabe and Sato,
-    Radiometric compensation in a projector-camera system based on properties of human vision, PROCAMS 2005.
+    own contrast masks it.
 
     Limits: no local change, so no halos, and one bright spot dims the whole picture. Spatial frequency is not
     weighed. Clamping at black scales with the picture, so no s removes it, and it is not counted.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     visible_share : float
         Share of values for which clamping at white may be visible.
 
@@ -45,21 +48,27 @@ def content_scale(
     -------
     Compensation
         Its notes hold ``gain`` and the ``visible_share`` that is left.
+
+    References
+    ----------
+    Wang, Sato, Okabe and Sato, Radiometric compensation in a projector-camera system based on properties of human
+    vision, PROCAMS 2005.
+    Daly, The visible differences predictor, in Digital Images and Human Vision, 1993.
     """
-    task = prepare(transport, target, lower, upper)
-    goal = scaled(task, visible_share)
-    return task.finished(goal.wanted, goal.iterations, goal.notes)
+    problem = prepare(transport, target, lower, upper)
+    adjusted = scaled_target(problem, visible_share)
+    return problem.result(adjusted.wanted, adjusted.iterations, adjusted.notes)
 
 
-def scaled(task: Problem, visible_share: float = 0.01) -> AdjustedTarget:
-    """Give the target at the largest scale at which clamping is hardly visible."""
-    by_gain = Inverse(task.view).apply(task.target)
-    threshold = visibility_threshold(task.target, task.view.bands[0].pixel_patch)
+def scaled_target(problem: Problem, visible_share: float = 0.01) -> AdjustedTarget:
+    """Return the target at the largest scale at which clamping is hardly visible."""
+    by_gain = Inverse(problem.transport).apply(problem.target)
+    threshold = visibility_threshold(problem.target, problem.transport.bands[0].pixel_patch)
 
     def visible(gain: float) -> float:
-        lost = np.maximum(gain * by_gain - task.upper, 0.0)
+        lost = np.maximum(gain * by_gain - problem.upper, 0.0)
         # Thresholds scale with the picture.
-        return float((np.abs(task.view.forward(lost)) > gain * threshold).mean())
+        return float((np.abs(problem.transport.forward(lost)) > gain * threshold).mean())
 
     low, high = 0.0, 1.0
     gain = high if visible(high) <= visible_share else 0.0
@@ -68,11 +77,11 @@ def scaled(task: Problem, visible_share: float = 0.01) -> AdjustedTarget:
         low, high = (middle, high) if visible(middle) <= visible_share else (low, middle)
     gain = max(gain, low, 2.0**-BISECTIONS)
     notes: dict[str, float | str] = {"gain": gain, "visible_share": visible(gain)}
-    return AdjustedTarget(gain * task.target, gain * by_gain, BISECTIONS, notes)
+    return AdjustedTarget(gain * problem.target, gain * by_gain, BISECTIONS, notes)
 
 
 def visibility_threshold(target: FloatArray, pixel_patch: IntArray) -> FloatArray:
-    """(n, C) error that is just visible at each pixel of a target (n, C)."""
+    """Return the (n, C) error that is just visible at each pixel of a target (n, C)."""
     label = pixel_patch + 1
     count = np.maximum(np.bincount(label), 1)
     thresholds = []

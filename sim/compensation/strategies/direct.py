@@ -11,10 +11,22 @@ from sim.compensation.split_transport import Transport
 def direct(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
     """Project K⁻¹ c / D, clamped.
 
-    References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
-    imperfections, PROCAMS 2003; Grossberg, Peri, Nayar and Belhumeur, Making one object look like another, CVPR 2004.
-
     Limits: ignores interreflection, so in a room it is too bright; the measure that every other strategy is held to.
+
+    Parameters
+    ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
+
+    Returns
+    -------
+    Compensation
+
+    References
+    ----------
+    Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen imperfections,
+    PROCAMS 2003.
+    Grossberg, Peri, Nayar and Belhumeur, Making one object look like another, CVPR 2004.
     """
-    task = prepare(transport, target, lower, upper)
-    return task.finished(task.view.by_direct(task.target))
+    problem = prepare(transport, target, lower, upper)
+    return problem.result(problem.transport.divide_by_direct(problem.target))

@@ -14,14 +14,27 @@ def dual(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: flo
     """Project D⁻¹ (1 - A) c, A one bounce between what the camera sees, then clamp.
 
     With T = (1 - A)⁻¹ D the inverse needs a single gather, no series: c minus G B' at each pixel, B' the target's
-    mean over each patch. References: Bai, Chandraker, Ng and Ramamoorthi, ECCV 2010; Ng, Pahwa, Bai, Tan and
-    Ramamoorthi, IJCV 2012.
+    mean over each patch.
 
     Limits: A acts on what is seen; patches that no pixel sees count as black, so the light they return is left in.
+
+    Parameters
+    ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
+
+    Returns
+    -------
+    Compensation
+
+    References
+    ----------
+    Bai, Chandraker, Ng and Ramamoorthi, A dual theory of inverse and forward light transport, ECCV 2010.
+    Ng, Pahwa, Bai, Tan and Ramamoorthi, From the rendering equation to stratified light transport inversion, IJCV 2012.
     """
-    task = prepare(transport, target, lower, upper)
+    problem = prepare(transport, target, lower, upper)
     bounced = [
-        band.view @ band.radiosity.gather(wanted_radiosity(band, task.target[:, b]))
-        for b, band in enumerate(task.view.bands)
+        band.view @ band.radiosity.gather(wanted_radiosity(band, problem.target[:, b]))
+        for b, band in enumerate(problem.transport.bands)
     ]
-    return task.finished(task.view.by_direct(task.target - np.stack(bounced, axis=-1)))
+    return problem.result(problem.transport.divide_by_direct(problem.target - np.stack(bounced, axis=-1)))

@@ -12,13 +12,25 @@ from sim.compensation.split_transport import Transport
 def exact(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
     """Project T⁻¹ c, exact at pixel level, then clamped.
 
-    Patches that no pixel lights have no emission, and what they return is subtracted. Pixels without direct light
-    stay at 0. Reference: Mukaigawa, Kakinuma and Ohta, Analytical compensation of inter-reflection for pattern
-    projection, VRST 2006; here with the unlit patches eliminated.
+    Patches that no pixel lights have no emission, and what they return is subtracted: they are eliminated, which is
+    an addition to what was published. Pixels without direct light stay at 0.
 
     Limits: exact only where the range allows it. What is clamped away lets the light of other pixels fall short.
+
+    Parameters
+    ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
+
+    Returns
+    -------
+    Compensation
+
+    References
+    ----------
+    Mukaigawa, Kakinuma and Ohta, Analytical compensation of inter-reflection for pattern projection, VRST 2006.
     """
-    task = prepare(transport, target, lower, upper)
-    inverse = Inverse(task.view)
-    wanted = inverse.apply(task.target)
-    return task.finished(wanted, inverse.iterations)
+    problem = prepare(transport, target, lower, upper)
+    inverse = Inverse(problem.transport)
+    wanted = inverse.apply(problem.target)
+    return problem.result(wanted, inverse.iterations)

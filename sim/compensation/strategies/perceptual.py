@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arrays import FloatArray
 from sim.compensation.box_least_squares import BoxProblem, optimum
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, prepare
-from sim.compensation.sampled_start import start_of
+from sim.compensation.sampled_start import initial_image
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 XYZ_FROM_LINEAR_SRGB = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
@@ -20,6 +20,7 @@ XYZ_FROM_LINEAR_SRGB = np.array(
 LAB_FROM_ROOTS = np.array([[0.0, 116.0, 0.0], [500.0, -500.0, 0.0], [0.0, 200.0, -200.0]])
 """L*, a*, b* of the cube roots of X, Y, Z over the white's, but for a constant."""
 LINEAR_BELOW = (6 / 29) ** 3
+"""CIE 15:2004: below this share of white, L* is a straight line."""
 
 
 def perceptual(
@@ -27,6 +28,7 @@ def perceptual(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     white: float | None = None,
     xyz_from_bands: ArrayLike = XYZ_FROM_LINEAR_SRGB,
     tolerance: float = 1e-6,
@@ -34,14 +36,13 @@ def perceptual(
 ) -> Compensation:
     """Minimise the squared difference in CIELAB, linearised at the target, over the projector's range.
 
-    Reference: Sheng, Yapo and Cutler, Global illumination compensation for spatially augmented reality, Eurographics
-    2010; CIE 15:2004 for L*a*b*.
-
     Limits: the Jacobian at the target holds for small differences; far from the target it overrates dark pixels. The
     RMS error in linear light is larger than that of ``bounded``.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     white : float, optional
         Target value that is white, in every band; default: the largest of the target.
     xyz_from_bands : (3, 3)
@@ -58,21 +59,28 @@ def perceptual(
     ------
     SimulationError
         For other than one or three bands, or a white that is not above 0.
+
+    References
+    ----------
+    Sheng, Yapo and Cutler, Global illumination compensation for spatially augmented reality, Eurographics 2010.
+    CIE 15:2004, Colorimetry, for L*a*b*.
     """
-    task = prepare(transport, target, lower, upper)
-    peak = float(task.target.max(initial=0.0)) if white is None else white
+    problem = prepare(transport, target, lower, upper)
+    peak = float(problem.target.max(initial=0.0)) if white is None else white
     if white is not None and not (np.isfinite(white) and white > 0):
         raise SimulationError(f"perceptual: white {white:g}; give the target value that is white, above 0")
     # A black target has no white of its own; any will do.
-    metric = lab_metric(task.target / (peak or 1.0), np.asarray(xyz_from_bands, dtype=np.float64)) / (peak or 1.0) ** 2
-    problem = BoxProblem(task.view, task.target, lower, upper, metric)
-    best = optimum(problem, start_of(problem, Inverse(task.view).apply(task.target)), tolerance, limit)
+    metric = (
+        lab_metric(problem.target / (peak or 1.0), np.asarray(xyz_from_bands, dtype=np.float64)) / (peak or 1.0) ** 2
+    )
+    box = BoxProblem(transport=problem.transport, target=problem.target, lower=lower, upper=upper, metric=metric)
+    best = optimum(box, initial_image(box, Inverse(problem.transport).apply(problem.target)), tolerance, limit)
     notes = best.notes | {"delta_e_rms": (2 * best.objective / len(best.p)) ** 0.5}
-    return task.finished(best.p, best.steps, notes, best.held)
+    return problem.result(best.p, best.steps, notes, best.at_bounds)
 
 
 def lab_metric(c: FloatArray, xyz_from_bands: FloatArray) -> FloatArray:
-    """(n, C, C) metric JᵀJ of CIELAB differences at the colours c (n, C), 1 = white.
+    """Return the (n, C, C) metric JᵀJ of CIELAB differences at the colours c (n, C), 1 = white.
 
     Raises
     ------

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.optimize import linprog
 
+from sim.arrays import FloatArray
 from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
 
 ROUNDS = 60
 """Most rounds of adding the limits that are exceeded."""
@@ -24,32 +24,41 @@ OFFSET_PRICE = 1e-6
 def remap(transport: Transport, target: ArrayLike, lower: float = 0.0, upper: float = 1.0) -> Compensation:
     """Project T⁻¹ (s c + o) with the largest s <= 1 for which that stays in range.
 
-    A linear program in two unknowns, solved on the few pixels that limit it. Reference: the alternative that Dehos et
-    al., Virtual Reality 18(2), 2014, name in section 5.2; the offset is the same in every band.
+    A linear program in two unknowns, solved on the few pixels that limit it. The offset is the same in every band.
 
     Limits: the picture is whole, but its contrast and brightness are those of its most difficult pixel. In a measured
     room one pixel in a corner that would have to swallow light at any gain leaves a gain of 0.
+
+    Parameters
+    ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
 
     Returns
     -------
     Compensation
         Its notes hold ``gain``, ``offset`` in the target's unit, and ``out_of_range`` where no gain stays in range.
+
+    References
+    ----------
+    Dehos, Zéghers, Sarry, Rousselle and Renaud, Immersive front-projection analysis using a radiosity-based simulation
+    method, Virtual Reality 18(2), 2014; section 5.2 names the alternative.
     """
-    task = prepare(transport, target, lower, upper)
-    goal = remapped(task)
-    return task.finished(goal.wanted, goal.iterations, goal.notes)
+    problem = prepare(transport, target, lower, upper)
+    adjusted = remapped_target(problem)
+    return problem.result(adjusted.wanted, adjusted.iterations, adjusted.notes)
 
 
-def remapped(task: Problem) -> AdjustedTarget:
-    """Give the target at the largest gain, and the offset, that stay in range."""
-    inverse = Inverse(task.view)
-    peak = float(np.abs(task.target).max(initial=0.0)) or 1.0
-    by_gain, by_offset = inverse.apply(task.target), inverse.apply(np.full_like(task.target, peak))
-    gain, offset, slack, rounds = _largest_gain(by_gain.ravel(), by_offset.ravel(), task.lower, task.upper)
+def remapped_target(problem: Problem) -> AdjustedTarget:
+    """Return the target at the largest gain, and the offset, that stay in range."""
+    inverse = Inverse(problem.transport)
+    peak = float(np.abs(problem.target).max(initial=0.0)) or 1.0
+    by_gain, by_offset = inverse.apply(problem.target), inverse.apply(np.full_like(problem.target, peak))
+    gain, offset, slack, rounds = _largest_gain(by_gain.ravel(), by_offset.ravel(), problem.lower, problem.upper)
     notes: dict[str, float | str] = {"gain": gain, "offset": offset * peak}
     if slack > 1e-9:
         notes["out_of_range"] = slack
-    return AdjustedTarget(gain * task.target + offset * peak, gain * by_gain + offset * by_offset, rounds, notes)
+    return AdjustedTarget(gain * problem.target + offset * peak, gain * by_gain + offset * by_offset, rounds, notes)
 
 
 def _largest_gain(

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
-from sim.compensation.fixed_point import repeated
+from sim.arrays import FloatArray
+from sim.compensation.fixed_point import iterate_clamped
 from sim.compensation.result import Compensation, prepare
 from sim.compensation.spectrum import damping_for
 from sim.compensation.split_transport import Transport
@@ -15,20 +16,22 @@ def reverse_radiosity(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     steps: int = 60,
     damping: float | None = None,
     tolerance: float = 1e-4,
 ) -> Compensation:
     """Repeat p <- clamp(p + w K⁻¹ D⁻¹ (c - T p)), so that what is clamped away is taken into account.
 
-    Reference: Bimber, Grundhöfer, Zeidler, Danch and Kapakos, Compensating indirect scattering for immersive and
-    semi-immersive projection displays, IEEE VR 2006; the damping is ours.
+    The damping is an addition to what was published.
 
     Limits: where it ends, each pixel is at a bound or right; that is not the smallest error. Undamped it diverges in
     closed bright rooms.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     steps : int
         At most.
     damping : float, optional
@@ -36,13 +39,26 @@ def reverse_radiosity(
     tolerance : float
         Stops when no value changes by more than this share of the largest.
 
+    Returns
+    -------
+    Compensation
+
     Raises
     ------
     SimulationError
         For a damping with which it diverges.
+
+    References
+    ----------
+    Bimber, Grundhöfer, Zeidler, Danch and Kapakos, Compensating indirect scattering for immersive and semi-immersive
+    projection displays, IEEE VR 2006.
     """
-    task = prepare(transport, target, lower, upper)
-    view = task.view
-    step, notes = damping_for(view, "reverse_radiosity", damping)
-    wanted, taken = repeated(task, lambda p: view.by_direct(task.target - view.forward(p)), step, steps, tolerance)
-    return task.finished(wanted, taken, notes)
+    problem = prepare(transport, target, lower, upper)
+    split = problem.transport
+    step, notes = damping_for(split, "reverse_radiosity", damping)
+
+    def correction(p: FloatArray) -> FloatArray:
+        return split.divide_by_direct(problem.target - split.forward(p))
+
+    wanted, taken = iterate_clamped(problem, correction, damping=step, steps=steps, tolerance=tolerance)
+    return problem.result(wanted, taken, notes)

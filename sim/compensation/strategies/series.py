@@ -16,36 +16,47 @@ def series(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     terms: int = 8,
     damping: float | None = None,
 ) -> Compensation:
     """Sum the first terms of T⁻¹ c = D⁻¹ sum (-R D⁻¹)^k c, then clamp.
-
-    References: Bai, Chandraker, Ng and Ramamoorthi, A dual theory of inverse and forward light transport, ECCV 2010;
-    Ng, Pahwa, Bai, Tan and Ramamoorthi, From the rendering equation to stratified light transport inversion, IJCV 2012.
 
     Limits: that series converges only where the spectral radius of R D⁻¹ is below 1. So unless told otherwise it is
     the damped one, w D⁻¹ sum (1 - w T D⁻¹)^k c, that is summed. Clamping comes last, as in ``exact``.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     terms : int
         1 is ``direct``.
     damping : float, optional
         w; default: by the spectral radius. 1: the series as published.
 
+    Returns
+    -------
+    Compensation
+        Its notes hold ``left_before_clamping``: the length of T p - c over that of c.
+
     Raises
     ------
     SimulationError
         For no terms, or a damping with which the series diverges.
+
+    References
+    ----------
+    Seitz, Matsushita and Kutulakos, A theory of inverse light transport, ICCV 2005.
+    Bai, Chandraker, Ng and Ramamoorthi, A dual theory of inverse and forward light transport, ECCV 2010.
+    Ng, Pahwa, Bai, Tan and Ramamoorthi, From the rendering equation to stratified light transport inversion, IJCV 2012.
     """
     if terms < 1:
         raise SimulationError(f"series: {terms} terms; it takes at least 1")
-    task = prepare(transport, target, lower, upper)
-    view = task.view
-    step, notes = damping_for(view, "series", damping)
-    p = step * view.by_direct(task.target)
+    problem = prepare(transport, target, lower, upper)
+    split = problem.transport
+    step, notes = damping_for(split, "series", damping)
+    p = step * split.divide_by_direct(problem.target)
     for _ in range(terms - 1):
-        p = p + step * view.by_direct(task.target - view.forward(p))
-    left = np.linalg.norm(task.target - view.forward(p)) / max(float(np.linalg.norm(task.target)), 1e-300)
-    return task.finished(p, terms, notes | {"left_before_clamping": float(left)})
+        p = p + step * split.divide_by_direct(problem.target - split.forward(p))
+    left = np.linalg.norm(problem.target - split.forward(p)) / max(float(np.linalg.norm(problem.target)), 1e-300)
+    return problem.result(p, terms, notes | {"left_before_clamping": float(left)})

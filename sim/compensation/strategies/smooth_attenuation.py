@@ -9,13 +9,13 @@ from numpy.typing import ArrayLike
 from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array
 
+from sim.arrays import FloatArray
 from sim.compensation.adjusted_target import AdjustedTarget
 from sim.compensation.inverse import Inverse
 from sim.compensation.result import Compensation, Problem, prepare
 from sim.compensation.split_transport import Transport
 from sim.errors import SimulationError
-from sim.geometry.scene import FloatArray
-from sim.light.transport_of_scene import bilinear
+from sim.geometry.interpolation import bilinear
 
 COLUMNS = 24
 """Control points of the attenuation across the picture."""
@@ -26,6 +26,7 @@ def smooth_attenuation(
     target: ArrayLike,
     lower: float = 0.0,
     upper: float = 1.0,
+    *,
     smoothness: float = 0.02,
     in_range: float = 30.0,
     limit: int = 60,
@@ -33,14 +34,15 @@ def smooth_attenuation(
     """Project T⁻¹ (s c), clamped, s an attenuation in 0 ... 1 that is smooth, near 1, and keeps the image in range.
 
     s minimises smoothness x mean |∇s|² + mean (1 - s)² + in_range x mean (excess over the range)²; it is bilinear
-    between control points, and ∇ is per width of the picture. Reference: Ashdown, Okabe, Sato and Sato, Robust
-    content-dependent photometric projector compensation, PROCAMS 2006; here in linear light, the same s in all bands.
+    between control points, and ∇ is per width of the picture. Here in linear light, the same s in all bands.
 
     Limits: brightness of neighbouring parts changes relative to each other. What black cannot give stays, for dimming
     does not help it much. Without pixel positions in the transport s is one number.
 
     Parameters
     ----------
+    transport, target, lower, upper
+        As in :func:`sim.compensate`.
     smoothness, in_range : float
         Weights against the closeness to 1.
     limit : int
@@ -55,25 +57,31 @@ def smooth_attenuation(
     ------
     SimulationError
         For weights that are not above 0.
+
+    References
+    ----------
+    Ashdown, Okabe, Sato and Sato, Robust content-dependent photometric projector compensation, PROCAMS 2006.
     """
-    task = prepare(transport, target, lower, upper)
-    goal = attenuated(task, smoothness, in_range, limit)
-    return task.finished(goal.wanted, goal.iterations, goal.notes)
+    problem = prepare(transport, target, lower, upper)
+    adjusted = attenuated_target(problem, smoothness, in_range, limit)
+    return problem.result(adjusted.wanted, adjusted.iterations, adjusted.notes)
 
 
-def attenuated(task: Problem, smoothness: float = 0.02, in_range: float = 30.0, limit: int = 60) -> AdjustedTarget:
-    """Give the target dimmed smoothly."""
+def attenuated_target(
+    problem: Problem, smoothness: float = 0.02, in_range: float = 30.0, limit: int = 60
+) -> AdjustedTarget:
+    """Return the target dimmed smoothly."""
     if not (smoothness > 0 and in_range > 0):
         raise SimulationError(f"smooth_attenuation: smoothness {smoothness:g}, in_range {in_range:g}; both above 0")
-    grid = _grid(task.view.bands[0].pixel_xy_px, len(task.target))
-    inverse = Inverse(task.view)
-    span = task.upper - task.lower
+    grid = _grid(problem.transport.bands[0].pixel_xy_px, len(problem.target))
+    inverse = Inverse(problem.transport)
+    span = problem.upper - problem.lower
 
     def cost(knots: FloatArray) -> tuple[float, FloatArray]:
         s = grid.weights @ knots
-        p = inverse.apply(s[:, None] * task.target)
-        excess = (p - task.clamped(p)) / span
-        returned = grid.adjoint @ (task.target * inverse.adjoint(excess)).sum(axis=1)
+        p = inverse.apply(s[:, None] * problem.target)
+        excess = (p - problem.clamped(p)) / span
+        returned = grid.adjoint @ (problem.target * inverse.adjoint(excess)).sum(axis=1)
         slopes = grid.slopes @ knots
         edges = max(len(slopes), 1)
         value = smoothness * float(slopes @ slopes) / edges + float(((1 - s) ** 2).mean())
@@ -84,7 +92,7 @@ def attenuated(task: Problem, smoothness: float = 0.02, in_range: float = 30.0, 
     start = np.ones(grid.weights.shape[1])
     found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=[(0, 1)] * len(start), options={"maxiter": limit})
     s = np.clip(grid.weights @ found.x, 0.0, 1.0)
-    values = s[:, None] * task.target
+    values = s[:, None] * problem.target
     notes: dict[str, float | str] = {"attenuation_mean": float(s.mean()), "attenuation_min": float(s.min())}
     return AdjustedTarget(values, inverse.apply(values), int(found.nit), notes)
 

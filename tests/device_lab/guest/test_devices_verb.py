@@ -1,9 +1,6 @@
 """`rig devices` and `rig profile new` on real kernel drivers: vivid, an emulated USB camera, vkms."""
 
-import grp  # noqa: F401 - nobody may not read the interpreter's folder, so this is imported before
 import json
-import pwd  # noqa: F401 - likewise
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,7 +9,6 @@ import pytest
 
 from rig import open_rig
 from rig.cli.app import run_command
-from rig.devices.clock import SystemClock
 from rig.devices.kms.master import master_is_free
 from rig.devices.usb.permissions import udev_rule
 from rig.devices.v4l2.find import find_cameras
@@ -20,28 +16,22 @@ from rig.emulated.usbip.attach import attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.profile.schema import load_profile
 from tests.device_lab.guest.rights import as_nobody
+from tests.device_lab.programs import output_of
+from tests.device_lab.waiting import wait_until
 from tests.rig.emulated.numbered_pictures import PatternSource
 
 Capture = pytest.CaptureFixture[str]
-CLOCK = SystemClock()
 USB_ID, VIVID_ID = "usb-1209:0001-LAB7", "platform:vivid-000"
 
 
 @pytest.fixture(scope="module", autouse=True)
 def plugged_in() -> Iterator[None]:
     """A USB camera, a camera of the kernel's own, and a display."""
-    load("-a", "vhci-hcd", "uvcvideo", "vkms")
-    load("vivid", "n_devs=1", "node_types=0x1", "num_inputs=1", "input_types=0")
+    output_of("modprobe", "-a", "vhci-hcd", "uvcvideo", "vkms")
+    output_of("modprobe", "vivid", "n_devs=1", "node_types=0x1", "num_inputs=1", "input_types=0")
     with attach(UvcCamera(source=PatternSource(), serial="LAB7", name="Lab camera")):
-        until_s = CLOCK.now_s() + 20
-        while {camera.device_id for camera in find_cameras()} < {USB_ID, VIVID_ID}:
-            assert CLOCK.now_s() < until_s, find_cameras()
-            CLOCK.wait_until_s(CLOCK.now_s() + 0.1)
+        wait_until(lambda: {camera.device_id for camera in find_cameras()} >= {USB_ID, VIVID_ID}, "both cameras")
         yield
-
-
-def load(*words: str) -> None:
-    subprocess.run(["modprobe", *words], check=True, timeout=60)
 
 
 def answer(capsys: Capture, *words: str, status: int = 0) -> dict[str, Any]:

@@ -23,10 +23,11 @@ from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Codes
 from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, DeviceLost, SettingRefused
 from tests.contract.lab import display_output
+from tests.device_lab.guest.rights import become_nobody
+from tests.device_lab.waiting import GENEROUS_S, wait_until
 
 SHAPE = (480, 640)
 CLOCK = SystemClock()
-NOBODY = 65534
 
 
 @pytest.fixture(scope="module")
@@ -63,13 +64,6 @@ def as_colour(codes: Codes) -> Codes:
 def read_back(output: str) -> Codes:
     with opened(Readback(output)) as readback:
         return readback.picture()
-
-
-def wait_until(true: Callable[[], bool], timeout_s: float = 5.0) -> None:
-    until_s = CLOCK.now_s() + timeout_s
-    while not true():
-        assert CLOCK.now_s() < until_s, f"not true within {timeout_s} s"
-        CLOCK.wait_until_s(CLOCK.now_s() + 0.01)
 
 
 def plug(output: str, state: str) -> None:
@@ -160,7 +154,7 @@ class TestFlips:
     def test_120_flips_at_60_hz_are_none_late(self, vkms: str) -> None:
         codes = [noise(1), noise(2)]
         with opened(make(vkms)) as projector:
-            until_s = CLOCK.now_s() + 30.0  # the machine's one emulated processor has other work too
+            until_s = CLOCK.now_s() + GENEROUS_S  # the machine's one emulated processor has other work too
             in_a_row: list[Flip] = []
             while len(in_a_row) < 120 and CLOCK.now_s() < until_s:
                 late = projector.flips.late
@@ -371,7 +365,7 @@ class TestOthers:
     @pytest.mark.parametrize("device", [make, Readback])
     def test_who_may_not_open_the_card_is_told_how_to(self, vkms: str, device: Callable) -> None:
         def open_as_nobody(say: Callable[[str], None]) -> None:
-            os.setuid(NOBODY)
+            become_nobody()
             device(vkms).open()
 
         with child(open_as_nobody) as other:
@@ -383,7 +377,7 @@ class TestOthers:
         card = choose_output(vkms, list_outputs()).card
 
         def read_as_nobody(say: Callable[[str], None]) -> None:
-            os.setuid(NOBODY)
+            become_nobody()
             read_back(vkms)
 
         with opened(make(vkms)):

@@ -4,7 +4,6 @@ Runs in a device lab machine: `python tests/device_lab/machine.py 'python -m pyt
 """
 
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -17,18 +16,10 @@ from rig.live.sources.camera import CameraSource
 from tests.contract.lab import display_output, load_module
 from tests.device_lab.guest.test_vivid import ID, MODULE
 from tests.device_lab.live_show import live_show
+from tests.device_lab.waiting import GENEROUS_S, wait_until
 
-LIMIT_S = 120.0
 AWAY_S = 3.0
 """Longer than a show goes without asking for its display, also on an emulated processor."""
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    clock = SystemClock()
-    until_s = clock.now_s() + LIMIT_S
-    while not true():
-        assert clock.now_s() < until_s, f"not true within {LIMIT_S:g} s"
-        clock.wait_until_s(clock.now_s() + 0.1)
 
 
 def is_coloured(output: str) -> bool:
@@ -47,11 +38,11 @@ def test_a_pulled_cable_is_waited_for_and_the_output_is_dark_after_the_end(tmp_p
     output, clock = display_output("vkms"), SystemClock()
     status = choose_output(output, list_outputs()).folder / "status"
     with live_show("kms", output, tmp_path) as show:
-        wait_until(lambda: is_coloured(output))
+        wait_until(lambda: is_coloured(output), "the picture", poll_s=0.1)
         status.write_text("off")
         clock.wait_until_s(clock.now_s() + AWAY_S)
         status.write_text("on")
-        wait_until(lambda: is_coloured(output))
+        wait_until(lambda: is_coloured(output), "the picture", poll_s=0.1)
         result = show.end(signal.SIGTERM)
     assert not is_coloured(output)
     assert result["unplugged"] >= 1
@@ -65,7 +56,7 @@ def test_a_camera_gives_colour_pictures_of_a_size_that_covers_the_projector() ->
     source = CameraSource(ID, (480, 640), SystemClock())
     source.open()
     try:
-        pictures = [source.read(30.0) for _ in range(2)]
+        pictures = [source.read(GENEROUS_S) for _ in range(2)]
         shapes = {picture.pixels.shape for picture in pictures if picture is not None}
         spread = max(
             int(np.ptp(picture.pixels.astype(int), axis=2).max()) for picture in pictures if picture is not None

@@ -12,7 +12,7 @@ from rig.devices.kms.readback import Readback
 from rig.files.journal import JOURNAL_NAME
 from tests.contract.lab import load_module
 
-pytestmark = pytest.mark.timeout(3500)
+pytestmark = pytest.mark.timeout(1700)
 RIG = (sys.executable, "-m", "rig")
 PULLED_AFTER_FRAMES = 30
 PICTURE = (480, 640)

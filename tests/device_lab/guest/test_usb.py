@@ -1,6 +1,5 @@
 """USB devices on the kernel's own drivers: an emulated camera under uvcvideo, an emulated LightCrafter under usbhid."""
 
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from uuid import UUID
@@ -21,21 +20,14 @@ from rig.emulated.uvc.camera import UvcCamera
 from rig.emulated.uvc.descriptors import EXTENSION_GUID
 from rig.errors import DeviceBusy, DeviceForbidden, DeviceLost, SettingRefused
 from tests.device_lab.guest.rights import as_nobody
+from tests.device_lab.programs import output_of
+from tests.device_lab.waiting import wait_until
 from tests.rig.devices.lightcrafter.emulated_controller import LightCrafterEmulation
 from tests.rig.devices.lightcrafter.emulated_usb import LightCrafterUsb
 from tests.rig.emulated.numbered_pictures import PatternSource
 
 REGISTER, FIRMWARE = 1, 2
 CLOCK = SystemClock()
-
-
-def wait_for(what: str, condition: object, timeout_s: float = 15.0) -> None:
-    """Poll until a callable is true."""
-    assert callable(condition)
-    deadline_s = CLOCK.now_s() + timeout_s
-    while not condition():
-        assert CLOCK.now_s() < deadline_s, f"{what} not within {timeout_s} s"
-        CLOCK.wait_until_s(CLOCK.now_s() + 0.05)
 
 
 def found(serial: str) -> list[FoundUsbDevice]:
@@ -54,19 +46,19 @@ def video_node(device: FoundUsbDevice) -> Path:
 
 @pytest.fixture(scope="module")
 def camera() -> Iterator[UvcCamera]:
-    subprocess.run(["modprobe", "-a", "vhci-hcd", "uvcvideo"], check=True, timeout=60)
+    output_of("modprobe", "-a", "vhci-hcd", "uvcvideo")
     device = UvcCamera(source=PatternSource(), serial="LAB1", name="Lab camera")
     with attach(device):
-        wait_for("uvcvideo", lambda: with_drivers("LAB1", "uvcvideo") and video_node(found("LAB1")[0]).exists())
+        wait_until(lambda: with_drivers("LAB1", "uvcvideo") and video_node(found("LAB1")[0]).exists(), "uvcvideo")
         yield device
 
 
 @pytest.fixture
 def controller() -> Iterator[tuple[LightCrafterEmulation, Attachment]]:
-    subprocess.run(["modprobe", "-a", "vhci-hcd", "usbhid", "hid-generic"], check=True, timeout=60)
+    output_of("modprobe", "-a", "vhci-hcd", "usbhid", "hid-generic")
     emulation = LightCrafterEmulation()
     with attach(LightCrafterUsb(emulation, "LCR-7")) as plugged:
-        wait_for("hidraw", lambda: with_drivers("LCR-7", "usbhid") and has_hidraw())
+        wait_until(lambda: with_drivers("LCR-7", "usbhid") and has_hidraw(), "hidraw")
         yield emulation, plugged
 
 
@@ -116,7 +108,7 @@ def test_libusb_sees_what_sysfs_sees_and_can_take_a_hid_interface(
     assert transport.read_report(0.01) is None
     device.close()
     device.close()
-    wait_for("usbhid", lambda: with_drivers("LCR-7", "usbhid"))
+    wait_until(lambda: with_drivers("LCR-7", "usbhid"), "usbhid")
 
 
 def test_vendor_controls_are_read_and_written_through_uvcvideo(vendor: VendorControls) -> None:
@@ -147,9 +139,9 @@ def test_a_reset_enumerates_a_hung_camera_anew_and_it_streams_again(camera: UvcC
     before = found("LAB1")[0]
     after = reset_usb_device(before)
     assert (after.serial, after.bus_path) == ("LAB1", before.bus_path)
-    wait_for("the video node", lambda: video_node(after).exists())
-    stream = ["v4l2-ctl", "-d", str(video_node(after)), "--stream-mmap=2", "--stream-count=3", "--stream-to=/dev/null"]
-    subprocess.run(stream, check=True, timeout=30, capture_output=True)
+    wait_until(lambda: video_node(after).exists(), "the video node")
+    stream = ("--stream-mmap=2", "--stream-count=3", "--stream-to=/dev/null")
+    output_of("v4l2-ctl", "-d", video_node(after), *stream)
 
 
 def test_a_reset_by_authorisation_works_without_the_ioctl(camera: UvcCamera, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -201,14 +193,14 @@ def test_a_pulled_cable_is_lost_and_the_device_is_found_again(
     controller: tuple[LightCrafterEmulation, Attachment], lightcrafter: LightCrafter
 ) -> None:
     controller[1].unplug()
-    wait_for("the kernel's notice", lambda: not found("LCR-7"))
+    wait_until(lambda: not found("LCR-7"), "the kernel's notice")
     with pytest.raises(DeviceLost, match="went away"):
         lightcrafter.version()
     lightcrafter.close()
     with pytest.raises(DeviceLost, match="0 USB devices 0451:6401 with serial LCR-7"):
         open_lightcrafter("LCR-7", CLOCK)
     with attach(LightCrafterUsb(LightCrafterEmulation(), "LCR-7")):
-        wait_for("hidraw", has_hidraw)
+        wait_until(has_hidraw, "hidraw")
         again = open_lightcrafter("LCR-7", CLOCK)
         assert again.main_status().gamma_on
         again.close()

@@ -22,9 +22,9 @@ from tests.device_lab.guest.virtual_camera import (
     load_drivers,
     plug_in,
     plugging,
-    run,
-    wait_for,
 )
+from tests.device_lab.programs import output_of
+from tests.device_lab.waiting import wait_until
 from tests.rig.emulated.numbered_pictures import (
     FULL_SCALES,
     MEDIUM_EXPOSURE_S,
@@ -38,7 +38,7 @@ ALL_FORMATS = tuple(FULL_SCALES)
 
 def stream(node: Path, fourcc: str, count: int, file: Path, *, size=(WIDTH, HEIGHT)) -> bytes:
     form = f"--set-fmt-video=width={size[0]},height={size[1]},pixelformat={fourcc}"
-    run("v4l2-ctl", "-d", node, form, "--stream-mmap=3", f"--stream-count={count}", f"--stream-to={file}")
+    output_of("v4l2-ctl", "-d", node, form, "--stream-mmap=3", f"--stream-count={count}", f"--stream-to={file}")
     return file.read_bytes()
 
 
@@ -59,7 +59,7 @@ def drivers() -> None:
 @pytest.fixture(scope="module")
 def every_format(drivers: None) -> Iterator[Plugged]:
     plugged = plug_in(serial="EVERY1", fourccs=ALL_FORMATS, name="Camera of every format")
-    run("v4l2-ctl", "-d", plugged.node, "-c", "auto_exposure=1,exposure_time_absolute=100")
+    output_of("v4l2-ctl", "-d", plugged.node, "-c", "auto_exposure=1,exposure_time_absolute=100")
     yield plugged
     plugged.unplug()
 
@@ -75,17 +75,17 @@ def test_the_system_knows_the_camera_by_name_and_serial_number(every_format: Plu
     assert (device / "serial").read_text().strip() == "EVERY1"
     assert (device / "speed").read_text().strip() == "480"
     assert (NODES / every_format.node.name / "name").read_text().startswith("Camera of every format")
-    assert "ID 1209:0001" in run("lsusb")
-    described = run("lsusb", "-v", "-d", "1209:0001")
+    assert "ID 1209:0001" in output_of("lsusb")
+    described = output_of("lsusb", "-v", "-d", "1209:0001")
     assert described.count("bFormatIndex") == len(ALL_FORMATS)
     assert not [line for line in described.splitlines() if "Warning" in line or "unrecognized" in line.lower()]
 
 
 def test_another_program_lists_formats_and_controls(every_format: Plugged) -> None:
-    formats = run("v4l2-ctl", "-d", every_format.node, "--list-formats-ext")
+    formats = output_of("v4l2-ctl", "-d", every_format.node, "--list-formats-ext")
     assert [fourcc for fourcc in ALL_FORMATS if f"'{fourcc}'" not in formats] == []
     assert formats.count("320x240") == len(ALL_FORMATS)
-    controls = run("v4l2-ctl", "-d", every_format.node, "-l")
+    controls = output_of("v4l2-ctl", "-d", every_format.node, "-l")
     assert "exposure_time_absolute 0x009a0902 (int)    : min=1 max=5000 step=1 default=156 value=100" in controls
     assert "focus_absolute 0x009a090a (int)    : min=0 max=250 step=5 default=0 value=0 flags=inactive" in controls
     for name in ("brightness", "contrast", "gain", "gamma", "sharpness", "power_line_frequency", "white_balance"):
@@ -113,7 +113,7 @@ def test_frames_of_every_format_arrive_with_exactly_their_bytes(
 
 def test_a_bulk_camera_serves_the_same_pictures(plug: Callable[..., Plugged], tmp_path: Path) -> None:
     plugged = plug(serial="BULK1", transport=Transport.BULK, sizes=((160, 120),))
-    run("v4l2-ctl", "-d", plugged.node, "-c", "auto_exposure=1,exposure_time_absolute=100")
+    output_of("v4l2-ctl", "-d", plugged.node, "-c", "auto_exposure=1,exposure_time_absolute=100")
     data = stream(plugged.node, "GREY", 3, tmp_path / "frames", size=(160, 120))
     assert len(data) == 3 * 160 * 120
     assert np.frombuffer(data, np.uint8)[-1] == round(255 / 2 * 0.01 / MEDIUM_EXPOSURE_S)
@@ -138,7 +138,7 @@ def test_plugging_in_needs_root_and_says_so(every_format: Plugged) -> None:
 
 def test_a_camera_without_a_serial_number_is_known_by_its_port() -> None:
     with attach(UvcCamera(source=PatternSource(), serial="", product_id=0x0BAD)):
-        wait_for(lambda: [camera for camera in find_cameras() if camera.product_id == 0x0BAD])
+        wait_until(lambda: [camera for camera in find_cameras() if camera.product_id == 0x0BAD])
         (found,) = [camera for camera in find_cameras() if camera.product_id == 0x0BAD]
         assert found.serial is None
         assert found.device_id == found.bus_path

@@ -14,14 +14,15 @@ from rig.devices.protocols import RawFrame
 from rig.devices.v4l2.camera import V4l2Camera
 from rig.devices.v4l2.find import find_cameras
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, SettingRefused
-from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging, run, wait_for
+from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging
+from tests.device_lab.programs import output_of
+from tests.device_lab.waiting import GENEROUS_S, wait_until
 from tests.rig.emulated.numbered_pictures import MEDIUM_EXPOSURE_S, read_number
 
-pytestmark = pytest.mark.timeout(60)
 EXPOSURE_MODE, EXPOSURE, GAIN = (1, 2), (1, 4), (2, 4)
 NODROP = Path("/sys/module/uvcvideo/parameters/nodrop")
-STRIKE_LIMIT_S = 2.0
-"""An unplugging is noticed within this; it takes milliseconds on an idle machine."""
+STRIKE_LIMIT_S = 4.0
+"""An unplugging is noticed within this; it takes milliseconds, and who does not notice waits for five seconds."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -103,7 +104,7 @@ class Later:
             self.errors.append(error)
 
     def __exit__(self, *_: object) -> None:
-        self.thread.join(30)
+        self.thread.join(GENEROUS_S)
         assert not self.errors
 
 
@@ -191,7 +192,7 @@ def test_a_hung_camera_lives_again_after_a_reset(plug: Callable[..., Plugged]) -
             capture(camera, timeout_s=0.3)
         camera.close()
         camera.reset()
-        wait_for(lambda: f"usb-1209:0001-{plugged.serial}" in [found.device_id for found in find_cameras()])
+        wait_until(lambda: f"usb-1209:0001-{plugged.serial}" in [found.device_id for found in find_cameras()])
         camera.open()
         camera.set_exposure(0.004)
         assert level_of(capture(camera)) == round(255 / 2 * 0.4)
@@ -235,13 +236,17 @@ def test_bad_frames_are_never_accepted_and_their_loss_is_told(
     nodrop(kept)
     plugged = plug()
     with opened(plugged) as camera:
-        numbers = [number_of(capture(camera))]
-        setattr(plugged.faults, fault, 3)
-        frames = [camera.capture(after_s=0.0, timeout_s=5.0) for _ in range(12)]
+        frames = [capture(camera)]
+
+        def loss_is_told() -> bool:
+            setattr(plugged.faults, fault, 3)
+            frames.extend(camera.capture(after_s=0.0, timeout_s=5.0) for _ in range(12))
+            return any(frame.lost for frame in frames)
+
+        wait_until(loss_is_told, "a frame that tells the loss before it, and that a busy host did not make late,")
     assert getattr(plugged.faults, fault) == 0
     assert {level_of(frame) for frame in frames} == {128}
-    numbers += map(number_of, frames)
-    assert sum(frame.lost for frame in frames) >= 1
+    numbers = [number_of(frame) for frame in frames]
     assert sum(after - before - 1 for before, after in itertools.pairwise(numbers)) >= 3
 
 
@@ -295,7 +300,7 @@ def test_a_camera_that_another_program_uses_is_busy(plug: Callable[..., Plugged]
     sent = plugged.camera.frames_sent
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as other:
         try:
-            wait_for(lambda: plugged.camera.frames_sent > sent)
+            wait_until(lambda: plugged.camera.frames_sent > sent)
             began_s = CLOCK.now_s()
             with pytest.raises(DeviceBusy, match="another program"):
                 camera_of(plugged).open()
@@ -307,5 +312,5 @@ def test_a_camera_that_another_program_uses_is_busy(plug: Callable[..., Plugged]
 
 
 def test_the_kernel_has_nothing_to_complain_about() -> None:
-    log = run("dmesg")
+    log = output_of("dmesg")
     assert [line for line in log.splitlines() if "BUG" in line or "WARNING:" in line or "Oops" in line] == []

@@ -17,15 +17,16 @@ from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.profile.schema import load_profile
 from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
+from tests.device_lab.waiting import GENEROUS_S
 from tests.rig.emulated.numbered_pictures import PatternSource, encode_picture, read_number
 
-pytestmark = pytest.mark.timeout(90)
 LAMP_SHAPE = (12, 16)
 EXPOSURE_S = 0.01
 PROFILE = """
-schema = 1
+schema = 2
 name = "lab"
-[camera]
+[[camera]]
+name = "camera"
 driver = "v4l2"
 device_id = "usb-1209:0001-LAB1"
 pixel_format = "GREY"
@@ -36,7 +37,8 @@ frame_rate_hz = 30.0
 exposure_range_s = [0.001, 0.1]
 exposure_s = 0.01
 hfov_deg = 60.0
-[projector]
+[[projector]]
+name = "projector"
 driver = "kms"
 output = "HDMI-A-1"
 width_px = 16
@@ -44,9 +46,11 @@ height_px = 12
 refresh_rate_hz = 60.0
 latency_s = 0.25
 hfov_deg = 40.0
-[room]
+[surface]
+kind = "box"
 closed = true
-[scale]
+[[scale]]
+between = ["camera", "projector"]
 baseline_m = 0.5
 [timing]
 timeout_s = 1.0
@@ -192,7 +196,7 @@ def test_a_sequence_goes_on_at_the_missing_frame_when_the_camera_returns_under_a
     lab.lamp.on_show = pull_the_cable
     with before.node.open("rb"), lab.rig() as rig:
         seen = shoot_levels(rig)
-        replugging.join(30)
+        replugging.join(GENEROUS_S)
         assert seen == pytest.approx(LEVELS, abs=1)
         assert {"unplugged", "replugged"} <= set(kinds_of(rig))
     assert after[0].node != before.node

@@ -1,6 +1,5 @@
 """Plugging emulated cameras into the machine's kernel, for tests."""
 
-import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -11,19 +10,13 @@ from rig.emulated.faults import Faults
 from rig.emulated.usbip.attach import Attachment, attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.emulated.uvc.descriptors import video_formats
+from tests.device_lab.programs import output_of
+from tests.device_lab.waiting import wait_until
 from tests.rig.emulated.numbered_pictures import PatternSource
 
 CLOCK = SystemClock()
 WIDTH, HEIGHT = 320, 240
 NODES = Path("/sys/class/video4linux")
-
-
-def wait_for(found: Callable[[], object], timeout_s: float = 10.0) -> None:
-    """Poll until something is true."""
-    until_s = CLOCK.now_s() + timeout_s
-    while not found():
-        assert CLOCK.now_s() < until_s, "it did not happen in time"
-        CLOCK.wait_until_s(CLOCK.now_s() + 0.02)
 
 
 def nodes_of(serial: str) -> list[Path]:
@@ -48,7 +41,7 @@ class Plugged:
 
     def unplug(self) -> None:
         self.attachment.unplug()
-        wait_for(lambda: not nodes_of(self.serial))
+        wait_until(lambda: not nodes_of(self.serial))
 
 
 def plug_in(*, serial: str = "LAB1", fourccs=("GREY",), sizes=((WIDTH, HEIGHT),), rates=(30,), **options) -> Plugged:
@@ -58,21 +51,15 @@ def plug_in(*, serial: str = "LAB1", fourccs=("GREY",), sizes=((WIDTH, HEIGHT),)
     camera = UvcCamera(formats=formats, faults=faults, serial=serial, **options)
     attachment = attach(camera)
     try:
-        wait_for(lambda: nodes_of(serial))
+        wait_until(lambda: nodes_of(serial))
     except BaseException:
         attachment.unplug()
         raise
     return Plugged(camera, attachment, nodes_of(serial)[0], faults, serial)
 
 
-def run(*command: object) -> str:
-    done = subprocess.run([str(word) for word in command], capture_output=True, text=True, timeout=30, check=False)
-    assert done.returncode == 0, done.stderr + done.stdout
-    return done.stdout + done.stderr
-
-
 def load_drivers() -> None:
-    run("modprobe", "-a", "vhci-hcd", "uvcvideo")
+    output_of("modprobe", "-a", "vhci-hcd", "uvcvideo")
 
 
 @contextmanager

@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-START_LIMIT_S = 30.0
+from tests.device_lab.waiting import GENEROUS_S
+
 ATTEMPTS = 5
 CLIENT_MESSAGE = 33
 COLUMN_PX = 1024
@@ -185,7 +186,7 @@ def x_server(*command: str) -> Iterator[XDisplay]:
 def _first_line(descriptor: int) -> str:
     text = b""
     while not text.endswith(b"\n"):
-        ready, _, _ = select.select([descriptor], [], [], START_LIMIT_S)
+        ready, _, _ = select.select([descriptor], [], [], GENEROUS_S)
         read = os.read(descriptor, 100) if ready else b""
         if not read:
             pytest.fail("the X server did not start")
@@ -308,9 +309,9 @@ def _move(display: XDisplay, title: str, x_px: int) -> None:
 
 def _window_id(display: XDisplay, title: str) -> int:
     command = [program("xwininfo"), "-display", display.name, "-int", "-name", title]
-    until_s = time.monotonic() + START_LIMIT_S
+    until_s = time.monotonic() + GENEROUS_S
     while time.monotonic() < until_s:
         found = subprocess.run(command, capture_output=True, text=True, check=False)
         if found.returncode == 0:
             return int(found.stdout.split("Window id: ")[1].split()[0])
-    pytest.fail(f"no window {title!r} within {START_LIMIT_S:g} s")
+    pytest.fail(f"no window {title!r} within {GENEROUS_S:g} s")

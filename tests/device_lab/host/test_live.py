@@ -1,24 +1,13 @@
 """Live pictures in a window of a desktop, seen by photographs of the display server."""
 
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from rig.devices.clock import SystemClock
 from tests.device_lab.host.displays import virtual_display
 from tests.device_lab.live_show import live_show
-
-LIMIT_S = 60.0
-
-
-def wait_until(true: Callable[[], bool]) -> None:
-    clock = SystemClock()
-    until_s = clock.now_s() + LIMIT_S
-    while not true():
-        assert clock.now_s() < until_s, f"not true within {LIMIT_S:g} s"
-        clock.wait_until_s(clock.now_s() + 0.05)
+from tests.device_lab.waiting import wait_until
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -53,12 +53,9 @@ def make_rig(profile: Profile, camera: dict[str, Any], projector: dict[str, Any]
     assert profile.simulation is not None
     lens = {"blur_px": 0.0, "compression": 0.0, "stale_frame_rate": 0.0}
     light = {"latency_s": LATENCY_S, "jitter_s": JITTER_S, **(projector or {})}
-    settings = profile.simulation.model_copy(
-        update={
-            "camera": profile.simulation.camera.model_copy(update={**lens, **camera}),
-            "projector": profile.simulation.projector.model_copy(update=light),
-        }
-    )
+    settings = profile.simulation.with_device(
+        profile.simulation.camera.model_copy(update={**lens, **camera})
+    ).with_device(profile.simulation.projector.model_copy(update=light))
     pipeline_s = camera.get("pipeline_frames", 0) / FRAME_RATE_HZ
     latency_s = LATENCY_S + JITTER_S + pipeline_s + camera.get("time_stamp_jitter_s", 0.0)
     clock, world = VirtualClock(), cast("SimulatedWorld", CodeBench(settings))
@@ -67,7 +64,7 @@ def make_rig(profile: Profile, camera: dict[str, Any], projector: dict[str, Any]
         (world,), shown, clock, bit_depth=12, frame_rate_hz=FRAME_RATE_HZ, exposure_range_s=(1e-3, 1.0)
     )
     settled = profile.projector.model_copy(update={"latency_s": latency_s})
-    return Rig(profile.model_copy(update={"projector": settled}), seen, shown, clock)
+    return Rig(profile.with_device(settled), seen, shown, clock)
 
 
 def shows(frame: RawFrame, number: int) -> bool:
@@ -147,7 +144,7 @@ def test_faults_that_the_latency_covers_cost_time_only(tiny_profile: Profile, fa
 def test_a_latency_that_does_not_cover_the_pipeline_gives_wrong_frames(tiny_profile: Profile) -> None:
     rig = make_rig(tiny_profile, {"pipeline_frames": 3})
     projector = rig.profile.projector.model_copy(update={"latency_s": LATENCY_S + JITTER_S})
-    rig.profile = rig.profile.model_copy(update={"projector": projector})
+    rig.profile = rig.profile.with_device(projector)
     assert count_wrong(rig, 100) > 50
 
 

@@ -159,7 +159,7 @@ def profile(tiny_profile: Profile) -> Profile:
     timing = tiny_profile.timing.model_copy(update={"retries": 3, "timeout_s": 2.0, "replug_timeout_s": LIMIT_S})
     camera = tiny_profile.camera.model_copy(update={"driver": "v4l2", "device_id": "usb-1209:0001-A7"})
     projector = tiny_profile.projector.model_copy(update={"driver": "kms", "output": "HDMI-A-1"})
-    return tiny_profile.model_copy(update={"timing": timing, "camera": camera, "projector": projector})
+    return tiny_profile.model_copy(update={"timing": timing}).with_device(camera).with_device(projector)
 
 
 @dataclass
@@ -439,8 +439,8 @@ def test_a_real_rig_runs_on_the_machines_clock_wherever_its_session_stopped(
 ) -> None:
     """That clock begins anew with every start of the machine: an earlier time on it means nothing."""
     clock = VirtualClock()
-    monkeypatch.setattr("rig.capture.devices._real_camera", lambda *_: FakeCamera(clock))
-    monkeypatch.setattr("rig.capture.devices._real_projector", lambda *_: FakeProjector(clock))
+    monkeypatch.setattr("rig.capture.devices.make_camera", lambda *_: FakeCamera(clock))
+    monkeypatch.setattr("rig.capture.devices.make_projector", lambda *_: FakeProjector(clock))
     with open_rig(profile, resume_at_s=1e12) as rig:
         assert isinstance(rig.clock, SystemClock)
         assert rig.clock.now_s() < 1e12
@@ -452,7 +452,7 @@ def test_a_real_rig_runs_on_the_machines_clock_wherever_its_session_stopped(
 def with_faults(profile: Profile, folder: Path, *, camera: str = "", projector: str = "") -> Path:
     text = profile.raw.decode()
     for table, line in (("simulation.camera", camera), ("simulation.projector", projector)):
-        text = text.replace(f"[{table}]\n", f"[{table}]\n{line}\n")
+        text = text.replace(f"[[{table}]]\n", f"[[{table}]]\n{line}\n")
     path = folder / "faulty.toml"
     path.write_text(text)
     return path

@@ -8,8 +8,7 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from rig import open_rig
-from rig.capture.rig import Rig
+from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.errors import CaptureTimeout, DeviceError, DeviceLost, ProfileError, SettingRefused
@@ -85,7 +84,7 @@ class FakeCamera:
 def profile(tiny_profile: Profile) -> Profile:
     timing = tiny_profile.timing.model_copy(update={"retries": 3, "timeout_s": 2.0})
     projector = tiny_profile.projector.model_copy(update={"latency_s": LATENCY_S})
-    return tiny_profile.model_copy(update={"timing": timing, "projector": projector})
+    return tiny_profile.model_copy(update={"timing": timing}).with_device(projector)
 
 
 def make_rig(profile: Profile, *faults: Fault | None) -> Rig:

@@ -135,7 +135,7 @@ def test_every_format_holds_the_picture(fourcc: str) -> None:
 
 def emulated_profile(tiny_profile: Profile, **camera: object) -> Profile:
     named = {"driver": "v4l2", "device_id": "usb-1209:0001-V7", "pixel_format": "Y12", **camera}
-    return tiny_profile.model_copy(update={"camera": tiny_profile.camera.model_copy(update=named)})
+    return tiny_profile.with_device(tiny_profile.camera.model_copy(update=named))
 
 
 def test_the_profile_says_what_the_camera_calls_itself_and_offers(tiny_profile: Profile) -> None:
@@ -175,7 +175,7 @@ class TestTypedCommands:
     def rig(self, tiny_profile: Profile) -> EmulatedRig:
         assert tiny_profile.simulation is not None
         lens = tiny_profile.simulation.projector.model_copy(update={"latency_s": 0.0, "jitter_s": 0.0})
-        world = tiny_profile.simulation.model_copy(update={"projector": lens, "cell_size_m": 1.2})
+        world = tiny_profile.simulation.with_device(lens).model_copy(update={"cell_size_m": 1.2})
         return EmulatedRig(
             profile=emulated_profile(tiny_profile).model_copy(update={"simulation": world}), display=still(WHITE)
         )

@@ -120,5 +120,6 @@ def finders(**changes: Any) -> Finders:
         "master_is_free": lambda card: True,
         "monitors": lambda: (),
         "usb_devices": lambda: (),
+        "plug_ins": lambda: (),
     }
     return Finders(**(parts | changes))

@@ -10,11 +10,12 @@ from typing import Any
 import pytest
 
 from rig.devices.kms.master import master_is_free
+from rig.devices.v4l2.controls import exposure_range_of
 from rig.errors import DeviceError, DeviceForbidden, UsageError
-from rig.inventory.choose import best_camera_mode, best_output_mode, exposure_range_s, fixed_controls
-from rig.inventory.list import list_devices
+from rig.inventory.choose import best_camera_mode, best_output_mode, fixed_controls
+from rig.inventory.list import THIS_MACHINE, Finders, list_devices
 from rig.inventory.tables import print_devices
-from rig.profile.schema import CameraProfile, ProjectorProfile
+from rig.profile.tables import CameraProfile, ProjectorProfile
 from tests.rig.inventory.found_devices import (
     EXPOSURE,
     GAIN,
@@ -36,23 +37,27 @@ WEBCAM = Camera(
 SECOND = Camera("usb-1209:0001-A", Path("/dev/video1"), "vivid", vendor_id=0x1209, product_id=0x0001, serial="A")
 
 
+def listed(name: str | None = None, finders: Finders = THIS_MACHINE) -> dict[str, Any]:
+    """The answer as programs get it."""
+    return json.loads(json.dumps(list_devices(name, finders).as_json(), allow_nan=False))
+
+
 def refuse(*_: object) -> Any:
     raise DeviceForbidden("/dev/video1: you may not open it")
 
 
 def test_the_answer_is_plain_data() -> None:
     usb = (UsbDevice(0x0451, 0x6401, "LCR"),)
-    found = list_devices(finders=finders(monitors=lambda: (Monitor(),), usb_devices=lambda: usb))
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
+    found = listed(finders=finders(monitors=lambda: (Monitor(),), usb_devices=lambda: usb))
     assert found["cameras"][0]["formats"][0]["pixel_format"] == "MJPG"
     assert found["cameras"][0]["controls"][0]["name"] == "exposure_time_absolute"
     assert found["outputs"][0]["modes"][1]["refresh_rate_hz"] == 59.81
 
 
 def test_the_lines_to_paste_are_valid_in_a_profile() -> None:
-    found = list_devices(finders=finders())
-    camera = tomllib.loads("\n".join(found["cameras"][0]["profile"]))["camera"]
-    projector = tomllib.loads("\n".join(found["outputs"][0]["profile"]))["projector"]
+    found = listed(finders=finders())
+    camera = tomllib.loads("\n".join(found["cameras"][0]["profile"]))["camera"][0]
+    projector = tomllib.loads("\n".join(found["outputs"][0]["profile"]))["projector"][0]
     assert camera["device_id"] == "usb-2bb8:0001-0007"
     checked = CameraProfile.model_validate({**camera, "exposure_s": 0.01, "hfov_deg": 60.0})
     assert (checked.shape, checked.full_scale_dn, checked.exposure_range_s) == ((960, 1280, 1), 255, (1e-4, 0.2))
@@ -64,7 +69,7 @@ def test_a_camera_that_may_not_be_opened_is_shown_with_its_error_beside_the_othe
     def describe(node: Path) -> Abilities:
         return refuse() if node == SECOND.node else MONO
 
-    cameras = list_devices(finders=finders(cameras=lambda: (SECOND, Camera()), describe=describe))["cameras"]
+    cameras = listed(finders=finders(cameras=lambda: (SECOND, Camera()), describe=describe))["cameras"]
     assert cameras[0]["error"].startswith("/dev/video1: you may not open it")
     assert 'ATTRS{idVendor}=="1209"' in cameras[0]["error"]
     assert cameras[0]["profile"] == []
@@ -77,7 +82,7 @@ def test_a_whole_kind_that_cannot_be_listed_is_a_problem_and_hides_nothing_else(
     def fail() -> Any:
         raise DeviceError("the driver is broken")
 
-    found = list_devices(finders=finders(**{kind: fail}))
+    found = listed(finders=finders(**{kind: fail}))
     assert [problem.partition(": ")[2] for problem in found["problems"]] == ["the driver is broken"]
     assert bool(found["cameras"]) == (kind != "cameras")
     assert bool(found["outputs"]) == (kind != "outputs")
@@ -87,7 +92,7 @@ def test_a_broken_link_of_the_operating_system_is_no_crash() -> None:
     def fail(node: Path) -> Any:
         raise OSError(19, "No such device")
 
-    found = list_devices(finders=finders(describe=fail, master_is_free=fail))
+    found = listed(finders=finders(describe=fail, master_is_free=fail))
     assert "No such device" in found["cameras"][0]["error"]
     assert "No such device" in found["outputs"][0]["error"]
 
@@ -95,7 +100,7 @@ def test_a_broken_link_of_the_operating_system_is_no_crash() -> None:
 def test_a_slow_usb_port_and_a_missing_exposure_control_are_warnings() -> None:
     usb = (UsbDevice(0x2BB8, 0x0001, "0007", warning="runs at 480 Mbit/s but can do 5000"),)
     dull = Abilities(MONO.formats, (GAIN,))
-    camera = list_devices(finders=finders(usb_devices=lambda: usb, describe=lambda node: dull))["cameras"][0]
+    camera = listed(finders=finders(usb_devices=lambda: usb, describe=lambda node: dull))["cameras"][0]
     assert camera["warnings"] == ["runs at 480 Mbit/s but can do 5000", "has no control of its exposure time"]
     assert camera["exposure_range_s"] is None
     assert not any(line.startswith("exposure_range_s") for line in camera["profile"])
@@ -103,7 +108,7 @@ def test_a_slow_usb_port_and_a_missing_exposure_control_are_warnings() -> None:
 
 def test_a_card_that_a_desktop_drives_is_told() -> None:
     free, held = (
-        list_devices(finders=finders(master_is_free=lambda card, is_free=is_free: is_free))["outputs"][0]
+        listed(finders=finders(master_is_free=lambda card, is_free=is_free: is_free))["outputs"][0]
         for is_free in (True, False)
     )
     assert (free["master_free"], free["warnings"]) == (True, [])
@@ -118,37 +123,37 @@ def test_what_is_no_graphics_card_is_neither_free_nor_held(tmp_path: Path) -> No
 
 def test_an_output_without_a_projector_has_no_lines_to_paste() -> None:
     output = Output(status="disconnected", edid_id=None, monitor_name=None, modes=())
-    assert list_devices(finders=finders(outputs=lambda: (output,)))["outputs"][0]["profile"] == []
+    assert listed(finders=finders(outputs=lambda: (output,)))["outputs"][0]["profile"] == []
 
 
 def test_two_outputs_of_one_name_are_told_apart_by_their_card() -> None:
     twins = (Output(), Output(card=Path("/dev/dri/card1")))
-    found = list_devices(finders=finders(outputs=lambda: twins))["outputs"]
+    found = listed(finders=finders(outputs=lambda: twins))["outputs"]
     assert [one["output"] for one in found] == ["card0:HDMI-A-1", "card1:HDMI-A-1"]
 
 
 def test_known_models_are_named() -> None:
-    found = list_devices(finders=finders(cameras=lambda: (WEBCAM, Camera())))
+    found = listed(finders=finders(cameras=lambda: (WEBCAM, Camera())))
     assert [camera["known_as"] for camera in found["cameras"]] == ["Logitech C920", None]
 
 
 def test_a_projector_controller_on_usb_is_known_by_its_ids() -> None:
     usb = (UsbDevice(0x1D6B, 2), UsbDevice(0x0451, 0x6401, "LCR"))
-    (controller,) = list_devices(finders=finders(usb_devices=lambda: usb))["controllers"]
+    (controller,) = listed(finders=finders(usb_devices=lambda: usb))["controllers"]
     assert controller["name"] == "Texas Instruments DLP LightCrafter 4500"
     assert (controller["usb_id"], controller["serial"]) == ("0451:6401", "LCR")
 
 
 @pytest.mark.parametrize("name", ["usb-2bb8:0001-0007", "/dev/video0", "ocam"])
 def test_a_name_keeps_the_devices_that_it_means(name: str) -> None:
-    found = list_devices(name, finders(cameras=lambda: (SECOND, Camera())))
+    found = listed(name, finders(cameras=lambda: (SECOND, Camera())))
     assert [camera["device_id"] for camera in found["cameras"]] == ["usb-2bb8:0001-0007"]
     assert found["outputs"] == []
 
 
 def test_a_name_of_nothing_is_refused_with_what_is_there() -> None:
     with pytest.raises(UsageError, match=r"no device is called 'basler'; there are: oCam-1MGN-U, HDMI-A-1"):
-        list_devices("basler", finders())
+        listed("basler", finders())
 
 
 def test_people_see_the_ids_the_choice_and_the_errors(capsys: pytest.CaptureFixture[str]) -> None:
@@ -219,9 +224,9 @@ def test_the_rate_is_the_highest_that_a_projector_can_follow(offered: tuple[floa
 
 
 def test_an_exposure_in_lines_has_no_seconds() -> None:
-    assert exposure_range_s([EXPOSURE]) == (1e-4, 0.2)
-    assert exposure_range_s([Control("exposure", 0x00980911, 4, 1000, 100, 100)]) is None
-    assert exposure_range_s([]) is None
+    assert exposure_range_of([EXPOSURE]) == (1e-4, 0.2)
+    assert exposure_range_of([Control("exposure", 0x00980911, 4, 1000, 100, 100)]) is None
+    assert exposure_range_of([]) is None
 
 
 def test_controls_are_fixed_where_they_add_least() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from calibration.structured_light.patterns import gray_code_patterns
+from calibration.structured_light.gray import gray_code_patterns
 from rig.errors import CalibrationFailed, DeviceLost, ProfileError
 from rig.files.ply import write_ply
 from rig.offline.scan import run_scan
@@ -95,9 +95,9 @@ def folder(tmp_path: Path) -> Path:
 def test_a_scan_finds_the_wall_and_the_plate(folder: Path) -> None:
     result = run_scan(write_manifest(folder), folder / "cloud.ply")
     points, colours = read_ply(folder / "cloud.ply")
-    assert result["points"] == len(points) > 5000
-    assert result["unit"] == "mm"
-    assert result["epipolar_median_px"] < 0.5
+    assert result.points == len(points) > 5000
+    assert result.unit == "mm"
+    assert result.epipolar_median_px < 0.5
     assert (colours == 180).all()
     true = points_mm()[np.isfinite(depth_mm())].reshape(-1, 3)
     distance = cKDTree(true).query(points)[0]
@@ -125,7 +125,7 @@ def test_photographs_saved_as_jpeg_give_nearly_the_same_cloud(tmp_path: Path) ->
     exact = run_scan(write_manifest(tmp_path), tmp_path / "exact.ply")
     write_photographs(tmp_path, ".jpg")
     result = run_scan(write_manifest(tmp_path, ".jpg"), tmp_path / "jpeg.ply")
-    assert result["points"] > 0.9 * exact["points"]
+    assert result.points > 0.9 * exact.points
 
 
 def test_progress_is_reported_photograph_by_photograph(folder: Path) -> None:
@@ -193,7 +193,7 @@ def test_photographs_without_inverses_need_white_and_black_only(folder: Path) ->
     lines = [line for line in path.read_text().splitlines() if "inverse" not in line.split("=")[0]]
     path.write_text("\n".join(lines) + '\n[frames]\nwhite = "w.png"\nblack = "b.png"\n')
     result = run_scan(path, folder / "plain.ply")
-    assert result["points"] == pytest.approx(with_inverses["points"], rel=0.05)
+    assert result.points == pytest.approx(with_inverses.points, rel=0.05)
 
 
 def test_a_code_that_begins_elsewhere_is_named_by_its_first_code(tmp_path: Path) -> None:
@@ -288,7 +288,7 @@ def test_what_a_real_scan_adds_to_the_published_points_lies_on_the_same_object(
 ) -> None:
     result, ours = published
     distance = cKDTree(authors_mm).query(ours)[0]
-    assert result["points"] == len(ours) > len(authors_mm)
+    assert result.points == len(ours) > len(authors_mm)
     assert np.mean(distance < 0.5) >= 0.92
     assert np.mean(distance < 2) >= 0.99
     assert distance.max() < 15

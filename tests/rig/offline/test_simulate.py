@@ -7,7 +7,7 @@ import pytest
 
 from rig.cli.app import run_command
 from rig.errors import UsageError
-from rig.offline.simulate import Request, reflectances_of, run_simulate, tolerance_of
+from rig.offline.simulate import SimulationRequest, reflectances_of, run_simulate, tolerance_of
 from rig.terminal import silent
 from sim.scenes.catalogue import SURFACES
 
@@ -32,7 +32,9 @@ f 4 8 5 1
 @pytest.mark.parametrize("scene", SURFACES)
 def test_every_scene_is_planned_simulated_and_measured(scene):
     steps = []
-    result = run_simulate(Request(scene, 4.0), lambda label, done, total: steps.append((label, done, total)))
+    result = run_simulate(
+        SimulationRequest(scene=scene, tolerance=4.0), lambda label, done, total: steps.append((label, done, total))
+    ).as_json()
     json.dumps(result, allow_nan=False)
     assert set(result["plan"]) >= {"patches", "method", "visibility", "solver", "channels", "bounces", "reasons"}
     assert set(result["estimated"]) == {"error", "seconds", "peak_mb"}
@@ -45,24 +47,24 @@ def test_every_scene_is_planned_simulated_and_measured(scene):
 
 
 def test_the_check_says_what_the_error_was():
-    actual = run_simulate(Request("corner", 2.0), silent, check=True)["actual"]
-    assert 0.2 <= actual["error"] <= 2.0 < actual["error_max"]
-    assert actual["refined_patches"] > 4
+    actual = run_simulate(SimulationRequest(scene="corner", tolerance=2.0), silent, check=True).actual
+    assert 0.2 <= actual.error <= 2.0 < actual.error_max
+    assert actual.refined_patches > 4
 
 
 def test_the_memory_estimate_is_of_the_right_size():
-    result = run_simulate(Request("paper-room", 1.0), silent)
-    assert 0.7 < result["actual"]["peak_mb"] / result["estimated"]["peak_mb"] < 1.4
+    result = run_simulate(SimulationRequest(scene="paper-room", tolerance=1.0), silent)
+    assert 0.7 < result.actual.peak_mb / result.estimated.peak_mb < 1.4
 
 
 def test_a_mesh_file_is_planned_like_a_library_scene(tmp_path):
     # The faces are seen from inside: corners run clockwise seen from outside.
     (tmp_path / "room.obj").write_text(SQUARE_ROOM, encoding="utf-8")
-    request = Request(str(tmp_path / "room.obj"), 3.0, reflectance=(0.6,), unit="mm")
+    request = SimulationRequest(scene=str(tmp_path / "room.obj"), tolerance=3.0, reflectance=(0.6,), unit="mm")
     result = run_simulate(request, silent, check=True)
-    assert result["plan"]["method"] == "closed_form"
-    assert result["plan"]["light"] == "floor"
-    assert 0.3 <= result["actual"]["error"] <= 3.0
+    assert result.plan.method == "closed_form"
+    assert result.plan.light == "floor"
+    assert 0.3 <= result.actual.error <= 3.0
 
 
 def test_grey_levels_are_of_255():
@@ -81,8 +83,11 @@ def test_the_command_line_prints_the_plan_before_and_the_figures_after(capsys):
 
 
 def test_lights_differ():
-    lit = [run_simulate(Request("paper-room", 3.0, light), silent)["plan"] for light in ("floor", "uniform")]
-    assert lit[0]["patches"] > lit[1]["patches"] == 6
+    lit = [
+        run_simulate(SimulationRequest(scene="paper-room", tolerance=3.0, light=light), silent).plan
+        for light in ("floor", "uniform")
+    ]
+    assert lit[0].patches > lit[1].patches == 6
 
 
 @pytest.mark.parametrize("text", ["0.7,abc", "1.2", "-0.1"])
@@ -93,13 +98,13 @@ def test_reflectances_that_are_none_are_refused(text):
 
 def test_an_unknown_scene_names_those_there_are():
     with pytest.raises(UsageError, match="paper-room, corner, furnace, room-with-box"):
-        run_simulate(Request("cathedral", 1.0), silent)
+        run_simulate(SimulationRequest(scene="cathedral", tolerance=1.0), silent)
 
 
 def test_an_impossible_tolerance_is_refused_with_advice():
     with pytest.raises(UsageError, match="try a tolerance of"):
-        run_simulate(Request("paper-room", 1e-4), silent)
+        run_simulate(SimulationRequest(scene="paper-room", tolerance=1e-4), silent)
     with pytest.raises(UsageError, match="above 0"):
-        run_simulate(Request("paper-room", -1.0), silent)
+        run_simulate(SimulationRequest(scene="paper-room", tolerance=-1.0), silent)
     with pytest.raises(UsageError, match="above 0"):
-        run_simulate(Request("paper-room", np.nan), silent)
+        run_simulate(SimulationRequest(scene="paper-room", tolerance=np.nan), silent)

@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from rig.errors import ProfileError
-from rig.profile.schema import Profile, check_profiles, load_profile
+from rig.profile.check import check_profiles
+from rig.profile.schema import Profile, load_profile
 
 ROOT = Path(__file__).parents[3]
 TINY = (ROOT / "hw_profiles" / "ci-tiny.toml").read_text()
@@ -49,7 +50,7 @@ def test_all_mistakes_are_reported_at_once() -> None:
         "lab.toml: camera.exposure_s: missing",
         "lab.toml: camera.exposure_ms: unknown key; did you mean exposure_s (seconds)?",
         "lab.toml: timing.retries: is 2.5, should be a valid integer",
-        "lab.toml: room.closed: is 'yes', should be a valid boolean",
+        "lab.toml: surface.closed: is 'yes', should be a valid boolean",
         "lab.toml: simulation.camera.compresion: unknown key; did you mean compression?",
     ]
 
@@ -87,7 +88,7 @@ def test_all_mistakes_are_reported_at_once() -> None:
             "scale: needs either baseline_m, or spots_px and distance_m; measure one by tape",
         ),
         ("distance_m = 4.876", "distance_m = 4.876\ndistance_mm = 4876", "did you mean distance_m (metres)?"),
-        ("schema = 1", "", "schema: missing"),
+        ("schema = 2", "", "schema: missing"),
     ],
 )
 def test_a_mistake_is_named(old: str, new: str, said: str) -> None:
@@ -97,8 +98,8 @@ def test_a_mistake_is_named(old: str, new: str, said: str) -> None:
 
 
 def test_a_newer_schema_is_refused_before_anything_else() -> None:
-    assert problems(changed("schema = 1", "schema = 2\nnovelty = 3")) == [
-        "lab.toml: schema: 2 is newer than 1, the newest that this version reads; update procam-rig"
+    assert problems(changed("schema = 2", "schema = 3\nnovelty = 3")) == [
+        "lab.toml: schema: 3 is newer than 2, the newest that this version reads; update procam-rig"
     ]
 
 
@@ -144,7 +145,7 @@ def test_text_that_is_no_toml_says_where() -> None:
 
 
 def test_one_broken_profile_does_not_hide_the_others(tmp_path: Path) -> None:
-    (tmp_path / "bad.toml").write_text("schema = 1")
+    (tmp_path / "bad.toml").write_text("schema = 2")
     bad, missing, good = check_profiles([str(tmp_path / "bad.toml"), "nowhere.toml", "ci-tiny"])
     assert not bad.ok
     assert len(bad.problems) > 3

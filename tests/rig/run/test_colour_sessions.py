@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,14 +18,17 @@ from rig.files.pictures import write_png
 from rig.live.model import black_at_pixels, session_model
 from rig.profile.schema import load_profile
 from rig.run import script as verbs
-from rig.run.session import Request, plan_session, run_part, run_session
+from rig.run.plan import plan_session
+from rig.run.request import SessionRequest
+from rig.run.session import run_part, run_session
 from rig.session import Session
-from rig.stages.compensation import wanted_light, whole_picture
 from rig.stages.linear_light import channel_codes, channel_light
 from rig.stages.model import FittedScene, load_model
+from rig.stages.prediction import wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.results import SessionResult
 from rig.stages.target import Target, load_target
-from rig.strategies.closed_loop import Loop, Seen, controlled_scene_of, corrected
+from rig.strategies.closed_loop import CapturedLight, Loop, controlled_scene_of, corrected
 from rig.terminal import silent
 from rig.truth.scores import ground_truth_worlds
 from rig.truth.transport import ground_truth_transport
@@ -64,7 +66,7 @@ class Coloured:
 
     folder: Path
     profile: Path
-    metrics: dict[str, Any]
+    metrics: SessionResult
 
     def model(self) -> FittedScene:
         with Session.open(self.folder) as session:
@@ -75,7 +77,7 @@ class Coloured:
 def coloured(tmp_path_factory: pytest.TempPathFactory) -> Coloured:
     folder = tmp_path_factory.mktemp("coloured")
     profile = profile_file(folder)
-    metrics = run_session(Request(folder / "session", str(profile)), silent)
+    metrics = run_session(SessionRequest(folder=folder / "session", profile=profile), silent)
     return Coloured(folder / "session", profile, metrics)
 
 
@@ -83,11 +85,11 @@ def coloured(tmp_path_factory: pytest.TempPathFactory) -> Coloured:
 
 
 def test_how_the_projectors_channels_mix_is_found(coloured: Coloured) -> None:
-    found, shares = coloured.metrics["model"], MIXING / MIXING.sum(axis=1, keepdims=True)
-    assert np.array(found["mixing"]) == pytest.approx(shares, abs=2e-3)
-    assert coloured.metrics["truth"]["mixing_max_error"] < 2e-3
-    assert found["mixing_variation"] < 0.01
-    assert found["white_over_channels"] == pytest.approx([1, 1, 1], abs=0.005)
+    found, shares = coloured.metrics.model, MIXING / MIXING.sum(axis=1, keepdims=True)
+    assert np.array(found.mixing) == pytest.approx(shares, abs=2e-3)
+    assert coloured.metrics.truth.mixing_max_error < 2e-3
+    assert found.mixing_variation < 0.01
+    assert found.white_over_channels == pytest.approx([1, 1, 1], abs=0.005)
 
 
 def test_each_wall_has_its_own_colour(coloured: Coloured) -> None:
@@ -97,7 +99,7 @@ def test_each_wall_has_its_own_colour(coloured: Coloured) -> None:
         face = next(face for face in model.scene_model.scene.faces if face.name == name)
         found = [float(np.median(scene_model.scene.reflectance[face.patches])) for scene_model in model.room.bands]
         assert found == pytest.approx(colour, abs=0.04), name
-    assert coloured.metrics["truth"]["reflectance_rmse_lit_and_seen"] < 0.03
+    assert coloured.metrics.truth.reflectance_rmse_lit_and_seen < 0.03
 
 
 def test_each_channel_has_its_own_response_out_of_grey_pictures(coloured: Coloured) -> None:
@@ -123,9 +125,9 @@ def test_white_is_balanced_between_the_bands(coloured: Coloured) -> None:
 
 
 def test_compensation_takes_most_of_the_error_away(coloured: Coloured) -> None:
-    measured = coloured.metrics["measured"]
-    assert measured["compensated"]["mean"] <= 0.3 * measured["uncompensated"]["mean"]
-    assert coloured.metrics["within_limits"]
+    measured = coloured.metrics.measured
+    assert measured.compensated.mean <= 0.3 * measured.uncompensated.mean
+    assert coloured.metrics.within_limits
 
 
 def test_every_frame_is_predicted_in_every_band(coloured: Coloured) -> None:
@@ -196,14 +198,14 @@ def test_a_live_picture_comes_as_near_to_its_target_as_the_sessions_own(coloured
 def test_a_band_that_is_too_dark_gets_its_light_from_all_channels(coloured: Coloured) -> None:
     """The correction undoes the mixing: direct light changes in that band alone."""
     with Session.open(coloured.folder) as session:
-        plant = controlled_scene_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
-    image = np.full_like(plant.wanted, 0.5)
-    error = np.array([0.0, 0.02, 0.0]) * plant.operator.diagonal
-    seen = Seen(image, plant.wanted - error, np.full_like(image, 1e-12))
-    change = corrected(plant, Loop("bounded", 2, "image"), image, seen) - image
+        room = controlled_scene_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
+    image = np.full_like(room.wanted, 0.5)
+    error = np.array([0.0, 0.02, 0.0]) * room.operator.diagonal
+    seen = CapturedLight(image, room.wanted - error, np.full_like(image, 1e-12))
+    change = corrected(room, Loop("bounded", 2, "image"), image, seen) - image
     assert (np.abs(change).mean(axis=0) > 1e-4).all()
-    assert change @ plant.transport.mixing.T == pytest.approx(
-        np.broadcast_to([0.0, 0.02 * plant.damping, 0.0], change.shape), abs=1e-9
+    assert change @ room.transport.mixing.T == pytest.approx(
+        np.broadcast_to([0.0, 0.02 * room.damping, 0.0], change.shape), abs=1e-9
     )
 
 
@@ -218,21 +220,24 @@ def test_a_session_that_was_stopped_gives_the_same_numbers(coloured: Coloured, t
         if (label, done, total) == ("photograph: response", 3, 6):
             raise Stopped
 
-    request = Request(tmp_path / "session", str(coloured.profile))
+    request = SessionRequest(folder=tmp_path / "session", profile=coloured.profile)
     with pytest.raises(Stopped):
         run_session(request, stop_in_the_colours)
-    assert run_part(request, "separate", silent)["separation"] == coloured.metrics["separation"]
+    assert run_part(request, "separate", silent).separation == coloured.metrics.separation
     ours, theirs = (
         json.loads((folder / "calibration" / "radiometric-001.json").read_text("utf-8"))
-        for folder in (request.folder, coloured.folder)
+        for folder in (Path(request.folder), coloured.folder)
     )
     assert ours == theirs
 
 
 def test_the_plan_counts_the_three_more_pictures(coloured: Coloured, tmp_path: Path) -> None:
     frames = [
-        {step["step"]: step["frames"] for step in plan_session(Request(tmp_path / "new", profile))["steps"]}
-        for profile in (str(coloured.profile), "ci-tiny")
+        {
+            step.step: step.frames
+            for step in plan_session(SessionRequest(folder=tmp_path / "new", profile=profile)).steps
+        }
+        for profile in (coloured.profile, "ci-tiny")
     ]
     assert frames[0].pop("response") == frames[1].pop("response") + 6
     assert frames[0] == frames[1]

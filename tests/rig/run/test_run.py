@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +14,14 @@ from rig.errors import UsageError
 from rig.files.exr import write_exr
 from rig.files.pictures import write_png
 from rig.profile.schema import Profile
-from rig.run.session import _Opening
+from rig.run.plan import plan_session
+from rig.run.request import SessionRequest
+from rig.run.session import opened_session
 from rig.session import Session, Step
 from rig.stages.compensation import check_strategies
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.target import load_target
-from rig.terminal import TerminalProgress, print_table, silent
+from rig.terminal import TerminalProgress, print_table
 from sim.compensation import STRATEGIES
 
 # Targets
@@ -103,7 +104,7 @@ def photograph_levels(folder: Path, profile: Profile, count: int) -> list[str]:
     shot = ExposureBracket((0.01, 0.02), repeats=2)
     with Session.open(folder, profile) as session, open_rig(profile, resume_at_s=session.last_clock_s) as rig:
         step = session.step("levels")
-        photograph(rig, session, step, patterns, shot, count, silent)
+        photograph(rig, session, step, patterns, bracket=shot, n_patterns=count)
         return step.frame_names
 
 
@@ -168,8 +169,8 @@ def test_a_note_that_was_written_before_the_kill_is_not_written_again(
     assert notes(tmp_path / "s") == notes(tmp_path / "undisturbed")
 
 
-def test_a_rig_is_opened_when_more_than_its_profile_is_asked_for(
-    tiny_profile: Profile, monkeypatch: pytest.MonkeyPatch
+def test_the_rig_of_a_session_that_goes_on_is_opened_once_and_when_it_is_needed(
+    tmp_path: Path, tiny_profile: Profile, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     opened: list[float] = []
 
@@ -177,15 +178,13 @@ def test_a_rig_is_opened_when_more_than_its_profile_is_asked_for(
         opened.append(resume_at_s)
         return open_rig(profile, resume_at_s=resume_at_s)
 
+    photograph_levels(tmp_path / "s", tiny_profile, 1)
     monkeypatch.setattr("rig.run.session.open_rig", counted)
-    with ExitStack() as stack:
-        rig = _Opening(tiny_profile, stack)
-        rig.resume_at_s = 7.5
-        assert rig.profile is tiny_profile
+    with opened_session(plan_session(SessionRequest(folder=tmp_path / "s"))) as work:
         assert opened == []
-        assert rig.projector.shape == (192, 256)
-        assert rig.clock.now_s() == 7.5
-        assert opened == [7.5]
+        assert work.rig().clock.now_s() == opened[0] == work.session.last_clock_s > 0
+        assert work.rig() is work.rig()
+    assert len(opened) == 1
 
 
 # Terminal

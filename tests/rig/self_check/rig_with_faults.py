@@ -14,6 +14,7 @@ from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.profile.schema import Profile
+from rig.records import JsonObject, Verdict
 from rig.self_check import PARTS
 from rig.self_check.parts.exposure import with_generous_latency
 from rig.self_check.run import check_rig
@@ -83,22 +84,23 @@ class Checked:
         codes: Callable[[Codes], Codes] = lambda codes: codes,
     ):
         profile = profile_of(*changes)
-        camera, projector, clock = make_devices(profile)
-        self.projector = ChangedProjector(projector, codes)
-        with Rig(with_generous_latency(profile), ChangedCamera(camera, pixels), self.projector, clock) as rig:
+        made = make_devices(profile)
+        self.projector = ChangedProjector(made.projector, codes)
+        with Rig(with_generous_latency(profile), ChangedCamera(made.camera, pixels), self.projector, made.clock) as rig:
             rig.set_exposure(profile.camera.exposure_s)
             self.result = check_rig(rig, profile, silent, [part for part in PARTS if part in only] or PARTS)
-        json.dumps(self.result, allow_nan=False)
+        self.json = json.loads(json.dumps(self.result.as_json(), allow_nan=False))
 
-    def numbers(self, part: str) -> dict[str, Any]:
-        numbers: dict[str, Any] = self.result["numbers"][part]
+    def numbers(self, part: str) -> JsonObject:
+        """As they are printed."""
+        numbers: JsonObject = self.json["numbers"][part]
         return numbers
 
-    def row(self, beginning: str) -> dict[str, Any]:
-        rows = [row for row in self.result["checks"] if row["what"].startswith(beginning)]
-        assert len(rows) == 1, (beginning, [row["what"] for row in self.result["checks"]])
-        return dict(rows[0])
+    def row(self, beginning: str) -> Verdict:
+        rows = [verdict for _, verdict in self.result.rows if verdict.what.startswith(beginning)]
+        assert len(rows) == 1, (beginning, [verdict.what for _, verdict in self.result.rows])
+        return rows[0]
 
     @property
     def failed(self) -> set[str]:
-        return {row["part"] for row in self.result["checks"] if not row["passed"]}
+        return {part for part, verdict in self.result.rows if not verdict.met}

@@ -5,16 +5,19 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rig
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import RawFrame
 from rig.errors import SessionCorrupt, SessionError, SessionLocked
 from rig.files import atomic, journal
 from rig.profile.schema import Profile
+from rig.records import Record
 from rig.session import Session, Step
 
 SHAPE = (6, 8, 1)
@@ -55,7 +58,7 @@ def workflow(session: Session) -> None:
         gray.save_image("map", {"sum": np.asarray(total)}, folder="maps")
         gray.save_record("fit", {"third": float(np.mean(total)) / 3, "matrix": np.eye(2)})
         gray.finish()
-    session.write_metrics({"third": session.finished("gray").load_record("fit")["third"]})
+    session.write_metrics({"third": session.finished("gray").load_record("fit", dict)["third"]})
 
 
 def final_files(folder: Path) -> dict[str, bytes]:
@@ -208,7 +211,7 @@ def test_records_keep_every_digit(tmp_path: Path, tiny_profile: Profile) -> None
     with Session.open(tmp_path / "s", tiny_profile) as session:
         step = session.step("fit")
         step.save_record("camera", {"focal": numbers, "count": np.int64(3), "pair": (np.float32(0.1), "x")})
-        back = step.load_record("camera")
+        back = step.load_record("camera", dict)
         with pytest.raises(ValueError, match="JSON"):
             step.save_record("broken", {"rms": float("nan")})
     assert back["focal"] == numbers.tolist()
@@ -226,7 +229,7 @@ def test_other_settings_begin_a_new_run_that_overwrites_nothing(tmp_path: Path, 
             step.save_image("target", {"Y": np.full((2, 2), level)})
             step.save_record("target", {"level": level})
             step.finish()
-        assert session.finished("target").load_record("target") == {"level": 1.0}
+        assert session.finished("target").load_record("target", dict) == {"level": 1.0}
     names = {p.relative_to(tmp_path / "s").as_posix() for p in (tmp_path / "s").glob("*/**/*") if p.is_file()}
     assert names == {
         *(f"frames/target/000{k}.exr" for k in (0, 1, 2)),
@@ -351,15 +354,94 @@ def test_the_profile_is_an_exact_copy(tmp_path: Path, tiny_profile: Profile) -> 
         Session.open(tmp_path / "s")
 
 
-def test_a_newer_layout_is_refused(tmp_path: Path, tiny_profile: Profile) -> None:
+@pytest.mark.parametrize(
+    ("schema", "message"),
+    [
+        (3, "layout 3 is newer than 2, the newest that this version reads; update procam-rig"),
+        (1, "layout 1 was made with an older version of procam-rig; start a new session, or use version 0.1"),
+    ],
+)
+def test_another_layout_is_refused(tmp_path: Path, tiny_profile: Profile, schema: int, message: str) -> None:
     Session.open(tmp_path / "s", tiny_profile).close()
     path = tmp_path / "s" / "session.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": 2}))
-    with pytest.raises(SessionError, match="layout 2 is newer than 1"):
-        Session.open(tmp_path / "s")
-    path.write_text("{")
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"schema": schema}))
+    for opened in (Session.open, Session.read):
+        with pytest.raises(SessionError, match=message):
+            opened(tmp_path / "s")
+
+
+@pytest.mark.parametrize("text", ["{", "[]", '{"schema": 2}', '{"schema": "2", "seed": 1}'])
+def test_a_damaged_header_is_named(tmp_path: Path, tiny_profile: Profile, text: str) -> None:
+    Session.open(tmp_path / "s", tiny_profile).close()
+    path = tmp_path / "s" / "session.json"
+    path.write_text(text)
     with pytest.raises(SessionCorrupt, match=r"session\.json: is damaged"):
         Session.open(tmp_path / "s")
+
+
+def test_a_session_says_which_versions_made_it(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        assert session.versions["procam-rig"] == rig.__version__
+        assert {"python", "numpy", "opencv"} <= session.versions.keys()
+        (opened,) = session.events()
+    assert opened["versions"] == session.versions
+
+
+# Reading alone
+
+
+def test_a_session_that_is_being_worked_on_can_be_read_and_not_written(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as owner:
+        workflow(owner)
+        before = {path: path.read_bytes() for path in (tmp_path / "s").rglob("*") if path.is_file()}
+        with Session.read(tmp_path / "s", tiny_profile) as reader:
+            assert reader.finished("gray").frame_names == owner.finished("gray").frame_names
+            assert reader.is_done("gray", settings={"bits": [0, 1, 2]}, needs=["black"])
+            assert not reader.is_done("gray", settings={"bits": [0, 1]}, needs=["black"])
+            with pytest.raises(SessionError, match="was opened to read"):
+                reader.note({"kind": "x"})
+        assert {path: path.read_bytes() for path in before} == before
+
+
+def test_a_step_that_was_not_finished_is_not_done(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        assert not session.is_done("black", settings={}, needs=())
+        session.step("black")
+        assert not session.is_done("black", settings={}, needs=())
+        session.step("gray")
+        assert not session.is_done("gray", settings={}, needs=["black"])
+
+
+# Damage
+
+
+@dataclass(frozen=True)
+class Fit(Record):
+    """A record as steps keep them."""
+
+    third: float
+    matrix: tuple[tuple[float, ...], ...]
+
+
+def test_a_record_comes_back_as_what_it_was(tmp_path: Path, tiny_profile: Profile) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        workflow(session)
+        assert session.finished("gray").load_record("fit", Fit).matrix == ((1.0, 0.0), (0.0, 1.0))
+
+
+@pytest.mark.parametrize("text", ["{", '{"third": 0.5}', '{"third": "a", "matrix": []}'])
+def test_a_record_that_is_not_what_it_should_be_is_damaged(tmp_path: Path, tiny_profile: Profile, text: str) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        workflow(session)
+        step = session.finished("gray")
+        path = tmp_path / "s" / "calibration" / "fit-001.json"
+        path.write_text(text.ljust(_size_of(session, "fit-001.json")))
+        with pytest.raises(SessionCorrupt, match=r"fit-001\.json: is damaged; delete it"):
+            step.load_record("fit", Fit)
+
+
+def _size_of(session: Session, name: str) -> int:
+    return next(int(event["size_bytes"]) for event in session.events() if event.get("file", "").endswith(name))
 
 
 def test_a_damaged_journal_is_named_with_its_line(tmp_path: Path, tiny_profile: Profile) -> None:
@@ -388,11 +470,12 @@ def test_notes_and_frames_are_logged_in_order(tmp_path: Path, tiny_profile: Prof
     with Session.open(tmp_path / "s", tiny_profile) as session:
         step = session.step("black")
         session.note({"kind": "stale", "time_s": np.float64(0.5)})
-        step.save_frame("black-0", frame_at(1.0), pattern="black")
+        step.save_frame("black-0", frame_at(1.0), pattern="black", camera="left", projector="main")
     with Session.open(tmp_path / "s") as session:
         note, frame = session.frame_log()
     assert note["note"] == {"kind": "stale", "time_s": 0.5}
     details = {"pattern": "black", "exposure_s": 0.01 / 3, "started_s": 1.0, "sequence": 10, "signature": ""}
+    details |= {"camera": "left", "projector": "main"}
     assert frame["frame"] == details
 
 

@@ -5,22 +5,26 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration.geometry.stereo import pinhole
-from calibration.records import PinholeModel
+from calibration.geometry import pinhole
+from calibration.geometry.pinhole import PinholeModel
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
+from rig.stages.correspondence import DevicePair
 from rig.stages.scene_model import (
+    MeasuredLight,
+    PosedCamera,
     PosedLens,
+    PosedProjector,
     SceneModel,
     box_scene,
     camera_view,
-    look,
-    optic,
+    cast_pixels,
+    posed_lens,
     projector_view,
     sample,
     unit_emission,
 )
-from rig.truth.scores import _ground_truth_reflectance
+from rig.truth.scores import ground_truth_reflectance
 from sim.form_factors import form_factors
 from sim.geometry.optics import project, rays_at
 
@@ -29,13 +33,13 @@ def model_of(lens, rotation) -> PinholeModel:  # type: ignore[no-untyped-def]
     position = np.array(lens.position_m)
     width, height = (320, 240) if lens.principal_point_px[0] > 140 else (256, 192)
     return PinholeModel(
-        width,
-        height,
-        (lens.focal_px, lens.focal_px),
-        tuple(lens.principal_point_px),
-        tuple(lens.distortion),
-        rotation,
-        -rotation @ position,
+        width_px=width,
+        height_px=height,
+        focal_px=(lens.focal_px, lens.focal_px),
+        principal_point_px=tuple(lens.principal_point_px),
+        distortion=tuple(lens.distortion),
+        rotation=rotation,
+        translation_m=-rotation @ position,
     )
 
 
@@ -50,20 +54,13 @@ def world() -> SimulatedWorld:
 def scene_model(world: SimulatedWorld) -> SceneModel:
     """Built from the simulated world's true numbers; patches of 0.3 m instead of its cells, factors of another kind."""
     settings = world.settings
-    camera = optic(model_of(settings.camera, world.camera.rotation), settings.camera.vignetting)
-    projector = optic(model_of(settings.projector, world.projector.rotation), settings.projector.vignetting)
+    camera = posed_lens(model_of(settings.camera, world.camera.rotation), settings.camera.vignetting)
+    projector = posed_lens(model_of(settings.projector, world.projector.rotation), settings.projector.vignetting)
     scene = box_scene(settings.size_m, tuple(settings.reflectance), 0.3, 0.5)
-
-    class Holder:
-        pass
-
-    holder = Holder()
-    holder.scene_model = Holder()  # type: ignore[attr-defined]
-    holder.scene_model.scene = scene  # type: ignore[attr-defined]
-    scene = scene.with_reflectance(_ground_truth_reflectance(world, holder))  # type: ignore[arg-type]
+    scene = scene.with_reflectance(ground_truth_reflectance(world, scene))
     white = world.light_of(np.ones(world.projector.shape, np.float32))
     gain = (white.direct * world.vignetting).astype(np.float64)
-    seen = look(scene, camera)
+    seen = cast_pixels(scene, camera)
     xy = project(projector.lens, projector.pose, seen.points_m)
     height, width = world.projector.shape
     with np.errstate(invalid="ignore"):
@@ -73,7 +70,11 @@ def scene_model(world: SimulatedWorld) -> SceneModel:
     emission = unit_emission(scene, projector)
     xy = np.where(inside[:, None], xy, np.nan).reshape(*gain.shape, 2)
     return SceneModel(
-        scene, form_factors(scene), camera, projector, flux, emission, seen, look(scene, projector), gain, xy
+        scene=scene,
+        form_factors=form_factors(scene),
+        cameras={"camera": PosedCamera(camera, seen)},
+        projectors={"projector": PosedProjector(projector, cast_pixels(scene, projector), flux, emission)},
+        measured={DevicePair("camera", "projector"): MeasuredLight(gain, xy)},
     )
 
 
@@ -96,7 +97,7 @@ def test_the_scene_model_sees_the_global_light_of_the_simulated_world(
     found = camera_view(scene_model, scene_model.active).global_ @ picture.ravel()[scene_model.active].astype(
         np.float64
     )
-    lit = scene_model.direct_gain.ravel() > 0
+    lit = scene_model.light.direct_gain.ravel() > 0
     assert np.median(found[lit] / true[lit]) == pytest.approx(1.0, abs=0.02)
     assert np.quantile(np.abs(found[lit] / true[lit] - 1), 0.9) < 0.03
 
@@ -106,8 +107,7 @@ def test_what_a_projector_pixel_sees_is_what_the_camera_sees_there(scene_model: 
     at_pixels = np.full(scene_model.active.size, np.nan)
     at_pixels[scene_model.active] = projector_view(scene_model, scene_model.active) @ picture
     in_camera = (camera_view(scene_model, scene_model.active) @ picture).reshape(scene_model.camera.lens.shape)
-    where = project(scene_model.camera.lens, scene_model.camera.pose, scene_model.projector_look.points_m)
-    ratio = at_pixels / sample(in_camera, where)
+    ratio = at_pixels / sample(in_camera, scene_model.camera_xy_px)
     assert np.nanmedian(ratio) == pytest.approx(1.0, abs=0.01)
     assert np.nanquantile(np.abs(ratio - 1), 0.9) < 0.03
 

@@ -15,7 +15,7 @@ from rig.truth.scores import ground_truth_worlds
 def behind_drivers(profile: Profile) -> Rig:
     """A virtual rig, whose devices nobody may need for scoring."""
     camera = profile.camera.model_copy(update={"driver": "v4l2"})
-    return cast("Rig", SimpleNamespace(profile=profile.model_copy(update={"camera": camera})))
+    return cast("Rig", SimpleNamespace(profile=profile.with_device(camera)))
 
 
 def test_the_truth_of_a_virtual_rig_is_that_of_the_simulated_pair(tiny_profile: Profile) -> None:

@@ -6,14 +6,14 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from rig.capture import devices as back_ends
+from rig.capture.devices import make_devices
 from rig.devices.clock import VirtualClock
 from rig.devices.lightcrafter.controller import LightCrafter
 from rig.devices.lightcrafter.projector import LightCrafterProjector
 from rig.devices.protocols import Codes, Projector, Shown
 from rig.errors import DeviceLost, SettingRefused
-from rig.profile.schema import LightCrafter as LightCrafterTable
 from rig.profile.schema import load_profile
+from rig.profile.tables import LightCrafter as LightCrafterTable
 from tests.rig.devices.lightcrafter.emulated_controller import InProcessTransport, LightCrafterEmulation
 
 FACTORY = (104, 135, 130)
@@ -124,19 +124,21 @@ def test_closing_after_the_cable_was_pulled_still_blackens_the_display(transport
 
 
 def test_a_profile_with_a_lightcrafter_wraps_its_projector(monkeypatch: pytest.MonkeyPatch) -> None:
-    profile = load_profile("ci-tiny")
-    display = FakeDisplay()
-    assert back_ends._with_lightcrafter(profile, display, VirtualClock()) is display
+    tiny = load_profile("ci-tiny")
+    plain = tiny.with_device(tiny.camera.model_copy(update={"driver": "v4l2"}))
     table = LightCrafterTable(serial="S", led_currents=FACTORY)
-    told = profile.model_copy(update={"lightcrafter": table})
+    told = plain.with_device(plain.projector.model_copy(update={"lightcrafter": table}))
+    display = FakeDisplay()
+    monkeypatch.setattr("rig.capture.devices.make_projector", lambda *_: display)
     asked: list[str | None] = []
 
     def connect(serial: str | None, clock: object) -> LightCrafter:
         asked.append(serial)
         raise DeviceLost("none")
 
-    monkeypatch.setattr("rig.devices.lightcrafter.controller.open_lightcrafter", connect)
-    projector = back_ends._with_lightcrafter(told, display, VirtualClock())
+    monkeypatch.setattr("rig.devices.lightcrafter.projector.open_lightcrafter", connect)
+    assert make_devices(plain).projector is display
+    projector = make_devices(told).projector
     with pytest.raises(DeviceLost):
         projector.open()
     assert asked == ["S"]

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from rig.capture.devices import _real_projector
+from rig.capture.devices import make_devices
 from rig.devices.clock import VirtualClock
 from rig.devices.network.pjlink import Mute, Pjlink, Power
 from rig.devices.network.powered_projector import PoweredProjector
@@ -321,13 +321,14 @@ class TestProfile:
     @pytest.fixture
     def profile(self, tiny_profile: Profile, emulated: EmulatedProjector) -> Profile:
         """A rig whose projector hangs on a desktop and has a network control with a password."""
-        camera, projector = tiny_profile.raw.decode().split("[simulation]")[0].split("[projector]")
+        camera, projector = tiny_profile.raw.decode().split("[simulation]")[0].split("[[projector]]")
         camera = camera.replace('"simulated"', '"v4l2"\ndevice_id = "any"\npixel_format = "GREY"')
         projector = projector.replace('"simulated"', '"window"\noutput = "HDMI-1"')
         control = (
-            f'[pjlink]\nhost = "127.0.0.1"\nport = {emulated.port}\npassword_variable = "WALL_PASSWORD"\ninput = "31"\n'
+            f'[projector.pjlink]\nhost = "127.0.0.1"\nport = {emulated.port}\ninput = "31"\n'
+            'password_variable = "WALL_PASSWORD"\n'
         )
-        return Profile.parse(f"{camera}[projector]{projector}\n{control}".encode(), tiny_profile.path)
+        return Profile.parse(f"{camera}[[projector]]{projector}\n{control}".encode(), tiny_profile.path)
 
     def test_its_table_puts_the_network_control_before_the_display(
         self, profile: Profile, emulated: EmulatedProjector, monkeypatch: pytest.MonkeyPatch
@@ -337,7 +338,7 @@ class TestProfile:
         monkeypatch.delenv("DISPLAY", raising=False)
         monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
         with pytest.raises(DeviceError, match="no desktop"):
-            _real_projector(profile, VirtualClock()).open()
+            make_devices(profile).projector.open()
         assert emulated.state["2INPT"] == "31"
 
     def test_a_password_that_is_not_set_is_a_mistake_of_the_profile(
@@ -345,4 +346,4 @@ class TestProfile:
     ) -> None:
         monkeypatch.delenv("WALL_PASSWORD", raising=False)
         with pytest.raises(ProfileError, match=r"pjlink\.password_variable: the variable WALL_PASSWORD is not set"):
-            _real_projector(profile, VirtualClock())
+            make_devices(profile)

@@ -8,7 +8,7 @@ import pytest
 
 from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import VirtualClock
-from rig.devices.protocols import RawFrame, signature_of
+from rig.devices.protocols import ExposureRange, RawFrame, signature_of
 from rig.devices.replay.recording import RecordedFrame, Recording, ReplayProjector
 from rig.errors import DeviceLost, ProfileError, SessionCorrupt, SessionError, SettingRefused
 from rig.profile.schema import Profile
@@ -188,7 +188,14 @@ def test_a_picture_that_was_not_recorded_is_refused(tiny_profile: Profile, tmp_p
     shape = tiny_profile.projector.shape
     recorded = np.full(shape, 128, np.uint8)
     frame = RecordedFrame(0.01, lambda: np.zeros(tiny_profile.camera.shape, np.uint16), signature_of(recorded))
-    recording = Recording(tmp_path, tiny_profile.camera.shape, shape, 4095, (0.001, 1.0), {"shown": (frame,)})
+    recording = Recording(
+        source=tmp_path,
+        camera_shape=tiny_profile.camera.shape,
+        projector_shape=shape,
+        full_scale_dn=4095,
+        exposure_range_s=ExposureRange(0.001, 1.0),
+        frames={"shown": (frame,)},
+    )
     projector = ReplayProjector(recording, VirtualClock())
     projector.open()
     assert projector.show(recorded + 1, name="shown").name == "shown"

@@ -90,7 +90,7 @@ def test_a_point_projects_to_the_pixel_whose_ray_hits_it(settings: SimulationSet
 
 
 def test_a_device_outside_the_room_is_refused(settings: SimulationSettings) -> None:
-    table = settings.model_dump()
-    table["camera"]["position_m"] = (9.0, 1.0, 1.0)
-    with pytest.raises(ValidationError, match=r"camera\.position_m .* outside size_m"):
+    table = settings.model_dump(by_alias=True)
+    table["camera"][0]["position_m"] = (9.0, 1.0, 1.0)
+    with pytest.raises(ValidationError, match=r"position_m .* of 'camera' is outside size_m"):
         SimulationSettings.model_validate(table)

@@ -1,0 +1,1 @@
+"""What light does in the room: direct and global parts, vignetting, reflectance."""

@@ -1,0 +1,75 @@
+"""Vignetting of both lenses: how their light falls off towards the corners, from direct light on the walls."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from calibration.arrays import FloatArray
+
+_OUTLIER = 0.05
+"""Logarithm of light off the fit from which on a sample counts less: painted walls vary by some percent."""
+_PRIOR_WEIGHT = 0.02
+"""Of a coefficient of 1 against the samples: it decides only where these say nothing. Lenses darken by some tens of
+percent."""
+_LEAST_ILLUMINATION = 0.05
+"""Below, a trial of the fit is no lens."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vignetting:
+    """Relative illumination 1 + v2 r² + v4 r⁴ of each lens, r = distance from the axis / half diagonal."""
+
+    camera: tuple[float, float]
+    projector: tuple[float, float]
+    rms: float
+    """Residual, relative: what the walls' texture leaves."""
+
+
+def fit_vignetting(
+    gain: FloatArray,
+    irradiance: FloatArray,
+    *,
+    face: NDArray[np.integer],
+    camera_r: FloatArray,
+    projector_r: FloatArray,
+) -> Vignetting:
+    """Fit both lenses' radial fall-off and one reflectance level a face, by robust least squares of log(d / e).
+
+    Assumes that within a face the reflectance has no trend along either lens's radius; texture averages out.
+
+    Parameters
+    ----------
+    gain : (N,)
+        Direct light d of white at sample pixels, above 0. [camera unit]
+    irradiance : (N,)
+        e at the same surface points, above 0.
+    face : (N,) int
+        Index of the wall.
+    camera_r, projector_r : (N,)
+        Distances from each lens's axis over half its diagonal. [1]
+
+    Returns
+    -------
+    Vignetting
+        (v2, v4) of each lens.
+    """
+    _, group = np.unique(face, return_inverse=True)
+    ratio = np.log(gain / irradiance)
+    levels = np.array([np.median(ratio[group == k]) for k in range(group.max() + 1)])
+
+    def residual(z: FloatArray) -> FloatArray:
+        fit = z[4:][group] + np.log(_illumination(z[:2], camera_r)) + np.log(_illumination(z[2:4], projector_r))
+        return np.concatenate([ratio - fit, np.sqrt(len(ratio)) * _PRIOR_WEIGHT * z[:4]])
+
+    result = least_squares(residual, np.concatenate([np.zeros(4), levels]), loss="soft_l1", f_scale=_OUTLIER)
+    rms = float(np.sqrt(np.mean(residual(result.x)[: len(ratio)] ** 2)))
+    v = [float(value) for value in result.x[:4]]
+    return Vignetting((v[0], v[1]), (v[2], v[3]), rms)
+
+
+def _illumination(v: FloatArray, r: FloatArray) -> FloatArray:
+    return np.asarray(np.maximum(1 + r**2 * (v[0] + r**2 * v[1]), _LEAST_ILLUMINATION))

@@ -1,0 +1,114 @@
+"""The search for an exposure: what to try next, from what was seen; and whether the projector's light is seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arrays import Frame
+from calibration.errors import CalibrationError
+
+_BRIGHTEST = 0.999
+"""Quantile that counts as the brightest: glints may clip."""
+_CLIPPED_SHARE, _CLIPPED_FACTOR = 0.98, 0.25
+"""From this share of full scale on a level says only that it is too bright: go down in steps of two stops."""
+_LEAST_SHARE = 0.01
+"""A darker level is noise: never go up by more than a hundredfold at once."""
+_LEAST_SIGNAL = 0.01
+"""White has to be brighter than black by this share of full scale, or there is nothing to measure."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExposureAim:
+    """Where the brightest pixels of projector white should lie, as shares of full scale."""
+
+    share: float
+    accepted: tuple[float, float]
+    """Least and most that need no other try."""
+
+    def met_by(self, brightest: float) -> bool:
+        """Whether a level needs no other try.
+
+        Parameters
+        ----------
+        brightest : float
+            As of :func:`brightest_share`.
+
+        Returns
+        -------
+        bool
+            True within `accepted`, its ends included.
+        """
+        return self.accepted[0] <= brightest <= self.accepted[1]
+
+
+def brightest_share(pixels: Frame, full_scale_dn: float) -> float:
+    """Return the level of the brightest permille of a frame's brightest channel.
+
+    Parameters
+    ----------
+    pixels : (H, W, C)
+        Digital numbers.
+    full_scale_dn : float
+        Largest digital number.
+
+    Returns
+    -------
+    float
+        Share of full scale. [1]
+    """
+    return float(np.quantile(pixels, _BRIGHTEST, axis=(0, 1)).max()) / full_scale_dn
+
+
+def next_exposure(exposure_s: float, brightest: float, aim: ExposureAim, range_s: tuple[float, float]) -> float | None:
+    """Say which exposure to try next, from what the last one gave.
+
+    Parameters
+    ----------
+    exposure_s : float
+        Exposure of the last frame. [s]
+    brightest : float
+        Its level, as of :func:`brightest_share`.
+    aim : ExposureAim
+        What is wanted.
+    range_s : (shortest, longest)
+        What the camera can do. [s]
+
+    Returns
+    -------
+    float or None
+        Exposure within the range; None when the aim is met, or the range ends here. [s]
+    """
+    if aim.met_by(brightest):
+        return None
+    factor = _CLIPPED_FACTOR if brightest > _CLIPPED_SHARE else aim.share / max(brightest, _LEAST_SHARE)
+    chosen_s = float(np.clip(exposure_s * factor, *range_s))
+    return None if chosen_s == exposure_s else chosen_s
+
+
+def refuse_darkness(white: Frame, black: Frame, *, full_scale_dn: float, exposure_s: float) -> None:
+    """Refuse frames in which projector white is no brighter than black.
+
+    Parameters
+    ----------
+    white, black : (H, W, C)
+        Digital numbers of frames of projector white and black at one exposure.
+    full_scale_dn : float
+        Largest digital number.
+    exposure_s : float
+        Of both frames, for the message. [s]
+
+    Raises
+    ------
+    CalibrationError
+        If the brightest hundredth differs by less than 1 % of full scale in some channel.
+    """
+    change = white.astype(np.float64) - black.astype(np.float64)
+    difference = float(np.quantile(change, 0.99, axis=(0, 1)).min())
+    limit = _LEAST_SIGNAL * full_scale_dn
+    if difference < limit:
+        raise CalibrationError(
+            f"projector white is only {difference:.1f} dn brighter than black at {exposure_s:.4g} s, the limit is "
+            f"{limit:.0f} dn: no light of the projector reaches the camera. Look at lens caps, aim and room light."
+        )

@@ -1,0 +1,214 @@
+"""Photon transfer: variance over signal of pairs of frames gives a camera's gain and its read noise.
+
+Light comes in electrons, so its variance is its mean; what is left without light is read noise. Every pixel of a pair
+counts at the level that it has, so that an unevenly lit wall is an advantage.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.radiometry.response import Response, ideal_levels, ideal_slope
+
+_BINS = 24
+"""Groups of a pair: fine enough for a curve, and thousands of pixels each of a usual frame."""
+_LEAST_PIXELS = 20
+"""A group of fewer says nothing: its variance is known to a third."""
+_LEAST_VARIANCE_DN2 = 1e-9
+_LEAST_SHARE_OF_VARIANCE = 1e-3
+"""Of the largest: keeps a group whose variance came out as 0 from getting all the weight."""
+_CURVE_ERROR = 0.02
+"""Relative error of variances by the camera's curve, whose slope is fitted; with many pixels it is the largest."""
+
+
+@dataclass(frozen=True, slots=True)
+class TransferPoints:
+    """Groups of pixels of one level each."""
+
+    signals: FloatArray
+    """(K,) mean level above black. [dn]"""
+    variances: FloatArray
+    """(K,) temporal variance of a pixel. [dn²]"""
+    counts: FloatArray
+    """(K,) pixels of each group."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhotonTransfer:
+    """The line variance = signal / gain + read noise², and how well it is known."""
+
+    gain_e_per_dn: float
+    gain_sigma_e_per_dn: float
+    read_noise_dn: float
+    read_noise_e: float
+    read_noise_sigma_e: float
+    chi2: float
+    """Of the fit, a degree of freedom: about 1 for a camera that does nothing to its noise. [1]"""
+
+
+def transfer_points(
+    first: FloatArray,
+    second: FloatArray,
+    *,
+    range_dn: tuple[float, float] = (-np.inf, np.inf),
+    bins: int = _BINS,
+    least_span_dn: float = 0.0,
+) -> TransferPoints:
+    """Group the pixels of two frames of the same light by level.
+
+    Parameters
+    ----------
+    first, second : same shape
+        Levels above black; any shape, frames of several exposures together. [dn]
+    range_dn : (low, high)
+        Only pixels whose mean lies strictly between count: above are those that may clip, below those without light
+        that would be cut off at 0.
+    bins : int
+        Groups of about equally many pixels.
+    least_span_dn : float
+        Groups are made at least so wide. Of two whole numbers whose sum is odd the difference is odd, so groups that
+        are narrower than some steps of a coarse camera have variances that jump from one to the next. [dn]
+
+    Returns
+    -------
+    TransferPoints
+        Groups of 20 pixels or fewer are left out.
+    """
+    mean = (first + second).ravel() / 2
+    variance = (first - second).ravel() ** 2 / 2
+    inside = (mean > range_dn[0]) & (mean < range_dn[1])
+    if not inside.any():
+        return joined([])
+    edges = _apart(np.quantile(mean[inside], np.linspace(0, 1, bins + 1)), least_span_dn)
+    group = np.clip(np.searchsorted(edges, mean[inside]) - 1, 0, len(edges) - 2)
+    counts = np.bincount(group)
+    full = counts > _LEAST_PIXELS
+    signals = np.bincount(group, mean[inside])[full] / counts[full]
+    variances = np.bincount(group, variance[inside])[full] / counts[full]
+    return TransferPoints(signals, variances, counts[full].astype(np.float64))
+
+
+def _apart(edges: FloatArray, least: float) -> FloatArray:
+    """Leave out edges that are nearer than that to the one before; the first and the last stay."""
+    kept = [edges[0]]
+    for edge in edges[1:-1]:
+        if edge - kept[-1] >= least and edges[-1] - edge >= least:
+            kept.append(edge)
+    return np.array([*kept, edges[-1]])
+
+
+def joined(parts: list[TransferPoints]) -> TransferPoints:
+    """Return the groups of several pairs as one.
+
+    Parameters
+    ----------
+    parts : list of TransferPoints
+        May be empty.
+
+    Returns
+    -------
+    TransferPoints
+        All groups, in the order of the parts.
+    """
+    columns = ([part.signals for part in parts], [part.variances for part in parts], [part.counts for part in parts])
+    return TransferPoints(*(np.concatenate([np.empty(0), *column]) for column in columns))
+
+
+def linearised(points: TransferPoints, response: Response, step_dn: float = 1.0) -> TransferPoints:
+    """Undo the camera's curve and the rounding to digital numbers.
+
+    A curve bends the line: a variance grows with the square of the curve's slope, a signal does not. Rounding to
+    steps adds a variance of step² / 12 that is not the sensor's.
+
+    Parameters
+    ----------
+    points : TransferPoints
+        As measured.
+    response : Response
+        Of the camera.
+    step_dn : float
+        Between neighbouring digital numbers. [dn]
+
+    Returns
+    -------
+    TransferPoints
+        As of a straight camera of the same full scale.
+
+    References
+    ----------
+    EMVA Standard 1288, section on quantisation noise.
+    """
+    slope = ideal_slope(response, points.signals)
+    variances = (points.variances - step_dn**2 / 12) * slope**2
+    return TransferPoints(ideal_levels(response, points.signals), variances, points.counts)
+
+
+def fit_photon_transfer(points: TransferPoints, *, rounds: int = 5) -> PhotonTransfer:
+    """Fit the straight line of variance over signal.
+
+    Parameters
+    ----------
+    points : TransferPoints
+        From :func:`transfer_points`.
+    rounds : int
+        How often the weights are taken anew from the fitted line. With 0 each group is weighted by its own measured
+        variance: enough for the noise model of a session, which decides about bits and merges exposures, and needs
+        each number only to some percent. Groups whose variance came out low by chance weigh too much then, so a
+        gain that is itself the result, with its standard error, takes several rounds.
+
+    Returns
+    -------
+    PhotonTransfer
+        With standard errors; these grow with the scatter about the line where that is larger than expected.
+
+    Raises
+    ------
+    CalibrationError
+        If variance does not grow with signal.
+
+    References
+    ----------
+    J. R. Janesick, Photon Transfer, SPIE Press 2007; EMVA Standard 1288.
+    """
+    matrix = np.column_stack([points.signals, np.ones_like(points.signals)])
+    line = _weighted_line(matrix, points.variances, 1 / np.maximum(points.variances, _LEAST_VARIANCE_DN2))
+    for _ in range(rounds):
+        line = _weighted_line(matrix, points.variances, 1 / _sigma(points, matrix @ line))
+    slope, offset = line
+    if slope <= 0:
+        raise CalibrationError(
+            f"noise does not grow with light (slope {slope:.3g} dn): frames are processed, averaged or heavily "
+            "compressed in the camera; switch its noise reduction off"
+        )
+    scaled = 1 / _sigma(points, matrix @ line)
+    chi2 = float((((points.variances - matrix @ line) * scaled) ** 2).sum() / max(len(matrix) - 2, 1))
+    covariance = np.linalg.pinv((matrix * scaled[:, None]).T @ (matrix * scaled[:, None])) * max(chi2, 1.0)
+    gain = float(1 / slope)
+    read_noise_dn = float(np.sqrt(max(offset, 0.0)))
+    # read noise² in electrons is offset gain²: errors of slope and offset together
+    jacobian = np.array([-2 * offset * gain**3, gain**2])
+    squared_sigma = float(np.sqrt(jacobian @ covariance @ jacobian))
+    return PhotonTransfer(
+        gain_e_per_dn=gain,
+        gain_sigma_e_per_dn=gain**2 * float(np.sqrt(covariance[0, 0])),
+        read_noise_dn=read_noise_dn,
+        read_noise_e=gain * read_noise_dn,
+        read_noise_sigma_e=squared_sigma / max(2 * gain * read_noise_dn, 1e-9),
+        chi2=chi2,
+    )
+
+
+def _weighted_line(matrix: FloatArray, values: FloatArray, weight: FloatArray) -> FloatArray:
+    """(2,) slope and offset."""
+    return np.asarray(np.linalg.lstsq(matrix * weight[:, None], values * weight, rcond=None)[0])
+
+
+def _sigma(points: TransferPoints, model: FloatArray) -> FloatArray:
+    """(K,) standard errors: a variance of n pixels is known to sqrt(2 / n) of itself, and as well as the curve."""
+    largest = points.variances.max(initial=0.0)
+    floor = max(_LEAST_SHARE_OF_VARIANCE * largest, _LEAST_VARIANCE_DN2)
+    return np.asarray(np.maximum(model, floor) * np.sqrt(2 / points.counts + _CURVE_ERROR**2))

@@ -1,0 +1,44 @@
+"""The result of structured light: a projector pixel for each camera pixel, or why there is none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arrays import BoolArray, Float32Array
+
+
+class PixelReason(IntEnum):
+    """Why a camera pixel has, or has not, a projector pixel (one code a pixel)."""
+
+    VALID = 0
+    DARK = 1
+    """White minus black is under the contrast limit: the projector does not light it."""
+    SATURATED = 2
+    """A frame that decides about this pixel is clipped."""
+    UNCERTAIN_BIT = 3
+    """A pattern and its inverse differ by less than the noise allows in some bit."""
+    OUT_OF_RANGE = 4
+    """The decoded code is outside the projector."""
+    ISOLATED = 5
+    """The code does not fit its neighbours'."""
+
+
+@dataclass(frozen=True, slots=True)
+class Correspondence:
+    """Which projector pixel each camera pixel sees."""
+
+    projector_xy_px: Float32Array
+    """(H, W, 2) projector column and row, sub-pixel where refined; NaN where not valid, in pixels."""
+    reason: NDArray[np.uint8]
+    """(H, W) PixelReason codes."""
+    projector_shape: tuple[int, int]
+    """(height, width) of the projector, in pixels."""
+
+    @property
+    def valid(self) -> BoolArray:
+        """(H, W) bool: pixels that may be used."""
+        return np.asarray(self.reason == PixelReason.VALID)

@@ -1,0 +1,215 @@
+"""What other installed packages add: camera drivers, projector drivers, strategies, structured-light codes.
+
+A package names what it offers as an entry point of the group of its kind (docs/how-to/plug-ins.md). What this program
+brings along is described in the same way, so that one function finds, and one loads, either.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points, version
+from typing import TYPE_CHECKING, Literal
+
+from rig.errors import UsageError
+from rig.records import Record
+
+if TYPE_CHECKING:
+    from calibration import StructuredLightCode
+    from sim import Strategy
+
+Kind = Literal["camera driver", "projector driver", "strategy", "code"]
+GROUPS: Mapping[Kind, str] = {
+    "camera driver": "procam_rig.camera_drivers",
+    "projector driver": "procam_rig.projector_drivers",
+    "strategy": "procam_rig.strategies",
+    "code": "procam_rig.codes",
+}
+"""The group of entry points of each kind."""
+OWN_PACKAGE = "procam-rig"
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlugIn(Record):
+    """Something that an installed package offers."""
+
+    kind: Kind
+    name: str
+    """What a profile or the command line calls it."""
+    package: str
+    version: str
+    """Of the package; part of the hash of a step that uses it."""
+    value: str
+    """Where it is: ``module:attribute``."""
+
+    @property
+    def source(self) -> str:
+        """Package and version, for people."""
+        return f"{self.package} {self.version}".strip()
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this program brings it along."""
+        return self.package == OWN_PACKAGE
+
+
+def own(kind: Kind, values: Mapping[str, str]) -> tuple[PlugIn, ...]:
+    """Describe what this program brings along, given as ``module:attribute`` by name."""
+    mine = version(OWN_PACKAGE)
+    return tuple(
+        PlugIn(kind=kind, name=name, package=OWN_PACKAGE, version=mine, value=value) for name, value in values.items()
+    )
+
+
+def others(kind: Kind) -> tuple[PlugIn, ...]:
+    """Return what other installed packages offer, sorted by name; nothing of it is imported."""
+    found = [_plug_in(kind, entry) for entry in entry_points(group=GROUPS[kind])]
+    return tuple(sorted(found, key=lambda one: (one.name, one.package)))
+
+
+def _plug_in(kind: Kind, entry: EntryPoint) -> PlugIn:
+    package = entry.dist
+    return PlugIn(
+        kind=kind,
+        name=entry.name,
+        package=package.name if package else "unknown",
+        version=package.version if package else "",
+        value=entry.value,
+    )
+
+
+def clashes(offered: Iterable[PlugIn]) -> tuple[str, ...]:
+    """Return a sentence for each name that is offered more than once."""
+    by_name: dict[tuple[str, str], list[PlugIn]] = {}
+    for one in offered:
+        by_name.setdefault((one.kind, one.name), []).append(one)
+    return tuple(_clash(same) for same in by_name.values() if len(same) > 1)
+
+
+def _clash(same: list[PlugIn]) -> str:
+    who = " and by ".join(one.source for one in same)
+    return f"{same[0].kind} {same[0].name!r} is offered by {who}; uninstall all but one of them"
+
+
+def choose(kind: Kind, name: str, brought: Iterable[PlugIn] = ()) -> PlugIn:
+    """Return the one that has a name, among what this program brings along and what is installed.
+
+    Raises
+    ------
+    UsageError
+        There is none, with the names that there are; or more than one.
+    """
+    offered = (*brought, *others(kind))
+    named = [one for one in offered if one.name == name]
+    if len(named) == 1:
+        return named[0]
+    if named:
+        raise UsageError(_clash(named))
+    known = [one.name for one in offered]
+    near = difflib.get_close_matches(name, known, n=1)
+    meant = f"; did you mean {near[0]}?" if near else ""
+    raise UsageError(f"no {kind} is named {name!r}{meant}; there are {', '.join(known) or 'none'}")
+
+
+def names(kind: Kind, brought: Iterable[PlugIn] = ()) -> tuple[str, ...]:
+    """Return the names that there are, this program's first."""
+    return tuple(dict.fromkeys(one.name for one in (*brought, *others(kind))))
+
+
+def load(plug_in: PlugIn) -> object:
+    """Import what a plug-in names.
+
+    Raises
+    ------
+    UsageError
+        It cannot be imported, for whatever reason; the message names the package.
+    """
+    try:
+        loaded: object = EntryPoint(plug_in.name, plug_in.value, GROUPS[plug_in.kind]).load()
+    except Exception as error:
+        raise UsageError(
+            f"{plug_in.kind} {plug_in.name!r} of {plug_in.source} cannot be loaded ({plug_in.value}): "
+            f"{type(error).__name__}: {error}; reinstall that package, or a version that fits procam-rig "
+            f"{version(OWN_PACKAGE)}"
+        ) from error
+    return loaded
+
+
+def wrong_type(plug_in: PlugIn, found: object, wanted: str) -> UsageError:
+    """Return the error for a plug-in that gives something else than its kind has to."""
+    return UsageError(
+        f"{plug_in.kind} {plug_in.name!r} of {plug_in.source} gives {type(found).__name__}, not {wanted}; "
+        "tell its author (docs/how-to/plug-ins.md says what is expected)"
+    )
+
+
+def own_strategies() -> tuple[PlugIn, ...]:
+    """Return the compensation strategies that this program brings along."""
+    from sim.compensation import STRATEGIES
+
+    values = {name: f"{one.solve.__module__}:{one.solve.__qualname__}" for name, one in STRATEGIES.items()}
+    return own("strategy", values)
+
+
+def find_strategy(name: str) -> Strategy:
+    """Return a compensation strategy: this program's, or one that another package offers.
+
+    Raises
+    ------
+    UsageError
+        There is none of that name, or two; or it cannot be loaded, or is no ``sim.Strategy`` of that name.
+    """
+    from sim.compensation import STRATEGIES
+    from sim.compensation.strategy import Strategy
+
+    plug_in = choose("strategy", name, own_strategies())
+    if plug_in.is_own:
+        return STRATEGIES[name]
+    found = load(plug_in)
+    if not isinstance(found, Strategy) or found.name != name:
+        raise wrong_type(plug_in, found, f"a sim.Strategy of the name {name!r}")
+    return found
+
+
+def strategy_version(name: str) -> str:
+    """Return what the hash of a step has to hold of a strategy: its version, and its package's if that is another."""
+    found = find_strategy(name)
+    return _version_of(choose("strategy", name, own_strategies()), found.version)
+
+
+def own_codes() -> tuple[PlugIn, ...]:
+    """Return the structured-light codes that this program brings along."""
+    from calibration.structured_light.code import CODES
+
+    return own("code", {name: f"{type(one).__module__}:{type(one).__qualname__}" for name, one in CODES.items()})
+
+
+def find_code(name: str) -> StructuredLightCode:
+    """Return a structured-light code: this program's, or one that another package offers.
+
+    Raises
+    ------
+    UsageError
+        There is none of that name, or two; or it cannot be loaded, or is no ``calibration.StructuredLightCode`` of
+        that name.
+    """
+    from calibration.structured_light.code import CODES, StructuredLightCode
+
+    plug_in = choose("code", name, own_codes())
+    if plug_in.is_own:
+        return CODES[name]
+    found = load(plug_in)
+    if not isinstance(found, StructuredLightCode) or found.name != name:
+        raise wrong_type(plug_in, found, f"a calibration.StructuredLightCode of the name {name!r}")
+    return found
+
+
+def code_version(name: str) -> str:
+    """Return what the hash of a step has to hold of a code: its version, and its package's if that is another."""
+    found = find_code(name)
+    return _version_of(choose("code", name, own_codes()), found.version)
+
+
+def _version_of(plug_in: PlugIn, own_version: str) -> str:
+    return own_version if plug_in.is_own else f"{own_version} of {plug_in.source}"

@@ -1,0 +1,267 @@
+"""The tables of a profile, each a frozen record: cameras, projectors, lengths, the surface, what is captured."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, model_validator
+
+from rig.devices.protocols import ExposureRange
+
+Byte = Annotated[int, Field(ge=0, le=255)]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(gt=0, le=1)]
+Count = Annotated[int, Field(ge=1)]
+FieldOfView = Annotated[float, Field(gt=0, lt=180)]
+Pixel = tuple[float, float]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=40)]
+"""Fit for a file's name."""
+
+
+def _possible(given: ExposureRange) -> ExposureRange:
+    if given.shortest_s <= 0:
+        raise ValueError(f"is {given}, should begin above 0 seconds")
+    if given.shortest_s > given.longest_s:
+        raise ValueError(f"{given} is no range; give the smaller number first")
+    return given
+
+
+class Table(BaseModel):
+    """A TOML table: frozen, without unknown keys, without numbers that are none."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Timing(Table):
+    """How long to wait for a frame, and how often to ask again."""
+
+    timeout_s: Positive = 5.0
+    retries: Annotated[int, Field(ge=0)] = 8
+    replug_timeout_s: NotNegative = 20.0
+    """How long a device that went away is waited for."""
+
+
+class CameraProfile(Table):
+    """What the data sheet says of one camera."""
+
+    name: Name
+    """Unique among the rig's cameras and projectors."""
+    driver: str
+    """One of this program's (v4l2, simulated, replay), or of a package that offers others."""
+    device_id: str | None = None
+    """Which camera (v4l2): ``usb-VENDOR:PRODUCT-SERIAL``, or the bus path, as `rig devices` prints it."""
+    pixel_format: str | None = None
+    """Four characters (v4l2): GREY, Y10, Y12, Y16, YUYV, MJPG, BA81 ..."""
+    controls: dict[str, int] = Field(default_factory=dict)
+    """V4L2 controls by name, set after everything automatic is off."""
+    options: dict[str, JsonValue] = Field(default_factory=dict)
+    """Whatever else a driver of another package wants to know."""
+    width_px: Count
+    height_px: Count
+    channels: Literal[1, 3] = 1
+    bit_depth: Annotated[int, Field(ge=8, le=16)]
+    frame_rate_hz: Positive
+    exposure_range_s: Annotated[ExposureRange, AfterValidator(_possible)]
+    exposure_s: Positive
+    """Where the search for the reference exposure starts."""
+    hfov_deg: FieldOfView
+    """Nominal horizontal field of view; calibration finds the real one."""
+    full_well_e: Positive | None = None
+    read_noise_e: NotNegative | None = None
+
+    @property
+    def full_scale_dn(self) -> int:
+        """The largest digital number."""
+        return int(2**self.bit_depth - 1)
+
+    @property
+    def shape(self) -> tuple[int, int, int]:
+        """(height, width, channels)."""
+        return self.height_px, self.width_px, self.channels
+
+    @model_validator(mode="after")
+    def _starts_inside_its_range(self) -> CameraProfile:
+        if not self.exposure_range_s.holds(self.exposure_s):
+            raise ValueError(f"exposure_s {self.exposure_s:g} is outside exposure_range_s {self.exposure_range_s}")
+        return self
+
+
+class Pjlink(Table):
+    """The projector's own network control."""
+
+    host: str
+    port: Annotated[int, Field(ge=1, le=65535)] = 4352
+    password_variable: str | None = None
+    """Environment variable that holds the password; a profile holds no secrets."""
+    input: Annotated[str, Field(pattern=r"^[1-6][1-9A-Z]$")] | None = None
+    """PJLink's input code, e.g. "31" for the first digital input."""
+    warm_up_timeout_s: Positive = 120.0
+
+
+class LightCrafter(Table):
+    """A DLP LightCrafter 4500's USB control; never seen on real hardware by us."""
+
+    serial: str | None = None
+    led_currents: tuple[Byte, Byte, Byte] | None = None
+    """Red, green, blue, in the controller's steps: 0 is off, larger is brighter, 104, 135, 130 after power-on."""
+
+
+class ProjectorProfile(Table):
+    """What the data sheet says of one projector, and its measured latency."""
+
+    name: Name
+    """Unique among the rig's cameras and projectors."""
+    driver: str
+    """One of this program's (kms, window, simulated, replay), or of a package that offers others."""
+    output: str | None = None
+    """Which output (kms, window): connector (``HDMI-A-1``) or ``edid:MAKER-MODEL-SERIAL``, as `rig devices` prints."""
+    options: dict[str, JsonValue] = Field(default_factory=dict)
+    """Whatever else a driver of another package wants to know."""
+    width_px: Count
+    height_px: Count
+    bit_depth: Literal[8] = 8
+    refresh_rate_hz: Positive
+    latency_s: NotNegative
+    """From the display's time stamp to settled light, as `rig check` measured it."""
+    hfov_deg: FieldOfView
+    pjlink: Pjlink | None = None
+    lightcrafter: LightCrafter | None = None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(height, width)."""
+        return self.height_px, self.width_px
+
+
+class Scale(Table):
+    """A length that is measured by tape, and what it joins; without one a reconstruction has no metres."""
+
+    between: tuple[Name, Name] | None = None
+    """Names of two devices ..."""
+    baseline_m: Positive | None = None
+    """... and the distance between their centres of projection."""
+    projector: Name | None = None
+    """Name of the projector that lights ..."""
+    spots_px: tuple[Pixel, Pixel] | None = None
+    """... two of its pixels (x, y) ..."""
+    distance_m: Positive | None = None
+    """... and the distance between the spots."""
+
+    @model_validator(mode="after")
+    def _has_one_length(self) -> Scale:
+        if (self.spots_px is None) != (self.distance_m is None):
+            raise ValueError("spots_px and distance_m belong together; give both")
+        if (self.baseline_m is None) == (self.spots_px is None):
+            raise ValueError("needs either baseline_m, or spots_px and distance_m; measure one by tape")
+        if (self.baseline_m is None) != (self.between is None):
+            raise ValueError(
+                'baseline_m and between = ["camera\'s name", "projector\'s name"] belong together; give both'
+            )
+        if (self.spots_px is None) != (self.projector is None):
+            raise ValueError("spots_px and projector, the name of what lights them, belong together; give both")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The devices that it joins, by name."""
+        return self.between or (() if self.projector is None else (self.projector,))
+
+
+class Box(Table):
+    """A room, or a corner of one: flat faces along three directions."""
+
+    kind: Literal["box"]
+    closed: bool
+    """Six faces; else only those that were seen."""
+    size_m: tuple[Positive, Positive, Positive] | None = None
+    """Inner size by tape; places only walls that nobody sees."""
+    patch_size_m: Positive = 0.3
+    right_angles: bool = True
+
+
+class Planes(Table):
+    """Any number of flat pieces, at any angle."""
+
+    kind: Literal["planes"]
+    patch_size_m: Positive = 0.3
+    right_angles: bool = False
+    """Nearly perpendicular pieces are exactly perpendicular."""
+
+
+class FreeSurface(Table):
+    """A surface of any shape, as it is measured point by point."""
+
+    kind: Literal["free"]
+    patch_size_m: Positive = 0.1
+
+
+class SurfaceFile(Table):
+    """A surface that is known: a mesh."""
+
+    kind: Literal["file"]
+    file: str
+    """Path of the mesh, relative to the profile."""
+    unit: Literal["m", "cm", "mm", "in", "ft"] = "m"
+    patch_size_m: Positive = 0.3
+
+
+Surface = Annotated[Box | Planes | FreeSurface | SurfaceFile, Field(discriminator="kind")]
+"""What is projected on."""
+
+
+class Viewer(Table):
+    """Who judges the picture."""
+
+    camera: Name | None = None
+    """Name of the camera ..."""
+    point_m: tuple[float, float, float] | None = None
+    """... or a point, metres, in the frame of the first camera."""
+
+    @model_validator(mode="after")
+    def _is_one(self) -> Viewer:
+        if (self.camera is None) == (self.point_m is None):
+            raise ValueError("needs exactly one of camera (a name) and point_m (three numbers)")
+        return self
+
+
+class Patterns(Table):
+    """How much is captured."""
+
+    code: str = "long-run"
+    """Structured-light code: ``gray``, ``long-run``, or that of another package."""
+    checker_size_px: Count = 8
+    checker_shifts: Count = 25
+    response_levels: Annotated[int, Field(ge=3, le=256)] = 17
+    exposures: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 8.0)
+    """Multiples of the reference exposure that are merged."""
+    frames_averaged: Count = 1
+
+
+class Brightness(Table):
+    """What a target's white means."""
+
+    target_white_share: Share = 0.7
+    """Level 255 of a target, as a share of the median camera value of projector white."""
+
+
+class Limits(Table):
+    """Where a verdict turns red; image errors in grey levels of 255."""
+
+    geometry_rms_px: Positive = 0.5
+    valid_share: Share = 0.8
+    comparison_rmse: Positive = 5.0
+    comparison_bias: Positive = 2.0
+
+
+class Replay(Table):
+    """Which recording stands in for the devices."""
+
+    session: str | None = None
+    manifest: str | None = None
+
+    @model_validator(mode="after")
+    def _names_one_recording(self) -> Replay:
+        if (self.session is None) == (self.manifest is None):
+            raise ValueError("needs exactly one of session (a folder) and manifest (a TOML file)")
+        return self

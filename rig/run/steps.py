@@ -1,0 +1,171 @@
+"""The steps of a session, in the order in which they are done: one table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from rig.capture.rig import Rig
+from rig.errors import UsageError
+from rig.profile.schema import Profile
+from rig.records import JsonObject
+from rig.session import Session, Step
+from rig.stages import comparison, compensation, correspondence, geometry, model, radiometry, separation
+from rig.stages.compensation import CompensationRequest
+from rig.terminal import OnStep
+
+Verb = Literal["calibrate", "separate", "model", "compensate", "compare"]
+"""The verbs of a session, in order; each includes those before it."""
+VERBS: tuple[Verb, ...] = get_args(Verb)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepDefinition:
+    """A step of every session."""
+
+    name: str
+    verb: Verb
+    """To which it belongs."""
+    needs: tuple[str, ...] = ()
+    """Steps whose results it reads."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShootingStep(StepDefinition):
+    """A step that photographs, and may compute something from its frames."""
+
+    settings: Callable[[Session], JsonObject]
+    """What it depends on, beside the results of the steps that it needs."""
+    shoot: Callable[[Rig, Session, Step, OnStep], None]
+    frames: Callable[[Profile], int]
+    frames_per_strategy: Callable[[Profile], int] = lambda _: 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComputingStep(StepDefinition):
+    """A step that needs no device."""
+
+    settings: Callable[[Session], JsonObject]
+    compute: Callable[[Session, Step, OnStep], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompensatingStep(StepDefinition):
+    """A step that computes what is to be shown."""
+
+    settings: Callable[[CompensationRequest], JsonObject]
+    compute: Callable[[Session, Step, CompensationRequest, OnStep], None]
+
+
+AnyStep = ShootingStep | ComputingStep | CompensatingStep
+
+STEPS: tuple[AnyStep, ...] = (
+    ShootingStep(
+        name="exposure",
+        verb="calibrate",
+        settings=radiometry.exposure_settings,
+        shoot=radiometry.find_exposure,
+        frames=radiometry.exposure_frames,
+    ),
+    ShootingStep(
+        name="response",
+        verb="calibrate",
+        needs=("exposure",),
+        settings=radiometry.response_settings,
+        shoot=radiometry.measure_responses,
+        frames=radiometry.response_frames,
+    ),
+    ShootingStep(
+        name="gray",
+        verb="calibrate",
+        needs=("exposure",),
+        settings=correspondence.gray_settings,
+        shoot=correspondence.photograph_gray_code,
+        frames=correspondence.gray_frames,
+    ),
+    ComputingStep(
+        name="correspondence",
+        verb="calibrate",
+        needs=("gray", "response"),
+        settings=correspondence.correspondence_settings,
+        compute=correspondence.decode_gray_code,
+    ),
+    ComputingStep(
+        name="geometry",
+        verb="calibrate",
+        needs=("correspondence",),
+        settings=geometry.geometry_settings,
+        compute=geometry.fit_geometry,
+    ),
+    ShootingStep(
+        name="separation",
+        verb="separate",
+        needs=("response", "correspondence"),
+        settings=separation.separation_settings,
+        shoot=separation.separate_light,
+        frames=separation.separation_frames,
+    ),
+    ComputingStep(
+        name="model",
+        verb="model",
+        needs=("geometry", "separation", "correspondence"),
+        settings=model.model_settings,
+        compute=model.build_model,
+    ),
+    CompensatingStep(
+        name="compensate",
+        verb="compensate",
+        needs=("response", "model"),
+        settings=compensation.compensation_settings,
+        compute=compensation.compute_compensation,
+    ),
+    ShootingStep(
+        name="project",
+        verb="compare",
+        needs=("compensate",),
+        settings=comparison.project_settings,
+        shoot=comparison.project_and_photograph,
+        frames=comparison.held_out_frames,
+        frames_per_strategy=comparison.frames_per_picture,
+    ),
+    ComputingStep(
+        name="compare",
+        verb="compare",
+        needs=("response", "model", "compensate", "project"),
+        settings=lambda _: {},
+        compute=comparison.compare_all,
+    ),
+)
+
+
+def steps_of(verb: Verb) -> tuple[AnyStep, ...]:
+    """Return the steps that belong to a verb itself."""
+    return tuple(step for step in STEPS if step.verb == verb)
+
+
+def steps_up_to(verb: Verb) -> tuple[AnyStep, ...]:
+    """Return the steps of a verb and of all verbs before it."""
+    included = VERBS[: VERBS.index(verb) + 1]
+    return tuple(step for step in STEPS if step.verb in included)
+
+
+def settings_of(definition: AnyStep, session: Session, showing: CompensationRequest | None) -> JsonObject:
+    """Return what a step depends on, beside the results of the steps that it needs."""
+    if isinstance(definition, CompensatingStep):
+        return definition.settings(required(showing))
+    return definition.settings(session)
+
+
+def required(showing: CompensationRequest | None) -> CompensationRequest:
+    """Return what is to be shown. Raises UsageError when nothing was named."""
+    if showing is None:
+        raise UsageError("compensation needs a target; name a picture and strategies")
+    return showing
+
+
+def frames_of(definition: AnyStep, profile: Profile, n_strategies: int) -> int:
+    """Return about how many frames a step takes."""
+    if not isinstance(definition, ShootingStep):
+        return 0
+    return definition.frames(profile) + n_strategies * definition.frames_per_strategy(profile)

@@ -1,0 +1,178 @@
+"""Lenses, poses and walls from the correspondence map, in metres: step `geometry`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.room import RoomBox, room_from_stereo
+from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
+from calibration.structured_light.correspondence import Correspondence
+from rig.profile.schema import Profile
+from rig.records import JsonObject, Record
+from rig.session import Session, Step
+from rig.stages.correspondence import load_correspondence
+from rig.terminal import OnStep
+
+_EDGE_SHARE = 0.005
+"""Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
+_LEAST_INSIDE = 0.2
+"""Where fewer of the refined pixels lie inside than this share, all of them are used."""
+
+Point = tuple[float, float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceGeometry(Record):
+    """Lens and pose of a camera, or of a projector as an inverse camera; OpenCV's conventions."""
+
+    width_px: int
+    height_px: int
+    focal_px: tuple[float, float]
+    principal_point_px: tuple[float, float]
+    distortion: tuple[float, float, float, float, float]
+    """k1, k2, p1, p2, k3."""
+    rotation: tuple[Point, Point, Point]
+    """device_from_world, row by row."""
+    translation_m: Point
+    """device_from_world."""
+    rms_px: float
+    """Reprojection error in this device's pixels."""
+
+    @classmethod
+    def of(cls, model: PinholeModel, rms_px: float) -> DeviceGeometry:
+        """Return the record of a calibrated device."""
+        first, second, third = ((row[0], row[1], row[2]) for row in model.rotation.tolist())
+        x_m, y_m, z_m = model.translation_m.tolist()
+        return cls(
+            width_px=model.width_px,
+            height_px=model.height_px,
+            focal_px=model.focal_px,
+            principal_point_px=model.principal_point_px,
+            distortion=model.distortion,
+            rotation=(first, second, third),
+            translation_m=(x_m, y_m, z_m),
+            rms_px=rms_px,
+        )
+
+    def pinhole(self) -> PinholeModel:
+        """Return the calibrated device of the record."""
+        return PinholeModel(
+            width_px=self.width_px,
+            height_px=self.height_px,
+            focal_px=self.focal_px,
+            principal_point_px=self.principal_point_px,
+            distortion=self.distortion,
+            rotation=np.array(self.rotation),
+            translation_m=np.array(self.translation_m),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxSurface(Record):
+    """The lit surface as a box-shaped room; world is its frame: z up, origin at a lower corner."""
+
+    kind: str = "box"
+    size_m: Point
+    seen: tuple[str, ...]
+    """Faces that were measured."""
+    faces: tuple[str, ...]
+    """Faces that the model has."""
+    angle_error_deg: float
+    """Largest deviation of a measured plane from its axis."""
+    notes: str
+    """What was assumed, in words."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometryRecord(Record):
+    """What step `geometry` found: all devices in one frame, and the surface."""
+
+    cameras: Mapping[str, DeviceGeometry]
+    projectors: Mapping[str, DeviceGeometry]
+    surface: BoxSurface
+    baseline_m: float
+    rms_px: float
+    """Reprojection error of all devices together."""
+    inlier_share: float
+    sigmas: Mapping[str, float]
+    """Standard deviations of the free lens terms. [px or 1]"""
+
+
+def geometry_settings(session: Session) -> JsonObject:
+    """Return what step `geometry` depends on."""
+    profile = session.profile
+    return {
+        "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
+        "scale": profile.scale.model_dump(mode="json"),
+        "box": profile.box.model_dump(mode="json", exclude={"patch_size_m"}),
+    }
+
+
+def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `geometry`: lenses, poses, planes, metres, room."""
+    profile = session.profile
+    correspondence = load_correspondence(session)
+    rows, columns = np.nonzero(_well_inside(correspondence))
+    nominal = NominalIntrinsics.of(
+        camera_shape=profile.camera.shape[:2],
+        projector_shape=profile.projector.shape,
+        camera_hfov_deg=profile.camera.hfov_deg,
+        projector_hfov_deg=profile.projector.hfov_deg,
+    )
+    pair = calibrate_stereo(
+        np.stack([columns, rows], axis=1).astype(np.float64),
+        correspondence.projector_xy_px[rows, columns].astype(np.float64),
+        nominal,
+        right_angles=profile.box.right_angles,
+        on_step=lambda done, total: on_step("fit geometry", done, total),
+    )
+    pair = _in_metres(pair, profile)
+    box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
+    step.save_record("geometry", _record(profile, pair, box))
+
+
+def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
+    """Pixels away from edges of the picture and of surfaces, where sub-pixel coordinates are biased.
+
+    At such edges the refinement keeps integer codes, so these tell where the edges are.
+    """
+    xy = correspondence.projector_xy_px
+    with np.errstate(invalid="ignore"):
+        whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
+    refined = (correspondence.valid & ~whole).astype(np.uint8)
+    size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
+    inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
+    return inside if inside.sum() > _LEAST_INSIDE * refined.sum() else refined > 0
+
+
+def _in_metres(pair: StereoCalibration, profile: Profile) -> StereoCalibration:
+    scale = profile.scale
+    if scale.baseline_m is not None:
+        return scale_from_baseline(pair, scale.baseline_m)
+    return scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0))
+
+
+def _record(profile: Profile, pair: StereoCalibration, box: RoomBox) -> GeometryRecord:
+    return GeometryRecord(
+        cameras={profile.camera.name: DeviceGeometry.of(box.camera, pair.camera_rms_px)},
+        projectors={profile.projector.name: DeviceGeometry.of(box.projector, pair.projector_rms_px)},
+        surface=BoxSurface(
+            size_m=box.size_m, seen=box.seen, faces=box.faces, angle_error_deg=box.angle_error_deg, notes=box.notes
+        ),
+        baseline_m=pair.baseline,
+        rms_px=pair.rms_px,
+        inlier_share=pair.inlier_share,
+        sigmas=pair.sigmas,
+    )
+
+
+def load_geometry(session: Session) -> GeometryRecord:
+    """Return what the finished step `geometry` found."""
+    return session.finished("geometry").load_record("geometry", GeometryRecord)

@@ -1,0 +1,156 @@
+"""What a session has measured, in the keys that others rely on: metrics.json, `rig run --json`, ``rig.run_session``.
+
+All are records of numbers; errors of pictures are grey levels of 255.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rig.records import Record, Verdict
+from rig.stages.comparison import ModelErrors
+from rig.stages.picture_errors import PictureErrors
+
+ByBand = float | tuple[float, ...]
+"""A number of a grey rig; three of a colour rig: red, green, blue."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeometryResult(Record):
+    """How well lenses, poses and walls explain the correspondence."""
+
+    rms_px: float
+    """Reprojection error of both devices together."""
+    camera_rms_px: float
+    projector_rms_px: float
+    valid_share_of_image: float
+    """Of the camera's pixels: have a projector pixel."""
+    baseline_m: float
+    room_size_m: tuple[float, float, float]
+    faces_seen: tuple[str, ...]
+    room_notes: str
+    """What was assumed of the room, in words."""
+    sigmas: Mapping[str, float]
+    """Standard deviations of the lens terms. [px or 1]"""
+    valid_share: float | None = None
+    """Of the pixels that the projector lights: have a projector pixel. None before the light is separated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SeparationResult(Record):
+    """Share of global light in projector white, over the valid pixels."""
+
+    global_share_mean: float
+    global_share_median: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelResult(Record):
+    """The fitted scene."""
+
+    patches: int
+    reflectance_mean: ByBand
+    """Weighted by area."""
+    patches_lit_and_seen: int
+    patches_seen_in_global_light: int
+    patches_unseen: int
+    unseen_reflectance: ByBand
+    unseen_sigma: ByBand
+    flux: ByBand
+    global_rms: ByBand
+    """Residual of the fit to the global light, relative."""
+    vignetting_camera: tuple[float, float]
+    vignetting_projector: tuple[float, float]
+    level: float
+    """Camera value of a target's 255."""
+    mixing: tuple[tuple[float, ...], ...] | None = None
+    """Of a colour rig: share of white in each band that each channel of the projector makes."""
+    mixing_variation: float | None = None
+    white_over_channels: tuple[float, ...] | None = None
+    balance: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class TruthErrors(Record):
+    """Errors against the simulated world, which calibration never looks at."""
+
+    camera_position_mm: float
+    camera_rotation_deg: float
+    focal_percent: float
+    surface_median_mm: float
+    reflectance_rmse: float
+    reflectance_rmse_lit_and_seen: float
+    direct_bias_percent: float
+    global_bias_percent: float
+    mixing_max_error: float | None = None
+    """Of a colour rig."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompensationResult(Record):
+    """The strategy that stands for 'compensated'."""
+
+    strategy: str
+    clipped_share: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredResult(Record):
+    """Measured errors against the target without and with compensation."""
+
+    uncompensated: PictureErrors
+    compensated: PictureErrors
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrategyResult(Record):
+    """One strategy's picture: errors against the target, and how it was computed."""
+
+    measured: PictureErrors
+    predicted: PictureErrors
+    clipped_share: float
+    iterations: int
+    notes: Mapping[str, float | str]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelComparison(ModelErrors):
+    """Measured against predicted light, over all frames; none of them was used for fitting."""
+
+    frames: Mapping[str, ModelErrors]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PartialResult(Record):
+    """What a session has measured before it is compared: as far as its steps are done."""
+
+    geometry: GeometryResult | None = None
+    separation: SeparationResult | None = None
+    model: ModelResult | None = None
+    truth: TruthErrors | None = None
+    """On a simulated rig."""
+    compensation: CompensationResult | None = None
+    elapsed_s: float | None = None
+    """How long this run took; metrics.json does not hold it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SessionResult(Record):
+    """What a session has measured that was compared."""
+
+    geometry: GeometryResult
+    separation: SeparationResult
+    model: ModelResult
+    truth: TruthErrors | None = None
+    """On a simulated rig."""
+    compensation: CompensationResult
+    measured: MeasuredResult
+    strategies: Mapping[str, StrategyResult]
+    comparison: ModelComparison
+    limits: tuple[Verdict, ...]
+    within_limits: bool
+    report: str | None = None
+    """Where its page is, if it was written."""
+    elapsed_s: float | None = None
+    """How long this run took; metrics.json does not hold it."""

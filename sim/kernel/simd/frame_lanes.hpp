@@ -1,0 +1,63 @@
+// What the frame kernel does to sixteen numbers: packed ones, reciprocals, sums over lanes.
+#pragma once
+#include <cstdint>
+#include <cstring>
+
+#include "frame/frame.hpp"
+#include "simd/frame_vectors.hpp"
+
+namespace kernel::frame::KERNEL_INSTRUCTION_SET {
+
+namespace {
+
+// Packed numbers (sim/frame/packed.py), in units of PACKED_ONE of their layer: no more than a shift.
+inline Floats packed(const std::uint16_t *bits, int n) { return as_floats(widened(bits, n) << 11); }
+
+// The same in units of their layer.
+inline Floats unpacked(const std::uint16_t *bits, int n) { return packed(bits, n) * same(PACKED_ONE); }
+
+// 1 / x for normal numbers above 0, off by at most 2e-6 of itself: a guess by the exponent, two of Newton's steps.
+// Division takes as long as a dozen other operations.
+inline Floats reciprocal(const Floats &x) {
+    Floats guess = as_floats(same(0x7ef311c7u) - as_words(x));
+    for (int step = 0; step < 2; ++step) guess = fused(guess, less(x, guess, same(1.0f)), guess);
+    return guess;
+}
+
+typedef float Eight __attribute__((vector_size(32)));
+typedef float Four __attribute__((vector_size(16)));
+
+inline Eight halves_sum(const Floats &lanes) {
+#if defined(__AVX512F__)
+    return __builtin_shufflevector(lanes, lanes, 0, 1, 2, 3, 4, 5, 6, 7) +
+           __builtin_shufflevector(lanes, lanes, 8, 9, 10, 11, 12, 13, 14, 15);
+#else
+    Eight half[2];
+    std::memcpy(half, &lanes, sizeof half);
+    return half[0] + half[1];
+#endif
+}
+
+// Sums of four vectors' lanes.
+inline Four lanes_sums(const Floats &a, const Floats &b, const Floats &c, const Floats &d) {
+    const auto pairs = [](const Eight &x, const Eight &y) {
+        return __builtin_shufflevector(x, y, 0, 8, 1, 9, 4, 12, 5, 13) +
+               __builtin_shufflevector(x, y, 2, 10, 3, 11, 6, 14, 7, 15);
+    };
+    const Eight ab = pairs(halves_sum(a), halves_sum(b)), cd = pairs(halves_sum(c), halves_sum(d));
+    const Eight all = __builtin_shufflevector(ab, cd, 0, 1, 8, 9, 4, 5, 12, 13) +
+                      __builtin_shufflevector(ab, cd, 2, 3, 10, 11, 6, 7, 14, 15);
+    return __builtin_shufflevector(all, all, 0, 1, 2, 3) + __builtin_shufflevector(all, all, 4, 5, 6, 7);
+}
+
+inline float lanes_sum(const Floats &lanes) {
+    const Eight eight = halves_sum(lanes);
+    const Four four =
+        __builtin_shufflevector(eight, eight, 0, 1, 2, 3) + __builtin_shufflevector(eight, eight, 4, 5, 6, 7);
+    const Four two = four + __builtin_shufflevector(four, four, 2, 3, 0, 1);
+    return two[0] + two[1];
+}
+
+}  // namespace
+
+}  // namespace kernel::frame::KERNEL_INSTRUCTION_SET

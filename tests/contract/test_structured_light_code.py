@@ -1,0 +1,119 @@
+"""What every structured-light code has to keep: its pictures, seen ideally, decode to the truth."""
+
+import re
+
+import numpy as np
+import pytest
+
+from calibration import CODES, CalibrationError, Correspondence, StructuredLightCode, flat
+
+SHAPES = ((24, 40), (50, 33), (1, 7))
+BLACK, LIGHT, NOISE_LIMIT = 20.0, 180.0, 10.0
+Frames = dict[str, np.ndarray]
+
+
+@pytest.fixture(params=sorted(CODES))
+def code(request: pytest.FixtureRequest) -> StructuredLightCode:
+    return CODES[request.param]
+
+
+def seen(shape: tuple[int, int]) -> np.ndarray:
+    """(H, W, 2) the projector pixel that each camera pixel looks at: twice as fine, turned upside down."""
+    row, column = np.mgrid[: 2 * shape[0], : 2 * shape[1]] // 2
+    return np.stack([column, row], axis=-1)[::-1, ::-1]
+
+
+def photograph(codes: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    return BLACK + LIGHT * codes[xy[..., 1], xy[..., 0]] / 255.0
+
+
+def photographs(code: StructuredLightCode, shape: tuple[int, int]) -> Frames:
+    return {pattern.name: photograph(pattern.codes, seen(shape)) for pattern in code.patterns(shape)}
+
+
+def decoded(code: StructuredLightCode, frames: Frames, shape: tuple[int, int]) -> Correspondence:
+    white, black = (photograph(flat(shape, level).codes, seen(shape)) for level in (255, 0))
+    return code.decode(frames, shape, white=white, black=black, noise_limit=NOISE_LIMIT, saturation=250)
+
+
+def test_a_code_has_a_name_and_a_version(code: StructuredLightCode) -> None:
+    assert re.fullmatch(r"[a-z][a-z0-9-]*", code.name)
+    assert CODES[code.name] is code
+    assert code.version
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_its_pictures_are_named_as_it_says_and_fill_the_projector(
+    code: StructuredLightCode, shape: tuple[int, int]
+) -> None:
+    patterns = list(code.patterns(shape))
+    names = [pattern.name for pattern in patterns]
+    assert tuple(names) == code.pattern_names(shape)
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(rf"{code.name}-[a-z0-9-]+", name) for name in names)
+    assert {(pattern.codes.shape, pattern.codes.dtype) for pattern in patterns} == {(shape, np.dtype(np.uint8))}
+
+
+def test_the_same_pictures_come_again(code: StructuredLightCode) -> None:
+    once, again = ([pattern.codes for pattern in code.patterns(SHAPES[0])] for _ in range(2))
+    assert all(np.array_equal(a, b) for a, b in zip(once, again, strict=True))
+
+
+@pytest.mark.parametrize("shape", SHAPES[:2])
+@pytest.mark.parametrize("dtype", [np.float32, np.uint8, np.uint16])
+def test_ideal_photographs_decode_to_the_truth(
+    code: StructuredLightCode, shape: tuple[int, int], dtype: type[np.generic]
+) -> None:
+    frames = {name: frame.astype(dtype) for name, frame in photographs(code, shape).items()}
+    found = decoded(code, frames, shape)
+    assert found.projector_shape == shape
+    assert found.valid.mean() > 0.99
+    assert np.abs(found.projector_xy_px - seen(shape))[found.valid].max() <= 0.5
+    assert np.isnan(found.projector_xy_px[~found.valid]).all()
+
+
+def test_the_order_of_the_frames_does_not_matter(code: StructuredLightCode) -> None:
+    frames = photographs(code, SHAPES[0])
+    turned = dict(reversed(frames.items()))
+    once, again = (decoded(code, each, SHAPES[0]).projector_xy_px for each in (frames, turned))
+    np.testing.assert_array_equal(once, again)
+
+
+def test_frames_are_left_as_they_were(code: StructuredLightCode) -> None:
+    frames = photographs(code, SHAPES[0])
+    before = {name: frame.copy() for name, frame in frames.items()}
+    decoded(code, frames, SHAPES[0])
+    assert all(np.array_equal(frames[name], before[name]) for name in frames)
+
+
+def test_where_no_light_arrives_there_is_no_pixel_and_a_reason(code: StructuredLightCode) -> None:
+    shape = SHAPES[0]
+    white, black = (photograph(flat(shape, level).codes, seen(shape)) for level in (255, 0))
+    frames = photographs(code, shape)
+    for frame in (*frames.values(), white):
+        frame[10:20, 10:30] = BLACK
+    found = code.decode(frames, shape, white=white, black=black, noise_limit=NOISE_LIMIT)
+    assert not found.valid[10:20, 10:30].any()
+    assert (found.reason[10:20, 10:30] > 0).all()
+    assert found.valid[30:, 40:].all()
+
+
+def test_a_missing_frame_is_refused_by_name(code: StructuredLightCode) -> None:
+    frames = photographs(code, SHAPES[0])
+    missing = code.pattern_names(SHAPES[0])[2]
+    del frames[missing]
+    with pytest.raises(CalibrationError, match=missing):
+        decoded(code, frames, SHAPES[0])
+
+
+def test_no_frames_are_refused(code: StructuredLightCode) -> None:
+    with pytest.raises(CalibrationError, match="photograph"):
+        decoded(code, {}, SHAPES[0])
+
+
+def test_a_frame_of_another_size_is_refused_by_name(code: StructuredLightCode) -> None:
+    frames = photographs(code, SHAPES[0])
+    other = code.pattern_names(SHAPES[0])[3]
+    frames[other] = frames[other][:-1]
+    with pytest.raises(CalibrationError, match=f"{other}.*shape"):
+        decoded(code, frames, SHAPES[0])
