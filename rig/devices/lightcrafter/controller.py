@@ -72,7 +72,7 @@ class LightCrafter:
         return protocol.parse_version(self._read(Command.SOFTWARE_VERSION, 16))
 
     def main_status(self) -> MainStatus:
-        """What the controller does now."""
+        """Return what the controller does now."""
         return protocol.parse_main_status(self._read(Command.MAIN_STATUS, 1)[0])
 
     def check_hardware(self) -> None:
@@ -193,7 +193,7 @@ class LightCrafter:
         return doubtful
 
     def state(self) -> LightCrafterState:
-        """What `restore` puts back."""
+        """Return what `restore` puts back."""
         gamma, leds = (self._read(command, 1)[0] for command in (Command.GAMMA, Command.LED_ENABLE))
         return LightCrafterState(self.led_currents(), gamma, leds)
 

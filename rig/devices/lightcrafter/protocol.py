@@ -162,7 +162,7 @@ _HARDWARE_PROBLEMS = {2: "reset controller error", 3: "forced swap error", 6: "s
 
 
 def hardware_problems(byte: int) -> tuple[str, ...]:
-    """What is wrong, by the hardware status; empty when all is well."""
+    """Return what is wrong, by the hardware status; empty when all is well."""
     found = tuple(text for bit, text in _HARDWARE_PROBLEMS.items() if byte >> bit & 1)
     return found if byte & 1 else ("initialisation failed", *found)
 

@@ -27,7 +27,7 @@ class Compensator(Protocol):
 
     @property
     def last(self) -> FrameReport | None:
-        """Of the last frame; None before the first."""
+        """The report of the last frame; None before the first."""
         ...
 
     def frame(self, codes: Pixels, out: Pixels | None = None, gain: float = 1.0) -> Pixels:
