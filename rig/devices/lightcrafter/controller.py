@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.devices.lightcrafter import protocol
-from rig.devices.lightcrafter.protocol import Command, DisplayMode, MainStatus, Pattern, Run, Version
+from rig.devices.lightcrafter.protocol import Command, DisplayMode, MainStatus, Run, StoredPattern, Version
 from rig.devices.protocols import Clock
 from rig.devices.usb.hid import HidTransport, find_hid_device, open_hid
 from rig.errors import DeviceError, DeviceLost, SettingRefused
@@ -151,7 +151,7 @@ class LightCrafter:
         self._await(f"pattern sequence {state.name}", obeys)
 
     def set_up_patterns(
-        self, patterns: list[Pattern], *, exposure_us: int, frame_period_us: int, refresh_rate_hz: float
+        self, patterns: list[StoredPattern], *, exposure_us: int, frame_period_us: int, refresh_rate_hz: float
     ) -> tuple[str, ...]:
         """Set up a sequence of patterns from streamed video, started by each VSYNC; `run` starts it.
 
@@ -300,7 +300,7 @@ class LightCrafter:
 
 
 def _checked(
-    patterns: list[Pattern], exposure_us: int, frame_period_us: int, refresh_rate_hz: float
+    patterns: list[StoredPattern], exposure_us: int, frame_period_us: int, refresh_rate_hz: float
 ) -> tuple[bytes, bytes]:
     """The look-up table's and the times' bytes. Raises SettingRefused."""
     if not 1 <= len(patterns) <= protocol.LONGEST_LUT:

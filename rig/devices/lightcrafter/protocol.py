@@ -184,7 +184,7 @@ def validation(byte: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pattern:
+class StoredPattern:
     """One entry of a pattern sequence from streamed video."""
 
     number: int
@@ -210,7 +210,7 @@ class Pattern:
         return bytes([self.trigger | self.number << 2, self.bit_depth | self.leds << 4, flags])
 
 
-def packed_times(exposure_us: int, frame_period_us: int, patterns: list[Pattern]) -> bytes:
+def packed_times(exposure_us: int, frame_period_us: int, patterns: list[StoredPattern]) -> bytes:
     """Exposure and frame period of each pattern. Raises SettingRefused for times that the guide excludes."""
     shortest = max(MINIMUM_EXPOSURE_US[pattern.bit_depth] for pattern in patterns)
     if exposure_us < shortest:

@@ -13,7 +13,7 @@ from sim.frame.compensator import FrameCompensator, FrameModel
 STRATEGIES = ("exact", "bounded")
 
 
-class FrameReport(Protocol):
+class FrameError(Protocol):
     """What is known of the last frame."""
 
     @property
@@ -26,7 +26,7 @@ class Compensator(Protocol):
     """Codes of a target picture to codes for the projector, in one call."""
 
     @property
-    def last(self) -> FrameReport | None:
+    def last(self) -> FrameError | None:
         """The report of the last frame; None before the first."""
         ...
 
