@@ -199,7 +199,7 @@ def insert(page: Path, name: str, lines: list[str]) -> None:
     if begin not in text:
         raise SystemExit(f"{page} has no {begin}")
     body = "\n".join([begin, "", *lines, "", end])
-    new = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda match: body, text, flags=re.DOTALL)
+    new = re.sub(f"{re.escape(begin)}.*?{re.escape(end)}", lambda _: body, text, flags=re.DOTALL)
     page.write_text(new, encoding="utf-8")
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points, version
 from typing import TYPE_CHECKING, Literal
 
-from rig.errors import UsageError
+from rig.errors import RigError, UsageError
 from rig.records import Record
 
 if TYPE_CHECKING:
@@ -134,6 +134,33 @@ def load(plug_in: PlugIn) -> object:
             f"{version(OWN_PACKAGE)}"
         ) from error
     return loaded
+
+
+def make(driver: PlugIn, settings: object, clock: object) -> object:
+    """Return what a driver's function makes of its settings and the rig's clock.
+
+    Raises
+    ------
+    UsageError
+        It cannot be loaded, is no function, or fails by a mistake of its own; the message names the package.
+    RigError
+        As it says.
+    """
+    function = load(driver)
+    if not callable(function):
+        raise wrong_type(driver, function, "a function of settings and clock")
+    try:
+        made: object = function(settings, clock)
+    except RigError:
+        raise
+    except Exception as error:
+        if driver.is_own:
+            raise
+        raise UsageError(
+            f"{driver.kind} {driver.name!r} of {driver.source} fails ({driver.value}): {type(error).__name__}: "
+            f"{error}; tell its author"
+        ) from error
+    return made
 
 
 def wrong_type(plug_in: PlugIn, found: object, wanted: str) -> UsageError:

@@ -42,7 +42,7 @@ class Response:
     """Residual of the fit over the used samples, share of full scale. [1]"""
 
 
-def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: float) -> Response:
+def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale_dn: float) -> Response:
     """Find the camera's curve: the one that makes levels proportional to exposure time.
 
     Inverse response g(y) = y + y² (a_0 + a_1 y + …), y = level / full scale: the unit of light is set by
@@ -56,7 +56,7 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
         Digital numbers above black of N samples at K exposures; averages of repeats are fine.
     exposures : (K,)
         In any unit.
-    full_scale : float
+    full_scale_dn : float
         Digital number above black where the sensor clips.
 
     Returns
@@ -75,7 +75,7 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
     """
     times = np.asarray(exposures, dtype=np.float64)
     order = np.argsort(times)
-    y, times = np.asarray(levels, dtype=np.float64)[order] / full_scale, times[order]
+    y, times = np.asarray(levels, dtype=np.float64)[order] / full_scale_dn, times[order]
     usable = (y > _USABLE[0]) & (y < _USABLE[1])
     rows, right = zip(*_exposure_pairs(y, times, usable), strict=True)
     matrix, target = np.concatenate(rows), np.concatenate(right)
@@ -96,7 +96,7 @@ def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale: fl
     rate = np.where(usable, y + _shape_terms(y) @ a, np.nan) / times[:, None]
     counted = np.isfinite(rate).sum(axis=0) >= 2
     residual = (rate[:, counted] - np.nanmean(rate[:, counted], axis=0)) * times[:, None]
-    return Response(dense * full_scale, linear, float(np.sqrt(np.nanmean(residual**2))))
+    return Response(dense * full_scale_dn, linear, float(np.sqrt(np.nanmean(residual**2))))
 
 
 def _shape_terms(y: FloatArray) -> FloatArray:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 from rig.devices.clock import SystemClock, VirtualClock
 from rig.devices.driver_settings import Devices
-from rig.devices.drivers import RIGS, make_camera, make_projector, rig_factory
-from rig.devices.protocols import Clock, Projector
-from rig.errors import ProfileError
+from rig.devices.drivers import RIGS, make_devices_of
 from rig.profile.schema import Profile, refuse_what_comes_later
-from rig.profile.tables import Pjlink, ProjectorProfile
 
 if TYPE_CHECKING:
     from rig.devices.simulated.world import SimulatedWorld
@@ -26,35 +22,8 @@ def make_devices(profile: Profile, start_s: float = 0.0, *, real_time: bool = Fa
     """
     refuse_what_comes_later(profile)
     driver = profile.camera.driver
-    if driver in RIGS:
-        goes_by_machine = real_time and driver == "simulated"
-        return rig_factory(driver)(profile, SystemClock() if goes_by_machine else VirtualClock(start_s))
-    clock = SystemClock()
-    cameras = {one.name: make_camera(one.driver, one, clock) for one in profile.cameras}
-    return Devices(cameras, {one.name: _projector(profile, one, clock) for one in profile.projectors}, clock)
-
-
-def _projector(profile: Profile, settings: ProjectorProfile, clock: Clock) -> Projector:
-    """The display, behind what controls the projector that hangs on it."""
-    made = make_projector(settings.driver, settings, clock)
-    if (light := settings.lightcrafter) is not None:
-        from rig.devices.lightcrafter.projector import from_profile as with_lightcrafter
-
-        made = with_lightcrafter(made, light, clock)
-    if (control := settings.pjlink) is not None:
-        from rig.devices.network.powered_projector import from_profile as with_pjlink
-
-        made = with_pjlink(made, control, _password(profile, control), clock)
-    return made
-
-
-def _password(profile: Profile, control: Pjlink) -> str | None:
-    name = control.password_variable
-    if name is not None and name not in os.environ:
-        raise ProfileError(
-            f"{profile.path}: projector.pjlink.password_variable: the variable {name} is not set; export it"
-        )
-    return os.environ[name] if name else None
+    goes_by_machine = driver not in RIGS or (real_time and driver == "simulated")
+    return make_devices_of(profile, SystemClock() if goes_by_machine else VirtualClock(start_s))
 
 
 def simulated_world_of(profile: Profile) -> SimulatedWorld:

@@ -7,7 +7,7 @@ devices of a rig at once.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
@@ -23,6 +23,11 @@ class CameraSettings(Protocol):
     @property
     def name(self) -> str:
         """The camera's name in its rig."""
+        ...
+
+    @property
+    def driver(self) -> str:
+        """Which driver makes it."""
         ...
 
     @property
@@ -142,6 +147,21 @@ class ProjectorSettings(Protocol):
         """Pictures a second."""
         ...
 
+    @property
+    def driver(self) -> str:
+        """Which driver makes it."""
+        ...
+
+    @property
+    def pjlink(self) -> PjlinkSettings | None:
+        """Its own network control."""
+        ...
+
+    @property
+    def lightcrafter(self) -> LightCrafterSettings | None:
+        """Its USB control."""
+        ...
+
 
 class RigSettings(Protocol):
     """What the makers of a whole rig may ask: its profile."""
@@ -159,6 +179,16 @@ class RigSettings(Protocol):
     @property
     def projector(self) -> ProjectorSettings:
         """The only projector."""
+        ...
+
+    @property
+    def cameras(self) -> Sequence[CameraSettings]:
+        """All of them."""
+        ...
+
+    @property
+    def projectors(self) -> Sequence[ProjectorSettings]:
+        """All of them."""
         ...
 
     @property

@@ -6,12 +6,11 @@ Each is imported when a profile asks for it: a real camera needs neither the sim
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import cast
+from pathlib import Path
 
-from rig.devices.driver_settings import CameraSettings, ProjectorSettings, RigFactory
+from rig.devices.driver_settings import CameraSettings, Devices, ProjectorSettings, RigSettings
 from rig.devices.protocols import Camera, Clock, Projector
-from rig.errors import RigError, UsageError
-from rig.plug_ins import Kind, PlugIn, choose, load, names, own, wrong_type
+from rig.plug_ins import Kind, PlugIn, choose, make, names, own, wrong_type
 
 CAMERAS: Mapping[str, str] = {"v4l2": "rig.devices.v4l2.camera:from_profile"}
 """Of single cameras: a CameraFactory by name."""
@@ -37,44 +36,45 @@ def driver_names(kind: Kind) -> tuple[str, ...]:
     return names(kind, brought_along(kind))
 
 
-def make_camera(driver: str, settings: CameraSettings, clock: Clock) -> Camera:
-    """Make a camera of its settings, closed. Raises UsageError for a driver that cannot be used, ProfileError."""
-    plug_in = choose("camera driver", driver, brought_along("camera driver"))
-    made = _made(plug_in, settings, clock)
+def make_devices_of(profile: RigSettings, clock: Clock) -> Devices:
+    """Make all devices of a rig with the drivers that it names, closed.
+
+    Raises ProfileError for settings that make no sense to a driver, UsageError for a driver that cannot be used.
+    """
+    if profile.camera.driver in RIGS:
+        return _rig(profile, clock)
+    cameras = {one.name: _camera(one, clock) for one in profile.cameras}
+    return Devices(cameras, {one.name: _projector(one, profile.path, clock) for one in profile.projectors}, clock)
+
+
+def _rig(profile: RigSettings, clock: Clock) -> Devices:
+    plug_in = choose("camera driver", profile.camera.driver, brought_along("camera driver"))
+    made = make(plug_in, profile, clock)
+    if not isinstance(made, Devices):
+        raise wrong_type(plug_in, made, "Devices (rig.devices.driver_settings)")
+    return made
+
+
+def _camera(settings: CameraSettings, clock: Clock) -> Camera:
+    plug_in = choose("camera driver", settings.driver, brought_along("camera driver"))
+    made = make(plug_in, settings, clock)
     if not isinstance(made, Camera):
         raise wrong_type(plug_in, made, "a Camera (rig.devices.protocols)")
     return made
 
 
-def make_projector(driver: str, settings: ProjectorSettings, clock: Clock) -> Projector:
-    """Make a projector of its settings, closed. Raises UsageError for a driver that cannot be used, ProfileError."""
-    plug_in = choose("projector driver", driver, brought_along("projector driver"))
-    made = _made(plug_in, settings, clock)
+def _projector(settings: ProjectorSettings, path: Path, clock: Clock) -> Projector:
+    """The display, behind what controls the projector that hangs on it."""
+    plug_in = choose("projector driver", settings.driver, brought_along("projector driver"))
+    made = make(plug_in, settings, clock)
     if not isinstance(made, Projector):
         raise wrong_type(plug_in, made, "a Projector (rig.devices.protocols)")
+    if settings.lightcrafter is not None:
+        from rig.devices.lightcrafter.projector import from_profile as with_lightcrafter
+
+        made = with_lightcrafter(made, settings.lightcrafter, clock)
+    if settings.pjlink is not None:
+        from rig.devices.network.powered_projector import from_profile as with_pjlink
+
+        made = with_pjlink(made, settings.pjlink, path, clock)
     return made
-
-
-def _made(plug_in: PlugIn, settings: CameraSettings | ProjectorSettings, clock: Clock) -> object:
-    """What a driver's function gives; its mistakes are its package's, and say so."""
-    factory = load(plug_in)
-    if not callable(factory):
-        raise wrong_type(plug_in, factory, "a function of settings and clock")
-    try:
-        made: object = factory(settings, clock)
-    except RigError:
-        raise
-    except Exception as error:
-        if plug_in.is_own:
-            raise
-        raise UsageError(
-            f"{plug_in.kind} {plug_in.name!r} of {plug_in.source} fails ({plug_in.value}): {type(error).__name__}: "
-            f"{error}; tell its author"
-        ) from error
-    return made
-
-
-def rig_factory(driver: str) -> RigFactory:
-    """Return what makes all devices of a simulated or replayed rig."""
-    (plug_in,) = own("camera driver", {driver: RIGS[driver]})
-    return cast(RigFactory, load(plug_in))

@@ -41,7 +41,7 @@ def signature_of(codes: Codes) -> str:
     return np.asarray(cv2.resize(grey, (8, 6), interpolation=cv2.INTER_AREA), dtype=np.uint8).tobytes().hex()
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RawFrame:
     """One exposure, in digital numbers, exactly as the sensor gave it."""
 

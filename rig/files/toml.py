@@ -6,7 +6,7 @@ import difflib
 import json
 import tomllib
 import types
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, Union, get_args, get_origin
 
@@ -39,7 +39,17 @@ def parse_toml(raw: bytes, path: Path) -> dict[str, Any]:
         raise ProfileError(f"{path}: is not TOML: {error}") from error
 
 
-def validate(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
+def read_model(model: type[Model], raw: bytes, path: Path, checks: Callable[[dict[str, Any]], list[str]]) -> Model:
+    """Read TOML and build the model of it.
+
+    ``checks`` finds problems that no single table shows ("table.key: what") in the TOML's data; it may raise. Raises
+    ProfileError with one line ``FILE: table.key: what`` for each problem.
+    """
+    data = parse_toml(raw, path)
+    return _validate(model, data, path, checks(data))
+
+
+def _validate(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
     """Build the model from the TOML's data, without any conversion between text, numbers and truth values.
 
     ``known_problems`` ("table.key: what") are those that no single table shows. Raises ProfileError with one line

@@ -34,7 +34,7 @@ AS_THEY_ARE = frozenset({"focus_absolute", "white_balance_temperature"})
 """Controls whose right value depends on the scene."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class CameraMode:
     """A way to run a camera."""
 
@@ -67,7 +67,9 @@ def _camera_mode(one: FormatAbility, facts: CameraFacts | None) -> CameraMode:
     bits = PIXEL_FORMATS[name].bits
     if bits == 16 and facts is not None and facts.bit_depth is not None:
         bits = facts.bit_depth.value
-    return CameraMode(name, bits, one.width_px, one.height_px, rate)
+    return CameraMode(
+        pixel_format=name, bit_depth=bits, width_px=one.width_px, height_px=one.height_px, frame_rate_hz=rate
+    )
 
 
 def fixed_controls(controls: Iterable[ControlAbility]) -> dict[str, tuple[int, str]]:

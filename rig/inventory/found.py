@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rig.devices.window.monitor import FoundMonitor
 
 
-class DisplayMode(Protocol):
+class ShownMode(Protocol):
     """A mode of an output, or of a monitor."""
 
     @property
@@ -37,7 +37,7 @@ class DisplayMode(Protocol):
         ...
 
 
-class Named(Protocol):
+class ListedDevice(Protocol):
     """Anything that is listed."""
 
     @property
@@ -46,7 +46,7 @@ class Named(Protocol):
         ...
 
 
-class Pasted(Named, Protocol):
+class Pasted(ListedDevice, Protocol):
     """A device that a profile can have."""
 
     @property
@@ -55,7 +55,7 @@ class Pasted(Named, Protocol):
         ...
 
 
-class Asked(Named, Protocol):
+class Asked(ListedDevice, Protocol):
     """A device that may have refused to answer."""
 
     @property
@@ -114,7 +114,7 @@ class ListedOutput(Record):
     master_free: bool | None
     error: str | None
     warnings: tuple[str, ...]
-    mode: DisplayMode | None
+    mode: ShownMode | None
     profile: tuple[str, ...]
     """Lines to paste."""
 
@@ -148,7 +148,7 @@ class ListedMonitor(Record):
         return self.found.name
 
     @property
-    def mode(self) -> DisplayMode:
+    def mode(self) -> ShownMode:
         """The mode that it is in."""
         return self.found
 

@@ -16,12 +16,12 @@ from rig.files.toml import toml_value
 from rig.inventory.choose import CameraMode, best_camera_mode, best_output_mode
 from rig.inventory.found import (
     DeviceList,
-    DisplayMode,
     ListedCamera,
     ListedController,
+    ListedDevice,
     ListedMonitor,
     ListedOutput,
-    Named,
+    ShownMode,
 )
 from rig.plug_ins import GROUPS, PlugIn, clashes, others, own_codes, own_strategies
 from rig.profile.hardware_facts import CameraFile, known_cameras, known_projectors
@@ -153,7 +153,7 @@ def _named(found: DeviceList, name: str) -> DeviceList:
         plug_ins=(),
     )
     if not (kept.cameras or kept.outputs or kept.monitors or kept.controllers):
-        kinds: tuple[Sequence[Named], ...] = (found.cameras, found.outputs, found.monitors, found.controllers)
+        kinds: tuple[Sequence[ListedDevice], ...] = (found.cameras, found.outputs, found.monitors, found.controllers)
         there = [one.name for kind in kinds for one in kind]
         raise UsageError(f"no device is called {name!r}; there are: {', '.join(there) or 'none'}")
     return kept
@@ -261,7 +261,7 @@ def _monitor(found: FoundMonitor) -> ListedMonitor:
     return ListedMonitor(found=found, profile=_display_lines("window", found.name, found))
 
 
-def _display_lines(driver: str, output: str, mode: DisplayMode) -> tuple[str, ...]:
+def _display_lines(driver: str, output: str, mode: ShownMode) -> tuple[str, ...]:
     keys: dict[str, object] = {
         "driver": driver,
         "output": output,

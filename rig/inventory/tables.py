@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from itertools import groupby
 
-from rig.inventory.found import Asked, DeviceList, DisplayMode, ListedCamera, ListedOutput, Pasted
+from rig.inventory.found import Asked, DeviceList, ListedCamera, ListedOutput, Pasted, ShownMode
 from rig.inventory.new_profile import NewProfile
 from rig.plug_ins import PlugIn
 from rig.terminal import print_table
@@ -63,7 +63,7 @@ def _exposure(camera: ListedCamera) -> str:
     return f"{shortest * 1e3:g} … {longest * 1e3:g}"
 
 
-def _mode(mode: DisplayMode | None) -> str:
+def _mode(mode: ShownMode | None) -> str:
     if mode is None:
         return ""
     rate = f", {mode.refresh_rate_hz:.5g} Hz" if mode.refresh_rate_hz else ""

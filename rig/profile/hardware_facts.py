@@ -12,7 +12,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, Field
 
 from rig.errors import ProfileError
-from rig.files.toml import parse_toml, validate
+from rig.files.toml import parse_toml, read_model
 
 FOLDER = Path(__file__).parents[2] / "hw_profiles"
 KINDS = ("camera", "projector")
@@ -46,7 +46,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Source(_Table):
+class FactSource(_Table):
     """A public document."""
 
     title: Text
@@ -138,7 +138,7 @@ class _File(_Table):
     model: Text
     to_be_measured: tuple[Text, ...] = ()
     """Keys that nobody could be cited for: `rig check`, `rig devices` or a tape find them."""
-    sources: dict[str, Source]
+    sources: dict[str, FactSource]
 
 
 class CameraFile(_File):
@@ -173,10 +173,9 @@ def kind_of(raw: bytes, path: Path) -> str | None:
 
 def parse_facts(raw: bytes, path: Path) -> HardwareFile:
     """Validate a file of facts; raises ProfileError with a line for each problem."""
-    data = parse_toml(raw, path)
-    if data.get("kind") == "projector":
-        return validate(ProjectorFile, data, path, _cross_checks(data))
-    return validate(CameraFile, data, path, _cross_checks(data))
+    if kind_of(raw, path) == "projector":
+        return read_model(ProjectorFile, raw, path, _cross_checks)
+    return read_model(CameraFile, raw, path, _cross_checks)
 
 
 def _cross_checks(data: dict[str, Any]) -> list[str]:

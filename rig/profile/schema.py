@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
@@ -11,7 +12,7 @@ from pydantic import Field, PrivateAttr
 
 from rig.devices.simulated.settings import AT_LEAST_ONE, SimulationSettings
 from rig.errors import ProfileError
-from rig.files.toml import parse_toml, validate
+from rig.files.toml import read_model
 from rig.profile.between_tables import problems_between_tables
 from rig.profile.tables import (
     Box,
@@ -82,9 +83,7 @@ class Profile(Table):
         ProfileError
             With a line for each problem.
         """
-        data = parse_toml(raw, path)
-        _refuse_other_schema(data, path)
-        profile = validate(cls, data, path, problems_between_tables(data))
+        profile = read_model(cls, raw, path, partial(_problems, path))
         profile._raw, profile._path = raw, path.absolute()  # noqa: SLF001 - this class's own
         return profile
 
@@ -229,6 +228,12 @@ def refuse_what_comes_later(profile: Profile) -> None:
     """Raise ProfileError, a line for each reason, when this version reads a profile but cannot run it."""
     if later := not_yet_run(profile):
         raise ProfileError("\n".join(f"{profile.path}: {line}" for line in later))
+
+
+def _problems(path: Path, data: dict[str, Any]) -> list[str]:
+    """What no single table shows. Raises ProfileError for another schema, before anything else."""
+    _refuse_other_schema(data, path)
+    return problems_between_tables(data)
 
 
 def _refuse_other_schema(data: Mapping[str, Any], path: Path) -> None:

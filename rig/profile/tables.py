@@ -87,7 +87,7 @@ class CameraProfile(Table):
         return self
 
 
-class Pjlink(Table):
+class PjlinkTable(Table):
     """The projector's own network control."""
 
     host: str
@@ -99,7 +99,7 @@ class Pjlink(Table):
     warm_up_timeout_s: Positive = 120.0
 
 
-class LightCrafter(Table):
+class LightCrafterTable(Table):
     """A DLP LightCrafter 4500's USB control; never seen on real hardware by us."""
 
     serial: str | None = None
@@ -125,8 +125,8 @@ class ProjectorProfile(Table):
     latency_s: NotNegative
     """From the display's time stamp to settled light, as `rig check` measured it."""
     hfov_deg: FieldOfView
-    pjlink: Pjlink | None = None
-    lightcrafter: LightCrafter | None = None
+    pjlink: PjlinkTable | None = None
+    lightcrafter: LightCrafterTable | None = None
 
     @property
     def shape(self) -> tuple[int, int]:

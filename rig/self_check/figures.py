@@ -68,15 +68,15 @@ def _latency(n: Latency) -> Chart:
 
 @_chart.register
 def _linearity(n: Linearity) -> Chart:
-    times_ms, signals = 1e3 * np.asarray(n.exposures_s), np.asarray(n.signals_dn)
-    slope, intercept = np.polyfit(times_ms, signals, 1)
+    times_ms, signals = 1e3 * n.exposures_s, n.signals_dn
+    line = n.slope_dn_per_s * n.exposures_s + n.intercept_dn
     figure = Figure(figsize=(10, 3.4))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
-    left.plot(times_ms, slope * times_ms + intercept, color=_SOFT, lw=1)
+    left.plot(times_ms, line, color=_SOFT, lw=1)
     left.plot(times_ms, signals, "o", color=_BLUE, ms=5)
     style(left, "exposure, ms", "signal, dn")
     right.axhline(0, color=_SOFT, lw=0.8)
-    right.plot(times_ms, 100 * (signals - slope * times_ms - intercept) / signals.max(), "o-", color=_BLUE, ms=5, lw=1)
+    right.plot(times_ms, 100 * (signals - line) / signals.max(), "o-", color=_BLUE, ms=5, lw=1)
     style(right, "exposure, ms", "off the straight line, % of brightest")
     figure.subplots_adjust(wspace=0.25)
     text = (
@@ -88,7 +88,7 @@ def _linearity(n: Linearity) -> Chart:
 
 @_chart.register
 def _noise(n: Noise) -> Chart:
-    signals, variances = np.asarray(n.signals_dn), np.asarray(n.variances_dn2)
+    signals, variances = n.signals_dn, n.variances_dn2
     figure = Figure(figsize=(10, 3.6))
     axes = figure.add_subplot()
     shown = np.geomspace(0.3, max(signals.max(), 1.0), 200)
@@ -110,7 +110,7 @@ def _noise(n: Noise) -> Chart:
 def _flicker(n: Flicker) -> Chart:
     figure = Figure(figsize=(10, 3.0))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
-    left.plot(n.series_s, 100 * (np.asarray(n.series) - 1), ".-", color=_BLUE, lw=0.8, ms=4)
+    left.plot(n.series_s, 100 * (n.series - 1), ".-", color=_BLUE, lw=0.8, ms=4)
     style(left, "time, s", "white, % off its mean")
     right.plot(n.frequencies_hz, n.amplitude_percent, color=_BLUE, lw=1)
     right.axhline(n.noise_percent, color=_SOFT, lw=0.8, ls=":")
@@ -131,8 +131,8 @@ def _ramp(n: Ramp) -> Chart:
 
 @_chart.register
 def _stability(n: Stability) -> Chart:
-    shifts = np.asarray(n.shifts_px)
-    times_s, light = np.asarray(n.white_times_s), np.asarray(n.white_light_dn)
+    shifts = n.shifts_px
+    times_s, light = n.white_times_s, n.white_light_dn
     figure = Figure(figsize=(10, 3.0))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
     left.plot(shifts[:, 0], shifts[:, 1], ".", color=_BLUE, ms=6)

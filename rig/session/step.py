@@ -210,7 +210,12 @@ class Step:
         pixels = np.dstack([channels[c] for c in _CHANNELS[len(channels)]]).astype(np.uint16)
         if entry.frame is None:
             raise SessionCorrupt(f"{entry.file}: the journal has no exposure for it; repeat step {self.name!r}")
-        return RawFrame(pixels, entry.frame.exposure_s, entry.frame.started_s, entry.frame.sequence)
+        return RawFrame(
+            pixels=pixels,
+            exposure_s=entry.frame.exposure_s,
+            started_s=entry.frame.started_s,
+            sequence=entry.frame.sequence,
+        )
 
     def save_image(
         self,

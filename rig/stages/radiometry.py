@@ -33,7 +33,7 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 _AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
-"""Of the brightest permille of projector white: below what the camera's curve is used to, with room for flicker."""
+"""Of the brightest permille of projector white: the sweep goes to 1.1 times this exposure and must not clip."""
 _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
 _SWEEP_REPEATS = 2

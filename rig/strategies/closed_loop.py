@@ -62,7 +62,7 @@ class Loop:
         return self
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class ControlledScene:
     """The room as the model knows it, in the projector's view: n steered pixels, light in camera values."""
 

@@ -24,6 +24,7 @@ FLOOR = 1e-8
 FORCING = (1e-1, 1e-2)
 """Residual that conjugate gradients leave, first and from the second step on."""
 CG_LIMIT = 60
+"""Products of one step at most: it bounds the time of a step; how good the image is the certificate tells."""
 SWEEPS = 12
 """Of coordinate descent within a pixel of several channels, at most."""
 CHUNK = 1 << 13

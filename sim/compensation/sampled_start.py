@@ -20,7 +20,9 @@ from sim.light.interreflection_operator import InterreflectionOperator
 SAMPLES = 16
 """Pixels of the sample for each lit patch; pictures of up to four times as many are solved whole."""
 SAMPLE_TOLERANCE = 1e-3
+"""Relative gap that the sample is solved to: its patches' light is off by more for being a sample."""
 SAMPLE_STEPS = 20
+"""Most steps for it."""
 
 
 def initial_image(problem: BoxProblem, wanted: FloatArray) -> FloatArray:

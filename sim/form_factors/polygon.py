@@ -27,6 +27,7 @@ from sim.errors import SimulationError
 from sim.geometry.surface import Surface
 
 FINEST_TOLERANCE = 1e-12
+"""Below it nothing but roundoff is left to gain."""
 TOLERANCE_OF_SAMPLES = {4: 2e-3, 9: 2e-4, 16: 1e-5, 25: 1e-6, 36: 1e-7}
 """Relative error of every pair that a number of samples a patch stands for."""
 HIGHEST_ORDER = 10

@@ -14,6 +14,7 @@ from sim.errors import SimulationError
 AT_ONCE = 1 << 19
 """Pixels whose view is taken apart at a time."""
 ALONG_X = 5
+"""Row of ``CORNERS`` for two patches that lie along x."""
 CORNERS = np.array([[0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 1, 1], [0, 1, 2, 2], [0, 1, 2, 3], [0, 1, 0, 1]])
 """Which of a pixel's patches stand at the cell's corners, by their number; last: two along x."""
 

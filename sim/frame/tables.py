@@ -13,7 +13,9 @@ from sim.frame.codes import fractional_code
 from sim.frame.model import CHANNELS, FrameModel
 
 OCTAVES, STEPS = 15, 128
+"""Octaves of light that the table covers, and entries in each."""
 TOE = 2.0**-OCTAVES
+"""Added to a share of the span, so that black has an octave too."""
 HALVES = 32
 """Halves of octaves that cubics are for, 31 of them in use."""
 CUBICS_OFF_CODES = 0.1

@@ -97,19 +97,6 @@ def furnace(patch_size_m: float = 0.25, reflectance: Reflectance = 0.5, size_m: 
     return room((size_m,) * 3, patch_size_m, reflectance, name="furnace")
 
 
-def parallel_plates(
-    size_m: tuple[float, float] = (1.0, 1.0),
-    gap_m: float = 1.0,
-    patch_size_m: float = 0.25,
-    reflectance: Reflectance = 0.5,
-) -> Scene:
-    """Return two directly opposed rectangles: the textbook's first view factor."""
-    _check_sizes((*size_m, gap_m), patch_size_m)
-    geometry = _room_geometry(size_m[0], size_m[1], gap_m)
-    plates = {"floor": geometry["floor"], "ceiling": geometry["ceiling"]}
-    return _scene("parallel-plates", plates, patch_size_m, reflectance, convex=True)
-
-
 def room_with_box(
     patch_size_m: float = 0.4,
     reflectance: float = 0.7,

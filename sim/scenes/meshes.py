@@ -1,8 +1,6 @@
-"""Scenes that no gridded rectangles can make: a room under a sloped ceiling, spheres, wedges."""
+"""Scenes that no gridded rectangles can make: a room under a sloped ceiling, spheres."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,25 +85,6 @@ def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance
     shares = np.full(len(inside), float(reflectance))
     region = np.arange(len(inside))
     return Mesh(name="integrating-sphere", vertices=inside, reflectance=shares, convex=True, closed=True, region=region)
-
-
-def wedge(angle_degrees: float, length_m: float = 1.0, widths_m: Sequence[float] = (1.0, 1.0)) -> Mesh:
-    """Return two rectangles that share the edge of the given length along x and open by an angle.
-
-    Raises
-    ------
-    SimulationError
-        For an angle outside 0 ... 180 degrees, both excluded, or a length not above 0.
-    """
-    if not (0 < angle_degrees < 180 and min(length_m, *widths_m) > 0):
-        raise SimulationError(
-            f"wedge of {angle_degrees} degrees, edges {(length_m, *widths_m)} m; give 0 ... 180 and above 0"
-        )
-    angle = np.radians(angle_degrees)
-    start, end = np.zeros(3), np.array([length_m, 0.0, 0.0])
-    out = [widths_m[0] * np.array([0.0, 1.0, 0.0]), widths_m[1] * np.array([0.0, np.cos(angle), np.sin(angle)])]
-    vertices = np.stack([[start, end, end + out[0], start + out[0]], [end, start, start + out[1], end + out[1]]])
-    return Mesh(name="wedge", vertices=vertices, reflectance=np.full(2, 0.5), convex=True, region=np.arange(2))
 
 
 def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:

@@ -69,7 +69,7 @@ class ReadbackCamera:
         pixels = self._exposed()
         self._clock.wait_until_s(started_s + self._exposure_s)
         self._sequence += 1
-        return RawFrame(pixels, self._exposure_s, started_s, self._sequence)
+        return RawFrame(pixels=pixels, exposure_s=self._exposure_s, started_s=started_s, sequence=self._sequence)
 
     def _exposed(self) -> np.ndarray:
         light = self._readback.picture()[::2, ::2, :1] if self._readback.frame_id() else np.zeros(self.shape)

@@ -19,7 +19,7 @@ LATENCIES_S = {"front": 0.03, "ceiling": 0.2}
 PERIOD_S = 0.02
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Lamp:
     """A projector whose light comes after its latency; it notes what it is asked to show."""
 
@@ -55,7 +55,7 @@ class Lamp:
         return next((level for since_s, level in reversed(self.lit) if since_s <= time_s), 0)
 
 
-@dataclass
+@dataclass(kw_only=True)
 class Eye:
     """A camera that sees the light of all lamps together, with a noise that never repeats."""
 
@@ -84,7 +84,7 @@ class Eye:
         light = sum(max(lamp.level(started_s), lamp.level(started_s + PERIOD_S)) for lamp in self.lamps)
         pixels = np.full(self.shape, 10 * light, np.uint16)
         pixels[0, 0] = self.sequence
-        return RawFrame(pixels, self.exposure_s, started_s, self.sequence)
+        return RawFrame(pixels=pixels, exposure_s=self.exposure_s, started_s=started_s, sequence=self.sequence)
 
 
 @pytest.fixture(scope="module")
@@ -120,8 +120,8 @@ class Room:
 @pytest.fixture
 def room(profile: Profile) -> Iterator[Room]:
     clock = VirtualClock()
-    front, ceiling = (Lamp(clock, latency_s) for latency_s in LATENCIES_S.values())
-    eyes = {name: Eye(clock, (front, ceiling)) for name in ("left", "right")}
+    front, ceiling = (Lamp(clock=clock, latency_s=latency_s) for latency_s in LATENCIES_S.values())
+    eyes = {name: Eye(clock=clock, lamps=(front, ceiling)) for name in ("left", "right")}
     with Rig(profile, eyes, {"front": front, "ceiling": ceiling}, clock) as rig:
         for name in eyes:
             rig.set_exposure(0.01, camera=name)

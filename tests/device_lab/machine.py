@@ -30,7 +30,7 @@ BEAT_S = 10
 """How often a machine says that it lives, by its own clock."""
 SILENCE_S = 1800.0
 """A machine that says nothing for so long, by this machine's clock, is taken for dead. The longest silence of a living
-one, a boot on two processors that a dozen busy programs shared, was 184 s."""
+one, on two processors that a dozen busy programs shared, was 226 s."""
 END_WHEN_TOLD_S = 60
 """What a command has to end in after its time is over, before it is killed."""
 BEGIN = """#!/bin/sh

@@ -23,7 +23,7 @@ PARTS_OF_BENCH = {
     "[[simulation.camera]]": simulation_settings.SimulatedCameraSettings,
     "[[simulation.projector]]": simulation_settings.SimulatedProjectorSettings,
 }
-PARTS_OF_A_PROJECTOR = {"[projector.pjlink]": tables.Pjlink, "[projector.lightcrafter]": tables.LightCrafter}
+PARTS_OF_A_PROJECTOR = {"[projector.pjlink]": tables.PjlinkTable, "[projector.lightcrafter]": tables.LightCrafterTable}
 SURFACES = (tables.Box, tables.Planes, tables.FreeSurface, tables.SurfaceFile)
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Callable
+from pathlib import Path
 
 from rig.devices.driver_settings import PjlinkSettings
 from rig.devices.network.pjlink import Pjlink, Power
 from rig.devices.protocols import Clock, Codes, Projector, Shown, check_on_screen
-from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
+from rig.errors import DeviceBusy, DeviceError, DeviceLost, ProfileError, SettingRefused
 
 _PERIOD_S = 1.0
 """Between two questions whether it is ready."""
@@ -138,11 +140,17 @@ class PoweredProjector:
         return False
 
 
-def from_profile(display: Projector, settings: PjlinkSettings, password: str | None, clock: Clock) -> PoweredProjector:
-    """Make a projector that its table [projector.pjlink] switches on, closed."""
+def from_profile(display: Projector, settings: PjlinkSettings, path: Path, clock: Clock) -> PoweredProjector:
+    """Make a projector that its table [projector.pjlink], of the profile in a file, switches on; closed.
+
+    A profile holds no secrets: it names the environment variable that does. Raises ProfileError when that is not set.
+    """
+    name = settings.password_variable
+    if name is not None and name not in os.environ:
+        raise ProfileError(f"{path}: projector.pjlink.password_variable: the variable {name} is not set; export it")
     return PoweredProjector(
         display,
-        Pjlink(settings.host, settings.port, password),
+        Pjlink(settings.host, settings.port, os.environ[name] if name else None),
         input_code=settings.input,
         warm_up_timeout_s=settings.warm_up_timeout_s,
         clock=clock,

@@ -16,7 +16,7 @@ from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.gray import bits_for
 from rig.errors import DeviceLost, ProfileError, UsageError
 from rig.files.pictures import read_pixels
-from rig.files.toml import parse_toml, validate
+from rig.files.toml import read_model
 
 Photograph = NDArray[Any]
 """uint8 or uint16."""
@@ -114,7 +114,7 @@ class _Document(_Table):
     frames: dict[_PatternName, _FileName] = {}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Manifest:
     """A folder of photographs; lenses and lengths refer to the photographs' own pixels, in metres."""
 
@@ -145,8 +145,7 @@ def load_manifest(path: Path) -> Manifest:
         raw = path.read_bytes()
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}; give the manifest's name") from error
-    data = parse_toml(raw, path)
-    document = validate(_Document, data, path, _cross_checks(data))
+    document = read_model(_Document, raw, path, _cross_checks)
     pose, code = document.projector_from_camera, document.gray_code
     return Manifest(
         path=path,

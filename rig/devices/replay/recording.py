@@ -185,7 +185,7 @@ class ReplayCamera:
             )
         self._clock.wait_until_s(started_s + self._exposure_s)
         self._sequence += 1
-        return RawFrame(pixels, self._exposure_s, started_s, self._sequence)
+        return RawFrame(pixels=pixels, exposure_s=self._exposure_s, started_s=started_s, sequence=self._sequence)
 
     def _next(self, name: str) -> RecordedFrame:
         every = self._recording.frames[name]

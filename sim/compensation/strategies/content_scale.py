@@ -18,6 +18,7 @@ DARKEST = 0.02
 MASKING = (0.0153, 392.0, 0.7, 4.0)
 """k1, k2, s, b of Daly's masking (1 + (k1 (k2 contrast)^s)^b)^(1/b)."""
 BISECTIONS = 12
+"""They leave 1/4096 of the scale open."""
 
 
 def content_scale(

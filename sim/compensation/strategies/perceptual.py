@@ -20,6 +20,7 @@ XYZ_FROM_LINEAR_SRGB = np.array(
 LAB_FROM_ROOTS = np.array([[0.0, 116.0, 0.0], [500.0, -500.0, 0.0], [0.0, 200.0, -200.0]])
 """L*, a*, b* of the cube roots of X, Y, Z over the white's, but for a constant."""
 LINEAR_BELOW = (6 / 29) ** 3
+"""CIE 15:2004: below this share of white, L* is a straight line."""
 
 
 def perceptual(

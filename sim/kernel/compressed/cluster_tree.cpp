@@ -1,31 +1,16 @@
 #include "compressed/cluster_tree.hpp"
 
 #include <algorithm>
-#include <limits>
 #include <map>
 
 namespace kernel::compressed {
 namespace {
 
-double along(Vec v, int axis) { return axis == 0 ? v.x : axis == 1 ? v.y : v.z; }
-
-Vec lower(Vec a, Vec b) { return {std::min(a.x, b.x), std::min(a.y, b.y), std::min(a.z, b.z)}; }
-Vec upper(Vec a, Vec b) { return {std::max(a.x, b.x), std::max(a.y, b.y), std::max(a.z, b.z)}; }
-
-struct Box {
-    Vec low{1e300, 1e300, 1e300}, high{-1e300, -1e300, -1e300};
-    void add(Vec p) { low = lower(low, p), high = upper(high, p); }
-    int longest() const {
-        const Vec s = high - low;
-        return s.x >= s.y && s.x >= s.z ? 0 : s.y >= s.z ? 1 : 2;
-    }
-};
-
 class Builder {
    public:
-    Builder(const Geometry &geometry, int leaf_size) : g_(geometry), leaf_size_(leaf_size) {}
+    Builder(const Geometry &geometry, int leaf_size) : g_(geometry), leaf_size_(leaf_size), touch_(Tolerance::of(geometry.size()).touch) {}
 
-    Tree build() {
+    ClusterTree build() {
         tree_.order.resize(g_.n);
         for (int i = 0; i < g_.n; ++i) tree_.order[i] = i;
         split(0, g_.n);
@@ -35,7 +20,8 @@ class Builder {
    private:
     const Geometry &g_;
     const int leaf_size_;
-    Tree tree_;
+    const double touch_;
+    ClusterTree tree_;
 
     int split(int begin, int end) {
         const int index = static_cast<int>(tree_.clusters.size());
@@ -57,11 +43,11 @@ class Builder {
     // Cut at the middle of the longest extent, so that grids stay grids; at the median where that is lopsided.
     int cut_patches(int begin, int end) {
         Box box;
-        for (int k = begin; k < end; ++k) box.add(g_.centre(tree_.order[k]));
-        const int axis = box.longest();
-        const double at = 0.5 * (along(box.low, axis) + along(box.high, axis));
+        for (int k = begin; k < end; ++k) box.grow(g_.centre(tree_.order[k]));
+        const int axis = box.longest_axis();
+        const double at = 0.5 * (component(box.low, axis) + component(box.high, axis));
         const auto first = tree_.order.begin() + begin, last = tree_.order.begin() + end;
-        const auto key = [&](int patch) { return along(g_.centre(patch), axis); };
+        const auto key = [&](int patch) { return component(g_.centre(patch), axis); };
         const auto middle = std::stable_partition(first, last, [&](int patch) { return key(patch) < at; });
         const int left = static_cast<int>(middle - first), total = end - begin;
         if (std::min(left, total - left) >= total / 8 + 1) return begin + left;
@@ -74,13 +60,13 @@ class Builder {
         std::map<std::int64_t, std::pair<Box, int>> regions;
         for (int k = begin; k < end; ++k) {
             auto &[box, count] = regions[g_.region[tree_.order[k]]];
-            box.add(g_.centre(tree_.order[k])), ++count;
+            box.grow(g_.centre(tree_.order[k])), ++count;
         }
         Box centres;
-        for (const auto &[id, r] : regions) centres.add(0.5 * (r.first.low + r.first.high));
-        const int axis = centres.longest();
+        for (const auto &[id, r] : regions) centres.grow(r.first.middle());
+        const int axis = centres.longest_axis();
         std::map<std::int64_t, double> key;
-        for (const auto &[id, r] : regions) key[id] = along(r.first.low, axis) + along(r.first.high, axis);
+        for (const auto &[id, r] : regions) key[id] = component(r.first.low, axis) + component(r.first.high, axis);
         const auto first = tree_.order.begin() + begin, last = tree_.order.begin() + end;
         std::stable_sort(first, last, [&](int a, int b) {
             const auto ra = g_.region[a], rb = g_.region[b];
@@ -98,7 +84,7 @@ class Builder {
         Box box;
         for (int k = begin; k < end; ++k) {
             c.area += g_.areas[tree_.order[k]];
-            for (int v = 0; v < 4; ++v) box.add(g_.corner(tree_.order[k], v));
+            for (int v = 0; v < 4; ++v) box.grow(g_.corner(tree_.order[k], v));
         }
         c.low = box.low, c.high = box.high;
         set_plane(c);
@@ -112,12 +98,11 @@ class Builder {
         const int first = tree_.order[c.begin];
         c.normal = load(g_.normals + 3 * first);
         c.offset = dot(c.normal, g_.corner(first, 0));
-        const double tolerance = 1e-9 * (1 + norm(c.high - c.low));
         c.flat = true;
         for (int k = c.begin; k < c.end && c.flat; ++k) {
             const int patch = tree_.order[k];
-            c.flat = norm(load(g_.normals + 3 * patch) - c.normal) < 1e-9;
-            for (int v = 0; v < 4; ++v) c.flat &= std::abs(dot(c.normal, g_.corner(patch, v)) - c.offset) < tolerance;
+            c.flat = dot(load(g_.normals + 3 * patch), c.normal) > 0;
+            for (int v = 0; v < 4; ++v) c.flat &= std::abs(dot(c.normal, g_.corner(patch, v)) - c.offset) <= touch_;
         }
     }
 
@@ -144,11 +129,11 @@ class Builder {
 
 }  // namespace
 
-Tree build_tree(const Geometry &geometry, int leaf_size) { return Builder(geometry, leaf_size).build(); }
+ClusterTree build_cluster_tree(const Geometry &geometry, int leaf_size) { return Builder(geometry, leaf_size).build(); }
 
 double distance_of(const Cluster &a, const Cluster &b) {
-    const Vec zero{0, 0, 0};
-    const Vec gap = upper(zero, upper(a.low - b.high, b.low - a.high));
+    const Vec before = a.low - b.high, after = b.low - a.high;
+    const Vec gap{std::max({0.0, before.x, after.x}), std::max({0.0, before.y, after.y}), std::max({0.0, before.z, after.z})};
     return std::max(norm(gap), norm(a.middle - b.middle) - a.radius - b.radius);
 }
 

@@ -3,7 +3,8 @@
 #include <cstdint>
 #include <vector>
 
-#include "geometry/vectors.hpp"
+#include "geometry/box.hpp"
+#include "geometry/tolerance.hpp"
 
 namespace kernel::compressed {
 
@@ -28,18 +29,19 @@ struct Geometry {
     const double *normals = nullptr;   // (n, 3)
     const double *areas = nullptr;     // (n)
     const std::int64_t *region = nullptr;
+    double size() const { return box_of(vertices, 4 * std::int64_t{n}).diagonal(); }
     Vec corner(int patch, int k) const { return load(vertices + 12 * patch + 3 * k); }
     Vec centre(int patch) const {
         return 0.25 * (corner(patch, 0) + corner(patch, 1) + (corner(patch, 2) + corner(patch, 3)));
     }
 };
 
-struct Tree {
+struct ClusterTree {
     std::vector<int> order;         // place in the tree -> patch
     std::vector<Cluster> clusters;  // the root first
 };
 
-Tree build_tree(const Geometry &geometry, int leaf_size);
+ClusterTree build_cluster_tree(const Geometry &geometry, int leaf_size);
 
 // Smallest distance that two clusters can have, from below.
 double distance_of(const Cluster &a, const Cluster &b);

@@ -37,8 +37,8 @@ double pairs_of(const Cluster &a, const Cluster &b) { return double(a.size()) * 
 
 CompressedMatrix::CompressedMatrix(const Geometry &geometry, const double *occluders, int n_occluders,
                                    double tolerance, int leaf_size)
-    : tolerance_(tolerance), tree_(build_tree(geometry, leaf_size)) {
-    for (int k = 0; k < n_occluders; ++k) occluders_.push_back(make_occluder(occluders + 12 * k));
+    : tolerance_(tolerance), tree_(build_cluster_tree(geometry, leaf_size)) {
+    for (int k = 0; k < n_occluders; ++k) occluders_.push_back(occluder(occluders + 12 * k));
     for (int k = 0; k < geometry.n; ++k) total_area_ += geometry.areas[k];
     pairs_ = std::make_unique<Pairs>(geometry, tree_.order, occluders_, effort_for(tolerance));
     reference_ = std::make_unique<Pairs>(geometry, tree_.order, occluders_, reference_for(tolerance));
@@ -77,7 +77,7 @@ CompressedMatrix::Outcome CompressedMatrix::process(const Task &task) const {
     if (!facing(a, b, pairs_->tolerance())) return out;
     std::vector<int> candidates = task.candidates;
     if (task.a != task.b) {
-        if (look(a, b, occluders_, task.candidates, pairs_->tolerance(), candidates) == View::blocked) return out;
+        if (sight(a, b, occluders_, task.candidates, pairs_->tolerance(), candidates) == Sight::blocked) return out;
         if (compress(a, b, candidates, out)) return out;
     }
     if (!a.leaf() || !b.leaf()) return split(task, std::move(candidates));
@@ -166,7 +166,7 @@ void CompressedMatrix::visit(int row, int column, const std::vector<int> &candid
     const Cluster point = reference_->alone(row);
     std::vector<int> kept;
     if (!facing(point, b, pairs_->tolerance())) return;
-    if (look(point, b, occluders_, candidates, pairs_->tolerance(), kept) == View::blocked) return;
+    if (sight(point, b, occluders_, candidates, pairs_->tolerance(), kept) == Sight::blocked) return;
     if (!b.leaf()) {
         for (int child : b.child) visit(row, child, kept, x, y, columns);
         return;

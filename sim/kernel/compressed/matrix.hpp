@@ -4,6 +4,7 @@
 #include <vector>
 
 #include "compressed/cross_approximation.hpp"
+#include "compressed/sight.hpp"
 
 namespace kernel::compressed {
 
@@ -45,7 +46,7 @@ class CompressedMatrix {
         double done = 0;  // pairs
     };
     double tolerance_, total_area_ = 0, done_ = 0;
-    Tree tree_;
+    ClusterTree tree_;
     std::vector<Occluder> occluders_;
     std::unique_ptr<Pairs> pairs_, reference_;
     std::vector<Task> stack_;

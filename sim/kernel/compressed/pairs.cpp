@@ -5,24 +5,6 @@
 
 namespace kernel::compressed {
 
-std::vector<Node> gauss_nodes(int n) {
-    std::vector<Node> nodes(n);
-    for (int k = 0; k < n; ++k) {
-        double x = std::cos(PI * (k + 0.75) / (n + 0.5)), slope = 0;
-        for (int step = 0; step < 50; ++step) {
-            double before = 1, here = x;
-            for (int d = 2; d <= n; ++d) {
-                const double next = ((2 * d - 1) * x * here - (d - 1) * before) / d;
-                before = here, here = next;
-            }
-            slope = n * (x * here - before) / (x * x - 1);
-            x -= here / slope;
-        }
-        nodes[k] = {0.5 * (1 - x), 1 / ((1 - x * x) * slope * slope)};
-    }
-    return nodes;
-}
-
 namespace {
 
 // Additive sequence of the generalised golden ratio of four dimensions (Roberts 2018).
@@ -49,13 +31,10 @@ void shift_of(int i, int j, double shift[4]) {
 
 Pairs::Pairs(const Geometry &geometry, const std::vector<int> &order, const std::vector<Occluder> &occluders,
              Effort effort)
-    : occluders_(occluders), effort_(effort) {
-    nodes_ = gauss_nodes(effort.order), nodes_close_ = gauss_nodes(effort.order_close);
-    nodes_many_ = gauss_nodes(effort.order_abrupt);
+    : occluders_(occluders), effort_(effort), tolerance_(Tolerance::of(geometry.size())) {
     rays_ = low_discrepancy(effort.first_ray, effort.rays_max);
     far_.reserve(order.size()), near_.reserve(order.size());
     for (int patch : order) prepare(geometry, patch);
-    tolerance_ = 1e-9 * std::sqrt(total_area_);
 }
 
 void Pairs::prepare(const Geometry &geometry, int patch) {
@@ -67,11 +46,11 @@ void Pairs::prepare(const Geometry &geometry, int patch) {
     near.twist = (near.corner[0] - near.corner[1]) + (near.corner[2] - near.corner[3]);
     near.parallelogram = norm(near.twist) < 1e-12 * diameter;
     const double area = geometry.areas[patch];
-    const std::vector<Node> nodes = gauss_nodes(2);
+    const GaussRule &rule = gauss_rule(2);
     Vec centre{0, 0, 0};
     for (int k = 0; k < 4; ++k) {
         double jacobian;
-        near.gauss[k] = point(near, nodes[k & 1].at, nodes[k >> 1].at, &jacobian);
+        near.gauss[k] = point(near, rule.node[k & 1], rule.node[k >> 1], &jacobian);
         near.weight[k] = 0.25 * jacobian / area;
         centre = centre + near.weight[k] * near.gauss[k];
     }
@@ -86,6 +65,8 @@ Cluster Pairs::alone(int i) const {
     c.flat = true, c.normal = far_[i].normal;
     c.hull.assign(near_[i].corner, near_[i].corner + 4);
     c.offset = dot(c.normal, c.hull[0]);
+    c.middle = far_[i].centre;
+    for (const Vec &p : c.hull) c.radius = std::max(c.radius, norm(p - c.middle));
     return c;
 }
 
@@ -129,7 +110,7 @@ bool Pairs::astride(int i, int j) const {
     bool before = false, behind = false;
     for (const Vec &p : near_[i].corner) {
         const double height = dot(far_[j].normal, p - near_[j].corner[0]);
-        before |= height > tolerance_, behind |= height < -tolerance_;
+        before |= height > tolerance_.touch, behind |= height < -tolerance_.touch;
     }
     return before && behind;
 }
@@ -154,7 +135,7 @@ double Pairs::exact(int i, int j, bool close) const {
     if (swap) std::swap(i, j);
     const Polygon inner = polygon_of(j);
     const auto factor = [&](Vec p) { return std::max(point_factor(p, far_[i].normal, inner), 0.0); };
-    return outer_integral(i, j, close ? nodes_close_ : nodes_, factor) / (far_[i].root_area * far_[j].root_area);
+    return outer_integral(i, j, gauss_rule(close ? effort_.order_close : effort_.order), factor) / (far_[i].root_area * far_[j].root_area);
 }
 
 // The same past occluders: the outer integral goes over the patch that they are further from.
@@ -167,7 +148,7 @@ double Pairs::visible(int i, int j, const std::vector<int> &candidates) const {
     const auto factor = [&](Vec p) {
         return visible_factor(p, far_[i].normal, inner, occluders_, candidates, tolerance_);
     };
-    const double sum = outer_integral(i, j, abrupt ? nodes_many_ : nodes_close_, factor);
+    const double sum = outer_integral(i, j, gauss_rule(abrupt ? effort_.order_abrupt : effort_.order_close), factor);
     return sum / (far_[i].root_area * far_[j].root_area);
 }
 
@@ -180,28 +161,28 @@ Polygon Pairs::polygon_of(int i) const {
 
 // Gauss over the part of patch i before the plane of patch j. [area]
 template <class Factor>
-double Pairs::outer_integral(int i, int j, const std::vector<Node> &nodes, const Factor &factor) const {
-    if (!astride(i, j)) return integral_over(near_[i], nodes, factor);
-    const Polygon part = clip(polygon_of(i), far_[j].normal, dot(far_[j].normal, near_[j].corner[0]));
+double Pairs::outer_integral(int i, int j, const GaussRule &rule, const Factor &factor) const {
+    if (!astride(i, j)) return integral_over(near_[i], rule, factor);
+    const Polygon part = part_above(polygon_of(i), far_[j].normal, dot(far_[j].normal, near_[j].corner[0]), tolerance_.snap);
     double sum = 0;
     for (int k = 1; k + 1 < part.n; ++k) {
         Near triangle{};
         triangle.corner[0] = part.corner[0], triangle.corner[1] = part.corner[k];
         triangle.corner[2] = triangle.corner[3] = part.corner[k + 1];
         triangle.twist = triangle.corner[0] - triangle.corner[1];
-        sum += integral_over(triangle, nodes, factor);
+        sum += integral_over(triangle, rule, factor);
     }
     return sum;
 }
 
 template <class Factor>
-double Pairs::integral_over(const Near &part, const std::vector<Node> &nodes, const Factor &factor) const {
+double Pairs::integral_over(const Near &part, const GaussRule &rule, const Factor &factor) const {
     double sum = 0;
-    for (const Node &u : nodes)
-        for (const Node &v : nodes) {
+    for (int k = 0; k < rule.n; ++k)
+        for (int m = 0; m < rule.n; ++m) {
             double jacobian;
-            const Vec p = point(part, u.at, v.at, &jacobian);
-            sum += u.weight * v.weight * jacobian * factor(p);
+            const Vec p = point(part, rule.node[k], rule.node[m], &jacobian);
+            sum += rule.weight[k] * rule.weight[m] * jacobian * factor(p);
         }
     return sum;
 }
@@ -235,7 +216,7 @@ double Pairs::visible_share(int i, int j, int rays, const std::vector<int> &cand
         all += weight;
         bool hidden = false;
         for (std::size_t c = 0; c < candidates.size() && !hidden; ++c)
-            hidden = crosses(occluders_[candidates[c]], a, b, tolerance_);
+            hidden = stops(occluders_[candidates[c]], a, b, tolerance_);
         if (!hidden) seen += weight;
     }
     return all > 0 ? seen / all : 0.0;

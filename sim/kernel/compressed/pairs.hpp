@@ -2,15 +2,11 @@
 #pragma once
 #include <vector>
 
+#include "compressed/cluster_tree.hpp"
 #include "compressed/hidden.hpp"
+#include "form_factors/gauss.hpp"
 
 namespace kernel::compressed {
-
-struct Node {
-    double at, weight;  // Gauss and Legendre's rule on [0, 1]
-};
-
-std::vector<Node> gauss_nodes(int n);
 
 // How exactly pairs are evaluated; distances in patch diameters.
 struct Effort {
@@ -28,7 +24,7 @@ class Pairs {
           Effort effort);
     int size() const { return static_cast<int>(far_.size()); }
     double root_area(int i) const { return far_[i].root_area; }
-    double tolerance() const { return tolerance_; }
+    Tolerance tolerance() const { return tolerance_; }
     Cluster alone(int i) const;  // a cluster of one patch
     // out[j - begin] = S(i, j) for begin <= j < end past the candidate occluders.
     void row(int i, int begin, int end, const std::vector<int> &candidates, double *out) const;
@@ -50,8 +46,8 @@ class Pairs {
     std::vector<Near> near_;
     const std::vector<Occluder> &occluders_;
     Effort effort_;
-    double total_area_ = 0, tolerance_ = 0;
-    std::vector<Node> nodes_, nodes_close_, nodes_many_;
+    double total_area_ = 0;
+    Tolerance tolerance_;
     std::vector<double> rays_;  // (rays_max, 4) points of the unit cube
 
     void prepare(const Geometry &geometry, int patch);
@@ -63,9 +59,9 @@ class Pairs {
     double visible(int i, int j, const std::vector<int> &candidates) const;
     Polygon polygon_of(int i) const;
     template <class Factor>
-    double outer_integral(int i, int j, const std::vector<Node> &nodes, const Factor &factor) const;
+    double outer_integral(int i, int j, const GaussRule &rule, const Factor &factor) const;
     template <class Factor>
-    double integral_over(const Near &part, const std::vector<Node> &nodes, const Factor &factor) const;
+    double integral_over(const Near &part, const GaussRule &rule, const Factor &factor) const;
     int rays_for(int i, int j, double unhidden_value) const;
     double visible_share(int i, int j, int rays, const std::vector<int> &candidates) const;
 };

@@ -5,8 +5,8 @@
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "form_factors/outer_points.hpp"
-#include "geometry/shaft.hpp"
 #include "form_factors/point_view.hpp"
+#include "geometry/shaft.hpp"
 
 using namespace kernel;
 
@@ -32,20 +32,24 @@ struct Row {
 // The patch that looks smaller from the occluders is the outer one: its points differ least in what they see.
 class Culling {
 public:
-    Culling(const Tree &tree, const std::vector<Flat> &patches) : tree(tree), patches(patches) {
+    Culling(const Tree &tree, const std::vector<FlatPolygon> &patches) : tree(tree), patches(patches) {
         if (tree.occluders.size() * patches.size() > MOST_SEEN) return;
         for (const Occluder &by : tree.occluders)
-            for (const Flat &patch : patches) table.push_back(seen(by, patch));
+            for (const FlatPolygon &patch : patches) table.push_back(centre_seen(by, patch.centre));
     }
 
     void test(int i, int j, Row &row) const {
-        const Flat &a = patches[i], &b = patches[j];
+        const FlatPolygon &a = patches[i], &b = patches[j];
         const long begin = static_cast<long>(row.occluders.size());
         double far_a = INFINITY, far_b = INFINITY;
-        const bool hidden = tree.along(a.centre, b.centre, std::max(a.radius, b.radius), [&](int k) {
+        const ShaftEnd<4> from = shaft_end(a), to = shaft_end(b);
+        const bool hidden = tree.along(a.centre, b.centre, std::max(a.radius, b.radius), [&](std::int32_t k) {
             const Occluder &by = tree.occluders[k];
-            if (apart(by.n, look(k, i), a.radius, look(k, j), b.radius)) return false;
-            const Meets answer = meets(by, a, b, tree.size);
+            const bool apart = table.empty()
+                                   ? spheres_apart(by.n, centre_seen(by, a.centre), a.radius, centre_seen(by, b.centre), b.radius)
+                                   : spheres_apart(by.n, seen(k, i), a.radius, seen(k, j), b.radius);
+            if (apart) return false;
+            const Meets answer = meets(by, from, to, tree.tolerance);
             if (answer == Meets::none) return false;
             row.occluders.push_back(k);
             const Vec at = passage(by, a.centre, b.centre);
@@ -61,18 +65,15 @@ public:
 private:
     static constexpr size_t MOST_SEEN = 1 << 20;  // 40 MB of places are kept; more are found again for each pair
     const Tree &tree;
-    const std::vector<Flat> &patches;
-    std::vector<Seen> table;  // [occluder][patch]
+    const std::vector<FlatPolygon> &patches;
+    std::vector<CentreSeen> table;  // [occluder][patch]
 
-    Seen look(int occluder, int patch) const {
-        return table.empty() ? seen(tree.occluders[occluder], patches[patch])
-                             : table[occluder * patches.size() + patch];
-    }
+    const CentreSeen &seen(int occluder, int patch) const { return table[occluder * patches.size() + patch]; }
 };
 
 // What a view's point sees of a patch by rays to a grid of targets on it, weighted by their factors. Each view
 // shifts the grid, and tries first what stopped the ray before.
-double visible_by_rays(const Tree &tree, const View &view, const Flat &target, int n, long &rays) {
+double visible_by_rays(const Tree &tree, const PointView &view, const FlatPolygon &target, int n, long &rays) {
     double free = 0, visible = 0;
     int stopped_by = -1;
     const Vec from = view.point, normal = view.normal;
@@ -89,14 +90,15 @@ double visible_by_rays(const Tree &tree, const View &view, const Flat &target, i
             const double weight = norm(cross(along_u, along_v)) * up * before / (squared * squared);
             free += weight;
             ++rays;
-            if (stopped_by < 0 || !tree.stops(stopped_by, from, at)) stopped_by = tree.blocker(from, at);
+            if (stopped_by < 0 || !stops(tree.occluders[stopped_by], from, at, tree.tolerance))
+                stopped_by = tree.blocker(from, at);
             if (stopped_by < 0) visible += weight;
         }
     return free > 0 ? visible / free : 1.0;
 }
 
 // Share of a patch's factor from the view's point that is hidden.
-double blocked_factor(const Tree &tree, const View &view, const Flat &target, double &free, long &rays) {
+double blocked_factor(const Tree &tree, const PointView &view, const FlatPolygon &target, double &free, long &rays) {
     double blocked;
     view.factors(target, free, blocked);
     if (!view.crowded || free == 0) return std::min(blocked, free);
@@ -108,15 +110,16 @@ double blocked_factor(const Tree &tree, const View &view, const Flat &target, do
 class Scene {
 public:
     Tree tree;
-    std::vector<Flat> patches;
+    std::vector<FlatPolygon> patches;
 
     Scene(const In<double, 3> &vertices, const In<double, 3> &occluders)
-        : tree(occluders.data(), static_cast<int>(occluders.shape(0)), extent(vertices)) {
-        for (size_t k = 0; k < vertices.shape(0); ++k) patches.push_back(flat(vertices.data() + 12 * k));
+        : tree(occluders.data(), static_cast<std::int64_t>(occluders.shape(0)),
+               box_of(vertices.data(), static_cast<std::int64_t>(4 * vertices.shape(0))).diagonal()) {
+        for (size_t k = 0; k < vertices.shape(0); ++k) patches.push_back(flat_polygon(vertices.data() + 12 * k));
     }
 
     // Visible share of each pair found; pairs that share an outer patch share its views.
-    long measure(std::vector<Row> &rows, const Rule &rule) const {
+    long measure(std::vector<Row> &rows, const OuterRule &rule) const {
         std::vector<std::vector<std::pair<int, int>>> by_outer(patches.size());
         for (size_t r = 0; r < rows.size(); ++r)
             for (size_t k = 0; k < rows[r].pairs.size(); ++k) {
@@ -133,16 +136,6 @@ public:
     }
 
 private:
-    static double extent(const In<double, 3> &vertices) {
-        Vec low = {INFINITY, INFINITY, INFINITY}, high = {-INFINITY, -INFINITY, -INFINITY};
-        for (size_t k = 0; k < 4 * vertices.shape(0); ++k) {
-            const Vec at = load(vertices.data() + 3 * k);
-            low = {std::min(low.x, at.x), std::min(low.y, at.y), std::min(low.z, at.z)};
-            high = {std::max(high.x, at.x), std::max(high.y, at.y), std::max(high.z, at.z)};
-        }
-        return vertices.shape(0) ? norm(high - low) : 0.0;
-    }
-
     static std::vector<int> named(const Row &row, const Pair &pair) {
         return {row.occluders.begin() + pair.begin, row.occluders.begin() + pair.begin + pair.count};
     }
@@ -161,15 +154,15 @@ private:
     }
 
     long measure_outer(int outer, const std::vector<std::pair<int, int>> &mine, std::vector<Row> &rows,
-                       const Rule &rule) const {
-        std::vector<Point> points;
+                       const OuterRule &rule) const {
+        std::vector<OuterPoint> points;
         for (const Polygon &part : parts(patches[outer], tree)) add_points(part, rule, points);
         std::vector<double> free(mine.size(), 0.0), blocked(mine.size(), 0.0);
         const std::vector<int> shared = named(mine, rows);
         const Vec normal = patches[outer].normal;
         long rays = 0;
-        View view;
-        for (const Point &point : points) {
+        PointView view;
+        for (const OuterPoint &point : points) {
             view.shift(static_cast<int>(&point - points.data()));
             if (shared.size() <= SHARED) view.look(tree, shared, point.at, normal);
             for (size_t k = 0; k < mine.size(); ++k) {
@@ -177,7 +170,7 @@ private:
                 const Pair &pair = row.pairs[mine[k].second];
                 if (shared.size() > SHARED) view.look(tree, named(row, pair), point.at, normal);
                 double unhindered;
-                const Flat &inner = patches[pair.first_is_outer ? pair.second : pair.first];
+                const FlatPolygon &inner = patches[pair.first_is_outer ? pair.second : pair.first];
                 blocked[k] += point.weight * blocked_factor(tree, view, inner, unhindered, rays);
                 free[k] += point.weight * unhindered;
             }
@@ -226,7 +219,7 @@ nb::tuple visible_of_matrix(In<double, 3> vertices, In<double, 3> occluders, In<
     {
         nb::gil_scoped_release released;
         const Scene scene(vertices, occluders);
-        const Rule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
+        const OuterRule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
         const Culling culling(scene.tree, scene.patches);
         const long n = static_cast<long>(scene.patches.size()), step = std::max(1L, CHUNK / std::max(1L, n));
         for (long from = 0; from < n; from += step) {
@@ -247,7 +240,7 @@ nb::tuple visible_of_matrix(In<double, 3> vertices, In<double, 3> occluders, In<
 long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::int64_t, 1> first,
                       In<std::int64_t, 1> second, In<double, 1> nodes, In<double, 1> weights, Out<double, 1> visible) {
     const Scene scene(vertices, occluders);
-    const Rule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
+    const OuterRule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
     const Culling culling(scene.tree, scene.patches);
     const long n = static_cast<long>(first.shape(0)), together = 256;
     long rays = 0;
@@ -273,7 +266,7 @@ long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::i
 
 void segments_blocked(In<double, 3> occluders, double size, In<double, 2> begin, In<double, 2> end,
                       Out<bool, 1> blocked) {
-    const Tree tree(occluders.data(), static_cast<int>(occluders.shape(0)), size);
+    const Tree tree(occluders.data(), static_cast<std::int64_t>(occluders.shape(0)), size);
     const long n = static_cast<long>(blocked.shape(0));
 #pragma omp parallel for schedule(static)
     for (long k = 0; k < n; ++k)

@@ -6,19 +6,18 @@ namespace kernel {
 
 constexpr int MOST_PARTS = 16;  // of one patch; further contact lines are left to the Gauss points
 
-struct Rule {
+struct OuterRule {
     int n;
     const double *node, *weight;  // on [0, 1]
 };
 
-struct Point {
+struct OuterPoint {
     Vec at;
     double weight;  // sums to the patch's area
 };
 
 // Whether the line in which an occluder meets a patch's plane passes through the patch.
-inline bool touches(const Occluder &by, const Flat &patch, double size) {
-    const double touch = COPLANAR * size;
+inline bool touches(const Occluder &by, const FlatPolygon &patch, double touch) {
     double low = INFINITY, high = -INFINITY, heights[4];
     for (int k = 0; k < by.n; ++k) {
         heights[k] = height(patch, by.corner[k]);
@@ -47,15 +46,15 @@ inline bool touches(const Occluder &by, const Flat &patch, double size) {
     return norm(end - begin) > touch;
 }
 
-inline std::vector<Polygon> parts(const Flat &patch, const Tree &tree) {
+inline std::vector<Polygon> parts(const FlatPolygon &patch, const Tree &tree) {
     std::vector<Polygon> out{relative(patch, {0, 0, 0})}, next;
-    const auto split = [&](int k) {
+    const auto split = [&](std::int32_t k) {
         const Occluder &by = tree.occluders[k];
-        if (out.size() * 2 > MOST_PARTS || !touches(by, patch, tree.size)) return false;
+        if (out.size() * 2 > MOST_PARTS || !touches(by, patch, tree.tolerance.touch)) return false;
         next.clear();
         for (const Polygon &part : out) {
             Polygon above, below;
-            cut(part, by.normal, by.offset, COPLANAR * tree.size, above, &below);
+            cut(part, by.normal, by.offset, tree.tolerance.touch, above, &below);
             if (above.n >= 3) next.push_back(above);
             if (below.n >= 3) next.push_back(below);
         }
@@ -67,7 +66,7 @@ inline std::vector<Polygon> parts(const Flat &patch, const Tree &tree) {
 }
 
 // A convex polygon as a fan of quadrilaterals (the last may be a triangle), each the image of the square.
-inline void add_points(const Polygon &part, const Rule &rule, std::vector<Point> &out) {
+inline void add_points(const Polygon &part, const OuterRule &rule, std::vector<OuterPoint> &out) {
     for (int k = 1; k + 1 < part.n; k += 2) {
         const Vec a = part.corner[0], b = part.corner[k], c = part.corner[k + 1];
         const Vec d = k + 2 < part.n ? part.corner[k + 2] : c;

@@ -1,5 +1,6 @@
 // What a surface point sees: the occluders in front of it, cut so that no direction is counted twice.
 #pragma once
+#include "form_factors/point_factor.hpp"
 #include "geometry/tree.hpp"
 
 namespace kernel {
@@ -20,7 +21,7 @@ struct Cone {
     }
 };
 
-class View {
+class PointView {
 public:
     Vec point, normal;
     bool crowded = false;  // too many pieces: ask rays
@@ -37,7 +38,7 @@ public:
     void look(const Tree &tree, const std::vector<int> &named, Vec from, Vec up) {
         point = from;
         normal = up;
-        size = tree.size;
+        tolerance = tree.tolerance;
         whole.clear();
         cones.clear();
         crowded = named.size() > SHARED;
@@ -47,12 +48,12 @@ public:
     }
 
     // Unoccluded and blocked factor of a polygon; what lies below its plane or the horizon sees nothing.
-    void factors(const Flat &target, double &free, double &blocked) const {
+    void factors(const FlatPolygon &target, double &free, double &blocked) const {
         free = blocked = 0;
         const double before = height(target, point);
         if (before <= 0) return;
         Polygon seen;
-        cut(relative(target, point), normal, 0, SNAP * size, seen, nullptr);
+        cut(relative(target, point), normal, 0, tolerance.snap, seen, nullptr);
         if (seen.n < 3) return;
         free = std::max(0.0, point_factor_above({0, 0, 0}, normal, seen));
         const Vec centre = target.centre - point;
@@ -61,7 +62,7 @@ public:
     }
 
 private:
-    double size = 0;
+    Tolerance tolerance = Tolerance::of(0);
     std::vector<Cone> whole;
     std::vector<Polygon> pieces, next, outside;
 
@@ -73,10 +74,10 @@ private:
 
     void add(const Occluder &by) {
         const double h = height(by, point);
-        if (std::fabs(h) <= COPLANAR * size) return;
+        if (std::fabs(h) <= tolerance.touch) return;
         whole.emplace_back();
         Cone &cone = whole.back();
-        cut(relative(by, point), normal, 0, SNAP * size, cone.piece, nullptr);
+        cut(relative(by, point), normal, 0, tolerance.snap, cone.piece, nullptr);
         if (cone.piece.n < 3) return whole.pop_back();
         if (h < 0) std::reverse(cone.piece.corner, cone.piece.corner + cone.piece.n);
         cone.normal = h < 0 ? -1.0 * by.normal : by.normal;
@@ -118,18 +119,18 @@ private:
             low = std::min(low, h);
             high = std::max(high, h);
         }
-        const bool coplanar = low >= -COPLANAR * size && high <= COPLANAR * size;
-        if (coplanar ? !first : low >= -SNAP * size) return next.push_back(piece);
+        const bool coplanar = low >= -tolerance.touch && high <= tolerance.touch;
+        if (coplanar ? !first : low >= -tolerance.snap) return next.push_back(piece);
         outside.clear();
         Polygon rest = piece, kept, off;
         for (int k = 0; k < by.piece.n; ++k) {
-            cut(rest, by.plane[k], 0, SNAP * size, kept, &off);
+            cut(rest, by.plane[k], 0, tolerance.snap, kept, &off);
             if (kept.n < 3) return next.push_back(piece);
             if (off.n >= 3) outside.push_back(off);
             rest = kept;
         }
         if (!coplanar) {
-            cut(rest, -1.0 * by.normal, -by.offset, SNAP * size, kept, &off);
+            cut(rest, -1.0 * by.normal, -by.offset, tolerance.snap, kept, &off);
             if (kept.n < 3) return next.push_back(piece);
             if (off.n >= 3) outside.push_back(off);
         }
@@ -137,17 +138,17 @@ private:
     }
 
     // Factor of the part of a target, already cut at the horizon, that a cone's piece before it covers.
-    double shadow(const Cone &cone, const Flat &target, double offset, const Polygon &seen) const {
+    double shadow(const Cone &cone, const FlatPolygon &target, double offset, const Polygon &seen) const {
         double low = INFINITY, high = -INFINITY;
         for (int k = 0; k < cone.piece.n; ++k) {
             const double h = dot(target.normal, cone.piece.corner[k]) - offset;
             low = std::min(low, h);
             high = std::max(high, h);
         }
-        if (high <= COPLANAR * size) return 0;
-        if (low >= -COPLANAR * size) return covered(cone, seen);
+        if (high <= tolerance.touch) return 0;
+        if (low >= -tolerance.touch) return covered(cone, seen);
         Cone before = cone;
-        cut(cone.piece, target.normal, offset, SNAP * size, before.piece, nullptr);
+        cut(cone.piece, target.normal, offset, tolerance.snap, before.piece, nullptr);
         if (before.piece.n < 3) return 0;
         before.make_planes();
         return covered(before, seen);
@@ -158,7 +159,7 @@ private:
         const Polygon *rest = &seen;
         for (int k = 0; k < cone.piece.n; ++k) {
             Polygon &kept = buffer[k & 1];
-            cut(*rest, cone.plane[k], 0, SNAP * size, kept, nullptr);
+            cut(*rest, cone.plane[k], 0, tolerance.snap, kept, nullptr);
             if (kept.n < 3) return 0;
             rest = &kept;
         }

@@ -6,6 +6,7 @@
 #include <cmath>
 
 #include "form_factors/polygon_pairs.hpp"
+#include "geometry/polygon.hpp"
 
 namespace kernel {
 namespace {

@@ -4,41 +4,15 @@
 #include <omp.h>
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstring>
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "geometry/polygon.hpp"
 
 namespace kernel {
 namespace {
-
-GaussRule make_rule(int n) {
-    GaussRule rule{n, {}, {}};
-    for (int k = 0; k < n; ++k) {
-        double x = std::cos(PI * (k + 0.75) / (n + 0.5)), slope = 1;
-        for (int step = 0; step < 10; ++step) {
-            double before = 1, value = x;
-            for (int m = 2; m <= n; ++m) {
-                const double next = ((2 * m - 1) * x * value - (m - 1) * before) / m;
-                before = value;
-                value = next;
-            }
-            slope = n * (x * value - before) / (x * x - 1);
-            x -= value / slope;
-        }
-        rule.node[k] = 0.5 * (1 - x);
-        rule.weight[k] = 1 / ((1 - x * x) * slope * slope);
-    }
-    return rule;
-}
-
-std::array<GaussRule, 17> make_rules() {
-    std::array<GaussRule, 17> rules{};
-    for (int n = 1; n <= 16; ++n) rules[n] = make_rule(n);
-    return rules;
-}
 
 Vec vec_of(const Patches &patches, int field, std::int64_t i) {
     return {patches.field[field][i], patches.field[field + 1][i], patches.field[field + 2][i]};
@@ -87,7 +61,7 @@ Polygon part_before(const Patches &patches, std::int64_t i, std::int64_t plane) 
     const double noise = 1e-15 * patches.extent * (2 + distance / patches.field[THIN][plane]);
     double lowest = 0;
     for (int k = 0; k < whole.n; ++k) lowest = std::min(lowest, dot(normal, whole.corner[k] - centre));
-    return lowest < -noise ? clip(whole, normal, dot(normal, centre)) : whole;
+    return lowest < -noise ? part_above(whole, normal, dot(normal, centre), 0) : whole;
 }
 
 inline std::int64_t other_of(const std::int64_t *j, std::int64_t i, std::int64_t k) { return j ? j[k] : i + 1 + k; }
@@ -167,11 +141,6 @@ void polygon_exchange_areas_of_pairs(In<double, 3> vertices, In<std::int64_t, 1>
 }
 
 }  // namespace
-
-const GaussRule &gauss_rule(int n) {
-    static const std::array<GaussRule, 17> rules = make_rules();
-    return rules[n];
-}
 
 Patches patches_of(const double *vertices, std::int64_t n) {
     Patches o;

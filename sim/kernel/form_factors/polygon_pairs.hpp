@@ -7,10 +7,13 @@
 #include <cstdint>
 #include <vector>
 
+#include "form_factors/gauss.hpp"
+#include "geometry/vectors.hpp"
 #include "instruction_set.hpp"
-#include "geometry/polygon.hpp"
 
 namespace kernel {
+
+struct Polygon;
 
 constexpr int LANES = 8;
 constexpr int MAX_FAR = 3;     // points along a side on both patches; above it, exact factors are cheaper
@@ -24,13 +27,6 @@ constexpr int MAX_ORDER = 10;  // points along a side on one patch; above it, th
 // pole (measured).
 constexpr double POLE[MAX_ORDER + 1] = {0, 0, 49.8, 122.9, 245.2, 429.3, 687.8, 1033.1, 1478.0, 2034.9, 2716.5};
 constexpr double SIDE[MAX_ORDER + 1] = {0, 0, 0.0857, 0.0476, 0.0303, 0.0210, 0.0154, 0.0118, 0.0093, 0.0075, 0.0062};
-
-// Gauss-Legendre rule on [0, 1].
-struct GaussRule {
-    int n;
-    double node[16], weight[16];
-};
-const GaussRule &gauss_rule(int n);  // 1 ... 16
 
 // Columns of a table of patches. A corner's density is the area element of the bilinear map at that corner.
 enum Field { CORNER = 0, DENSITY = 12, NORMAL = 16, CENTRE = 19, AREA = 22, HALF = 23, THIN = 24, FIELDS = 25 };

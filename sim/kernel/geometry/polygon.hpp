@@ -1,63 +1,61 @@
-// Convex polygons: clipping by planes, and the exact factor from a surface point (Lambert 1760).
+// Convex polygons that can be cut by planes.
 #pragma once
 #include <algorithm>
 #include <cmath>
 
-#include "transcendental.hpp"
 #include "geometry/vectors.hpp"
 
 namespace kernel {
 
-constexpr int MAX_CORNERS = 24;
+constexpr int MAX_CORNERS = 24;  // four, and one more for each of twenty cuts; further ones lose a corner
 
 struct Polygon {
-    int n = 0;
+    int n = 0;  // 0: nothing is left
     Vec corner[MAX_CORNERS];
+
+    void add(Vec p) {
+        if (n < MAX_CORNERS) corner[n++] = p;
+    }
 };
 
-// Keep the part with dot(normal, x) >= offset (Sutherland & Hodgman). Each plane adds at most one corner.
-inline Polygon clip(const Polygon &in, Vec normal, double offset) {
-    Polygon out;
-    if (in.n == 0) return out;
-    Vec previous = in.corner[in.n - 1];
-    double before = dot(normal, previous) - offset;
+// The part with dot(normal, x) >= offset and, if wanted, the rest (Sutherland & Hodgman 1974); heights within snap
+// count as 0, and a polygon in the plane as the rest.
+inline void cut(const Polygon &in, Vec normal, double offset, double snap, Polygon &above, Polygon *below) {
+    double heights[MAX_CORNERS];
+    bool some_above = false, some_below = false;
     for (int k = 0; k < in.n; ++k) {
-        const Vec here = in.corner[k];
-        const double after = dot(normal, here) - offset;
-        if ((before < 0) != (after < 0) && out.n < MAX_CORNERS)
-            out.corner[out.n++] = previous + (before / (before - after)) * (here - previous);
-        if (after >= 0 && out.n < MAX_CORNERS) out.corner[out.n++] = here;
-        previous = here;
-        before = after;
+        const double h = dot(normal, in.corner[k]) - offset;
+        heights[k] = std::fabs(h) <= snap ? 0.0 : h;
+        some_above |= heights[k] > 0;
+        some_below |= heights[k] < 0;
     }
-    if (out.n < 3) out.n = 0;
-    return out;
+    above.n = 0;
+    if (below) below->n = 0;
+    if (!some_below || !some_above) {
+        Polygon *whole = some_above ? &above : below;
+        if (!whole) return;
+        whole->n = in.n;
+        std::copy(in.corner, in.corner + in.n, whole->corner);
+        return;
+    }
+    for (int k = 0, last = in.n - 1; k < in.n; last = k++) {
+        const double before = heights[last], here = heights[k];
+        if ((before < 0 && here > 0) || (before > 0 && here < 0)) {
+            const Vec at = in.corner[last] + (before / (before - here)) * (in.corner[k] - in.corner[last]);
+            above.add(at);
+            if (below) below->add(at);
+        }
+        if (here >= 0) above.add(in.corner[k]);
+        if (below && here <= 0) below->add(in.corner[k]);
+    }
+    if (above.n < 3) above.n = 0;
+    if (below && below->n < 3) below->n = 0;
 }
 
-// Factor from a point at p with a unit normal to a polygon that lies wholly above its horizon and whose lit
-// side looks at p: Lambert's formula, 1/(2 pi) sum of angle_k (g_k . normal). Below 0 if it looks away.
-inline double point_factor_above(Vec p, Vec normal, const Polygon &polygon) {
-    double sum = 0;
-    Vec a = polygon.corner[polygon.n - 1] - p;
-    for (int k = 0; k < polygon.n; ++k) {
-        const Vec b = polygon.corner[k] - p;
-        const Vec g = cross(b, a);
-        const double length = norm(g);
-        // Full accuracy for small and for nearly straight angles, where acos has none.
-        if (length > 0) sum += angle_between(length, dot(a, b)) * dot(g, normal) / length;
-        a = b;
-    }
-    return sum / (2 * PI);
-}
-
-// The same for any convex polygon: what lies below the horizon of p is cut off.
-inline double point_factor(Vec p, Vec normal, const Polygon &polygon) {
-    const double offset = dot(normal, p);
-    bool below = false;
-    for (int k = 0; k < polygon.n; ++k) below |= dot(normal, polygon.corner[k]) < offset;
-    if (!below) return point_factor_above(p, normal, polygon);
-    const Polygon above = clip(polygon, normal, offset);
-    return above.n ? point_factor_above(p, normal, above) : 0.0;
+inline Polygon part_above(const Polygon &in, Vec normal, double offset, double snap) {
+    Polygon above;
+    cut(in, normal, offset, snap, above, nullptr);
+    return above;
 }
 
 }  // namespace kernel

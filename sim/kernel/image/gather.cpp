@@ -2,7 +2,7 @@
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "image/tracer.hpp"
-#include "geometry/polygon.hpp"
+#include "form_factors/point_factor.hpp"
 
 namespace {
 

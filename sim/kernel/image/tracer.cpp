@@ -2,13 +2,13 @@
 
 namespace kernel::image {
 
-Tracer::Tracer(const double *rectangles, std::int64_t n, const double *corners, const double *frames, std::int64_t m) {
+Tracer::Tracer(const double *rectangles, std::int64_t n, const double *corners, const double *frames, std::int64_t m)
+    : tree_(corners, m, box_of(corners, 4 * m).diagonal()) {
     for (std::int64_t i = 0; i < n; ++i) {
         const double *p = rectangles + 15 * i;
         rectangles_.push_back({load(p), load(p + 3), load(p + 6), load(p + 9), p[12], p[13], p[14]});
     }
     if (!n) frames_.assign(frames, frames + 12 * m);
-    tree_.build(corners, m);
 }
 
 void Tracer::block(const Rays &rays, Hits &hits) const {

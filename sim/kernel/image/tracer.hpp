@@ -3,7 +3,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "geometry/bvh.hpp"
+#include "geometry/tree.hpp"
 #include "image/rays.hpp"
 
 namespace kernel::image {
@@ -16,14 +16,14 @@ class Tracer {
     Tracer(const double *rectangles, std::int64_t n, const double *corners, const double *frames, std::int64_t m);
 
     void block(const Rays &rays, Hits &hits) const;
-    bool blocked(Vec from, Vec to) const { return tree_.blocked(from, to); }
+    bool blocked(Vec from, Vec to) const { return tree_.blocker(from, to) >= 0; }
 
   private:
     void meet_polygons(const Rays &rays, Hits &hits) const;
 
     std::vector<Rectangle> rectangles_;
     std::vector<double> frames_;
-    Bvh tree_;
+    Tree tree_;
 };
 
 }  // namespace kernel::image

@@ -58,7 +58,8 @@ class WireCamera:
         if seen.ndim == 2:
             seen = np.repeat(seen[:, :, None], channels, axis=2)
         noise = np.random.default_rng(self._sequence).integers(0, 2, self.shape)
-        return RawFrame((seen[:, :, :channels] + noise).astype(np.uint16), self._exposure_s, started_s, self._sequence)
+        pixels = (seen[:, :, :channels] + noise).astype(np.uint16)
+        return RawFrame(pixels=pixels, exposure_s=self._exposure_s, started_s=started_s, sequence=self._sequence)
 
 
 def camera(settings: CameraSettings, clock: Clock) -> WireCamera:

@@ -167,7 +167,7 @@ WANTED = Wanted(settled_s=1.0, exposure_s=0.01)
 
 def noisy(seed: int, sequence: int, **changed: Any) -> RawFrame:
     pixels = np.random.default_rng(seed).integers(100, 120, (*SHAPE, 1), dtype=np.uint16)
-    return replace(RawFrame(pixels, 0.01, 1.0 + sequence, sequence), **changed)
+    return replace(RawFrame(pixels=pixels, exposure_s=0.01, started_s=1.0 + sequence, sequence=sequence), **changed)
 
 
 def judge(*, live: bool = True) -> Callable[[RawFrame], Rejection | None]:

@@ -122,7 +122,7 @@ class FakeCamera(FakeDevice):
         is_copy = self.frozen and self.calls.count("open") < self.cured_after
         seed = 0 if is_copy else round(started_s * 1e6)
         pixels = np.random.default_rng(seed).integers(100, 200, self.shape, dtype=np.uint16)
-        return RawFrame(pixels, self.exposure_s, started_s, self.sequence)
+        return RawFrame(pixels=pixels, exposure_s=self.exposure_s, started_s=started_s, sequence=self.sequence)
 
 
 @dataclass
@@ -439,8 +439,8 @@ def test_a_real_rig_runs_on_the_machines_clock_wherever_its_session_stopped(
 ) -> None:
     """That clock begins anew with every start of the machine: an earlier time on it means nothing."""
     clock = VirtualClock()
-    monkeypatch.setattr("rig.capture.devices.make_camera", lambda *_: FakeCamera(clock))
-    monkeypatch.setattr("rig.capture.devices.make_projector", lambda *_: FakeProjector(clock))
+    monkeypatch.setattr("rig.devices.drivers._camera", lambda *_: FakeCamera(clock))
+    monkeypatch.setattr("rig.devices.drivers._projector", lambda *_: FakeProjector(clock))
     with open_rig(profile, resume_at_s=1e12) as rig:
         assert isinstance(rig.clock, SystemClock)
         assert rig.clock.now_s() < 1e12

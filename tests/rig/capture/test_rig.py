@@ -77,7 +77,8 @@ class FakeCamera:
         self.sequence += 1
         started_s = max(after_s, self.clock.now_s())
         self.clock.wait_until_s(started_s + self.exposure_s)
-        return fault(RawFrame(np.full(self.shape, 100, np.uint16), self.exposure_s, started_s, self.sequence))
+        pixels = np.full(self.shape, 100, np.uint16)
+        return fault(RawFrame(pixels=pixels, exposure_s=self.exposure_s, started_s=started_s, sequence=self.sequence))
 
 
 @pytest.fixture

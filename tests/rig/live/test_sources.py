@@ -262,7 +262,8 @@ def test_the_middle_of_a_wide_picture_is_kept() -> None:
 )
 def test_a_camera_of_any_depth_gives_eight_bits(depth: int, value: int, code: int) -> None:
     out = np.zeros((*SHAPE, 3), np.uint8)
-    codes_of(RawFrame(np.full((*SHAPE, 1), value, np.uint16), 0.01, 0.0, 1), 2**depth - 1, out)
+    pixels = np.full((*SHAPE, 1), value, np.uint16)
+    codes_of(RawFrame(pixels=pixels, exposure_s=0.01, started_s=0.0, sequence=1), 2**depth - 1, out)
     assert (out == code).all()
 
 

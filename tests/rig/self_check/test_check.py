@@ -181,6 +181,17 @@ def test_parts_can_be_chosen(capsys: Capture) -> None:
     result = json.loads(capsys.readouterr().out)
     assert [row["part"] for row in result["checks"]] == ["exposure"] * 4 + ["darkness"] * 2 + ["frames"]
     assert set(result["numbers"]) == {"exposure", "darkness", "frames"}
+    assert list(result["checks"][0]) == [
+        "part",
+        "what",
+        "value",
+        "limit",
+        "unit",
+        "at_least",
+        "met",
+        "status",
+        "advice",
+    ]
 
 
 def test_an_unknown_part_is_named_with_those_that_exist(capsys: Capture) -> None:

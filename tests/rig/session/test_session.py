@@ -30,7 +30,8 @@ class Killed(BaseException):
 def frame_at(time_s: float) -> RawFrame:
     """What a camera sees is a function of time alone, as on the simulated world."""
     random = np.random.default_rng(round(time_s * 1e6))
-    return RawFrame(random.integers(0, 4096, SHAPE, dtype=np.uint16), 0.01 / 3, time_s, round(time_s * 10))
+    pixels = random.integers(0, 4096, SHAPE, dtype=np.uint16)
+    return RawFrame(pixels=pixels, exposure_s=0.01 / 3, started_s=time_s, sequence=round(time_s * 10))
 
 
 def shoot_missing(step: Step, names: list[str], clock: VirtualClock) -> None:
@@ -195,7 +196,8 @@ def test_a_finished_session_changes_nothing_when_run_again(tmp_path: Path, tiny_
 
 
 def test_frames_come_back_exactly(tmp_path: Path, tiny_profile: Profile) -> None:
-    frame = RawFrame(np.arange(48, dtype=np.uint16).reshape(4, 4, 3) * 1365, 1 / 3, 0.1 + 0.2, 7)
+    pixels = np.arange(48, dtype=np.uint16).reshape(4, 4, 3) * 1365
+    frame = RawFrame(pixels=pixels, exposure_s=1 / 3, started_s=0.1 + 0.2, sequence=7)
     with Session.open(tmp_path / "s", tiny_profile) as session:
         session.step("white").save_frame("white", frame)
     with Session.open(tmp_path / "s") as session:

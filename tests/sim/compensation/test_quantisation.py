@@ -87,4 +87,4 @@ def test_colour_images_are_quantised_channel_by_channel():
 )
 def test_levels_and_images_that_do_not_fit_are_refused(levels, image):
     with pytest.raises(SimulationError, match=r"levels of shape|projector image of shape"):
-        quantise(_transport(), np.zeros(LENS.n_pixels), image, levels)
+        quantise(_transport(), np.zeros(LENS.n_pixels), image, levels=levels)

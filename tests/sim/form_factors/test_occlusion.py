@@ -47,7 +47,7 @@ class Screened(Mesh):
 
 def screened(screens, plates=None):
     plates = np.array((FLOOR, CEILING) if plates is None else plates, dtype=float)
-    return Screened("test", plates, np.full(len(plates), 0.5), screens=tuple(screens))
+    return Screened(name="test", vertices=plates, reflectance=np.full(len(plates), 0.5), screens=tuple(screens))
 
 
 FLOOR, CEILING = rectangle((0, 1), (0, 1), 0), rectangle((0, 1), (0, 1), 1, facing_up=False)

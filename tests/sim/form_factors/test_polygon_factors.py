@@ -19,7 +19,8 @@ from sim.reference import closed_form
 from sim.reference.polygon import exchange_area as exchange_area_reference
 from sim.reference.polygon import point_to_polygon
 from sim.scenes.library import furnace, paper_room
-from sim.scenes.meshes import grid_of_quad, integrating_sphere, sloped_room, wedge
+from sim.scenes.meshes import grid_of_quad, integrating_sphere, sloped_room
+from tests.sim.plates import wedge
 
 TURN = Rotation.from_rotvec([0.3, -1.1, 0.7]).as_matrix()
 
@@ -300,7 +301,6 @@ def test_scenes_of_meshes_refuse_what_they_cannot_build():
         lambda: sloped_room(0.0),
         lambda: sloped_room(rotation=np.diag([1, 1, -1])),
         lambda: integrating_sphere(-1),
-        lambda: wedge(180),
     ):
         with pytest.raises(SimulationError):
             build()

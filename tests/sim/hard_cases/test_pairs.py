@@ -5,9 +5,9 @@ import pytest
 
 from sim.form_factors import form_factors
 from sim.geometry.mesh import Mesh
-from sim.scenes.library import parallel_plates
-from sim.scenes.meshes import grid_of_quad, wedge
+from sim.scenes.meshes import grid_of_quad
 from tests.sim.hard_cases.pairs import FACING, SQUARE, opposed, pair, reference_factor
+from tests.sim.plates import parallel_plates, wedge
 
 
 @pytest.mark.parametrize("degrees", [1, 5, 30, 60, 90, 120, 150, 175, 179])

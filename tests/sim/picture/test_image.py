@@ -18,8 +18,9 @@ from sim.picture.image import simulate_image
 from sim.picture.reconstruction import fans, quadratics
 from sim.reference.gather import irradiance as irradiance_reference
 from sim.reference.reconstruction import fan_values, quadratic_values
-from sim.scenes.library import paper_room, parallel_plates, room, room_with_box
+from sim.scenes.library import paper_room, room, room_with_box
 from tests.sim.meshes_of_scenes import as_mesh, as_triangles
+from tests.sim.plates import parallel_plates
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
 BENT = Lens(

@@ -13,7 +13,7 @@ from rig.devices.lightcrafter.projector import LightCrafterProjector
 from rig.devices.protocols import Codes, Projector, Shown
 from rig.errors import DeviceLost, SettingRefused
 from rig.profile.schema import load_profile
-from rig.profile.tables import LightCrafter as LightCrafterTable
+from rig.profile.tables import LightCrafterTable
 from tests.rig.devices.lightcrafter.emulated_controller import InProcessTransport, LightCrafterEmulation
 
 FACTORY = (104, 135, 130)
@@ -125,11 +125,13 @@ def test_closing_after_the_cable_was_pulled_still_blackens_the_display(transport
 
 def test_a_profile_with_a_lightcrafter_wraps_its_projector(monkeypatch: pytest.MonkeyPatch) -> None:
     tiny = load_profile("ci-tiny")
-    plain = tiny.with_device(tiny.camera.model_copy(update={"driver": "v4l2"}))
+    plain = tiny.with_device(tiny.camera.model_copy(update={"driver": "v4l2"})).with_device(
+        tiny.projector.model_copy(update={"driver": "kms"})
+    )
     table = LightCrafterTable(serial="S", led_currents=FACTORY)
     told = plain.with_device(plain.projector.model_copy(update={"lightcrafter": table}))
     display = FakeDisplay()
-    monkeypatch.setattr("rig.capture.devices.make_projector", lambda *_: display)
+    monkeypatch.setattr("rig.devices.kms.projector.from_profile", lambda *_: display)
     asked: list[str | None] = []
 
     def connect(serial: str | None, clock: object) -> LightCrafter:

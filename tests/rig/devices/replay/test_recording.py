@@ -18,7 +18,9 @@ EXPOSURE_S = 0.01667
 
 
 def frame(profile: Profile, level: int, exposure_s: float = EXPOSURE_S) -> RawFrame:
-    return RawFrame(np.full(profile.camera.shape, level, np.uint16), exposure_s, 1.0, 1)
+    return RawFrame(
+        pixels=np.full(profile.camera.shape, level, np.uint16), exposure_s=exposure_s, started_s=1.0, sequence=1
+    )
 
 
 @pytest.fixture
