@@ -55,19 +55,19 @@ def load_target(path: str | Path | None, shape: tuple[int, int], fit: bool = Fal
     UsageError
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
-    if path is None:
-        levels = _rescaled(_fitted(_in_channels(_photograph(), channels), shape))
-        return Target("photograph 'astronaut' of scikit-image, mean 123, sd 46", levels)
-    picture = _in_channels(read_picture(path), channels)
-    if picture.shape[:2] != shape and not fit:
+    picture = _in_channels(_photograph() if path is None else read_picture(path), channels)
+    is_fitting = picture.shape[:2] == shape
+    if path is not None and not is_fitting and not fit:
         raise UsageError(
             f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the projector has {shape[1]} x {shape[0]} px; "
             "resize the picture, or add --fit to crop and scale it"
         )
-    picture = picture if picture.shape[:2] == shape else _fitted(picture, shape)
-    if picture.max() > 255.001:
-        raise UsageError(f"{path}: grey levels up to {picture.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
-    return Target(Path(path).name, np.ascontiguousarray(picture, dtype=np.float32))
+    levels = picture if is_fitting else _fitted(picture, shape)
+    if path is None:
+        return Target("photograph 'astronaut' of scikit-image, mean 123, sd 46", _rescaled(levels))
+    if levels.max() > 255.001:
+        raise UsageError(f"{path}: grey levels up to {levels.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
+    return Target(Path(path).name, np.ascontiguousarray(levels, dtype=np.float32))
 
 
 def _in_channels(picture: Float32Array, channels: int) -> Float32Array:
