@@ -41,7 +41,7 @@ _GUESSED_CAMERA_DEG = 60.0
 _GUESSED_PROJECTOR_DEG = 40.0
 
 
-class Entry(NamedTuple):
+class ProfileLine(NamedTuple):
     """A line of a profile."""
 
     key: str
@@ -77,9 +77,11 @@ def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> s
     controls = fixed_controls(camera.controls)
     parts = [
         _HEAD,
-        _section("", [Entry("schema", SCHEMA, ""), Entry("name", name, ""), _description(camera, display)]),
+        _section("", [ProfileLine("schema", SCHEMA, ""), ProfileLine("name", name, ""), _description(camera, display)]),
         _section("[camera]", _camera_entries(camera, display)),
-        _section("camera.controls", [Entry(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]),
+        _section(
+            "camera.controls", [ProfileLine(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]
+        ),
         _section("[projector]", _projector_entries(display)),
         _section("[scale]", _scale_entries()),
         _section("surface", _surface_entries()),
@@ -98,60 +100,62 @@ def measures_in(text: str) -> list[str]:
     return keys
 
 
-def _description(camera: PlannedCamera, display: PlannedDisplay) -> Entry:
+def _description(camera: PlannedCamera, display: PlannedDisplay) -> ProfileLine:
     words = f"{camera.facts_of or camera.found.name} with {display.facts_of or display.output}"
-    return Entry("description", words, "")
+    return ProfileLine("description", words, "")
 
 
-def _section(table: str, entries: Iterable[Entry]) -> str:
+def _section(table: str, entries: Iterable[ProfileLine]) -> str:
     lines = [_line(entry) for entry in entries]
     return "\n".join([*([f"[{table}]"] if table else []), *lines, ""]) if lines else ""
 
 
-def _line(entry: Entry) -> str:
+def _line(entry: ProfileLine) -> str:
     text = f"{entry.key} = {toml_value(entry.value)}"
     origin = " ".join(word for word in entry.origin.split() if word.isprintable())
     return f"{text:<{_COMMENT_COLUMN}}  # {origin}" if origin else text
 
 
-def _scale_entries() -> list[Entry]:
+def _scale_entries() -> list[ProfileLine]:
     return [
-        Entry("between", (CAMERA, PROJECTOR), "chosen: the names of above"),
-        Entry("baseline_m", 0.5, f"{MEASURE}: lens to lens, or better two spots, by tape"),
+        ProfileLine("between", (CAMERA, PROJECTOR), "chosen: the names of above"),
+        ProfileLine("baseline_m", 0.5, f"{MEASURE}: lens to lens, or better two spots, by tape"),
     ]
 
 
-def _surface_entries() -> list[Entry]:
+def _surface_entries() -> list[ProfileLine]:
     return [
-        Entry("kind", "box", "chosen: a room, or a corner of one"),
-        Entry("closed", False, f"{MEASURE}: true if light comes back from all sides"),
+        ProfileLine("kind", "box", "chosen: a room, or a corner of one"),
+        ProfileLine("closed", False, f"{MEASURE}: true if light comes back from all sides"),
     ]
 
 
-def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Entry]:
+def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[ProfileLine]:
     mode, facts = camera.mode, camera.facts
     range_s, range_origin = _exposure_range(camera)
     start_s = min(max(1 / (_refresh_hz(display)[0]), range_s[0]), range_s[1])
-    rate = Entry("frame_rate_hz", mode.frame_rate_hz, DEVICE)
+    rate = ProfileLine("frame_rate_hz", mode.frame_rate_hz, DEVICE)
     if mode.frame_rate_hz is None:
-        rate = Entry("frame_rate_hz", _GUESSED_RATE_HZ, f"{MEASURE}: the driver names none")
+        rate = ProfileLine("frame_rate_hz", _GUESSED_RATE_HZ, f"{MEASURE}: the driver names none")
     entries = [
-        Entry("name", CAMERA, ""),
-        Entry("driver", "v4l2", ""),
-        Entry("device_id", camera.found.device_id, f"{DEVICE}: {camera.found.name}"),
-        Entry("pixel_format", mode.pixel_format, f"{DEVICE}; chosen: the rawest that a rig can use"),
-        Entry("width_px", mode.width_px, DEVICE),
-        Entry("height_px", mode.height_px, DEVICE),
-        Entry("bit_depth", mode.bit_depth, _bit_depth_origin(camera)),
+        ProfileLine("name", CAMERA, ""),
+        ProfileLine("driver", "v4l2", ""),
+        ProfileLine("device_id", camera.found.device_id, f"{DEVICE}: {camera.found.name}"),
+        ProfileLine("pixel_format", mode.pixel_format, f"{DEVICE}; chosen: the rawest that a rig can use"),
+        ProfileLine("width_px", mode.width_px, DEVICE),
+        ProfileLine("height_px", mode.height_px, DEVICE),
+        ProfileLine("bit_depth", mode.bit_depth, _bit_depth_origin(camera)),
         rate,
-        Entry("exposure_range_s", range_s, range_origin),
-        Entry("exposure_s", round(start_s, 7), "chosen: one whole picture of the projector, where the search begins"),
+        ProfileLine("exposure_range_s", range_s, range_origin),
+        ProfileLine(
+            "exposure_s", round(start_s, 7), "chosen: one whole picture of the projector, where the search begins"
+        ),
         _camera_angle(camera),
     ]
     for key in ("full_well_e", "read_noise_e"):
         fact = getattr(facts, key)
         if fact is not None:
-            entries.append(Entry(key, fact.value, _cited(camera.facts_of, fact)))
+            entries.append(ProfileLine(key, fact.value, _cited(camera.facts_of, fact)))
     return entries
 
 
@@ -180,27 +184,27 @@ def _exposure_range(camera: PlannedCamera) -> tuple[tuple[float, float], str]:
     return _GUESSED_RANGE_S, f"{MEASURE}: the camera has no control of its exposure time"
 
 
-def _camera_angle(camera: PlannedCamera) -> Entry:
+def _camera_angle(camera: PlannedCamera) -> ProfileLine:
     facts = camera.facts
     if facts.hfov_deg is not None:
-        return Entry("hfov_deg", facts.hfov_deg.value, _cited(camera.facts_of, facts.hfov_deg))
+        return ProfileLine("hfov_deg", facts.hfov_deg.value, _cited(camera.facts_of, facts.hfov_deg))
     if facts.dfov_deg is not None:
         share = camera.mode.width_px / math.hypot(camera.mode.width_px, camera.mode.height_px)
         wide = 2 * math.degrees(math.atan(share * math.tan(math.radians(facts.dfov_deg.value / 2))))
-        return Entry("hfov_deg", round(wide, 1), f"{MEASURE}: {_cited(camera.facts_of, facts.dfov_deg)}")
-    return Entry("hfov_deg", _GUESSED_CAMERA_DEG, f"{MEASURE}: 2 atan(width seen / (2 distance))")
+        return ProfileLine("hfov_deg", round(wide, 1), f"{MEASURE}: {_cited(camera.facts_of, facts.dfov_deg)}")
+    return ProfileLine("hfov_deg", _GUESSED_CAMERA_DEG, f"{MEASURE}: 2 atan(width seen / (2 distance))")
 
 
-def _projector_entries(display: PlannedDisplay) -> list[Entry]:
+def _projector_entries(display: PlannedDisplay) -> list[ProfileLine]:
     refresh_hz, refresh_origin = _refresh_hz(display)
     return [
-        Entry("name", PROJECTOR, ""),
-        Entry("driver", display.driver, ""),
-        Entry("output", display.output, DEVICE),
-        Entry("width_px", display.mode.width_px, _size_origin(display)),
-        Entry("height_px", display.mode.height_px, _size_origin(display)),
-        Entry("refresh_rate_hz", refresh_hz, refresh_origin),
-        Entry("latency_s", _GUESSED_LATENCY_S, f"{MEASURE}: `rig check` suggests it"),
+        ProfileLine("name", PROJECTOR, ""),
+        ProfileLine("driver", display.driver, ""),
+        ProfileLine("output", display.output, DEVICE),
+        ProfileLine("width_px", display.mode.width_px, _size_origin(display)),
+        ProfileLine("height_px", display.mode.height_px, _size_origin(display)),
+        ProfileLine("refresh_rate_hz", refresh_hz, refresh_origin),
+        ProfileLine("latency_s", _GUESSED_LATENCY_S, f"{MEASURE}: `rig check` suggests it"),
         _projector_angle(display),
     ]
 
@@ -221,12 +225,12 @@ def _refresh_hz(display: PlannedDisplay) -> tuple[float, str]:
     return _GUESSED_REFRESH_HZ, f"{MEASURE}: it could not be asked"
 
 
-def _projector_angle(display: PlannedDisplay) -> Entry:
+def _projector_angle(display: PlannedDisplay) -> ProfileLine:
     facts = display.facts
     for fact in (facts.throw_example_m, facts.throw_ratio):
         if fact is None:
             continue
         distance, width = fact.value if fact is facts.throw_example_m else (sum(fact.value) / 2, 1.0)
         angle = 2 * math.degrees(math.atan(width / (2 * distance)))
-        return Entry("hfov_deg", round(angle, 1), f"{MEASURE}, zoom changes it: {_cited(display.facts_of, fact)}")
-    return Entry("hfov_deg", _GUESSED_PROJECTOR_DEG, f"{MEASURE}: 2 atan(picture's width / (2 distance))")
+        return ProfileLine("hfov_deg", round(angle, 1), f"{MEASURE}, zoom changes it: {_cited(display.facts_of, fact)}")
+    return ProfileLine("hfov_deg", _GUESSED_PROJECTOR_DEG, f"{MEASURE}: 2 atan(picture's width / (2 distance))")
