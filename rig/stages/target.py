@@ -39,10 +39,25 @@ class Target:
 def load_target(path: str | Path | None, shape: tuple[int, int], fit: bool = False, *, channels: int = 1) -> Target:
     """Read a target. For a grey rig colour is turned to grey by Rec. 709 luminance; in colour, grey is a colour, too.
 
-    Raises UsageError for a file that is missing, unreadable, of another size (unless `fit`), or not finite.
+    Parameters
+    ----------
+    path
+        Of the picture; None: a photograph that ships with scikit-image, with mean 123 and sd 46.
+    shape
+        (height, width) of the projector.
+    fit
+        Scale and crop a picture of another size.
+    channels
+        C of the target.
+
+    Raises
+    ------
+    UsageError
+        The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
     if path is None:
-        return Target("photograph 'astronaut' of scikit-image, mean 123, sd 46", default_picture(shape, channels))
+        levels = _rescaled(_fitted(_in_channels(_photograph(), channels), shape))
+        return Target("photograph 'astronaut' of scikit-image, mean 123, sd 46", levels)
     picture = _in_channels(read_picture(path), channels)
     if picture.shape[:2] != shape and not fit:
         raise UsageError(
@@ -64,12 +79,16 @@ def _in_channels(picture: Float32Array, channels: int) -> Float32Array:
     return np.asarray((picture @ LUMINANCE.astype(np.float32))[..., None])
 
 
-def default_picture(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """Return a photograph (H, W, C) of the projector's shape, with mean 123 and sd 46 over all channels together."""
+def _photograph() -> Float32Array:
+    """A photograph (H, W, 3) that is in the public domain."""
     from skimage.data import astronaut
 
     read: Callable[[], NDArray[np.uint8]] = astronaut
-    levels = _fitted(_in_channels(read().astype(np.float32), channels), shape)
+    return read().astype(np.float32)
+
+
+def _rescaled(levels: Float32Array) -> Float32Array:
+    """Mean 123 and sd 46 over all channels together, as the paper's photograph; iterates, since the range clips."""
     for _ in range(30):
         levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
     return levels.astype(np.float32)
