@@ -46,7 +46,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Source(_Table):
+class PublicDocument(_Table):
     """A public document."""
 
     title: Text
@@ -138,7 +138,7 @@ class _File(_Table):
     model: Text
     to_be_measured: tuple[Text, ...] = ()
     """Keys that nobody could be cited for: `rig check`, `rig devices` or a tape find them."""
-    sources: dict[str, Source]
+    sources: dict[str, PublicDocument]
 
 
 class CameraFile(_File):
