@@ -18,6 +18,7 @@ from rig.profile.tables import (
     Box,
     Brightness,
     CameraProfile,
+    CaptureTiming,
     Limits,
     Name,
     Patterns,
@@ -26,7 +27,6 @@ from rig.profile.tables import (
     Scale,
     Surface,
     Table,
-    CaptureTiming,
     Viewer,
 )
 
