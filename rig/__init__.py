@@ -2,19 +2,20 @@
 
 Every verb of the command line is a function. A whole session is one call, or one call a stage:
 
-    import rig
-
-    profile = rig.load_profile("ci-tiny")
-    with (
-        rig.Session.open("runs/first", profile) as session,
-        rig.open_rig(profile, resume_at_s=session.last_clock_s) as pair,
-    ):
-        rig.calibrate(pair, session)
-        rig.separate(pair, session)
-        rig.model(session)
-        rig.compensate(session, "picture.png")
-        result = rig.compare(pair, session)
-    print(result.measured.compensated.mean, "grey levels of 255")
+>>> import tempfile
+>>> import rig
+>>> folder = tempfile.mkdtemp() + "/first"
+>>> profile = rig.load_profile("ci-tiny")
+>>> with rig.Session.open(folder, profile) as session, rig.open_rig(profile) as pair:
+...     rig.calibrate(pair, session)
+...     rig.separate(pair, session)
+...     rig.model(session)
+...     rig.compensate(session)
+...     result = rig.compare(pair, session)
+>>> result.measured.compensated.mean < 0.5 * result.measured.uncompensated.mean  # grey levels of 255
+True
+>>> rig.run_session(rig.SessionRequest(folder=folder)).comparison == result.comparison  # all is done already
+True
 
 What is done is kept in the session's folder, and skipped when it is asked for again. ``pair`` is a camera and a
 projector: simulated, replayed or real, as the profile says. Errors are those of :mod:`rig.errors`; all are a

@@ -23,7 +23,7 @@ MOST_UNNAMED_FIELDS = 4
 """Of a record that may be made without naming its fields."""
 MOST_LOOSE_OBJECTS = 25
 """Places in rig/ where a JSON or TOML object has no type of its own: where such files are read or written."""
-ANY_NUMBER = ("print", "pack", "pack_into")
+ANY_NUMBER = ("print", "pack", "pack_into", "TypeVar")
 """Functions that take as many values as there are."""
 FORBIDDEN = ("/wo" + "rk/", "/ro" + "ot/", "/ho" + "me/")
 LINT = """

@@ -44,6 +44,10 @@ def run_bench(name: str, size: Size = "default", table: Path | None = None, on_s
         CSV file to write the points to.
     on_step : callable (label, done, total)
 
+    Returns
+    -------
+    BenchResult
+
     Raises
     ------
     UsageError

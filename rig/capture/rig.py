@@ -153,8 +153,26 @@ class Rig:
     def set_exposure(self, exposure_s: float, *, camera: str | None = None) -> float:
         """Ask for an exposure, and return the one the camera chose.
 
-        ``camera`` is the name of one of several. Raises SettingRefused outside the camera's range, DeviceLost when it
-        went away and did not return, UsageError when it is not clear which.
+        Parameters
+        ----------
+        exposure_s
+            Within the camera's range.
+        camera
+            Name; default: the only one.
+
+        Returns
+        -------
+        float
+            What the camera does. [s]
+
+        Raises
+        ------
+        SettingRefused
+            It is outside the camera's range.
+        DeviceLost
+            The camera went away and did not return.
+        UsageError
+            It is not clear which camera.
         """
         tended = self._tended[_chosen("camera", self.cameras, camera)]
         with self._lock:
@@ -184,6 +202,11 @@ class Rig:
             Default: as last set.
         camera, projector
             Names; default: the only one.
+
+        Returns
+        -------
+        RawFrame
+            (H, W, C) digital numbers, and times on the rig's clock.
 
         Raises
         ------
@@ -216,7 +239,18 @@ class Rig:
             return self._recovering(lambda: self._photograph(shot))
 
     def shoot_all(self, patterns: Iterable[NamedCodes]) -> Iterator[RawFrame]:
-        """Shoot patterns one after the other, each when the iterator asks for it."""
+        """Shoot patterns one after the other, each when the iterator asks for it.
+
+        Parameters
+        ----------
+        patterns
+            Names and codes.
+
+        Yields
+        ------
+        RawFrame
+            Of each.
+        """
         for pattern in patterns:
             yield self.shoot(pattern.codes, name=pattern.name)
 

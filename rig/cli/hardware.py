@@ -89,7 +89,10 @@ def emulate(
         text = f"{found.node} is an emulated camera, {found.device_id}; it sees {found.display}. Type help or quit."
         print(json.dumps(found.as_json()) if as_json else text, flush=True)
 
-    run_emulated(profile, display, picture, on_ready=ready, tell=lambda text: print(text, file=sys.stderr, flush=True))
+    def told(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    run_emulated(profile, display, picture, on_ready=ready, tell=told)
     return 0
 
 

@@ -53,6 +53,8 @@ def run_emulated(
 
     Parameters
     ----------
+    profile_name
+        File or bare name of a profile with a [simulation]: the room.
     display
         KMS output to look at; default: the profile's.
     picture

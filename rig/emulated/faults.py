@@ -37,7 +37,7 @@ class Faults:
     _lock: threading.Lock = field(default_factory=threading.Lock, init=False, repr=False, compare=False)
 
     def take(self, counter: Counter) -> bool:
-        """Whether the next frame has this fault; counts it down."""
+        """Return whether the next frame has this fault; counts it down."""
         with self._lock:
             left: int = getattr(self, counter)
             if left > 0:

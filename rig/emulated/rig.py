@@ -152,7 +152,7 @@ def real_time_world(profile: Profile) -> SimulatedWorld:
 
 
 def wait_for_camera(profile: Profile, timeout_s: float = 30.0) -> FoundCamera:
-    """Until the kernel's driver has taken the emulated camera. Raises DeviceError when it does not."""
+    """Wait until the kernel's driver has taken the emulated camera. Raises DeviceError when it does not."""
     clock, device_id = SystemClock(), profile.camera.device_id or ""
     until_s = clock.now_s() + timeout_s
     while True:

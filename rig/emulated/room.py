@@ -27,7 +27,7 @@ _NOISE_FRAMES = 8
 
 
 def ignore(_: str) -> None:
-    """For who wants no notes."""
+    """Stand for a listener where there is none."""
 
 
 class ReadableDisplay(Protocol):

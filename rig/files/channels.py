@@ -46,7 +46,7 @@ def one_or_all(image: NDArray[Any]) -> NDArray[Any]:
 
 
 def by_band(values: Sequence[Any]) -> Any:
-    """For a record: the value of a single band, or the list of all."""
+    """Return, for a record, the value of a single band, or the list of all."""
     return values[0] if len(values) == 1 else list(values)
 
 

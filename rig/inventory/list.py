@@ -104,8 +104,21 @@ Listed = TypeVar("Listed", bound=ListedDevice)
 def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> DeviceList:
     """List everything that is plugged in; what cannot be asked has an ``error``, and hides nothing else.
 
-    ``name`` keeps only the devices that it names (device id, node, connector, part of a name). Raises UsageError when
-    it names none.
+    Parameters
+    ----------
+    name
+        Keeps only the devices that it names: device id, node, connector, part of a name.
+    finders
+        Where devices are looked for; default: this machine.
+
+    Returns
+    -------
+    DeviceList
+
+    Raises
+    ------
+    UsageError
+        The name fits none.
     """
     problems: list[str] = []
     usb = _asked("USB", finders.usb_devices, problems)

@@ -67,7 +67,7 @@ class LivePath:
 
 
 def measure_light_latency(rig: Rig, path: LivePath) -> LightLatency:
-    """From a picture in memory to its light, over many flashes, in milliseconds.
+    """Measure the time from a picture in memory to its light, over many flashes.
 
     ``rig`` is closed and has a generous latency. Raises CalibrationFailed when the camera sees nothing, DeviceError.
     """

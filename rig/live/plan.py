@@ -79,6 +79,10 @@ def plan_live(request: LiveRequest, on_step: OnStep = silent) -> LivePlan:
     on_step
         Told how far it is.
 
+    Returns
+    -------
+    LivePlan
+
     Raises
     ------
     UsageError, ProfileError, SessionError

@@ -52,6 +52,11 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult
     on_status
         Told a line for a person twice a second.
 
+    Returns
+    -------
+    ShowResult
+        What was shown, how fast, and what came late.
+
     Raises
     ------
     UsageError, SessionError

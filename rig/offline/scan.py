@@ -44,10 +44,19 @@ def run_scan(
 
     Parameters
     ----------
+    manifest_path
+        TOML file that names the photographs and the lenses.
+    output_path
+        Point cloud to write (.ply).
     bit_limit_dn : float, optional
         A pixel counts when each pattern differs from its inverse by at least this; default 4.5 of 255.
     epipolar_limit_px : float
         Points whose projector pixel is further from its epipolar line are left out: wrong codes.
+    on_step : callable (label, done, total)
+
+    Returns
+    -------
+    ScanResult
 
     Raises
     ------

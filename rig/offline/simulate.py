@@ -137,7 +137,22 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> Simulati
 
 
 def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bool = False) -> SimulationResult:
-    """Plan, estimate, simulate and measure."""
+    """Plan a simulation as fine as its tolerance asks for, run it, and measure it; without any device.
+
+    Parameters
+    ----------
+    request
+        Scene, tolerance and light.
+    on_step
+        Told how far it is.
+    check
+        Measure the error against a refined solution.
+
+    Returns
+    -------
+    SimulationResult
+        The plan, and what was estimated and measured of error, seconds and memory.
+    """
     planned, result = plan_simulation(request, on_step)
     return replace(result, actual=run_planned(planned, on_step, check))
 

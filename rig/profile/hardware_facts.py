@@ -46,7 +46,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class PublicDocument(_Table):
+class FactSource(_Table):
     """A public document."""
 
     title: Text
@@ -138,7 +138,7 @@ class _File(_Table):
     model: Text
     to_be_measured: tuple[Text, ...] = ()
     """Keys that nobody could be cited for: `rig check`, `rig devices` or a tape find them."""
-    sources: dict[str, PublicDocument]
+    sources: dict[str, FactSource]
 
 
 class CameraFile(_File):

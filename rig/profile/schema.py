@@ -65,9 +65,23 @@ class Profile(Table):
 
     @classmethod
     def parse(cls, raw: bytes, path: Path) -> Profile:
-        """Validate a profile's bytes; ``path`` names it in messages and anchors relative paths.
+        """Validate a profile's bytes.
 
-        Raises ProfileError with a line for each problem.
+        Parameters
+        ----------
+        raw
+            TOML.
+        path
+            Names it in messages and anchors relative paths.
+
+        Returns
+        -------
+        Profile
+
+        Raises
+        ------
+        ProfileError
+            With a line for each problem.
         """
         profile = read_model(cls, raw, path, partial(_problems, path))
         profile._raw, profile._path = raw, path.absolute()  # noqa: SLF001 - this class's own
@@ -127,7 +141,17 @@ class Profile(Table):
         return None if replays_photographs else load_profile(self.recording / "profile.toml")
 
     def with_device(self, device: CameraProfile | ProjectorProfile) -> Profile:
-        """Return the same profile, the camera or projector of that name replaced."""
+        """Return the same profile, the camera or projector of that name replaced.
+
+        Parameters
+        ----------
+        device
+            With the name of the one that it stands for.
+
+        Returns
+        -------
+        Profile
+        """
         return self.model_copy(
             update={
                 "cameras": tuple(device if one.name == device.name else one for one in self.cameras),
@@ -136,7 +160,24 @@ class Profile(Table):
         )
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Profile:
-        """Return a copy with some tables replaced, not validated. Raises ValueError for what is no table's name."""
+        """Return a copy with some tables replaced, not validated.
+
+        Parameters
+        ----------
+        update
+            New tables by name.
+        deep
+            Copy all tables, too.
+
+        Returns
+        -------
+        Profile
+
+        Raises
+        ------
+        ValueError
+            For what is no table's name.
+        """
         unknown = set(update or ()) - set(type(self).model_fields)
         if unknown:
             raise ValueError(f"a profile has no {', '.join(sorted(unknown))}; with_device() replaces one device")
@@ -219,9 +260,21 @@ def is_of_a_session(path: Path) -> bool:
 
 
 def load_profile(path_or_name: str | Path) -> Profile:
-    """Read and validate a profile: a path, or the bare name of one in ``hw_profiles`` (``"sim-room"``).
+    """Read and validate a profile.
 
-    Raises ProfileError when it is not found, or with a line for each problem in it.
+    Parameters
+    ----------
+    path_or_name
+        Its file, or the bare name of one in ``hw_profiles`` (``"sim-room"``).
+
+    Returns
+    -------
+    Profile
+
+    Raises
+    ------
+    ProfileError
+        It is not found; or there is something wrong with it, a line each.
     """
     path = _find(path_or_name)
     try:

@@ -38,7 +38,12 @@ class SessionPlan:
     steps: tuple[PlannedStep, ...]
 
     def as_json(self) -> JsonObject:
-        """The plan as `rig run --dry-run --json` prints it."""
+        """Return the plan as `rig run --dry-run --json` prints it.
+
+        Returns
+        -------
+        dict
+        """
         return {
             "session": str(self.folder),
             "profile": self.profile.name,
@@ -57,29 +62,37 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
     verb
         The last one whose steps belong to the plan.
 
+    Returns
+    -------
+    SessionPlan
+        Profile and target, and which steps are done.
+
     Raises
     ------
     ProfileError, UsageError, SessionError
         What a run would raise before its first frame.
     """
-    strategies = check_strategies(request.strategies)
     folder = Path(request.folder)
     named = None if request.profile is None else load_profile(request.profile)
     session = Session.read(folder, named) if Session.exists(folder) else None
     profile = named if session is None else session.profile
     if profile is None:
         raise SessionError(f"{folder}: there is no session here; name a profile, e.g. -p sim-room")
-    showing = None
-    if verb in ("compensate", "compare"):
-        target = load_target(request.target, profile.projector.shape, request.fit, channels=profile.camera.channels)
-        showing = CompensationRequest(target, strategies)
+    showing = _showing(request, profile) if verb in ("compensate", "compare") else None
     definitions = steps_up_to(verb)
     done = set() if session is None else _done_steps(definitions, session, showing)
+    n_strategies = 0 if showing is None else len(showing.strategies)
     steps = tuple(
-        PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, profile, len(strategies)))
+        PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, profile, n_strategies))
         for each in definitions
     )
     return SessionPlan(folder=folder, profile=profile, is_new=session is None, showing=showing, steps=steps)
+
+
+def _showing(request: SessionRequest, profile: Profile) -> CompensationRequest:
+    strategies = check_strategies(request.strategies)
+    target = load_target(request.target, profile.projector.shape, request.fit, channels=profile.camera.channels)
+    return CompensationRequest(target, strategies)
 
 
 def _done_steps(definitions: Sequence[AnyStep], session: Session, showing: CompensationRequest | None) -> set[str]:

@@ -140,12 +140,17 @@ def compare(rig: Rig, session: Session, on_step: OnStep = silent) -> SessionResu
 
 
 def write_report(session: Session, on_step: OnStep = silent) -> Path:
-    """Write report.html of a compared session and return its path.
+    """Write report.html of a compared session.
 
     Parameters
     ----------
     session, on_step
         As for :func:`calibrate`.
+
+    Returns
+    -------
+    Path
+        Of the page.
 
     Raises
     ------

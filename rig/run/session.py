@@ -43,7 +43,8 @@ def run_session(request: SessionRequest, on_step: OnStep = silent) -> SessionRes
         See :mod:`rig.errors`. An interruption loses nothing that was captured: run it again to go on.
     """
     started_s = time.perf_counter()
-    with opened_session(plan_session(request)) as work:
+    plan = plan_session(request)
+    with opened_session(plan) as work:
         work.do_up_to("compare", on_step)
         result = work.result()
         report = write_report(work.session, result, on_step)
@@ -57,7 +58,8 @@ def run_part(request: SessionRequest, verb: Verb, on_step: OnStep = silent) -> P
     metrics.json stays that of the last comparison, if there was one.
     """
     started_s = time.perf_counter()
-    with opened_session(plan_session(request, verb)) as work:
+    plan = plan_session(request, verb)
+    with opened_session(plan) as work:
         work.do_up_to(verb, on_step)
         result = partial_result(work.session, verb, None if verb in ("calibrate", "separate") else work.truth())
         if not work.session.is_finished("compare"):

@@ -76,6 +76,11 @@ def run_check(profile_name: str, on_step: OnStep = silent, only: Sequence[str] =
     only
         Some of ``PARTS``; default: all.
 
+    Returns
+    -------
+    SelfCheck
+        Verdicts, values for the profile, and all raw numbers.
+
     Raises
     ------
     UsageError

@@ -48,7 +48,7 @@ class FileEntry:
 
 
 @dataclass(slots=True, kw_only=True)
-class Run:
+class StepRun:
     """One run of a step over one set of inputs."""
 
     step: str
@@ -89,7 +89,7 @@ class Ledger:
         self.folder = folder
         self.header = header
         self.events: list[Event] = []
-        self.runs: dict[str, list[Run]] = {}
+        self.runs: dict[str, list[StepRun]] = {}
         self._journal = journal
         path = folder / JOURNAL_NAME
         for number, event in enumerate(read_events(path), start=1):
@@ -114,7 +114,7 @@ class Ledger:
         if kind == "begin":
             runs = self.runs.setdefault(event["step"], [])
             runs.append(
-                Run(
+                StepRun(
                     step=event["step"],
                     number=event["run"],
                     inputs_sha256=event["inputs_sha256"],
@@ -138,12 +138,12 @@ class Ledger:
             self.runs[event["step"]][-1].outputs_sha256 = event["outputs_sha256"]
         self.events.append(event)
 
-    def last_run(self, step: str) -> Run | None:
+    def last_run(self, step: str) -> StepRun | None:
         """Return the last run of a step; None when it was never begun."""
         runs = self.runs.get(step)
         return runs[-1] if runs else None
 
-    def begin(self, step: str, inputs_sha256: str, settings: JsonObject) -> Run:
+    def begin(self, step: str, inputs_sha256: str, settings: JsonObject) -> StepRun:
         """Go on with the step's last run when its inputs are the same, else begin a new one."""
         last = self.last_run(step)
         if last is None or last.inputs_sha256 != inputs_sha256:
@@ -154,7 +154,7 @@ class Ledger:
             self.write_summary()
         return self.runs[step][-1]
 
-    def add_file(self, run: Run, entry: FileEntry) -> None:
+    def add_file(self, run: StepRun, entry: FileEntry) -> None:
         """Journal a file that is on the disk, unless the journal has it with the same bytes."""
         if run.files.get((entry.kind, entry.name)) == entry:
             return
@@ -179,7 +179,7 @@ class Ledger:
             frame=frame,
         )
 
-    def finish(self, run: Run) -> None:
+    def finish(self, run: StepRun) -> None:
         """Journal the end of a run, and bring session.json up to date."""
         self.record({"event": "finish", "step": run.step, "outputs_sha256": run.hash_outputs()})
         self.write_summary()
@@ -202,7 +202,7 @@ class Ledger:
         write_json(self.folder / "session.json", {**self.header.as_json(), "steps": steps})
 
 
-def _summary(run: Run) -> JsonObject:
+def _summary(run: StepRun) -> JsonObject:
     return {
         "run": run.number,
         "state": "begun" if run.outputs_sha256 is None else "finished",

@@ -15,7 +15,7 @@ from rig.devices.protocols import Codes, RawFrame, signature_of
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.exr import read_exr, write_exr
 from rig.records import JsonObject, Record, json_of, read_record
-from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, Run, write_json
+from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, StepRun, write_json
 
 Kind = TypeVar("Kind")
 
@@ -30,9 +30,19 @@ def check_name(name: str) -> None:
 
 
 class Step:
-    """One run of a step; made by :meth:`Session.step` (to write) and :meth:`Session.finished` (to read)."""
+    """One run of a step; made by :meth:`Session.step` (to write) and :meth:`Session.finished` (to read).
 
-    def __init__(self, ledger: Ledger, run: Run, *, verify: bool):
+    Parameters
+    ----------
+    ledger
+        Of the session.
+    run
+        What the journal says of this run.
+    verify
+        Compare every file that is read with its journalled hash, not only its size.
+    """
+
+    def __init__(self, ledger: Ledger, run: StepRun, *, verify: bool):
         self._ledger = ledger
         self._run = run
         self._verify = verify
@@ -76,15 +86,51 @@ class Step:
         return [name for kind, name in self._run.files if kind == "frame"]
 
     def has_frame(self, name: str, *, verify: bool = False) -> bool:
-        """Tell whether a frame was journalled and its file is intact; ``verify`` looks at every byte."""
+        """Tell whether a frame was journalled and its file is intact.
+
+        Parameters
+        ----------
+        name
+            Of the frame.
+        verify
+            Look at every byte.
+
+        Returns
+        -------
+        bool
+        """
         return self._has("frame", name, verify)
 
     def has_image(self, name: str, *, verify: bool = False) -> bool:
-        """Tell whether an image was journalled and its file is intact."""
+        """Tell whether an image was journalled and its file is intact.
+
+        Parameters
+        ----------
+        name
+            Of the image.
+        verify
+            Look at every byte.
+
+        Returns
+        -------
+        bool
+        """
         return self._has("image", name, verify)
 
     def has_record(self, name: str, *, verify: bool = False) -> bool:
-        """Tell whether a record was journalled and its file is intact."""
+        """Tell whether a record was journalled and its file is intact.
+
+        Parameters
+        ----------
+        name
+            Of the record.
+        verify
+            Look at every byte.
+
+        Returns
+        -------
+        bool
+        """
         return self._has("record", name, verify)
 
     def _has(self, kind: FileKind, name: str, verify: bool) -> bool:
@@ -140,7 +186,25 @@ class Step:
         self._add("frame", name, path, details)
 
     def load_frame(self, name: str) -> RawFrame:
-        """Read a frame back, exactly. Raises SessionError when there is none, SessionCorrupt when damaged."""
+        """Read a frame back, exactly.
+
+        Parameters
+        ----------
+        name
+            As it was saved.
+
+        Returns
+        -------
+        RawFrame
+            (H, W, 1 or 3) digital numbers, and times on the rig's clock.
+
+        Raises
+        ------
+        SessionError
+            There is no such frame.
+        SessionCorrupt
+            Its file is damaged.
+        """
         entry = self._entry("frame", name)
         channels = read_exr(self._ledger.folder / entry.file)
         pixels = np.dstack([channels[c] for c in _CHANNELS[len(channels)]]).astype(np.uint16)
@@ -161,20 +225,58 @@ class Step:
         folder: Literal["images", "maps"] = "images",
         attributes: Mapping[str, str] | None = None,
     ) -> Path:
-        """Write named (H, W) channels as float32 to ``FOLDER/NAME-NNN.exr``, and return its path."""
+        """Write an image to ``FOLDER/NAME-NNN.exr``.
+
+        Parameters
+        ----------
+        name
+            By which it is read back.
+        channels
+            (H, W) each, by name; stored as float32.
+        folder
+            ``images``, or ``maps`` for what is known of each pixel.
+        attributes
+            Texts for viewers.
+
+        Returns
+        -------
+        Path
+            Of the file.
+        """
         path = self._path("image", name, f"{folder}/{name}-", "{:03d}.exr", first=1)
         write_exr(path, channels, {"rig:step": self.name, **(attributes or {})})
         self._add("image", name, path)
         return path
 
     def load_image(self, name: str) -> dict[str, NDArray[np.float32]]:
-        """Read an image's channels by name."""
+        """Read an image.
+
+        Parameters
+        ----------
+        name
+            As it was saved.
+
+        Returns
+        -------
+        dict
+            (H, W) float32 channels by name.
+        """
         return read_exr(self._ledger.folder / self._entry("image", name).file)
 
     def save_record(self, name: str, record: Record | Mapping[str, object]) -> Path:
-        """Write a record to ``calibration/NAME-NNN.json`` and return its path; floats come back exactly.
+        """Write a record to ``calibration/NAME-NNN.json``; floats come back exactly.
 
-        Raises ValueError for NaN and infinities.
+        Parameters
+        ----------
+        name
+            By which it is read back.
+        record
+            Numbers, words, sequences and mappings; no NaN and no infinity.
+
+        Returns
+        -------
+        Path
+            Of the file.
         """
         path = self._path("record", name, f"calibration/{name}-", "{:03d}.json", first=1)
         write_json(path, json_of(record))
@@ -190,6 +292,11 @@ class Step:
             As it was saved.
         kind
             A frozen dataclass, or ``dict`` for whatever the file holds.
+
+        Returns
+        -------
+        Record
+            Of that kind.
 
         Raises
         ------

@@ -55,6 +55,18 @@ class Comparison:
 def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> ComparisonResult:
     """Project, photograph and judge every strategy; does first what the session lacks up to its model.
 
+    Parameters
+    ----------
+    wanted
+        What is to be compared.
+    on_step
+        Told how far it is: what is being done, how many parts are done, of how many.
+
+    Returns
+    -------
+    ComparisonResult
+        Errors in grey levels of 255.
+
     Raises
     ------
     UsageError, ProfileError, DeviceError, SessionError, CalibrationFailed

@@ -48,7 +48,7 @@ class Machine:
 
 
 @dataclass(frozen=True)
-class Timing:
+class StepTiming:
     """What a solved model took."""
 
     patches: int
@@ -90,7 +90,7 @@ def products_needed(spectral_radius: float, residual: float) -> int:
     return int(np.ceil(np.log(2 / residual) / np.log((root + 1) / (root - 1)))) if spectral_radius > 0 else 1
 
 
-def dense_cost(patches: int, products: int, channels: int, *, timing: Timing, machine: Machine) -> Cost:
+def dense_cost(patches: int, products: int, channels: int, *, timing: StepTiming, machine: Machine) -> Cost:
     """Return the cost of the whole matrix, from the timing of a smaller model of the same scene."""
     ratio = patches / timing.patches
     factors_s = START_S + max(timing.factors_s - START_S, 0.0) * ratio**2
@@ -99,7 +99,7 @@ def dense_cost(patches: int, products: int, channels: int, *, timing: Timing, ma
     return Cost(seconds, dense_mb(patches))
 
 
-def compressed_cost(patches: int, products: int, channels: int, *, timing: Timing) -> Cost:
+def compressed_cost(patches: int, products: int, channels: int, *, timing: StepTiming) -> Cost:
     """Return the cost of compressed form factors: building them takes longer than all else."""
     ratio = patches / COMPRESSED_PATCHES
     factors_s, stored_mb = COMPRESSED_PATCH_S * patches, COMPRESSED_MB * ratio**1.3
@@ -108,7 +108,7 @@ def compressed_cost(patches: int, products: int, channels: int, *, timing: Timin
     return Cost(seconds + channels * (products + OTHER_PRODUCTS) * product_s, stored_mb + ratio * COMPRESSED_WORK_MB)
 
 
-def compressing_pays(patches: int, dense: Timing) -> bool:
+def compressing_pays(patches: int, dense: StepTiming) -> bool:
     """Tell if the whole matrix, at the pace of a timed smaller one, would take longer than compressed blocks."""
     dense_s = dense.factors_s * (patches / dense.patches) ** 2
     return patches >= FEWEST_COMPRESSED and dense_s > COMPRESSED_PATCH_S * patches

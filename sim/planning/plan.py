@@ -21,7 +21,7 @@ from sim.light.lighting import Lighting, make_test_lighting
 from sim.planning.adapt import Refinement, SolvedPatches, uniform_patches
 from sim.planning.cost import (
     Cost,
-    Timing,
+    StepTiming,
     compressed_cost,
     compressing_pays,
     dense_cost,
@@ -154,7 +154,7 @@ class _Search:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
         self.most_cells = max(largest_dense(memory_limit_mb), largest_compressed(memory_limit_mb))
-        self.timing = self.dense_timing = Timing(1, 0.0, 0.0)
+        self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
         self.correction = 1.0
 
     def run(self) -> None:
@@ -197,7 +197,7 @@ class _Search:
     def _solve(self, cells: AdaptivePatches) -> SolvedPatches:
         model = self.model_for(cells)
         self.solved = simulate(cells, self.light, model)
-        self.timing = Timing(cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        self.timing = StepTiming(cells.n_patches, self.solved.factors_s, self.solved.light_s)
         if model.compression is None:
             self.dense_timing = self.timing
         return SolvedPatches.of(cells, self.solved.irradiance[:, 0])

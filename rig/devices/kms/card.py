@@ -226,7 +226,7 @@ class Card:
         return Plane(plane_id, possible, tuple(formats[:count]), info.controller)
 
     def controller(self, controller_id: int) -> abi.ControllerInfo:
-        """What a controller scans out now."""
+        """Return what a controller scans out now."""
         return self.ioctl(abi.GET_CONTROLLER, abi.ControllerInfo(id=controller_id))
 
     def values(self, object_id: int) -> dict[int, int]:

@@ -90,12 +90,12 @@ def _read(path: Path) -> bytes:
 
 
 def status_of(folder: Path) -> str:
-    """What the kernel says of a connector: connected, disconnected or unknown; disconnected when it is gone."""
+    """Return what the kernel says of a connector: connected, disconnected or unknown; disconnected when it is gone."""
     return _read(folder / "status").decode().strip() or "disconnected"
 
 
 def offers(folder: Path, width_px: int, height_px: int) -> bool:
-    """Whether a connector has a whole-frame mode of this size."""
+    """Return whether a connector has a whole-frame mode of this size."""
     return f"{width_px}x{height_px}" in _read(folder / "modes").decode().split()
 
 

@@ -11,7 +11,7 @@ from rig.devices.kms.abi import DROP_MASTER, SET_MASTER
 
 
 def master_is_free(card: Path) -> bool | None:
-    """Whether nobody drives the card; None when that cannot be found out, as it may not be opened.
+    """Return whether nobody drives the card; None when that cannot be found out, as it may not be opened.
 
     Asks by becoming its master for a moment; no picture changes.
     """

@@ -142,7 +142,7 @@ def switched_off(path: Path) -> list[Change]:
 
 
 def neutral_changes(path: Path) -> Iterator[Change]:
-    """What this driver has of the properties that change a picture, each set so that it does not."""
+    """Return what this driver has of the properties that change a picture, each set so that it does not."""
     groups = (
         (path.controller, path.controller_properties, _NEUTRAL_CONTROLLER),
         (path.plane, path.plane_properties, _NEUTRAL_PLANE),

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rig.devices.lightcrafter import protocol
-from rig.devices.lightcrafter.protocol import Command, DisplayMode, MainStatus, Pattern, Run, Version
+from rig.devices.lightcrafter.protocol import Command, DisplayMode, MainStatus, Run, StoredPattern, Version
 from rig.devices.protocols import Clock
 from rig.devices.usb.hid import HidTransport, find_hid_device, open_hid
 from rig.errors import DeviceError, DeviceLost, SettingRefused
@@ -72,7 +72,7 @@ class LightCrafter:
         return protocol.parse_version(self._read(Command.SOFTWARE_VERSION, 16))
 
     def main_status(self) -> MainStatus:
-        """What the controller does now."""
+        """Return what the controller does now."""
         return protocol.parse_main_status(self._read(Command.MAIN_STATUS, 1)[0])
 
     def check_hardware(self) -> None:
@@ -151,7 +151,7 @@ class LightCrafter:
         self._await(f"pattern sequence {state.name}", obeys)
 
     def set_up_patterns(
-        self, patterns: list[Pattern], *, exposure_us: int, frame_period_us: int, refresh_rate_hz: float
+        self, patterns: list[StoredPattern], *, exposure_us: int, frame_period_us: int, refresh_rate_hz: float
     ) -> tuple[str, ...]:
         """Set up a sequence of patterns from streamed video, started by each VSYNC; `run` starts it.
 
@@ -193,7 +193,7 @@ class LightCrafter:
         return doubtful
 
     def state(self) -> LightCrafterState:
-        """What `restore` puts back."""
+        """Return what `restore` puts back."""
         gamma, leds = (self._read(command, 1)[0] for command in (Command.GAMMA, Command.LED_ENABLE))
         return LightCrafterState(self.led_currents(), gamma, leds)
 
@@ -300,7 +300,7 @@ class LightCrafter:
 
 
 def _checked(
-    patterns: list[Pattern], exposure_us: int, frame_period_us: int, refresh_rate_hz: float
+    patterns: list[StoredPattern], exposure_us: int, frame_period_us: int, refresh_rate_hz: float
 ) -> tuple[bytes, bytes]:
     """The look-up table's and the times' bytes. Raises SettingRefused."""
     if not 1 <= len(patterns) <= protocol.LONGEST_LUT:

@@ -162,7 +162,7 @@ _HARDWARE_PROBLEMS = {2: "reset controller error", 3: "forced swap error", 6: "s
 
 
 def hardware_problems(byte: int) -> tuple[str, ...]:
-    """What is wrong, by the hardware status; empty when all is well."""
+    """Return what is wrong, by the hardware status; empty when all is well."""
     found = tuple(text for bit, text in _HARDWARE_PROBLEMS.items() if byte >> bit & 1)
     return found if byte & 1 else ("initialisation failed", *found)
 
@@ -184,7 +184,7 @@ def validation(byte: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Pattern:
+class StoredPattern:
     """One entry of a pattern sequence from streamed video."""
 
     number: int
@@ -210,7 +210,7 @@ class Pattern:
         return bytes([self.trigger | self.number << 2, self.bit_depth | self.leds << 4, flags])
 
 
-def packed_times(exposure_us: int, frame_period_us: int, patterns: list[Pattern]) -> bytes:
+def packed_times(exposure_us: int, frame_period_us: int, patterns: list[StoredPattern]) -> bytes:
     """Exposure and frame period of each pattern. Raises SettingRefused for times that the guide excludes."""
     shortest = max(MINIMUM_EXPOSURE_US[pattern.bit_depth] for pattern in patterns)
     if exposure_us < shortest:

@@ -132,7 +132,7 @@ class Pjlink:
         return match
 
     def power(self) -> Power:
-        """What the lamp does."""
+        """Return what the lamp does."""
         return Power(self._get("1POWR", "[0-3]")[0])
 
     def switch_on(self) -> None:
@@ -156,7 +156,7 @@ class Pjlink:
         self._set(f"{self._newest()}INPT", code)
 
     def mute(self) -> Mute:
-        """Whether picture and sound are muted."""
+        """Return whether picture and sound are muted."""
         which, on = self._get("1AVMT", "([1-3])([01])").groups()
         return Mute(picture=on == "1" and which != "2", sound=on == "1" and which != "1")
 

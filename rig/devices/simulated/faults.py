@@ -46,12 +46,12 @@ class FrameFaults:
         self._period_s = period_s
 
     def is_dropped(self, index: int) -> bool:
-        """Whether a frame is lost."""
+        """Return whether a frame is lost."""
         rate = self._settings.dropped_frame_rate
         return rate > 0 and self._old_chances(index)[0] < rate
 
     def lost_before(self, index: int) -> int:
-        """How many frames directly before this one are lost."""
+        """Return how many frames directly before this one are lost."""
         lost = 0
         while lost < _LONGEST_CHAIN and self.is_dropped(index - 1 - lost):
             lost += 1
@@ -102,5 +102,5 @@ def first_in(intervals: Iterable[Interval], start_s: float, end_s: float) -> flo
 
 
 def end_of(intervals: Iterable[Interval], opened_s: float, time_s: float) -> float:
-    """When the interval that holds a moment, and began after the device was opened, ends; else the moment."""
+    """Return when the interval that holds a moment, and began after the device was opened, ends; else the moment."""
     return max((until_s for begin_s, until_s in intervals if opened_s <= begin_s <= time_s < until_s), default=time_s)

@@ -50,7 +50,7 @@ MixingRow = tuple[NotNegative, NotNegative, NotNegative]
 
 
 def in_band(values: tuple[float, ...], band: int | None) -> float:
-    """What a band (0 red, 1 green, 2 blue) sees of one number or three; None: a grey camera, their mean."""
+    """Return what a band (0 red, 1 green, 2 blue) sees of one number or three; None: a grey camera, their mean."""
     if len(values) == 1:
         return values[0]
     return sum(values) / len(values) if band is None else values[band]

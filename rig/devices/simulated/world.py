@@ -124,7 +124,7 @@ class SimulatedWorld:
         return self._ambient
 
     def ambient_swell(self, starts_s: FloatArray, exposure_s: float) -> FloatArray:
-        """By how much the room light is above its mean during exposures, share of the mean; as `starts_s`."""
+        """Return by how much the room light is above its mean during exposures, share of the mean; as `starts_s`."""
         settings = self.settings
         middle = np.sin(2 * np.pi * settings.ambient_flicker_hz * (starts_s + exposure_s / 2))
         return np.asarray(settings.ambient_flicker * np.sinc(settings.ambient_flicker_hz * exposure_s) * middle)

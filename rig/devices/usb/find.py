@@ -45,7 +45,7 @@ class FoundUsbDevice:
 
     @property
     def name(self) -> str:
-        """For messages: ids and product."""
+        """The device's ids and product, for messages."""
         return f"{self.vendor_id:04x}:{self.product_id:04x} {self.product}".rstrip()
 
     @property

@@ -32,7 +32,7 @@ class Cadence:
         self._last: tuple[int, float] | None = None
 
     def is_late(self, number: int, stamp_s: float, exposure_s: float) -> bool:
-        """Whether the next frame's stamp is too late for its number; remembers it either way."""
+        """Return whether the next frame's stamp is too late for its number; remembers it either way."""
         last, self._last = self._last, (number, stamp_s)
         if last is None or number <= last[0]:
             return False

@@ -58,7 +58,7 @@ class Setting:
 
 
 def plan_settings(controls: Iterable[ControlAbility], wanted: Mapping[str, int]) -> list[Setting]:
-    """What to set, in order: automatics off where the profile does not name them, then the profile's controls.
+    """Return what to set, in order: automatics off where the profile does not name them, then the profile's controls.
 
     Raises SettingRefused with a line for each control that is unknown or cannot have its value.
     """
@@ -153,7 +153,7 @@ def set_control(node: Node, control: ControlAbility, value: int) -> None:
 
 
 def read_control(node: Node, control: ControlAbility) -> int:
-    """What a control has now. Raises DeviceError."""
+    """Return what a control has now. Raises DeviceError."""
     asked = abi.ControlValue(id=control.id)
     value = int(node.call(abi.G_CTRL, asked, f"reading control {control.name}", STALLED).value)
     return value & 0xFFFFFFFF if control.kind == "bitmask" else value

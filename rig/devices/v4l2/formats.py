@@ -100,7 +100,7 @@ def pixel_format(name: str, *, channels: int, bit_depth: int) -> PixelFormat:
 
 
 def layout_of(pix: abi.PixFormat) -> Layout:
-    """What the driver says of its buffers."""
+    """Return what the driver says of its buffers."""
     encoding, quantization = pix.ycbcr_enc, pix.quantization
     if encoding == abi.YCBCR_DEFAULT:
         by_space = {abi.COLORSPACE_REC709: abi.YCBCR_709, abi.COLORSPACE_BT2020: abi.YCBCR_BT2020}

@@ -51,7 +51,7 @@ class Fingerprint:
         self._weights = np.zeros(0, np.uint64)
 
     def of(self, data: Bytes) -> tuple[int, int, bytes]:
-        """What only equal buffers have in common, but for a chance of about 2^-64."""
+        """Return what only equal buffers have in common, but for a chance of about 2^-64."""
         words = data.size // 8
         if words > self._weights.size:
             self._weights = np.random.default_rng(words).integers(0, _LARGEST, words, np.uint64) | np.uint64(1)
@@ -194,7 +194,7 @@ class Frames:
 
 
 def start_of_exposure(filled: Filled, exposure_s: float, period_s: float, is_compressed: bool) -> float:
-    """When a frame's exposure began at the latest, by what its time stamp can be trusted for.
+    """Return when a frame's exposure began at the latest, by what its time stamp can be trusted for.
 
     A frame that is said to have begun later than it did may carry the picture before; one that is said to have begun
     earlier only costs another frame. So each stamp is read in its least favourable meaning:

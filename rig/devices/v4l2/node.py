@@ -111,7 +111,7 @@ class Node:
             self._clock.wait_until_s(self._clock.now_s() + _AGAIN_AFTER_S)
 
     def ask(self, request: int, argument: Argument) -> bool:
-        """Whether an ioctl is answered: False at the end of a list and where a driver does not know it."""
+        """Return whether an ioctl is answered: False at the end of a list and where a driver does not know it."""
         try:
             self.ioctl(request, argument)
         except OSError as error:
@@ -122,7 +122,7 @@ class Node:
 
 
 def device_error(error: OSError, doing: str, path: Path) -> DeviceError:
-    """What an errno means for the user."""
+    """Return what an errno means for the user."""
     number = error.errno or 0
     what = f"{path}: {doing} failed: {os.strerror(number)} ({errno.errorcode.get(number, number)})"
     if number in GONE or number == errno.ENOENT:

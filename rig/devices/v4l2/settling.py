@@ -77,7 +77,7 @@ class Settling:
         return _HAPPENED * abs(self.expected_dn - self._before_dn) > _MEASURABLE * steady_dn
 
     def state(self) -> str:
-        """For messages: what was expected and what was seen."""
+        """Return, for messages, what was expected and what was seen."""
         seen = " ".join(f"{mean:.2f}" for mean in self.means[-4:]) or "none"
         expected = f"about {self.expected_dn:.2f}" if self.is_measurable else "no change that can be measured"
         return f"mean of unsaturated pixels before {self._before_dn:.2f} dn, expected {expected}, seen {seen}"

@@ -71,7 +71,7 @@ class Display:
         self.complaints.append(text.decode(errors="replace"))
 
     def last_complaint(self) -> str:
-        """What went wrong last, in the display library's words."""
+        """Return what went wrong last, in the display library's words."""
         return self.complaints[-1] if self.complaints else "no reason given"
 
     @property

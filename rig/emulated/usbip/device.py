@@ -155,12 +155,12 @@ class UsbDevice(Protocol):
 
     @property
     def speed(self) -> UsbSpeed:
-        """How fast it is."""
+        """The device's speed."""
         ...
 
     @property
     def descriptors(self) -> Descriptors:
-        """What it says of itself; must not change while it is plugged in."""
+        """The device's descriptors; they must not change while it is plugged in."""
         ...
 
     def plugged(self) -> None:

@@ -75,7 +75,7 @@ class Control:
     info: Info = Info.GET | Info.SET
 
     def allows(self, value: int) -> bool:
-        """Whether the camera accepts a value."""
+        """Return whether the camera accepts a value."""
         if self.choices:
             return value in self.choices
         return self.minimum <= value <= self.maximum and (value - self.minimum) % self.step == 0
@@ -229,7 +229,7 @@ class ControlBank:
             return self._values[name]
 
     def put(self, name: str, value: int) -> None:
-        """What an automatic sets; no limits, no refusal."""
+        """Take over what an automatic sets: no limits, no refusal."""
         with self._lock:
             self._values[name] = value
 

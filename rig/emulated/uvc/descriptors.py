@@ -57,7 +57,7 @@ class VideoSize:
 
     @property
     def intervals(self) -> tuple[int, ...]:
-        """Of the frame rates, in units of 100 ns."""
+        """The frame rates' periods, in units of 100 ns."""
         return tuple(round(INTERVAL_UNITS_PER_S / rate) for rate in self.frame_rates_hz)
 
 
@@ -112,7 +112,7 @@ PROBE_BYTES = _PROBE.size
 
 
 def negotiate(formats: Sequence[VideoFormat], transport: Transport, wish: bytes = b"") -> NegotiatedStream:
-    """What the camera offers for a host's wish (the first 8 bytes of probe): the nearest that it has."""
+    """Return what the camera offers for a host's wish (the first 8 bytes of probe): the nearest that it has."""
     _, format_index, size_index, interval = struct.unpack_from("<HBBI", wish.ljust(8, b"\0"))
     format_index = min(max(format_index, 1), len(formats))
     chosen = formats[format_index - 1]

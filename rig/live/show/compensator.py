@@ -13,7 +13,7 @@ from sim.frame.compensator import FrameCompensator, FrameModel
 STRATEGIES = ("exact", "bounded")
 
 
-class FrameReport(Protocol):
+class FrameError(Protocol):
     """What is known of the last frame."""
 
     @property
@@ -26,8 +26,8 @@ class Compensator(Protocol):
     """Codes of a target picture to codes for the projector, in one call."""
 
     @property
-    def last(self) -> FrameReport | None:
-        """Of the last frame; None before the first."""
+    def last(self) -> FrameError | None:
+        """The report of the last frame; None before the first."""
         ...
 
     def frame(self, codes: Pixels, out: Pixels | None = None, gain: float = 1.0) -> Pixels:

@@ -37,7 +37,7 @@ class Ring:
         return self._values[: min(self._count, len(self._values))]
 
     def quantile(self, share: float) -> float | None:
-        """Of the values; None without any."""
+        """Return a quantile of the values; None without any."""
         return float(np.quantile(self.values, share)) if self._count else None
 
 
@@ -64,7 +64,7 @@ class FrameStatistics:
         self._latencies_s, self._intervals_s, self._busy_s = Ring(), Ring(), Ring()
 
     def is_late(self, on_screen_s: float, deadline_s: float) -> bool:
-        """Whether a picture missed the refresh nearest to its deadline."""
+        """Return whether a picture missed the refresh nearest to its deadline."""
         return on_screen_s > deadline_s + _TOLERANCE * self._period_s
 
     def note_frame(self, number: int, *, ready_s: float, busy_s: float, deadline_s: float, on_screen_s: float) -> None:

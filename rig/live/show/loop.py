@@ -48,7 +48,7 @@ def no_keys() -> str:
 
 
 def nothing_more(_: ShownFrame) -> None:
-    """For who wants no frames."""
+    """Stand for a watcher of frames where there is none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -114,7 +114,7 @@ class LiveLoop:
 
     @property
     def gain(self) -> float:
-        """Of the last frame."""
+        """The gain of the last frame."""
         return self._gain.gain if self.controls.auto_gain else self.controls.gain
 
     def step(self) -> None:

@@ -62,7 +62,7 @@ def next_gain(state: GainState, white_share: float, most: float, elapsed_s: floa
 
 
 def wanted_gain(gain: float, white_share: float, most: float) -> float:
-    """Where the gain is drawn to: down while too much is at white, up while hardly anything is, else nowhere."""
+    """Return where the gain is drawn to: down while too much is at white, up while hardly anything is, else nowhere."""
     if white_share > WHITE_SHARE:
         return max(gain * max(math.sqrt(math.sqrt(WHITE_SHARE / white_share)), _FALL), _LEAST_GAIN * most)
     return min(gain * _RISE, most) if white_share < WHITE_SHARE / 2 else min(gain, most)
@@ -80,7 +80,7 @@ def thumbnail(codes: Pixels) -> Pixels:
 
 
 def is_scene_cut(before: Pixels, after: Pixels) -> bool:
-    """Whether two thumbnails show different scenes."""
+    """Return whether two thumbnails show different scenes."""
     if before.shape != after.shape:
         return True
     return float(np.abs(after.astype(np.int16) - before).mean()) > _CUT_GREY

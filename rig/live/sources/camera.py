@@ -43,7 +43,7 @@ class CameraSource:
 
     @property
     def name(self) -> str:
-        """Which camera."""
+        """The words for this camera."""
         return f"camera {self._device_id}"
 
     @property

@@ -40,7 +40,7 @@ class VideoSource:
 
     @property
     def frame_rate_hz(self) -> float:
-        """As the file says."""
+        """The pace that the file names."""
         return self._rate_hz
 
     def open(self) -> None:
@@ -95,7 +95,7 @@ class FolderSource:
 
     @property
     def frame_rate_hz(self) -> float:
-        """As given."""
+        """The pace that was given."""
         return self._rate_hz
 
     def open(self) -> None:
@@ -144,12 +144,12 @@ class PatternSource:
 
     @property
     def name(self) -> str:
-        """What it is."""
+        """The words for it."""
         return "test pattern"
 
     @property
     def frame_rate_hz(self) -> float:
-        """As given."""
+        """The pace that was given."""
         return self._rate_hz
 
     def open(self) -> None:

@@ -67,7 +67,7 @@ class StreamSource:
 
     @property
     def name(self) -> str:
-        """Where it comes from."""
+        """The words for where it comes from."""
         return "standard input" if self._path is None else self._path.name
 
     @property
@@ -180,7 +180,7 @@ class SharedMemorySource:
 
     @property
     def name(self) -> str:
-        """Of the memory."""
+        """The name of the memory."""
         return f"shared memory {self._path.name}"
 
     @property

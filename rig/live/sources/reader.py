@@ -96,7 +96,7 @@ class Reader:
 
     @property
     def name(self) -> str:
-        """Of the source that is being read."""
+        """The name of the source that is being read."""
         return self._name
 
     def start(self) -> None:

@@ -36,7 +36,7 @@ class Source(Protocol):
 
     @property
     def name(self) -> str:
-        """In words, for people."""
+        """The source in words, for people."""
         ...
 
     @property

@@ -21,7 +21,7 @@ SHAPE = (192, 256)
 WHITE, BLACK = np.full((*SHAPE, 3), 255, np.uint8), np.zeros((*SHAPE, 3), np.uint8)
 
 
-class Screen:
+class ScriptedDisplay:
     """A display whose picture is a function of time; looking at it may take a while."""
 
     def __init__(self, clock: VirtualClock, picture_at: Callable[[float], Codes], look_s: float = 0.0):
@@ -66,13 +66,13 @@ def photograph(source: RoomSource, wanted: FrameRequest) -> np.ndarray:
 
 
 def test_a_frame_is_ready_at_the_end_of_its_exposure(world: SimulatedWorld, clock: VirtualClock) -> None:
-    source = RoomSource(world, Screen(clock, lambda _: WHITE), clock)
+    source = RoomSource(world, ScriptedDisplay(clock, lambda _: WHITE), clock)
     assert photograph(source, request(started_s=11.0, exposure_s=0.5)).mean() > 500
     assert clock.now_s() == pytest.approx(11.5)
 
 
 def test_light_follows_exposure_and_gain_above_the_black_level(world: SimulatedWorld, clock: VirtualClock) -> None:
-    source = RoomSource(world, Screen(clock, lambda _: WHITE), clock)
+    source = RoomSource(world, ScriptedDisplay(clock, lambda _: WHITE), clock)
     means = [
         photograph(source, request(clock.now_s(), exposure_s, gain=gain)).mean() - 64
         for exposure_s, gain in [(0.002, 1.0), (0.004, 1.0), (0.002, 2.0)]
@@ -84,7 +84,7 @@ def test_light_follows_exposure_and_gain_above_the_black_level(world: SimulatedW
 def test_pictures_that_change_during_an_exposure_are_mixed_by_their_shares(
     world: SimulatedWorld, clock: VirtualClock
 ) -> None:
-    source = RoomSource(world, Screen(clock, lambda now_s: WHITE if now_s < 10.075 else BLACK), clock)
+    source = RoomSource(world, ScriptedDisplay(clock, lambda now_s: WHITE if now_s < 10.075 else BLACK), clock)
     mixed = photograph(source, request(10.0, 0.1, gain=0.05)).mean() - 64
     white = photograph(RoomSource(world, still(WHITE), clock), request(clock.now_s(), 0.1, gain=0.05)).mean() - 64
     assert mixed / white == pytest.approx(0.7, abs=0.15)
@@ -93,15 +93,15 @@ def test_pictures_that_change_during_an_exposure_are_mixed_by_their_shares(
 def test_a_frame_that_comes_too_late_is_lost_and_the_next_one_is_prompt(
     world: SimulatedWorld, clock: VirtualClock
 ) -> None:
-    slow = RoomSource(world, Screen(clock, lambda _: WHITE, look_s=0.2), clock, prompt_s=0.1)
+    slow = RoomSource(world, ScriptedDisplay(clock, lambda _: WHITE, look_s=0.2), clock, prompt_s=0.1)
     assert slow.expose(request(10.0, 0.01)) is None
     assert slow.late_frames == 1
-    assert RoomSource(world, Screen(clock, lambda _: WHITE), clock).expose(request(clock.now_s())) is not None
+    assert RoomSource(world, ScriptedDisplay(clock, lambda _: WHITE), clock).expose(request(clock.now_s())) is not None
 
 
 def test_a_dark_display_is_told_once_and_lights_nothing(world: SimulatedWorld, clock: VirtualClock) -> None:
     told: list[str] = []
-    source = RoomSource(world, Screen(clock, dark), clock, note=told.append)
+    source = RoomSource(world, ScriptedDisplay(clock, dark), clock, note=told.append)
     frames = [photograph(source, request(clock.now_s())) for _ in range(3)]
     assert told == ["Virtual-1 is dark"]
     lit = photograph(RoomSource(world, still(WHITE), clock), request(clock.now_s()))
@@ -110,7 +110,7 @@ def test_a_dark_display_is_told_once_and_lights_nothing(world: SimulatedWorld, c
 
 def test_a_display_of_another_size_is_told(world: SimulatedWorld, clock: VirtualClock) -> None:
     told: list[str] = []
-    source = RoomSource(world, Screen(clock, lambda _: np.zeros((4, 6, 3), np.uint8)), clock, note=told.append)
+    source = RoomSource(world, ScriptedDisplay(clock, lambda _: np.zeros((4, 6, 3), np.uint8)), clock, note=told.append)
     source.expose(request())
     assert told == ["the display shows 6 x 4 px, the room expects 256 x 192 px"]
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rig.devices.clock import VirtualClock
 from rig.devices.lightcrafter import protocol
 from rig.devices.lightcrafter.controller import LightCrafter
-from rig.devices.lightcrafter.protocol import Command, DisplayMode, EntryTrigger, Pattern, Run
+from rig.devices.lightcrafter.protocol import Command, DisplayMode, EntryTrigger, Run, StoredPattern
 from rig.errors import DeviceError, DeviceLost, SettingRefused
 from tests.rig.devices.lightcrafter.emulated_controller import InProcessTransport, LightCrafterEmulation
 
@@ -29,10 +29,10 @@ def lightcrafter(transport: InProcessTransport) -> LightCrafter:
     return LightCrafter(transport, transport.clock)
 
 
-def grey_patterns(count: int = 2, bit_depth: int = 8) -> list[Pattern]:
+def grey_patterns(count: int = 2, bit_depth: int = 8) -> list[StoredPattern]:
     first = EntryTrigger.EXTERNAL_POSITIVE
     return [
-        Pattern(number=number, bit_depth=bit_depth, trigger=first if number == 0 else EntryTrigger.CONTINUE)
+        StoredPattern(number=number, bit_depth=bit_depth, trigger=first if number == 0 else EntryTrigger.CONTINUE)
         for number in range(count)
     ]
 
@@ -52,7 +52,9 @@ def test_long_commands_go_over_several_reports_with_one_head() -> None:
 
 
 def test_pattern_entries_have_the_bits_of_the_guide() -> None:
-    entry = Pattern(number=2, bit_depth=8, leds=7, trigger=EntryTrigger.CONTINUE, insert_black=True, buffer_swap=True)
+    entry = StoredPattern(
+        number=2, bit_depth=8, leds=7, trigger=EntryTrigger.CONTINUE, insert_black=True, buffer_swap=True
+    )
     assert entry.packed() == bytes([0b000010_11, 0b0111_1000, 0b0110])
 
 
@@ -120,15 +122,15 @@ def test_a_long_look_up_table_is_written_and_read_back_whole(
         (grey_patterns(1), 9000, 8500, "make them equal"),
         (grey_patterns(3), 8333, 8333, "last 24999 µs, a video frame at 60 Hz only 16667"),
         ([], 8333, 8333, "0 patterns"),
-        ([Pattern(number=3, bit_depth=8)], 8333, 8333, "patterns are 0 … 2"),
-        ([Pattern(number=0, bit_depth=5)], 8333, 8333, "one of 1, 2, 4, 7, 8"),
-        ([Pattern(number=0, bit_depth=8, leds=8)], 8333, 8333, "LEDs 0 … 7"),
+        ([StoredPattern(number=3, bit_depth=8)], 8333, 8333, "patterns are 0 … 2"),
+        ([StoredPattern(number=0, bit_depth=5)], 8333, 8333, "one of 1, 2, 4, 7, 8"),
+        ([StoredPattern(number=0, bit_depth=8, leds=8)], 8333, 8333, "LEDs 0 … 7"),
     ],
 )
 def test_a_sequence_that_cannot_be_shown_is_refused_before_anything_is_sent(
     lightcrafter: LightCrafter,
     device: LightCrafterEmulation,
-    patterns: list[Pattern],
+    patterns: list[StoredPattern],
     exposure_us: int,
     period_us: int,
     complaint: str,

@@ -206,7 +206,7 @@ def test_a_device_without_endpoints_both_ways_is_refused_and_given_back(
     assert pyusb.calls[-1] == "dispose"
 
 
-class Host:
+class Recipient:
     """Counts what an emulated device answers; transfers in `cancelled` were taken back."""
 
     def __init__(self) -> None:
@@ -228,7 +228,7 @@ class Host:
 
 
 def test_the_emulated_device_answers_a_question_that_waited_and_one_that_comes_later() -> None:
-    host = Host()
+    host = Recipient()
     host.submit(1, 0x81)
     host.submit(2, 0x01, QUESTION)
     assert host.answers[1][:4] == bytes.fromhex("c0 01 10 00")
@@ -238,7 +238,7 @@ def test_the_emulated_device_answers_a_question_that_waited_and_one_that_comes_l
 
 
 def test_an_answer_whose_question_was_taken_back_goes_to_the_next() -> None:
-    host = Host()
+    host = Recipient()
     host.submit(1, 0x81)
     host.cancelled.add(1)
     host.submit(2, 0x01, QUESTION)

@@ -250,7 +250,7 @@ class TestFrames:
         assert seen.early_s == pytest.approx(101.0 - (100.5 - earlier_s))
 
     def test_stale_frames_are_passed_over_and_their_buffers_given_back(self, node: ScriptNode, stream: Stream) -> None:
-        node.steps = regular(0, 1, 2, 3, 4, 5, 6)
+        node.steps = regular(*range(7))
         frame = next_frame(frames_of(stream, node), after_s=100.2)
         assert frame.started_s == pytest.approx(100 + 6 * PERIOD_S - EXPOSURE_S)
         assert len(node.queued) == BUFFERS

@@ -1,0 +1,98 @@
+"""A session's folder: what is in it before any step, what is refused, and with which versions it was made."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import socket
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813 - the library's own documentation calls it so
+import scipy
+
+from rig.errors import SessionCorrupt, SessionError
+from rig.files.atomic import PART_SUFFIX, session_error, write_bytes
+from rig.files.journal import JOURNAL_NAME
+from rig.profile.schema import Profile
+from rig.session.header import SCHEMA, ProfileStamp, SessionHeader, read_header
+from rig.version import __version__
+
+_OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
+
+
+def is_session(folder: Path) -> bool:
+    """Tell whether a folder holds a session."""
+    return (folder / "session.json").is_file()
+
+
+def check_folder(folder: Path, *, may_create: bool) -> None:
+    """Make the folder of a new session; refuse what is neither a session nor empty."""
+    if folder.exists() and not folder.is_dir():
+        raise SessionError(f"{folder}: is a file; a session is a folder, give another name")
+    if is_session(folder):
+        return
+    if not may_create:
+        raise SessionError(f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        foreign = sorted(p.name for p in folder.iterdir() if p.name.removesuffix(PART_SUFFIX) not in _OWN_NAMES)
+    except OSError as error:
+        raise session_error(error, folder) from error
+    if foreign:
+        raise SessionError(f"{folder}: has other files ({foreign[0]}, ...); give a new or an empty folder")
+
+
+def read_or_create(folder: Path, profile: Profile | None, seed: int) -> tuple[SessionHeader, Profile]:
+    """Return the header and the profile of a session; a new one's profile is copied.
+
+    Raises what :func:`read_folder` raises, and SessionError when the disk refuses.
+    """
+    if is_session(folder) or profile is None:
+        return read_folder(folder, profile)
+    write_bytes(folder / "profile.toml", profile.raw)
+    created = datetime.now(UTC).isoformat(timespec="seconds")
+    header = SessionHeader(
+        schema=SCHEMA,
+        seed=seed,
+        versions=own_versions(),
+        profile=ProfileStamp(name=profile.name, sha256=profile.sha256, source=str(profile.path)),
+        volatile={"created": created, "host": socket.gethostname()},
+    )
+    return header, profile
+
+
+def read_folder(folder: Path, profile: Profile | None) -> tuple[SessionHeader, Profile]:
+    """Return the header and the profile of a session: the one that is handed in, if it is the same, else the copy.
+
+    Raises SessionError for another profile or a layout that this version does not read, SessionCorrupt.
+    """
+    header = read_header(folder / "session.json")
+    made_with = header.profile
+    if profile is not None and profile.sha256 != made_with.sha256:
+        raise SessionError(
+            f"{folder}: was made with profile {made_with.name!r} ({made_with.sha256[:12]}), not {profile.name!r} "
+            f"({profile.sha256[:12]}); leave the profile out, or give a new folder"
+        )
+    copy = _read_copy(folder, made_with.sha256)
+    return header, profile or Profile.parse(copy, Path(made_with.source))
+
+
+def _read_copy(folder: Path, sha256: str) -> bytes:
+    """Return the exact bytes of the session's profile; its paths are relative to where the original lies."""
+    try:
+        raw = (folder / "profile.toml").read_bytes()
+    except OSError as error:
+        raise SessionCorrupt(f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it") from error
+    if hashlib.sha256(raw).hexdigest() != sha256:
+        raise SessionCorrupt(f"{folder / 'profile.toml'}: was changed; restore it, or start a new session")
+    return raw
+
+
+def own_versions() -> dict[str, str]:
+    """Return the versions of procam-rig and of the libraries on which a session's numbers depend."""
+    modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "OpenImageIO": oiio}
+    own = {"procam-rig": __version__, "python": platform.python_version()}
+    return own | {name: str(module.__version__) for name, module in modules.items()}
