@@ -18,6 +18,7 @@ from rig.profile.tables import (
     Box,
     Brightness,
     CameraProfile,
+    CaptureTiming,
     Limits,
     Name,
     Patterns,
@@ -26,7 +27,6 @@ from rig.profile.tables import (
     Scale,
     Surface,
     Table,
-    Timing,
     Viewer,
 )
 
@@ -48,7 +48,7 @@ class Profile(Table):
     description: str = ""
     cameras: Annotated[tuple[CameraProfile, ...], Field(alias="camera"), AT_LEAST_ONE]
     projectors: Annotated[tuple[ProjectorProfile, ...], Field(alias="projector"), AT_LEAST_ONE]
-    timing: Timing = Timing()
+    timing: CaptureTiming = CaptureTiming()
     scales: Annotated[tuple[Scale, ...], Field(alias="scale"), AT_LEAST_ONE]
     surface: Surface
     viewer: Viewer | None = None

@@ -33,7 +33,7 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
-class Timing(Table):
+class CaptureTiming(Table):
     """How long to wait for a frame, and how often to ask again."""
 
     timeout_s: Positive = 5.0
