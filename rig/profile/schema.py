@@ -12,7 +12,7 @@ from pydantic import Field, PrivateAttr
 
 from rig.devices.simulated.settings import AT_LEAST_ONE, SimulationSettings
 from rig.errors import ProfileError
-from rig.files.toml import read_model
+from rig.files.toml import Table, read_model
 from rig.profile.between_tables import problems_between_tables
 from rig.profile.tables import (
     Box,
@@ -26,7 +26,6 @@ from rig.profile.tables import (
     Replay,
     Scale,
     Surface,
-    Table,
     Viewer,
 )
 
