@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from types import MappingProxyType, TracebackType
 from typing import Protocol, TypeVar
 
-from rig.capture.devices import make_devices
 from rig.capture.events import MENDED, Event, EventLog
 from rig.capture.projection import Projection
 from rig.capture.recovery import Gone, Openable, Recovery, close_quietly
 from rig.capture.tended_camera import TendedCamera
+from rig.devices.drivers import make_devices
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
 from rig.devices.refusals import check_codes
 from rig.errors import CaptureTimeout, DeviceError, UsageError

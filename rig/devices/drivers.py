@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from rig.devices.clock import SystemClock, VirtualClock
 from rig.devices.driver_settings import Devices, ProjectorSettings, RigSettings
 from rig.devices.protocols import Camera, Clock, Projector
 from rig.plug_ins import Kind, PlugIn, made_by, names, own
@@ -36,14 +37,31 @@ def driver_names(kind: Kind) -> tuple[str, ...]:
     return names(kind, brought_along(kind))
 
 
-def make_devices_of(profile: RigSettings, clock: Clock) -> Devices:
-    """Make all devices of a rig with the drivers that it names, closed.
+def make_devices(profile: RigSettings, start_s: float = 0.0, *, real_time: bool = False) -> Devices:
+    """Make all devices of a rig with the drivers that it names, closed, on the clock that fits them.
 
-    Raises ProfileError for settings that make no sense to a driver, UsageError for a driver that cannot be used.
+    Parameters
+    ----------
+    profile
+        The rig.
+    start_s
+        Where virtual clocks start.
+    real_time
+        Whether simulated devices go by the machine's clock.
+
+    Raises
+    ------
+    ProfileError
+        Settings make no sense to a driver, or a recording does not fit the profile.
+    UsageError
+        A driver of another package cannot be used.
     """
+    driver = profile.camera.driver
+    goes_by_machine = driver not in RIGS or (real_time and driver == "simulated")
+    clock: Clock = SystemClock() if goes_by_machine else VirtualClock(start_s)
     cameras, projectors = brought_along("camera driver"), brought_along("projector driver")
-    if (rig := profile.camera.driver) in RIGS:
-        return made_by("camera driver", rig, (profile, clock), brought=cameras, wanted=Devices)
+    if driver in RIGS:
+        return made_by("camera driver", driver, (profile, clock), brought=cameras, wanted=Devices)
     made = {
         one.name: made_by("camera driver", one.driver, (one, clock), brought=cameras, wanted=Camera)  # type: ignore[type-abstract]
         for one in profile.cameras

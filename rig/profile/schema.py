@@ -223,6 +223,13 @@ def _other_surface(profile: Profile) -> str:
     return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box'"
 
 
+def load_runnable_profile(path_or_name: str | Path) -> Profile:
+    """Load a profile, as :func:`load_profile`, and refuse what only a later version will run. Raises ProfileError."""
+    profile = load_profile(path_or_name)
+    refuse_what_comes_later(profile)
+    return profile
+
+
 def refuse_what_comes_later(profile: Profile) -> None:
     """Raise ProfileError, a line for each reason, when this version reads a profile but cannot run it."""
     if later := not_yet_run(profile):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.errors import SessionError
-from rig.profile.schema import Profile, load_profile
+from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
@@ -73,7 +73,7 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
         What a run would raise before its first frame.
     """
     folder = Path(request.folder)
-    named = None if request.profile is None else load_profile(request.profile)
+    named = None if request.profile is None else load_runnable_profile(request.profile)
     session = Session.read(folder, named) if Session.exists(folder) else None
     profile = named if session is None else session.profile
     if profile is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from rig.capture.rig import Rig
 from rig.capture.rig import open_rig as open_described
 from rig.errors import SessionError
-from rig.profile.schema import Profile, load_profile
+from rig.profile.schema import Profile, load_profile, refuse_what_comes_later
 from rig.report import page
 from rig.run.request import DEFAULT_STRATEGIES
 from rig.run.session import OpenSession
@@ -48,6 +48,7 @@ def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
         A device does not open.
     """
     described = profile if isinstance(profile, Profile) else load_profile(profile)
+    refuse_what_comes_later(described)
     return open_described(described, resume_at_s=resume_at_s)
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.capture.devices import simulated_world_of
 from rig.cli.app import run_command
+from rig.devices.simulated.devices import simulated_world_of
 from rig.errors import SessionError
 from rig.profile.schema import Profile
 from rig.session import Session
