@@ -1,9 +1,9 @@
-"""What a request comes to: its profile and target read once, and which steps are done, to do, and cost frames."""
+"""What a request comes to: its profile and target read once; and which steps are done, and what they cost."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from rig.errors import SessionError
@@ -12,6 +12,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
 from rig.session import Session
+from rig.session.folder import read_folder
 from rig.stages.compensation import CompensationRequest, check_strategies
 from rig.stages.target import load_target
 
@@ -25,17 +26,40 @@ class PlannedStep(Record):
     frames: int
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class SessionPlan:
     """A request whose files were read and found good; no device was touched."""
 
     folder: Path
+    verb: Verb
+    """The last one whose steps belong to it."""
     profile: Profile
     is_new: bool
     """There is no session yet."""
     showing: CompensationRequest | None
     """None when the plan ends before anything is shown."""
-    steps: tuple[PlannedStep, ...]
+
+    @cached_property
+    def steps(self) -> tuple[PlannedStep, ...]:
+        """Which steps are done, and about how many frames each takes; looks at the session when it is first asked."""
+        done = set() if self.is_new else self._done(Session.read(self.folder, self.profile))
+        n_strategies = 0 if self.showing is None else len(self.showing.strategies)
+        return tuple(
+            PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, self.profile, n_strategies))
+            for each in steps_up_to(self.verb)
+        )
+
+    def _done(self, session: Session) -> set[str]:
+        """Names of the steps that would have nothing left to do; what follows an unfinished one is not among them."""
+        done: set[str] = set()
+        for definition in steps_up_to(self.verb):
+            if done.issuperset(definition.needs) and self._is_done(definition, session):
+                done.add(definition.name)
+        return done
+
+    def _is_done(self, definition: AnyStep, session: Session) -> bool:
+        settings = settings_of(definition, session, self.showing)
+        return session.is_done(definition.name, settings=settings, needs=definition.needs)
 
     def as_json(self) -> JsonObject:
         """Return the plan as `rig run --dry-run --json` prints it.
@@ -73,34 +97,23 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
         What a run would raise before its first frame.
     """
     folder = Path(request.folder)
-    named = None if request.profile is None else load_runnable_profile(request.profile)
-    session = Session.read(folder, named) if Session.exists(folder) else None
-    profile = named if session is None else session.profile
-    if profile is None:
-        raise SessionError(f"{folder}: there is no session here; name a profile, e.g. -p sim-room")
+    is_new = not Session.exists(folder)
+    profile = _profile(request, folder, is_new=is_new)
     showing = _showing(request, profile) if verb in ("compensate", "compare") else None
-    definitions = steps_up_to(verb)
-    done = set() if session is None else _done_steps(definitions, session, showing)
-    n_strategies = 0 if showing is None else len(showing.strategies)
-    steps = tuple(
-        PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, profile, n_strategies))
-        for each in definitions
-    )
-    return SessionPlan(folder=folder, profile=profile, is_new=session is None, showing=showing, steps=steps)
+    return SessionPlan(folder=folder, verb=verb, profile=profile, is_new=is_new, showing=showing)
+
+
+def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
+    """The profile that was named, else that of the session; the two have to be the same."""
+    named = None if request.profile is None else load_runnable_profile(request.profile)
+    if not is_new:
+        _, named = read_folder(folder, named)
+    if named is None:
+        raise SessionError(f"{folder}: there is no session here; name a profile, e.g. -p sim-room")
+    return named
 
 
 def _showing(request: SessionRequest, profile: Profile) -> CompensationRequest:
     strategies = check_strategies(request.strategies)
     target = load_target(request.target, profile.projector.shape, request.fit, channels=profile.camera.channels)
     return CompensationRequest(target, strategies)
-
-
-def _done_steps(definitions: Sequence[AnyStep], session: Session, showing: CompensationRequest | None) -> set[str]:
-    """Names of the steps that would have nothing left to do; what follows an unfinished one is not among them."""
-    done: set[str] = set()
-    for definition in definitions:
-        if done.issuperset(definition.needs) and session.is_done(
-            definition.name, settings=settings_of(definition, session, showing), needs=definition.needs
-        ):
-            done.add(definition.name)
-    return done
