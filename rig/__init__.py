@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rig.benchmark import run_bench
-    from rig.capture.rig import Rig, open_rig
+    from rig.capture.rig import Rig
     from rig.emulated.commands import run_emulated
     from rig.errors import RigError
     from rig.inventory.list import list_devices
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from rig.profile.schema import load_profile
     from rig.run.plan import plan_session
     from rig.run.request import SessionRequest
-    from rig.run.script import calibrate, compare, compensate, model, separate, write_report
+    from rig.run.script import calibrate, compare, compensate, model, open_rig, separate, write_report
     from rig.run.session import run_session
     from rig.self_check import run_check
     from rig.session import Session
@@ -63,7 +63,7 @@ _HOMES = {
     "list_devices": "inventory.list",
     "load_profile": "profile.schema",
     "model": "run.script",
-    "open_rig": "capture.rig",
+    "open_rig": "run.script",
     "plan_live": "live.plan",
     "plan_session": "run.plan",
     "run_bench": "benchmark",

@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points, version
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, TypeVar
 
 from rig.errors import RigError, UsageError
 from rig.records import Record
@@ -28,6 +28,7 @@ GROUPS: Mapping[Kind, str] = {
 }
 """The group of entry points of each kind."""
 OWN_PACKAGE = "procam-rig"
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,6 +161,25 @@ def make(driver: PlugIn, settings: object, clock: object) -> object:
             f"{driver.kind} {driver.name!r} of {driver.source} fails ({driver.value}): {type(error).__name__}: "
             f"{error}; tell its author"
         ) from error
+    return made
+
+
+def made_by(
+    kind: Kind, name: str, arguments: tuple[object, object], *, brought: Iterable[PlugIn], wanted: type[Made]
+) -> Made:
+    """Return what the driver of a name makes of its settings and the rig's clock.
+
+    Raises
+    ------
+    UsageError
+        There is no such driver, or two; it cannot be loaded, fails by a mistake of its own, or makes something else.
+    RigError
+        As it says.
+    """
+    driver = choose(kind, name, brought)
+    made = make(driver, *arguments)
+    if not isinstance(made, wanted):
+        raise wrong_type(driver, made, f"{wanted.__name__} ({wanted.__module__})")
     return made
 
 

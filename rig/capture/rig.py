@@ -13,19 +13,18 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Protocol, TypeVar
 
-from rig.capture.devices import make_devices
 from rig.capture.events import MENDED, Event, EventLog
 from rig.capture.projection import Projection
 from rig.capture.recovery import Gone, Openable, Recovery, close_quietly
 from rig.capture.tended_camera import TendedCamera
+from rig.devices.drivers import make_devices
 from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
 from rig.devices.refusals import check_codes
 from rig.errors import CaptureTimeout, DeviceError, UsageError
-from rig.profile.schema import Profile, load_profile
+from rig.profile.schema import Profile
 
 __all__ = ["Event", "NamedCodes", "Rig", "open_rig"]
 
@@ -350,13 +349,13 @@ def _chosen(kind: str, devices: Mapping[str, object], name: str | None) -> str:
     return next(iter(devices))
 
 
-def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
+def open_rig(profile: Profile, *, resume_at_s: float = 0.0) -> Rig:
     """Open the devices that a profile describes.
 
     Parameters
     ----------
     profile
-        A profile, its file, or the bare name of one in ``hw_profiles``.
+        What is to be opened, and how.
     resume_at_s
         Where virtual clocks start: ``session.last_clock_s`` when a session goes on.
 
@@ -371,8 +370,6 @@ def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
     DeviceError
         A device does not open.
     """
-    if not isinstance(profile, Profile):
-        profile = load_profile(profile)
     rig = Rig(profile, *make_devices(profile, resume_at_s))
     with ExitStack() as undo:
         undo.callback(rig.close)

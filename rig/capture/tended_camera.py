@@ -10,7 +10,7 @@ from rig.capture.recovery import close_quietly, talking_to
 from rig.devices.protocols import Camera, Clock, RawFrame, Resettable
 from rig.devices.refusals import check_exposure
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, SettingRefused
-from rig.profile.tables import CameraProfile, Timing
+from rig.profile.tables import CameraProfile, CaptureTiming
 
 _SILENCE = 2
 """Time limits that pass one after the other without any frame before the camera is opened again."""
@@ -85,7 +85,7 @@ class TendedCamera:
             )
 
     def first_good_frame(
-        self, name: str, settled_s: float, timing: Timing, check_picture: Callable[[], None]
+        self, name: str, settled_s: float, timing: CaptureTiming, check_picture: Callable[[], None]
     ) -> RawFrame | None:
         """Return the first good frame of a picture; None when the camera needs more than to be asked again.
 

@@ -8,9 +8,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from rig.devices.driver_settings import CameraSettings, Devices, ProjectorSettings, RigSettings
+from rig.devices.clock import SystemClock, VirtualClock
+from rig.devices.driver_settings import Devices, ProjectorSettings, RigSettings
 from rig.devices.protocols import Camera, Clock, Projector
-from rig.plug_ins import Kind, PlugIn, choose, make, names, own, wrong_type
+from rig.plug_ins import Kind, PlugIn, made_by, names, own
 
 CAMERAS: Mapping[str, str] = {"v4l2": "rig.devices.v4l2.camera:from_profile"}
 """Of single cameras: a CameraFactory by name."""
@@ -36,45 +37,51 @@ def driver_names(kind: Kind) -> tuple[str, ...]:
     return names(kind, brought_along(kind))
 
 
-def make_devices_of(profile: RigSettings, clock: Clock) -> Devices:
-    """Make all devices of a rig with the drivers that it names, closed.
+def make_devices(profile: RigSettings, start_s: float = 0.0, *, real_time: bool = False) -> Devices:
+    """Make all devices of a rig with the drivers that it names, closed, on the clock that fits them.
 
-    Raises ProfileError for settings that make no sense to a driver, UsageError for a driver that cannot be used.
+    Parameters
+    ----------
+    profile
+        The rig.
+    start_s
+        Where virtual clocks start.
+    real_time
+        Whether simulated devices go by the machine's clock.
+
+    Raises
+    ------
+    ProfileError
+        Settings make no sense to a driver, or a recording does not fit the profile.
+    UsageError
+        A driver of another package cannot be used.
     """
-    if profile.camera.driver in RIGS:
-        return _rig(profile, clock)
-    cameras = {one.name: _camera(one, clock) for one in profile.cameras}
-    return Devices(cameras, {one.name: _projector(one, profile.path, clock) for one in profile.projectors}, clock)
+    driver = profile.camera.driver
+    goes_by_machine = driver not in RIGS or (real_time and driver == "simulated")
+    clock: Clock = SystemClock() if goes_by_machine else VirtualClock(start_s)
+    cameras, projectors = brought_along("camera driver"), brought_along("projector driver")
+    if driver in RIGS:
+        return made_by("camera driver", driver, (profile, clock), brought=cameras, wanted=Devices)
+    made = {
+        one.name: made_by("camera driver", one.driver, (one, clock), brought=cameras, wanted=Camera)  # type: ignore[type-abstract]
+        for one in profile.cameras
+    }
+    displays = {
+        one.name: made_by("projector driver", one.driver, (one, clock), brought=projectors, wanted=Projector)  # type: ignore[type-abstract]
+        for one in profile.projectors
+    }
+    controlled = {one.name: _controlled(displays[one.name], one, profile.path, clock) for one in profile.projectors}
+    return Devices(made, controlled, clock)
 
 
-def _rig(profile: RigSettings, clock: Clock) -> Devices:
-    plug_in = choose("camera driver", profile.camera.driver, brought_along("camera driver"))
-    made = make(plug_in, profile, clock)
-    if not isinstance(made, Devices):
-        raise wrong_type(plug_in, made, "Devices (rig.devices.driver_settings)")
-    return made
-
-
-def _camera(settings: CameraSettings, clock: Clock) -> Camera:
-    plug_in = choose("camera driver", settings.driver, brought_along("camera driver"))
-    made = make(plug_in, settings, clock)
-    if not isinstance(made, Camera):
-        raise wrong_type(plug_in, made, "a Camera (rig.devices.protocols)")
-    return made
-
-
-def _projector(settings: ProjectorSettings, path: Path, clock: Clock) -> Projector:
+def _controlled(display: Projector, settings: ProjectorSettings, path: Path, clock: Clock) -> Projector:
     """The display, behind what controls the projector that hangs on it."""
-    plug_in = choose("projector driver", settings.driver, brought_along("projector driver"))
-    made = make(plug_in, settings, clock)
-    if not isinstance(made, Projector):
-        raise wrong_type(plug_in, made, "a Projector (rig.devices.protocols)")
     if settings.lightcrafter is not None:
         from rig.devices.lightcrafter.projector import from_profile as with_lightcrafter
 
-        made = with_lightcrafter(made, settings.lightcrafter, clock)
+        display = with_lightcrafter(display, settings.lightcrafter, clock)
     if settings.pjlink is not None:
         from rig.devices.network.powered_projector import from_profile as with_pjlink
 
-        made = with_pjlink(made, settings.pjlink, path, clock)
-    return made
+        display = with_pjlink(display, settings.pjlink, path, clock)
+    return display

@@ -10,10 +10,10 @@ from typing import Protocol
 
 import numpy as np
 
-from rig.capture.devices import simulated_world_of
 from rig.devices.clock import SystemClock
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Codes
+from rig.devices.simulated.devices import simulated_world_of
 from rig.devices.simulated.world import SimulatedWorld
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.emulated.faults import Faults

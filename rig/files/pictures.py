@@ -23,6 +23,8 @@ Sample = TypeVar("Sample", np.uint8, np.float32, np.float64)
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 """Share of linear red, green and blue in luminance (ITU-R BT.709)."""
 _PICTURE_CHANNELS = (("R", "G", "B"), ("Y",), ("I",))
+_BRIGHTEST = 255.001
+"""Grey level: 255, and the rounding of an EXR whose white is 1.0 in half precision."""
 _PICTURE_SUFFIXES = "PNG, JPEG, TIFF or EXR"
 
 
@@ -214,6 +216,54 @@ def cover(
     method = cv2.INTER_AREA if shrinks else enlarging
     data: NDArray[Any] = cv2.resize(picture, (width, height), dst=scaled, interpolation=method)
     return centre_crop(data.reshape(height, width, -1), shape)
+
+
+def fitted(picture: Float32Array, shape: tuple[int, int]) -> Float32Array:
+    """Return grey levels (H, W, C) scaled to cover a shape, and cropped to it, within 0 … 255."""
+    covering = cover(picture, shape, cv2.INTER_CUBIC)
+    return np.clip(covering, 0, 255, out=covering)  # smooth curves overshoot
+
+
+def in_channels(picture: Float32Array, channels: int) -> Float32Array:
+    """Return a picture (H, W, 1 or 3) in one channel, its luminance, or in several, grey being a colour, too."""
+    if picture.shape[2] == channels:
+        return picture
+    if channels > 1:
+        return np.repeat(picture, channels, axis=2)
+    return np.asarray((picture @ LUMINANCE.astype(np.float32))[..., None])
+
+
+def read_picture_of_shape(
+    path: str | os.PathLike[str], shape: tuple[int, int], *, channels: int, fit: bool
+) -> Float32Array:
+    """Read a target picture as a projector takes it: (height, width, channels) grey levels of linear light.
+
+    Parameters
+    ----------
+    path
+        As for :func:`read_picture`.
+    shape
+        (height, width) of the projector.
+    channels
+        1 or 3.
+    fit
+        Scale and crop a picture of another size.
+
+    Raises
+    ------
+    UsageError
+        The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
+    """
+    picture = in_channels(read_picture(path), channels)
+    if picture.shape[:2] != shape and not fit:
+        raise UsageError(
+            f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the projector has {shape[1]} x {shape[0]} px; "
+            "resize the picture, or add --fit to crop and scale it"
+        )
+    picture = picture if picture.shape[:2] == shape else fitted(picture, shape)
+    if picture.max() > _BRIGHTEST:
+        raise UsageError(f"{path}: grey levels up to {picture.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
+    return np.ascontiguousarray(picture, dtype=np.float32)
 
 
 def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -45,6 +45,10 @@ class ListedDevice(Protocol):
         """What people call it."""
         ...
 
+    def names(self) -> tuple[str | None, ...]:
+        """What it may be asked for by."""
+        ...
+
 
 class Pasted(ListedDevice, Protocol):
     """A device that a profile can have."""

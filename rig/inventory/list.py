@@ -98,7 +98,7 @@ class Finders:
 
 THIS_MACHINE = Finders()
 Found = TypeVar("Found")
-Listed = TypeVar("Listed", ListedCamera, ListedOutput, ListedMonitor, ListedController)
+Listed = TypeVar("Listed", bound=ListedDevice)
 
 
 def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> DeviceList:

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
+from rig.devices.drivers import make_devices
 from rig.devices.protocols import Clock, Codes, Projector, Shown
 from rig.errors import UsageError
 from rig.live.plan import LivePlan

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from rig.capture.devices import make_devices
 from rig.capture.recovery import close_quietly
 from rig.devices.clock import SystemClock
+from rig.devices.drivers import make_devices
 from rig.devices.protocols import Camera, Clock, Projector
 from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceError

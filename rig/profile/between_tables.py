@@ -13,7 +13,7 @@ from rig.devices.drivers import CAMERAS, PROJECTORS, RIGS, driver_names
 from rig.files.toml import entry_place
 
 
-class _Device(NamedTuple):
+class _NamedTable(NamedTuple):
     kind: str
     """camera or projector."""
     place: str
@@ -42,12 +42,12 @@ def problems_between_tables(data: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _devices(data: Mapping[str, Any], kind: str) -> Iterator[_Device]:
+def _devices(data: Mapping[str, Any], kind: str) -> Iterator[_NamedTable]:
     """The tables of one kind, as far as they are tables."""
     entries = _listed(data, kind)
     for index, table in enumerate(entries):
         if isinstance(table, dict):
-            yield _Device(kind, f"{kind}{entry_place(entries, index)}", table)
+            yield _NamedTable(kind, f"{kind}{entry_place(entries, index)}", table)
 
 
 def _listed(data: Mapping[str, Any], key: str) -> list[object]:
@@ -55,7 +55,7 @@ def _listed(data: Mapping[str, Any], key: str) -> list[object]:
     return entries if isinstance(entries, list) else []
 
 
-def _repeated_names(devices: list[_Device]) -> Iterator[str]:
+def _repeated_names(devices: list[_NamedTable]) -> Iterator[str]:
     seen: set[object] = set()
     for device in devices:
         if isinstance(device.name, str) and device.name in seen:
@@ -63,7 +63,7 @@ def _repeated_names(devices: list[_Device]) -> Iterator[str]:
         seen.add(device.name)
 
 
-def _driver_problems(device: _Device) -> Iterator[str]:
+def _driver_problems(device: _NamedTable) -> Iterator[str]:
     """A driver that there is none of, and keys that say which device: needed by some drivers, allowed to few."""
     driver, kind = device.driver, device.kind
     known = driver_names("camera driver" if kind == "camera" else "projector driver") if isinstance(driver, str) else ()
@@ -79,7 +79,7 @@ def _driver_problems(device: _Device) -> Iterator[str]:
         yield f"{device.place}.options: only for drivers of other packages; remove it"
 
 
-def _mixed_drivers(cameras: list[_Device], projectors: list[_Device]) -> Iterator[str]:
+def _mixed_drivers(cameras: list[_NamedTable], projectors: list[_NamedTable]) -> Iterator[str]:
     """Simulated and replayed devices come together; the others in any mixture."""
     driver = cameras[0].driver if cameras else None
     if not isinstance(driver, str) or driver not in driver_names("camera driver"):
@@ -97,7 +97,7 @@ def _mixed_drivers(cameras: list[_Device], projectors: list[_Device]) -> Iterato
         )
 
 
-def _needed_tables(data: Mapping[str, Any], cameras: list[_Device]) -> Iterator[str]:
+def _needed_tables(data: Mapping[str, Any], cameras: list[_NamedTable]) -> Iterator[str]:
     driver = cameras[0].driver if cameras else None
     for table, needed in (("simulation", "simulated"), ("replay", "replay")):
         if driver == needed and table not in data:
@@ -108,7 +108,7 @@ def _needed_tables(data: Mapping[str, Any], cameras: list[_Device]) -> Iterator[
             yield f"{table}: only for driver = {which}, the camera's is {driver!r}; remove the table"
 
 
-def _unknown_names(data: Mapping[str, Any], cameras: list[_Device], projectors: list[_Device]) -> Iterator[str]:
+def _unknown_names(data: Mapping[str, Any], cameras: list[_NamedTable], projectors: list[_NamedTable]) -> Iterator[str]:
     """Lengths and the viewer name devices that are there."""
     entries = _listed(data, "scale")
     for index, length in enumerate(entries):
@@ -126,7 +126,7 @@ def _unknown_names(data: Mapping[str, Any], cameras: list[_Device], projectors: 
         yield from _unknown("viewer.camera", viewer.get("camera"), cameras)
 
 
-def _unknown(place: str, name: object, devices: list[_Device]) -> Iterator[str]:
+def _unknown(place: str, name: object, devices: list[_NamedTable]) -> Iterator[str]:
     names = [device.name for device in devices if isinstance(device.name, str)]
     if not isinstance(name, str) or name in names or not names:
         return
@@ -135,7 +135,9 @@ def _unknown(place: str, name: object, devices: list[_Device]) -> Iterator[str]:
     yield f"{place}: no {' or '.join(dict.fromkeys(device.kind for device in devices))} is named {name!r}{meant}"
 
 
-def _unlike_the_simulation(data: Mapping[str, Any], cameras: list[_Device], projectors: list[_Device]) -> Iterator[str]:
+def _unlike_the_simulation(
+    data: Mapping[str, Any], cameras: list[_NamedTable], projectors: list[_NamedTable]
+) -> Iterator[str]:
     """Each device has its truth in the simulation, and nothing else has."""
     simulation = data.get("simulation")
     if not isinstance(simulation, dict):

@@ -9,10 +9,10 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from rig.errors import ProfileError
-from rig.files.toml import parse_toml, read_model
+from rig.files.toml import Table, parse_toml, read_model
 
 FOLDER = Path(__file__).parents[2] / "hw_profiles"
 KINDS = ("camera", "projector")
@@ -42,18 +42,14 @@ UsbId = Annotated[str, Field(pattern=r"^[0-9a-f]{4}:[0-9a-f]{4}$")]
 Mode = tuple[Pixels, Pixels, Positive]
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class FactSource(_Table):
+class FactSource(Table):
     """A public document."""
 
     title: Text
     address: Annotated[str, Field(pattern=r"^https?://\S+$")]
 
 
-class Fact(_Table, Generic[Value]):
+class Fact(Table, Generic[Value]):
     """A value, the key of the document that says it, and its words."""
 
     value: Value
@@ -63,7 +59,7 @@ class Fact(_Table, Generic[Value]):
     """How the value follows from the words, when it does not stand in them."""
 
 
-class CameraFacts(_Table):
+class CameraFacts(Table):
     """What is known of a camera model; every fact may be missing."""
 
     sensor: Fact[str] | None = None
@@ -95,7 +91,7 @@ class CameraFacts(_Table):
     controls: Fact[tuple[Text, ...]] | None = None
 
 
-class ProjectorFacts(_Table):
+class ProjectorFacts(Table):
     """What is known of a projector model; every fact may be missing."""
 
     imaging: Fact[Literal["DLP, one chip", "3LCD", "LCoS"]] | None = None
@@ -132,7 +128,7 @@ class ProjectorFacts(_Table):
     usb_ids: Fact[tuple[UsbId, ...]] | None = None
 
 
-class _File(_Table):
+class _File(Table):
     schema_: Annotated[Literal[1], Field(alias="schema")]
     maker: Text
     model: Text

@@ -12,12 +12,13 @@ from pydantic import Field, PrivateAttr
 
 from rig.devices.simulated.settings import AT_LEAST_ONE, SimulationSettings
 from rig.errors import ProfileError
-from rig.files.toml import read_model
+from rig.files.toml import Table, read_model
 from rig.profile.between_tables import problems_between_tables
 from rig.profile.tables import (
     Box,
     Brightness,
     CameraProfile,
+    CaptureTiming,
     Limits,
     Name,
     Patterns,
@@ -25,8 +26,6 @@ from rig.profile.tables import (
     Replay,
     Scale,
     Surface,
-    Table,
-    Timing,
     Viewer,
 )
 
@@ -48,7 +47,7 @@ class Profile(Table):
     description: str = ""
     cameras: Annotated[tuple[CameraProfile, ...], Field(alias="camera"), AT_LEAST_ONE]
     projectors: Annotated[tuple[ProjectorProfile, ...], Field(alias="projector"), AT_LEAST_ONE]
-    timing: Timing = Timing()
+    timing: CaptureTiming = CaptureTiming()
     scales: Annotated[tuple[Scale, ...], Field(alias="scale"), AT_LEAST_ONE]
     surface: Surface
     viewer: Viewer | None = None
@@ -222,6 +221,13 @@ def _several_lengths(profile: Profile) -> str:
 
 def _other_surface(profile: Profile) -> str:
     return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box'"
+
+
+def load_runnable_profile(path_or_name: str | Path) -> Profile:
+    """Load a profile, as :func:`load_profile`, and refuse what only a later version will run. Raises ProfileError."""
+    profile = load_profile(path_or_name)
+    refuse_what_comes_later(profile)
+    return profile
 
 
 def refuse_what_comes_later(profile: Profile) -> None:

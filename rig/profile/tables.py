@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, JsonValue, model_validator
+from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from rig.devices.protocols import ExposureRange
+from rig.files.toml import Table
 
 Byte = Annotated[int, Field(ge=0, le=255)]
 Positive = Annotated[float, Field(gt=0)]
@@ -27,13 +28,7 @@ def _possible(given: ExposureRange) -> ExposureRange:
     return given
 
 
-class Table(BaseModel):
-    """A TOML table: frozen, without unknown keys, without numbers that are none."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Timing(Table):
+class CaptureTiming(Table):
     """How long to wait for a frame, and how often to ask again."""
 
     timeout_s: Positive = 5.0

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from rig.errors import SessionError
-from rig.profile.schema import Profile, load_profile
+from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
@@ -105,7 +105,7 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
 
 def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
     """The profile that was named, else that of the session; the two have to be the same."""
-    named = None if request.profile is None else load_profile(request.profile)
+    named = None if request.profile is None else load_runnable_profile(request.profile)
     if not is_new:
         _, named = read_folder(folder, named)
     if named is None:

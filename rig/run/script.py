@@ -10,7 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from rig.capture.rig import Rig
+from rig.capture.rig import open_rig as open_described
 from rig.errors import SessionError
+from rig.profile.schema import Profile, load_profile, refuse_what_comes_later
 from rig.report import page
 from rig.run.request import DEFAULT_STRATEGIES
 from rig.run.session import OpenSession
@@ -21,6 +23,33 @@ from rig.stages.error_tree import one_error_tree
 from rig.stages.results import SessionResult
 from rig.stages.target import load_target
 from rig.terminal import OnStep, silent
+
+
+def open_rig(profile: Profile | str | Path, *, resume_at_s: float = 0.0) -> Rig:
+    """Open the devices that a profile describes.
+
+    Parameters
+    ----------
+    profile
+        A profile, its file, or the bare name of one in ``hw_profiles``.
+    resume_at_s
+        Where virtual clocks start: ``session.last_clock_s`` when a session goes on.
+
+    Returns
+    -------
+    Rig
+        Open, each camera's exposure at its ``exposure_s``; use it in a ``with`` statement, or close it.
+
+    Raises
+    ------
+    ProfileError
+        The profile cannot be used.
+    DeviceError
+        A device does not open.
+    """
+    described = profile if isinstance(profile, Profile) else load_profile(profile)
+    refuse_what_comes_later(described)
+    return open_described(described, resume_at_s=resume_at_s)
 
 
 def calibrate(rig: Rig, session: Session, on_step: OnStep = silent) -> None:

@@ -147,10 +147,10 @@ def opened_session(plan: SessionPlan) -> Iterator[OpenSession]:
     """
     with ExitStack() as stack, one_error_tree():
         # Devices that do not open leave no new session behind.
-        rig = stack.enter_context(open_rig(plan.profile, resume_at_s=0.0)) if plan.is_new else None
+        begun = stack.enter_context(open_rig(plan.profile, resume_at_s=0.0)) if plan.is_new else None
         session = stack.enter_context(Session.open(plan.folder, plan.profile))
 
-        def resumed() -> Rig:
-            return stack.enter_context(open_rig(plan.profile, resume_at_s=session.last_clock_s))
+        def opened() -> Rig:
+            return begun or stack.enter_context(open_rig(plan.profile, resume_at_s=session.last_clock_s))
 
-        yield OpenSession(session, resumed, rig=rig, showing=plan.showing)
+        yield OpenSession(session, opened, showing=plan.showing)

@@ -9,9 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.capture.devices import simulated_worlds_of
 from rig.capture.rig import Rig
-from rig.devices.simulated.devices import SimulatedCamera
+from rig.devices.simulated.devices import SimulatedCamera, simulated_worlds_of
 from rig.devices.simulated.room import reflectance_at
 from rig.devices.simulated.world import SimulatedWorld
 from rig.files.channels import image_of

@@ -46,13 +46,15 @@ class Inverse:
         return np.stack([band.apply(values[:, b], adjoint) for b, band in enumerate(self._bands)]).T
 
     @cached_property
-    def _bands(self) -> list[_Band]:
+    def _bands(self) -> list[_BandInverse]:
         reciprocals = divide_where_lit(np.ones_like(self.transport.diagonal), self.transport.diagonal)
-        return [_Band(each, reciprocals[:, b], self.steps) for b, each in enumerate(self.transport.interreflections)]
+        return [
+            _BandInverse(each, reciprocals[:, b], self.steps) for b, each in enumerate(self.transport.interreflections)
+        ]
 
 
 @dataclass(frozen=True, eq=False)
-class _Band:
+class _BandInverse:
     interreflection: InterreflectionOperator
     reciprocal: FloatArray
     """(n,) 1 / D."""

@@ -170,7 +170,7 @@ def frame_model(
 
 
 @dataclass(frozen=True, eq=False)
-class _Band:
+class _BandOfPixels:
     """One band's transport, pixel by pixel."""
 
     transport: LightTransport
@@ -276,14 +276,14 @@ def _dither(seed: int | None) -> CodeArray:
     return np.stack(tiles).reshape(shape).astype(np.uint8)
 
 
-def _band(transport: LightTransport) -> _Band:
+def _band(transport: LightTransport) -> _BandOfPixels:
     diagonal = diagonal_of(transport)
     inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
     seen = transport.view @ transport.radiosity.reflectance
-    return _Band(transport, inverse, np.asarray(seen * inverse))
+    return _BandOfPixels(transport, inverse, np.asarray(seen * inverse))
 
 
-def _emission(light: Sequence[_Band]) -> tuple[IntArray, FloatArray, list[FloatArray]]:
+def _emission(light: Sequence[_BandOfPixels]) -> tuple[IntArray, FloatArray, list[FloatArray]]:
     """The patch that each pixel lights, how much in the first band, and per patch how much in each band."""
     patch, first = _main_patch(light[0])
     n = light[0].transport.radiosity.n_patches
@@ -295,20 +295,20 @@ def _emission(light: Sequence[_Band]) -> tuple[IntArray, FloatArray, list[FloatA
     return patch, first, shares
 
 
-def _per_power(band: _Band) -> FloatArray:
+def _per_power(band: _BandOfPixels) -> FloatArray:
     """(P,) emission of a patch by unit power that arrives there."""
     radiosity = band.transport.radiosity
     return np.asarray(radiosity.reflectance / radiosity.form_factors.areas)
 
 
-def _power(band: _Band) -> FloatArray:
+def _power(band: _BandOfPixels) -> FloatArray:
     """(n,) power that each pixel sends onto patches that are not black."""
     per_power = _per_power(band)
     weight = np.divide(1.0, per_power, out=np.zeros_like(per_power), where=per_power > 0)
     return np.asarray(band.transport.emission.T @ weight)
 
 
-def _main_patch(band: _Band) -> tuple[IntArray, FloatArray]:
+def _main_patch(band: _BandOfPixels) -> tuple[IntArray, FloatArray]:
     """(n,) patch that takes most of each pixel's power, and its emission if it takes all of it."""
     emission = band.transport.emission.tocsc()
     per_power = _per_power(band)
@@ -351,7 +351,7 @@ def _one_layer(layers: Sequence[FloatArray]) -> tuple[list[FloatArray], list[flo
 
 
 def _inverse(
-    band: _Band, sums: csr_array, lit: IntArray, viewed: IntArray, *, share: FloatArray, gain_ratio: float
+    band: _BandOfPixels, sums: csr_array, lit: IntArray, viewed: IntArray, *, share: FloatArray, gain_ratio: float
 ) -> FloatArray:
     """(W, L) from sums over a patch's pixels to the irradiance of the viewed patches, in the view's unit."""
     transport = band.transport

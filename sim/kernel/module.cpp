@@ -35,10 +35,10 @@ std::vector<std::string> instruction_sets() {
 }  // namespace
 
 NB_MODULE(_kernel, m) {
-    m.def("level", [] { return name_of(kernel::instruction_set()); });
-    m.def("best_level", [] { return name_of(kernel::best_instruction_set()); });
-    m.def("levels", &instruction_sets);
-    m.def("set_level", &set_instruction_set, nb::arg("name"));
+    m.def("instruction_set", [] { return name_of(kernel::instruction_set()); });
+    m.def("best_instruction_set", [] { return name_of(kernel::best_instruction_set()); });
+    m.def("instruction_sets", &instruction_sets);
+    m.def("set_instruction_set", &set_instruction_set, nb::arg("name"));
     m.def("threads", [] { return omp_get_max_threads(); });
     m.def("set_threads", [](int n) { omp_set_num_threads(n); }, nb::arg("n"));
     bind_closed_form(m);

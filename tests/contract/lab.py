@@ -7,9 +7,9 @@ from contextlib import ExitStack
 from functools import cache, partial
 from pathlib import Path
 
-from rig.capture.devices import make_devices
 from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import SystemClock
+from rig.devices.drivers import make_devices
 from rig.devices.kms.find import list_outputs
 from rig.devices.kms.projector import KmsProjector
 from rig.devices.kms.readback import Readback

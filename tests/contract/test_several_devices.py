@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from rig.capture.rig import Rig, open_rig
+from rig import open_rig
+from rig.capture.rig import Rig
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.errors import DeviceLost, ProfileError, SettingRefused, UsageError

@@ -1,6 +1,7 @@
 """What ``import sim`` shows, what it says of itself, and strategies that other packages add."""
 
 import dataclasses
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -88,3 +89,9 @@ def test_every_strategy_is_described_for_tables_and_help() -> None:
         assert strategy.summary
         assert "\n" not in strategy.summary
         assert strategy.publication or name == "none"
+
+
+def test_the_page_has_a_row_for_every_strategy() -> None:
+    page = (Path(__file__).parents[2] / "docs/explanation/compensation.md").read_text(encoding="utf-8")
+    table = page.partition("## The strategies")[2].partition("\n## ")[0]
+    assert re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE) == list(sim.STRATEGIES)

@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.gray import bits_for
 from rig.errors import DeviceLost, ProfileError, UsageError
 from rig.files.pictures import read_pixels
-from rig.files.toml import read_model
+from rig.files.toml import Table, read_model
 
 Photograph = NDArray[Any]
 """uint8 or uint16."""
@@ -32,22 +32,18 @@ _LISTED = 12
 """Problems that a message lists."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class _Lens(_Table):
+class _Lens(Table):
     focal_px: tuple[_Positive, _Positive]
     principal_point_px: tuple[float, float]
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-class _Crop(_Table):
+class _Crop(Table):
     left_px: Annotated[int, Field(ge=0)] = 0
     top_px: Annotated[int, Field(ge=0)] = 0
 
 
-class _Device(_Table):
+class _Device(Table):
     width_px: _Count
     height_px: _Count
     lens: _Lens | None = None
@@ -59,7 +55,7 @@ class _Camera(_Device):
     black_level_dn: Annotated[float, Field(ge=0)] = 0.0
 
 
-class _Pose(_Table):
+class _Pose(Table):
     rotation: Annotated[tuple[float, ...], Field(min_length=9, max_length=9)]
     translation: tuple[float, float, float]
     unit: Literal["m", "mm"]
@@ -76,7 +72,7 @@ class _Pose(_Table):
         return self
 
 
-class _GrayCode(_Table):
+class _GrayCode(Table):
     columns: Annotated[tuple[_FileName, ...], Field(min_length=1)]
     columns_inverse: tuple[_FileName, ...] = ()
     rows: Annotated[tuple[_FileName, ...], Field(min_length=1)]
@@ -105,13 +101,13 @@ class _GrayCode(_Table):
                     yield f"gray-{axis}-{bit:02d}{suffix}", file
 
 
-class _Document(_Table):
+class _Document(Table):
     schema_: Annotated[Literal[1], Field(alias="schema")]
     camera: _Camera
     projector: _Device
     projector_from_camera: _Pose | None = None
     gray_code: _GrayCode | None = None
-    frames: dict[_PatternName, _FileName] = {}
+    frames: dict[_PatternName, _FileName] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -273,6 +273,16 @@ def from_profile(profile: RigSettings, clock: Clock) -> Devices:
     return Devices({settings.name: camera}, {profile.projector.name: projector}, clock)
 
 
+def simulated_world_of(profile: RigSettings) -> SimulatedWorld:
+    """Make the simulated world of a profile, as a grey camera sees it. Raises ProfileError when it has none."""
+    return worlds_of(profile, 1)[0]
+
+
+def simulated_worlds_of(profile: RigSettings) -> tuple[SimulatedWorld, ...]:
+    """Make the same in each band of the profile's camera."""
+    return worlds_of(profile, profile.camera.shape[2])
+
+
 def worlds_of(profile: RigSettings, channels: int) -> tuple[SimulatedWorld, ...]:
     """Make a profile's simulated world in each band of a camera of 1 or 3 channels. Raises ProfileError."""
     if profile.simulation is None:

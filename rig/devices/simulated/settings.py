@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from rig.files.toml import Table
 
 Item = TypeVar("Item")
 Vector3 = tuple[float, float, float]
@@ -66,11 +68,7 @@ Interval = Annotated[tuple[float, float], AfterValidator(_forward)]
 """Begin and end on the rig's clock, seconds."""
 
 
-class _Table(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
-
-
-class SimulatedLensSettings(_Table):
+class SimulatedLensSettings(Table):
     """Pose and lens of one device of the simulated world."""
 
     name: Annotated[str, Field(min_length=1)]
@@ -141,7 +139,7 @@ class SimulatedProjectorSettings(SimulatedLensSettings):
     unplugged_s: tuple[Interval, ...] = ()
 
 
-class Poster(_Table):
+class Poster(Table):
     """A rectangle of other reflectance on a face, in shares of the face's two edges."""
 
     face: FaceName
@@ -150,7 +148,7 @@ class Poster(_Table):
     reflectance: Colour
 
 
-class SimulationSettings(_Table):
+class SimulationSettings(Table):
     """The whole truth of a simulated rig."""
 
     seed: int = 1

@@ -1,3 +1,4 @@
+// The compressed matrix as Python sees it.
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "compressed/matrix.hpp"

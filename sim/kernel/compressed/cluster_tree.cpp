@@ -1,3 +1,4 @@
+// How the cluster tree is cut, and what bounds its clusters.
 #include "compressed/cluster_tree.hpp"
 
 #include <algorithm>
@@ -8,7 +9,8 @@ namespace {
 
 class Builder {
    public:
-    Builder(const Geometry &geometry, int leaf_size) : g_(geometry), leaf_size_(leaf_size), touch_(Tolerance::of(geometry.size()).touch) {}
+    Builder(const Geometry &geometry, int leaf_size)
+        : g_(geometry), leaf_size_(leaf_size), touch_(Tolerance::of(geometry.size()).touch) {}
 
     ClusterTree build() {
         tree_.order.resize(g_.n);
@@ -133,7 +135,8 @@ ClusterTree build_cluster_tree(const Geometry &geometry, int leaf_size) { return
 
 double distance_of(const Cluster &a, const Cluster &b) {
     const Vec before = a.low - b.high, after = b.low - a.high;
-    const Vec gap{std::max({0.0, before.x, after.x}), std::max({0.0, before.y, after.y}), std::max({0.0, before.z, after.z})};
+    const Vec gap{std::max({0.0, before.x, after.x}), std::max({0.0, before.y, after.y}),
+                  std::max({0.0, before.z, after.z})};
     return std::max(norm(gap), norm(a.middle - b.middle) - a.radius - b.radius);
 }
 

@@ -1,4 +1,7 @@
 // Cluster tree: patches sorted so that every cluster is a contiguous run, flat regions kept together.
+//
+// It divides the matrix into blocks, so that clusters must be compact, of about one size a level, and not mix regions.
+// The tree of geometry/tree.hpp answers rays, by the surface area heuristic over occluders: another job, another cut.
 #pragma once
 #include <cstdint>
 #include <vector>

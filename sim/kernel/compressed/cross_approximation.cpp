@@ -1,3 +1,4 @@
+// Crosses through the worst of sampled entries, and the smallest rank that is as good.
 #include "compressed/cross_approximation.hpp"
 
 #include <algorithm>
@@ -44,7 +45,7 @@ int largest(const std::vector<double> &x) {
 
 class Crosses {
    public:
-    Crosses(const Pairs &pairs, const Range2 &block, const std::vector<int> &candidates, int samples)
+    Crosses(const Pairs &pairs, const BlockRange &block, const std::vector<int> &candidates, int samples)
         : pairs_(pairs), block_(block), candidates_(candidates), row_(block.columns()), column_(block.rows()) {
         Random random{static_cast<std::uint64_t>(block.row_begin) << 32 | static_cast<std::uint32_t>(block.column_begin)};
         samples_.resize(samples);
@@ -80,7 +81,7 @@ class Crosses {
 
    private:
     const Pairs &pairs_;
-    const Range2 &block_;
+    const BlockRange &block_;
     const std::vector<int> &candidates_;
     std::vector<Sample> samples_;
     std::vector<double> row_, column_;
@@ -159,7 +160,7 @@ std::vector<double> combine(const std::vector<double> &basis, const std::vector<
 
 }  // namespace
 
-LowRank cross_approximation(const Pairs &pairs, const Range2 &block, const std::vector<int> &candidates,
+LowRank cross_approximation(const Pairs &pairs, const BlockRange &block, const std::vector<int> &candidates,
                             double tolerance, int rank_limit, int samples) {
     LowRank out;
     Crosses crosses(pairs, block, candidates, samples);

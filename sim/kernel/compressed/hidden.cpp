@@ -1,3 +1,4 @@
+// Shadows of occluders, cut out of a polygon as seen from a point.
 #include "compressed/hidden.hpp"
 
 #include <algorithm>

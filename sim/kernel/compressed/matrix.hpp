@@ -9,7 +9,7 @@
 namespace kernel::compressed {
 
 struct Block {
-    Range2 range;
+    BlockRange range;
     int rank = -1;  // -1: dense, (rows, columns) in `left`; a block on the diagonal is stored whole
     bool mixed = false, diagonal = false;
     std::vector<float> left, right;

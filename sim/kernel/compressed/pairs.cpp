@@ -1,3 +1,4 @@
+// Entries by points, exact factors or rays, whichever is enough for the pair.
 #include "compressed/pairs.hpp"
 
 #include <algorithm>
@@ -135,7 +136,8 @@ double Pairs::exact(int i, int j, bool close) const {
     if (swap) std::swap(i, j);
     const Polygon inner = polygon_of(j);
     const auto factor = [&](Vec p) { return std::max(point_factor(p, far_[i].normal, inner), 0.0); };
-    return outer_integral(i, j, gauss_rule(close ? effort_.order_close : effort_.order), factor) / (far_[i].root_area * far_[j].root_area);
+    const GaussRule &rule = gauss_rule(close ? effort_.order_close : effort_.order);
+    return outer_integral(i, j, rule, factor) / (far_[i].root_area * far_[j].root_area);
 }
 
 // The same past occluders: the outer integral goes over the patch that they are further from.
@@ -163,7 +165,8 @@ Polygon Pairs::polygon_of(int i) const {
 template <class Factor>
 double Pairs::outer_integral(int i, int j, const GaussRule &rule, const Factor &factor) const {
     if (!astride(i, j)) return integral_over(near_[i], rule, factor);
-    const Polygon part = part_above(polygon_of(i), far_[j].normal, dot(far_[j].normal, near_[j].corner[0]), tolerance_.snap);
+    const Polygon part =
+        part_above(polygon_of(i), far_[j].normal, dot(far_[j].normal, near_[j].corner[0]), tolerance_.snap);
     double sum = 0;
     for (int k = 1; k + 1 < part.n; ++k) {
         Near triangle{};

@@ -35,7 +35,7 @@ class Pairs {
         Vec centre, normal;
         double root_area, diameter_squared;
     };
-    struct Near {
+    struct Near {  // for points on the patch; a triangle repeats its last corner here, as the bilinear map wants it
         Vec corner[4];
         Vec twist;         // not 0 where the quad is no parallelogram
         bool parallelogram;

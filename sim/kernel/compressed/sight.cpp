@@ -1,3 +1,4 @@
+// Occluders between two clusters, by their shaft.
 #include "compressed/sight.hpp"
 
 #include <algorithm>

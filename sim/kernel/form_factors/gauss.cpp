@@ -1,3 +1,4 @@
+// Nodes and weights of Gauss and Legendre's rules.
 #include "form_factors/gauss.hpp"
 
 #include <array>

@@ -12,10 +12,10 @@ using namespace kernel;
 
 namespace {
 
-// Targets along a side from each outer point: first, and where they disagree.
+// Targets along a side from each outer point, of views too crowded to clip: first, and where they disagree.
 constexpr int FEW_RAYS = 4, MANY_RAYS = 9;
 
-struct Pair {
+struct ShadedPair {
     int first, second;
     bool first_is_outer;
     long begin;  // of its occluders in the list of its row
@@ -24,7 +24,7 @@ struct Pair {
 };
 
 struct Row {
-    std::vector<Pair> pairs;
+    std::vector<ShadedPair> pairs;
     std::vector<int> occluders;
     std::vector<long> place;  // of the pairs in a caller's list
 };
@@ -45,10 +45,7 @@ public:
         const ShaftEnd<4> from = shaft_end(a), to = shaft_end(b);
         const bool hidden = tree.along(a.centre, b.centre, std::max(a.radius, b.radius), [&](std::int32_t k) {
             const Occluder &by = tree.occluders[k];
-            const bool apart = table.empty()
-                                   ? spheres_apart(by.n, centre_seen(by, a.centre), a.radius, centre_seen(by, b.centre), b.radius)
-                                   : spheres_apart(by.n, seen(k, i), a.radius, seen(k, j), b.radius);
-            if (apart) return false;
+            if (spheres_apart(by.n, seen(k, i), a.radius, seen(k, j), b.radius)) return false;
             const Meets answer = meets(by, from, to, tree.tolerance);
             if (answer == Meets::none) return false;
             row.occluders.push_back(k);
@@ -68,7 +65,10 @@ private:
     const std::vector<FlatPolygon> &patches;
     std::vector<CentreSeen> table;  // [occluder][patch]
 
-    const CentreSeen &seen(int occluder, int patch) const { return table[occluder * patches.size() + patch]; }
+    CentreSeen seen(int occluder, int patch) const {
+        return table.empty() ? centre_seen(tree.occluders[occluder], patches[patch].centre)
+                             : table[occluder * patches.size() + patch];
+    }
 };
 
 // What a view's point sees of a patch by rays to a grid of targets on it, weighted by their factors. Each view
@@ -107,12 +107,12 @@ double blocked_factor(const Tree &tree, const PointView &view, const FlatPolygon
     return free * (1 - visible);
 }
 
-class Scene {
+class OccludedScene {
 public:
     Tree tree;
     std::vector<FlatPolygon> patches;
 
-    Scene(const In<double, 3> &vertices, const In<double, 3> &occluders)
+    OccludedScene(const In<double, 3> &vertices, const In<double, 3> &occluders)
         : tree(occluders.data(), static_cast<std::int64_t>(occluders.shape(0)),
                box_of(vertices.data(), static_cast<std::int64_t>(4 * vertices.shape(0))).diagonal()) {
         for (size_t k = 0; k < vertices.shape(0); ++k) patches.push_back(flat_polygon(vertices.data() + 12 * k));
@@ -123,7 +123,7 @@ public:
         std::vector<std::vector<std::pair<int, int>>> by_outer(patches.size());
         for (size_t r = 0; r < rows.size(); ++r)
             for (size_t k = 0; k < rows[r].pairs.size(); ++k) {
-                const Pair &pair = rows[r].pairs[k];
+                const ShadedPair &pair = rows[r].pairs[k];
                 if (pair.count)
                     by_outer[pair.first_is_outer ? pair.first : pair.second].push_back(
                         {static_cast<int>(r), static_cast<int>(k)});
@@ -136,7 +136,7 @@ public:
     }
 
 private:
-    static std::vector<int> named(const Row &row, const Pair &pair) {
+    static std::vector<int> named(const Row &row, const ShadedPair &pair) {
         return {row.occluders.begin() + pair.begin, row.occluders.begin() + pair.begin + pair.count};
     }
 
@@ -167,7 +167,7 @@ private:
             if (shared.size() <= SHARED) view.look(tree, shared, point.at, normal);
             for (size_t k = 0; k < mine.size(); ++k) {
                 const Row &row = rows[mine[k].first];
-                const Pair &pair = row.pairs[mine[k].second];
+                const ShadedPair &pair = row.pairs[mine[k].second];
                 if (shared.size() > SHARED) view.look(tree, named(row, pair), point.at, normal);
                 double unhindered;
                 const FlatPolygon &inner = patches[pair.first_is_outer ? pair.second : pair.first];
@@ -200,7 +200,7 @@ struct Found {
 
     void add(const std::vector<Row> &rows) {
         for (const Row &row : rows)
-            for (const Pair &pair : row.pairs)
+            for (const ShadedPair &pair : row.pairs)
                 if (pair.visible < 1) {
                     first.push_back(pair.first);
                     second.push_back(pair.second);
@@ -218,7 +218,7 @@ nb::tuple visible_of_matrix(In<double, 3> vertices, In<double, 3> occluders, In<
     Found found;
     {
         nb::gil_scoped_release released;
-        const Scene scene(vertices, occluders);
+        const OccludedScene scene(vertices, occluders);
         const OuterRule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
         const Culling culling(scene.tree, scene.patches);
         const long n = static_cast<long>(scene.patches.size()), step = std::max(1L, CHUNK / std::max(1L, n));
@@ -239,7 +239,7 @@ nb::tuple visible_of_matrix(In<double, 3> vertices, In<double, 3> occluders, In<
 
 long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::int64_t, 1> first,
                       In<std::int64_t, 1> second, In<double, 1> nodes, In<double, 1> weights, Out<double, 1> visible) {
-    const Scene scene(vertices, occluders);
+    const OccludedScene scene(vertices, occluders);
     const OuterRule rule{static_cast<int>(nodes.shape(0)), nodes.data(), weights.data()};
     const Culling culling(scene.tree, scene.patches);
     const long n = static_cast<long>(first.shape(0)), together = 256;

@@ -11,8 +11,10 @@
 namespace kernel {
 namespace {
 
-constexpr double ROUNDOFF = 1e-13;  // lengths are in units of the pair's size
-constexpr int HIGHEST = 12, DEEPEST = 60;
+// Lengths are in units of the pair's size; a thousand times 2^-53, for what coordinates have gone through.
+constexpr double ROUNDOFF = 1e-13;
+constexpr int HIGHEST = 12;  // points on a panel before it is halved: 8 and 18 take as long
+constexpr int DEEPEST = 60;  // halvings: what is left of an edge is below roundoff
 
 struct Edge {
     Vec from, along;  // unit direction

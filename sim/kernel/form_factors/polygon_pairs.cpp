@@ -66,7 +66,7 @@ Polygon part_before(const Patches &patches, std::int64_t i, std::int64_t plane) 
 
 inline std::int64_t other_of(const std::int64_t *j, std::int64_t i, std::int64_t k) { return j ? j[k] : i + 1 + k; }
 
-void fill(const Patches &patches, const std::int64_t *others, bool in_a_row, Block &block) {
+void fill(const Patches &patches, const std::int64_t *others, bool in_a_row, PatchBlock &block) {
     for (int f = 0; f < FIELDS; ++f) {
         const double *field = patches.field[f].data();
         if (in_a_row)
@@ -91,7 +91,7 @@ void serve(const Patches &patches, const Outer &outer, const std::int64_t *j, st
     const int count = waiting.count[way];
     std::int64_t others[LANES];
     for (int k = 0; k < LANES; ++k) others[k] = other_of(j, i, waiting.place[way][std::min(k, count - 1)]);
-    Block block;
+    PatchBlock block;
     double value[LANES];
     fill(patches, others, false, block);
     KERNEL_CALL(point_exchange_areas(outer, block, way, value));
@@ -173,7 +173,7 @@ void exchange_areas_of_row(const Patches &patches, const Demand &demand, std::in
     Outer outer;
     for (int f = 0; f < FIELDS; ++f) outer.field[f] = patches.field[f][i];
     Waiting waiting;
-    Block block;
+    PatchBlock block;
     for (std::int64_t begin = 0; begin < n; begin += LANES) {
         const int count = static_cast<int>(std::min<std::int64_t>(LANES, n - begin));
         std::int64_t others[LANES];

@@ -40,7 +40,7 @@ struct Patches {
 Patches patches_of(const double *vertices, std::int64_t n);
 
 // Some patches j in lanes.
-struct Block {
+struct PatchBlock {
     alignas(64) double field[FIELDS][LANES];
 };
 
@@ -67,10 +67,10 @@ struct Demand {
 enum Way { UNSEEN = 0, FAR = 0, ON_I = 16, ON_J = 32, BY_CONTOUR = 64 };
 
 // Way of each lane, and the value of lanes with a far rule.
-KERNEL_DECLARE(void far_exchange_areas(Outer &i, const Block &j, const Demand &demand, int *way, double *value))
+KERNEL_DECLARE(void far_exchange_areas(Outer &i, const PatchBlock &j, const Demand &demand, int *way, double *value))
 
 // All lanes by points on one patch.
-KERNEL_DECLARE(void point_exchange_areas(const Outer &i, const Block &j, int way, double *value))
+KERNEL_DECLARE(void point_exchange_areas(const Outer &i, const PatchBlock &j, int way, double *value))
 
 // Two polygons that lie wholly before each other's plane, to a relative tolerance.
 double contour_exchange_area(const Polygon &a, const Polygon &b, double tolerance);

@@ -181,8 +181,8 @@ Meets meets(const Occluder &by, const ShaftEnd<MOST> &i, const ShaftEnd<MOST> &j
     return behind(by, i, touch) || behind(by, j, touch) ? Meets::none : Meets::some;
 }
 
-// Whether one that may stand between some is parted from the shaft after all, by the shaft's own sides. It takes as long
-// as all above: worth it for clusters, of which each that is clear saves many pairs, not for single pairs of patches.
+// Whether one that may stand between some is parted from the shaft after all, by the shaft's own sides. It takes as
+// long as all above: worth it for clusters, of which a clear one saves many pairs, not for single pairs of patches.
 template <int MOST>
 bool outside(const Occluder &by, const ShaftEnd<MOST> &i, const ShaftEnd<MOST> &j, Tolerance tolerance) {
     // Most do stand between, and there the segment between the middles tells it soonest.

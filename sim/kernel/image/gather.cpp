@@ -23,6 +23,8 @@ struct Sources {
 };
 
 constexpr double COARSE[][2] = {{0.5, 0.5}, {0.2, 0.2}, {0.8, 0.2}, {0.2, 0.8}, {0.8, 0.8}};
+// Where five rays disagree, 6 x 6: irradiance in the box scene is then off by 5e-4; by 1.3e-3 with 3 x 3, and by 2e-4
+// with 12 x 12, which take 1.7 times as long.
 constexpr int FINE = 6;
 
 // Light that gets through between a point and places on a patch, weighted by cosines over distance squared.

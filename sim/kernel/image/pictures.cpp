@@ -61,7 +61,7 @@ void blocked(const Tracer &tracer, In<double, 2> from, In<double, 2> to, Out<std
 }
 
 // Which emission a run of rows gives, and what its pixels meet.
-struct Light {
+struct Lighting {
     const Tracer &tracer;
     const Device &device;
     const double *picture, *reflectance;
@@ -123,7 +123,7 @@ void light(const Tracer &tracer, const Device &device, In<double, 2> picture, In
            In<double, 1> areas, std::int64_t subsamples, bool physical, Out<double, 2> direct,
            Out<std::int32_t, 2> patch, Out<double, 3> place, Out<double, 1> emission) {
     const auto n = static_cast<std::int64_t>(areas.shape(0));
-    const Light work{tracer,   device,        picture.data(), reflectance.data(), subsamples,
+    const Lighting work{tracer,   device,        picture.data(), reflectance.data(), subsamples,
                      physical, direct.data(), place.data(),   patch.data()};
     std::vector<double> sums(CHUNKS * n, 0.0), counts(subsamples ? 1 : CHUNKS * n, 0.0);
 #pragma omp parallel for schedule(dynamic, 1)

@@ -1,6 +1,11 @@
+// Rays of a block against rectangles in vectors, or against the tree one by one.
 #include "image/tracer.hpp"
 
 namespace kernel::image {
+namespace {
+// Where a ray begins it meets nothing: four digits above the roundoff of its place. [lengths of the direction]
+constexpr double BEYOND_START = 1e-12;
+}  // namespace
 
 Tracer::Tracer(const double *rectangles, std::int64_t n, const double *corners, const double *frames, std::int64_t m)
     : tree_(corners, m, box_of(corners, 4 * m).diagonal()) {
@@ -19,7 +24,7 @@ void Tracer::block(const Rays &rays, Hits &hits) const {
 void Tracer::meet_polygons(const Rays &rays, Hits &hits) const {
     for (int k = 0; k < rays.n; ++k) {
         const Vec origin{rays.ox[k], rays.oy[k], rays.oz[k]}, direction{rays.dx[k], rays.dy[k], rays.dz[k]};
-        const std::int32_t found = tree_.first_hit(origin, direction, 1e-12, hits.at[k]);
+        const std::int32_t found = tree_.first_hit(origin, direction, BEYOND_START, hits.at[k]);
         hits.face[k] = found;
         hits.patch[k] = -1;
         hits.u[k] = hits.v[k] = hits.s[k] = hits.t[k] = hits.towards[k] = 0;

@@ -18,7 +18,8 @@ namespace kernel::KERNEL_INSTRUCTION_SET {
 namespace {
 
 constexpr double TINY = 1e-300;
-constexpr double FROM[] = {8, 16, 48};  // times the half width: 5, 4 and 3 points are enough
+// Distance over the half width from which 5, 4 and 3 points are enough, to 1e-10 (docs/decisions/0014).
+constexpr double FROM[] = {8, 16, 48};
 
 struct Spread {
     double centre, half_width, mass;
@@ -74,19 +75,19 @@ inline Rule<N> rule(const Spread &o) {
     return r;
 }
 
-struct Pair {
+struct RectanglePair {
     double ax0, ax1, bx0, bx1, ay0, ay1, by0, by1;
 };
 
 // Perpendicular: the sum of squared heights as a difference of a^2 and -b^2.
 template <bool PARALLEL>
-inline Spread across(const Pair &p) {
+inline Spread across(const RectanglePair &p) {
     if constexpr (PARALLEL) return spread(p.ax0, p.ax1, p.bx0, p.bx1);
     return spread(p.ax0 * p.ax0, p.ax1 * p.ax1, -p.bx1 * p.bx1, -p.bx0 * p.bx0);
 }
 
 template <bool PARALLEL, int N>
-inline double far_value(const Pair &p, double gap) {
+inline double far_value(const RectanglePair &p, double gap) {
     const Spread x = across<PARALLEL>(p), y = spread(p.ay0, p.ay1, p.by0, p.by1);
     const Rule<N> along_x = rule<N>(x), along_y = rule<N>(y);
     double squared[N], sum = 0;
@@ -120,7 +121,7 @@ inline double perpendicular_corner(double squared, double y, double scale) {
 }
 
 template <bool PARALLEL>
-inline double near_value(const Pair &p, double gap) {
+inline double near_value(const RectanglePair &p, double gap) {
     const Spread x = across<PARALLEL>(p), y = spread(p.ay0, p.ay1, p.by0, p.by1);
     const double q = PARALLEL ? x.centre * x.centre + gap * gap : x.centre;
     const double scale = q + y.centre * y.centre;
@@ -139,13 +140,13 @@ inline double near_value(const Pair &p, double gap) {
     return std::min(std::max(sum / (2 * PI), 0.0), least);
 }
 
-inline Pair pair_of(const Run &run, int k) {
+inline RectanglePair pair_of(const Run &run, int k) {
     return {run.ax0[k], run.ax1[k], run.bx0[k], run.bx1[k], run.ay0[k], run.ay1[k], run.by0[k], run.by1[k]};
 }
 
 // How far a pair is: the least distance to the integrand's pole over the half width, along either axis.
 template <bool PARALLEL>
-inline double separation(const Pair &p, double gap) {
+inline double separation(const RectanglePair &p, double gap) {
     const Spread x = across<PARALLEL>(p), y = spread(p.ay0, p.ay1, p.by0, p.by1);
     const double q = PARALLEL ? x.centre * x.centre + gap * gap : x.centre;
     const double r2 = q + y.centre * y.centre, r = std::sqrt(r2);
@@ -164,7 +165,7 @@ void some_values(const Run &run, int n, int *which, double *out) {
     for (int k = n; k < padded; ++k) which[k] = which[n - 1];
 #pragma omp simd
     for (int k = 0; k < padded; ++k) {
-        const Pair pair = pair_of(run, which[k]);
+        const RectanglePair pair = pair_of(run, which[k]);
         const double gap = run.gap[which[k]];
         if constexpr (N == 0)
             value[k] = near_value<PARALLEL>(pair, gap);

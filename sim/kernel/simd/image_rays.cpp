@@ -83,6 +83,7 @@ void aim(const Device &device, std::int64_t row, std::int64_t column, int n, dou
 }
 
 void meet_rectangles(const Rectangle *rectangles, std::int64_t count, const Rays &rays, Hits &hits) {
+    // In shares of an edge, as the definition has it (sim.scene.intersect_reference): no ray falls between two faces.
     constexpr double low = -1e-9, high = 1 + 1e-9, miss = std::numeric_limits<double>::infinity();
     const int n = rays.n;
     for (int k = 0; k < n; ++k) {

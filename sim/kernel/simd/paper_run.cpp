@@ -6,9 +6,10 @@ namespace kernel::KERNEL_INSTRUCTION_SET {
 
 namespace {
 
-constexpr double COPLANAR = 1e-9;  // of a unit length: heights below count as none
+// Heights below count as none [m]: the paper's samples of one wall, of some metres, lie in its plane to 1e-15.
+constexpr double LEAST_HEIGHT = 1e-9;
 
-inline double positive(double height) { return height > COPLANAR ? height : 0.0; }
+inline double positive(double height) { return height > LEAST_HEIGHT ? height : 0.0; }
 
 }  // namespace
 

@@ -15,12 +15,12 @@ constexpr Lanes zero = {};
 inline Lanes all(double value) { return zero + value; }
 
 // Both patches from the centre of i.
-struct Scene {
+struct PairFrame {
     LanePatch i, j;
     LaneVec centre;  // of j
 };
 
-LanePatch patch_of(const Block &block, const double *centre) {
+LanePatch patch_of(const PatchBlock &block, const double *centre) {
     LanePatch o;
     for (int k = 0; k < 4; ++k) {
         const double(*f)[LANES] = block.field + CORNER + 3 * k;
@@ -108,16 +108,16 @@ Lanes way_of(const Side &i, const Side &j, const Lanes &larger_i, const Demand &
     return way;
 }
 
-void ways_of(const Outer &i, const Block &block, const Scene &scene, const Demand &demand, int *way) {
-    const Lanes distance = root(dot(scene.centre, scene.centre)), inverse = 1.0 / (distance + TINY);
-    const LaneVec origin = {zero, zero, zero}, c = scene.centre;
+void ways_of(const Outer &i, const PatchBlock &block, const PairFrame &frame, const Demand &demand, int *way) {
+    const Lanes distance = root(dot(frame.centre, frame.centre)), inverse = 1.0 / (distance + TINY);
+    const LaneVec origin = {zero, zero, zero}, c = frame.centre;
     const LaneVec line = {c.x * inverse, c.y * inverse, c.z * inverse};
-    const Range over_i = range_along(scene.i.normal, scene.j, origin);
-    const Range over_j = range_along(scene.j.normal, scene.i, c);
-    const Range along_i = range_along(line, scene.i, origin), along_j = range_along(line, scene.j, origin);
+    const Range over_i = range_along(frame.i.normal, frame.j, origin);
+    const Range over_j = range_along(frame.j.normal, frame.i, c);
+    const Range along_i = range_along(line, frame.i, origin), along_j = range_along(line, frame.j, origin);
     const Lanes half_i = zero + i.field[HALF], half_j = load(block.field[HALF]), gap = along_j.low - along_i.high;
-    const Side side_i = side_of(gap, along_i.high - along_i.low, half_i, over_j, scene.i);
-    const Side side_j = side_of(gap, along_j.high - along_j.low, half_j, over_i, scene.j);
+    const Side side_i = side_of(gap, along_i.high - along_i.low, half_i, over_j, frame.i);
+    const Side side_j = side_of(gap, along_j.high - along_j.low, half_j, over_i, frame.j);
     const Lanes noise_i = demand.roundoff * (2.0 + distance / i.field[THIN]);
     const Lanes noise_j = demand.roundoff * (2.0 + distance / load(block.field[THIN]));
     Lanes found = way_of(side_i, side_j, half_i - half_j, demand);
@@ -161,12 +161,12 @@ inline Lanes points_sum(const Points &p, const Lanes *height, const LaneVec &q) 
     return sum;
 }
 
-void points_to_points(Outer &i, const Scene &scene, int order, double *value) {
+void points_to_points(Outer &i, const PairFrame &frame, int order, double *value) {
     if (i.points[order].n == 0) make_points(i, order);
     const Points &p = i.points[order];
     const GaussRule &rule = gauss_rule(order);
-    const LanePatch &j = scene.j;
-    const LaneVec &c = scene.centre;
+    const LanePatch &j = frame.j;
+    const LaneVec &c = frame.centre;
     Lanes height[MAX_FAR * MAX_FAR + 1], total = {};
     for (int k = 0; k < p.n; ++k)
         height[k] = p.weight[k] * dot(LaneVec{p.x[k] - c.x, p.y[k] - c.y, p.z[k] - c.z}, j.normal);
@@ -180,7 +180,7 @@ void points_to_points(Outer &i, const Scene &scene, int order, double *value) {
                 q.x += share[k] * j.corner[k].x, q.y += share[k] * j.corner[k].y, q.z += share[k] * j.corner[k].z;
                 weight += share[k] * j.density[k];
             }
-            total += rule.weight[a] * rule.weight[b] * weight * dot(scene.i.normal, q) * points_sum(p, height, q);
+            total += rule.weight[a] * rule.weight[b] * weight * dot(frame.i.normal, q) * points_sum(p, height, q);
         }
     total *= 1 / PI;
     std::memcpy(value, &total, sizeof total);
@@ -188,24 +188,24 @@ void points_to_points(Outer &i, const Scene &scene, int order, double *value) {
 
 }  // namespace
 
-void far_exchange_areas(Outer &i, const Block &block, const Demand &demand, int *way, double *value) {
+void far_exchange_areas(Outer &i, const PatchBlock &block, const Demand &demand, int *way, double *value) {
     const double *centre = i.field + CENTRE;
     const double(*c)[LANES] = block.field + CENTRE;
-    const Scene scene{patch_of(i.field), patch_of(block, centre),
+    const PairFrame frame{patch_of(i.field), patch_of(block, centre),
                       {load(c[0]) - centre[0], load(c[1]) - centre[1], load(c[2]) - centre[2]}};
-    ways_of(i, block, scene, demand, way);
+    ways_of(i, block, frame, demand, way);
     for (int n = 2; n <= MAX_FAR; ++n) {
         bool wanted = false;
         for (int k = 0; k < LANES; ++k) wanted |= way[k] == FAR + n;
         if (!wanted) continue;
         double values[LANES];
-        points_to_points(i, scene, n, values);
+        points_to_points(i, frame, n, values);
         for (int k = 0; k < LANES; ++k)
             if (way[k] == FAR + n) value[k] = values[k];
     }
 }
 
-void point_exchange_areas(const Outer &i, const Block &block, int way, double *value) {
+void point_exchange_areas(const Outer &i, const PatchBlock &block, int way, double *value) {
     const LanePatch patch = patch_of(i.field), other = patch_of(block, i.field + CENTRE);
     if (way < ON_J)
         points_to_polygon(patch, other, way - ON_I, value);

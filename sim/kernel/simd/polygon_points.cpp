@@ -5,7 +5,7 @@ namespace kernel::KERNEL_INSTRUCTION_SET {
 
 namespace {
 
-// 2 pi times the factor from p: sum over edges of the angle times the cosine of its plane (form_factors/point_factor.hpp).
+// 2 pi times the factor from p: sum over edges of the angle times its plane's cosine (form_factors/point_factor.hpp).
 inline Lanes point_sum(const LaneVec &p, const LaneVec &normal, const LaneVec *corner) {
     Lanes sum = {};
     LaneVec a = corner[3] - p;

@@ -439,8 +439,8 @@ def test_a_real_rig_runs_on_the_machines_clock_wherever_its_session_stopped(
 ) -> None:
     """That clock begins anew with every start of the machine: an earlier time on it means nothing."""
     clock = VirtualClock()
-    monkeypatch.setattr("rig.devices.drivers._camera", lambda *_: FakeCamera(clock))
-    monkeypatch.setattr("rig.devices.drivers._projector", lambda *_: FakeProjector(clock))
+    fakes = {"camera driver": FakeCamera(clock), "projector driver": FakeProjector(clock)}
+    monkeypatch.setattr("rig.devices.drivers.made_by", lambda kind, *_, **__: fakes[kind])
     with open_rig(profile, resume_at_s=1e12) as rig:
         assert isinstance(rig.clock, SystemClock)
         assert rig.clock.now_s() < 1e12

@@ -8,7 +8,8 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from rig.capture.rig import Rig, open_rig
+from rig import open_rig
+from rig.capture.rig import Rig
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.errors import CaptureTimeout, DeviceError, DeviceLost, ProfileError, SettingRefused

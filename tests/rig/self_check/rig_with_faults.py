@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
+from rig.devices.drivers import make_devices
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Verdict

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from rig.capture.devices import make_devices
 from rig.capture.rig import Rig
+from rig.devices.drivers import make_devices
 from rig.devices.protocols import Codes, RawFrame
 from rig.self_check.parts.exposure import with_generous_latency
 from rig.self_check.parts.stability import shift_px

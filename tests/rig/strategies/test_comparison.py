@@ -11,8 +11,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from rig.capture.devices import simulated_world_of
 from rig.cli.app import run_command
+from rig.devices.simulated.devices import simulated_world_of
 from rig.errors import SessionError
 from rig.profile.schema import Profile
 from rig.run.session import OpenSession

@@ -25,8 +25,8 @@ def as_mesh(scene):
 @pytest.fixture
 def at_level():
     """Run at another instruction set, and go back afterwards."""
-    yield _kernel.set_level
-    _kernel.set_level(_kernel.best_level())
+    yield _kernel.set_instruction_set
+    _kernel.set_instruction_set(_kernel.best_instruction_set())
 
 
 def gauss_exchange_area(scene, i, j, order):
@@ -132,7 +132,7 @@ def test_a_tilted_room_of_rectangles_still_has_its_closed_form():
 def test_every_instruction_set_gives_the_same_bits(method, at_level):
     scenes = [paper_room(), as_mesh(room((1.0, 2.0, 1.5), 0.25))]
     results = []
-    for level in _kernel.levels():
+    for level in _kernel.instruction_sets():
         at_level(level)
         results.append([form_factors(scene, method).matrix for scene in scenes])
     for other in results[1:]:
@@ -142,7 +142,7 @@ def test_every_instruction_set_gives_the_same_bits(method, at_level):
 
 def test_an_instruction_set_that_does_not_exist_is_refused():
     with pytest.raises(ValueError, match="baseline, avx2, avx512, avx512vbmi"):
-        _kernel.set_level("sse9")
+        _kernel.set_instruction_set("sse9")
 
 
 def test_one_thread_gives_the_bits_of_two():

@@ -239,15 +239,15 @@ def test_listed_pairs_have_the_bits_of_the_matrix_in_either_order():
 def test_threads_and_instruction_sets_give_the_same_bits():
     room = sloped_room(patch_size_m=0.8)
     exact = exchange_areas(room)
-    best, threads = _kernel.best_level(), _kernel.threads()
+    best, threads = _kernel.best_instruction_set(), _kernel.threads()
     try:
         _kernel.set_threads(1)
         assert (exchange_areas(room) == exact).all()
-        for level in _kernel.levels():
-            _kernel.set_level(level)
+        for level in _kernel.instruction_sets():
+            _kernel.set_instruction_set(level)
             assert (exchange_areas(room) == exact).all()
     finally:
-        _kernel.set_level(best)
+        _kernel.set_instruction_set(best)
         _kernel.set_threads(threads)
 
 

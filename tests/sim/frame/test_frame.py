@@ -43,11 +43,11 @@ def test_threads_and_instruction_sets_change_no_byte(strategy):
     for threads in (2, 3, 7):
         assert np.array_equal(FrameCompensator(model, strategy, threads).frame(codes), first)
     try:
-        for name in _kernel.levels():
-            _kernel.set_level(name)
+        for name in _kernel.instruction_sets():
+            _kernel.set_instruction_set(name)
             assert np.array_equal(FrameCompensator(model, strategy).frame(codes), first)
     finally:
-        _kernel.set_level(_kernel.best_level())
+        _kernel.set_instruction_set(_kernel.best_instruction_set())
 
 
 def test_a_smooth_response_is_followed_by_cubics_and_an_uneven_one_by_a_table():

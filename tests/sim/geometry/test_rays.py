@@ -13,10 +13,10 @@ from tests.sim.meshes_of_scenes import as_mesh, as_triangles
 
 @pytest.mark.parametrize("level", ["baseline", "avx2", "avx512", "avx512vbmi"])
 def test_rays_meet_what_the_numpy_reference_says(level, request):
-    if level not in _kernel.levels():
+    if level not in _kernel.instruction_sets():
         pytest.skip(f"this processor lacks {level}")
-    request.addfinalizer(lambda: _kernel.set_level(_kernel.best_level()))
-    _kernel.set_level(level)
+    request.addfinalizer(lambda: _kernel.set_instruction_set(_kernel.best_instruction_set()))
+    _kernel.set_instruction_set(level)
     rng = np.random.default_rng(1)
     directions = rng.normal(size=(3000, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
-from rig.capture.devices import make_devices
 from rig.devices.clock import VirtualClock
+from rig.devices.drivers import make_devices
 from rig.devices.lightcrafter.controller import LightCrafter
 from rig.devices.lightcrafter.projector import LightCrafterProjector
 from rig.devices.protocols import Codes, Projector, Shown

@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
-from rig.capture.devices import make_devices
 from rig.devices.clock import VirtualClock
+from rig.devices.drivers import make_devices
 from rig.devices.network.pjlink import Mute, Pjlink, Power
 from rig.devices.network.powered_projector import PoweredProjector
 from rig.devices.protocols import Codes, Projector, Shown, check_on_screen
