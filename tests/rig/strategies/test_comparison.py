@@ -6,7 +6,7 @@ import json
 import shutil
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +15,7 @@ from rig.cli.app import run_command
 from rig.devices.simulated.devices import simulated_world_of
 from rig.errors import SessionError
 from rig.profile.schema import Profile
+from rig.run.session import OpenSession
 from rig.session import Session
 from rig.stages.model import load_model
 from rig.stages.scene_model import SceneModel
@@ -135,11 +136,10 @@ def test_the_true_transport_predicts_what_the_simulated_world_shows(finished: An
 
 def test_nobody_knows_the_truth_of_a_real_rig() -> None:
     """Refused before anything of the session is touched."""
-    real: Any = SimpleNamespace(profile=SimpleNamespace(simulation=None))
-    session: Any = SimpleNamespace(path="runs/lab")
-    picture: Any = None
+    session: Any = SimpleNamespace(path="runs/lab", profile=SimpleNamespace(simulation=None))
+    work, picture = OpenSession(session, pytest.fail), cast("Any", None)
     with pytest.raises(SessionError, match="runs/lab: only a simulated rig knows its truth; leave --oracle out"):
-        oracle_rows(real, session, picture, ("bounded",), silent)
+        oracle_rows(work, picture, ("bounded",), silent)
 
 
 def test_the_two_walls_are_those_that_fill_the_picture_and_not_its_floor(finished: Any) -> None:
