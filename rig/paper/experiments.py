@@ -163,7 +163,7 @@ def run_paper(figures_dir: Path | None = None, on_step: OnStep = silent) -> Pape
     Returns
     -------
     PaperResult
-        Light in grey levels of 255. ``error_uncompensated`` is |visible - desired| when the
+        Light in grey levels of 255. ``error_uncompensated`` is ``|visible - desired|`` when the
         desired image itself is projected, as the paper compares. Pixels that see no surface (no ceiling) do
         not count.
     """

@@ -47,7 +47,7 @@ class FormFactors:
     row_sums: FloatArray
     """(P,) share of each patch's power that meets any patch."""
     closure_max: float
-    """Closed scene: largest |row sum - 1|. Any other: largest excess of a row sum over 1."""
+    """Closed scene: largest ``|row sum - 1|``. Any other: largest excess of a row sum over 1."""
     method: str
     """What was really done, as for ``visibility``."""
     visibility: str

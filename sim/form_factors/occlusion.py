@@ -1,7 +1,7 @@
-"""VisibleFractions share of pairs of patches by exact clipping: what light between them passes the occluders.
+"""The visible share of pairs of patches by exact clipping: what light between them passes the occluders.
 
-Three steps, native (``sim/kernel/occlusion*``). The shaft of two patches, the hull of both, is tested against
-the occluders; most pairs keep 1 and some are surely 0. For the others Gauss points on the patch that looks
+Three steps, native (``sim/kernel/form_factors/occlusion.cpp``). The shaft of two patches, the hull of both, is tested
+against the occluders; most pairs keep 1 and some are surely 0. For the others Gauss points on the patch that looks
 smaller from the occluders see them as disjoint convex cones, nearest first. Each cone covers a convex part of
 the other patch, and the exact factor of that part (Lambert) is what it blocks. So
 

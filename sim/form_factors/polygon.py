@@ -12,7 +12,7 @@ Three rules, chosen for each pair by an error bound:
 n x n Gauss points on a patch make a relative error below 2 p_n (1 + s rho / 3) (1 + d rho / 3) rho^-2n, where
 rho = g + sqrt(1 + g²) is that of Bernstein's ellipse, g the gap over half the patch's longest edge, s and d how much
 its height over the other's plane and its area element vary (0 ... 1), and p_n the error of n points in 1/r⁴ far
-away, larger along the line of centres than across it (sim/kernel/polygon_pairs.hpp).
+away, larger along the line of centres than across it (sim/kernel/form_factors/polygon_pairs.hpp).
 tests/sim/form_factors/test_polygon_factors.py holds this bound against exact values.
 """
 

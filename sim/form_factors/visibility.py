@@ -1,4 +1,4 @@
-"""VisibleFractions share of two patches by segments between low-discrepancy samples: the readable reference.
+"""The visible share of two patches by segments between low-discrepancy samples: the readable reference.
 
 ``sim.form_factors.occlusion`` finds the same numbers by clipping, thousands of times faster.
 """

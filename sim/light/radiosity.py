@@ -252,8 +252,8 @@ class Radiosity:
     def accuracy(self, B: FloatArray, E: FloatArray) -> Accuracy:
         """Return the residual and an error bound of a solution.
 
-        For any positive x with G x <= gamma x, gamma < 1, max |error / x| is at most max |residual / x| / (1 - gamma);
-        the roundoff of the residual itself is allowed for.
+        For any positive x with G x <= gamma x, gamma < 1, the largest ``|error / x|`` is at most the largest
+        ``|residual / x|`` over 1 - gamma; the roundoff of the residual itself is allowed for.
 
         Parameters
         ----------

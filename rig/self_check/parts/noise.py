@@ -109,11 +109,11 @@ def _lit(tested: RigUnderTest, usable: BoolArray, step_dn: float) -> list[Transf
     parts = []
     for code in _CODES:
         first, second = (tested.photograph(code)[usable] - tested.offset_dn for _ in range(2))
-        parts.append(transfer_points(first, _levelled(second, first), least_span_dn=_LEAST_SPAN * step_dn))
+        parts.append(transfer_points(first, _brought_level(second, first), least_span_dn=_LEAST_SPAN * step_dn))
     return parts
 
 
-def _levelled(second: FloatArray, first: FloatArray) -> FloatArray:
+def _brought_level(second: FloatArray, first: FloatArray) -> FloatArray:
     """The second frame as bright as the first: a lamp that flickers is no noise of the camera."""
     ratio = first.mean() / max(second.mean(), 1e-9)
     return np.asarray(second * (ratio if abs(ratio - 1) < _FLICKER else 1.0))

@@ -9,7 +9,7 @@ import usb.core
 
 from rig.devices.clock import SystemClock
 from rig.devices.lightcrafter.controller import LightCrafter, open_lightcrafter
-from rig.devices.lightcrafter.protocol import PRODUCT_ID, VENDOR_ID, DisplayMode, Pattern, Run
+from rig.devices.lightcrafter.protocol import PRODUCT_ID, VENDOR_ID, DisplayMode, Run, StoredPattern
 from rig.devices.usb.extension_unit import VendorControls, extension_units_of, vendor_controls
 from rig.devices.usb.find import FoundUsbDevice, find_usb_devices
 from rig.devices.usb.handle import libusb, open_usb_device
@@ -168,7 +168,7 @@ def test_a_lightcrafter_is_set_up_whole_over_hidraw(
     lightcrafter.prepare_video((80, 90, 100))
     assert (registers.gamma, registers.led_currents) == (0, bytes([175, 165, 155]))
     lightcrafter.set_trigger_out_1(0.0, 1e-6)
-    patterns = [Pattern(number=number, bit_depth=1) for number in range(24)]
+    patterns = [StoredPattern(number=number, bit_depth=1) for number in range(24)]
     lightcrafter.set_up_patterns(patterns, exposure_us=400, frame_period_us=690, refresh_rate_hz=60.0)
     lightcrafter.run(Run.START)
     assert (registers.mode, registers.running) == (1, 2)

@@ -54,7 +54,7 @@ FLOOR, CEILING = rectangle((0, 1), (0, 1), 0), rectangle((0, 1), (0, 1), 1, faci
 
 
 def between_plates(*screens, points=6, plates=(FLOOR, CEILING)):
-    """VisibleFractions share of the two plates past some screens."""
+    """The visible share of the two plates past some screens."""
     surface = screened(screens, plates)
     return visible_fraction_of_pairs(surface, np.array([0]), np.array([1]), points=points)[0]
 

@@ -1,4 +1,4 @@
-"""AdaptivePatches of unequal size: what they cover, how they are split, and where."""
+"""Adaptive patches, of unequal size: what they cover, how they are split, and where."""
 
 import numpy as np
 import pytest
