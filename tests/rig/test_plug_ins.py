@@ -164,7 +164,7 @@ def test_one_that_cannot_be_imported_is_refused_with_the_reason(install: Install
     [
         ("math:pi", "gives float, not a function of settings and clock; tell its author"),
         ("builtins:divmod", r"'wire' of odd-rig 1 fails \(builtins:divmod\): TypeError: unsupported"),
-        ("operator:is_", r"gives bool, not a Camera \(rig\.devices\.protocols\)"),
+        ("operator:is_", r"gives bool, not Camera \(rig\.devices\.protocols\)"),
     ],
 )
 def test_a_driver_that_is_none_is_refused(
