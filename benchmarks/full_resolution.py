@@ -22,7 +22,7 @@ from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import coaxial_transport, smooth_view
-from sim.scenes.library import room
+from sim.scenes.gridded import room
 
 POSE = Pose.look_at((1.15, 1.15, 1.25), (2.15, 2.15, 1.0))
 REFLECTANCES = (0.7, 0.65, 0.55)

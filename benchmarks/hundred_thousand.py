@@ -27,7 +27,7 @@ from sim.arrays import FloatArray
 from sim.form_factors.compressed import CompressedFormFactors, compressed_form_factors, exact_rows
 from sim.geometry.scene import Scene
 from sim.light.radiosity import Radiosity
-from sim.scenes.library import furnished_room
+from sim.scenes.gridded import furnished_room
 
 Row = dict[str, float]
 SIZES = (12_500, 25_000, 50_000, 100_000)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from sim.geometry.optics import Lens, Pose, pixel_rays
 from sim.geometry.scene import intersect
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 FloatArray = NDArray[np.float64]
 

@@ -22,8 +22,8 @@ from sim.light.transport_of_scene import physical_transport as physical_transpor
 from sim.picture.image import simulate_image as simulate_image
 from sim.planning.plan import plan as plan
 from sim.planning.simulation import simulate as simulate
-from sim.scenes.library import paper_room as paper_room
-from sim.scenes.library import room as room
-from sim.scenes.library import room_with_box as room_with_box
+from sim.scenes.gridded import paper_room as paper_room
+from sim.scenes.gridded import room as room
+from sim.scenes.gridded import room_with_box as room_with_box
 
 __version__: str

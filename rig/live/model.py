@@ -22,7 +22,7 @@ from sim.geometry.optics import Lens, Pose, project, rays_at
 from sim.geometry.scene import intersect
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import coaxial_transport, smooth_view
-from sim.scenes.library import room
+from sim.scenes.gridded import room
 
 FloatArray = NDArray[np.float64]
 

@@ -42,7 +42,7 @@ from sim.light.criteria import (
     visible_patches,
 )
 from sim.light.transport_of_scene import LightTransport, coaxial_transport
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 FloatArray = NDArray[np.float64]
 

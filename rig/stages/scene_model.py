@@ -25,7 +25,7 @@ from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
-from sim.scenes.library import room
+from sim.scenes.gridded import room
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

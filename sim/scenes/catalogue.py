@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from sim.geometry.surface import Surface
-from sim.scenes.library import LIBRARY, furnished_room
+from sim.scenes.gridded import LIBRARY, furnished_room
 from sim.scenes.meshes import integrating_sphere, sloped_room
 
 COARSEST_M = 100.0

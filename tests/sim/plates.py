@@ -3,7 +3,7 @@
 import numpy as np
 
 from sim.geometry.mesh import Mesh
-from sim.scenes.library import room
+from sim.scenes.gridded import room
 
 
 def parallel_plates(size_m=(1.0, 1.0), gap_m=1.0, patch_size_m=0.25, reflectance=0.5):

@@ -20,7 +20,7 @@ from sim.arrays import FloatArray
 from sim.form_factors import FormFactors, closed_form, form_factors, paper, polygon
 from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 from sim.scenes.meshes import sloped_room
 from sim.threads import set_threads, threads
 

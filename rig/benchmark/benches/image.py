@@ -16,7 +16,7 @@ from sim.arrays import FloatArray
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
 from sim.picture.image import Reconstruction, SimulatedImage, simulate_image
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 PITCHES_M = {"quick": (0.8,), "default": (0.4, 0.2, 0.1), "full": (0.4, 0.2, 0.1)}
 RECONSTRUCTIONS: tuple[Reconstruction, ...] = ("patch", "smooth", "gather")

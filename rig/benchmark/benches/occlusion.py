@@ -15,7 +15,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.form_factors import form_factors
 from sim.form_factors.factors import Visibility
 from sim.geometry.scene import Scene
-from sim.scenes.library import room_with_box
+from sim.scenes.gridded import room_with_box
 
 SEGMENTS = {"quick": 1 << 9, "default": 1 << 15, "full": 1 << 18}
 """Of the reference, a pair."""

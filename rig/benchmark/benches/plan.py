@@ -10,7 +10,7 @@ from rig.benchmark.timing import peak_mb
 from rig.terminal import OnStep
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import refined_check, simulate
-from sim.scenes.library import LIBRARY
+from sim.scenes.gridded import LIBRARY
 
 TOLERANCES = {"quick": (3.0,), "default": (3.0, 1.0), "full": (3.0, 1.0, 0.3, 0.1)}
 """[% of white]"""

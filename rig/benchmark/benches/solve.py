@@ -19,7 +19,7 @@ from sim.errors import SimulationError
 from sim.form_factors import FormFactors, form_factors
 from sim.geometry.scene import Scene
 from sim.light.radiosity import Precision, Radiosity, Solver, gauss_seidel, jacobi
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 PITCHES_M = {"quick": (0.8,), "default": (0.4, 0.2), "full": (0.4, 0.2, 0.1)}
 REFLECTANCES = {"quick": (0.7, 0.9999), "default": (0.7, 0.95, 0.999, 0.9999), "full": (0.7, 0.95, 0.999, 0.9999)}

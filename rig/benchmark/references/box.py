@@ -34,7 +34,7 @@ class VisibleShares:
 
 
 def partly_occluded(scene: Scene, free: FloatArray, segments: int) -> VisibleShares:
-    """Visible share of every pair that the box of ``sim.scenes.library.room_with_box`` occludes partly.
+    """Visible share of every pair that the box of ``sim.scenes.gridded.room_with_box`` occludes partly.
 
     Parameters
     ----------

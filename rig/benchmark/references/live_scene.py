@@ -19,7 +19,7 @@ from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 GAMMA = 2.2
 TARGET_SHARE = 0.7

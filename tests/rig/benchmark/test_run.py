@@ -18,7 +18,7 @@ from rig.benchmark.references.room import errors_of, reference_blocks
 from rig.benchmark.timing import median_seconds, peak_mb
 from rig.cli.app import run_command
 from sim.form_factors import form_factors
-from sim.scenes.library import furnace, paper_room, room_with_box
+from sim.scenes.gridded import furnace, paper_room, room_with_box
 
 PITCH_M = 1.2
 

@@ -8,7 +8,7 @@ import trimesh
 
 from rig.errors import UsageError
 from rig.files.mesh import read_mesh
-from sim.scenes.library import paper_room, room_with_box
+from sim.scenes.gridded import paper_room, room_with_box
 
 OBJ = """mtllib room.mtl
 v 0 0 0

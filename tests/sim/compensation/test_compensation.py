@@ -11,7 +11,7 @@ from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
 from sim.light.transport_of_scene import LightTransport, coaxial_transport, physical_transport
-from sim.scenes.library import paper_room, room
+from sim.scenes.gridded import paper_room, room
 
 LENS = Lens.from_horizontal_field_of_view(64, 48, 100.0)
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))

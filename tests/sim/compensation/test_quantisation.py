@@ -10,7 +10,7 @@ from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
 from sim.light.colour import ColourTransport
 from sim.light.transport_of_scene import coaxial_transport
-from sim.scenes.library import room
+from sim.scenes.gridded import room
 
 LENS = Lens.from_horizontal_field_of_view(48, 36, 90.0)
 

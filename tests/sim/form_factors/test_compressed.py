@@ -12,7 +12,7 @@ from sim.form_factors.compressed import CompressedFormFactors, compressed_form_f
 from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Scene
 from sim.light.radiosity import Radiosity
-from sim.scenes.library import furnished_room, paper_room, room_with_box
+from sim.scenes.gridded import furnished_room, paper_room, room_with_box
 from tests.sim.plates import parallel_plates
 
 

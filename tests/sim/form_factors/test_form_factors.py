@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from sim.errors import SimulationError
 from sim.form_factors import ClosureWarning, form_factors
 from sim.geometry.scene import Face, Scene
-from sim.scenes.library import furnace, paper_room, room, room_with_box
+from sim.scenes.gridded import furnace, paper_room, room, room_with_box
 from tests.sim.plates import parallel_plates
 
 UNIT_CUBE_OPPOSITE = 0.199824895698

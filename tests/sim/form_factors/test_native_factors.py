@@ -8,7 +8,7 @@ from sim.form_factors import ClosureWarning, form_factors
 from sim.geometry.mesh import Mesh
 from sim.reference import closed_form as closed_form_reference
 from sim.reference import paper as paper_reference
-from sim.scenes.library import furnace, paper_room, room, room_with_box
+from sim.scenes.gridded import furnace, paper_room, room, room_with_box
 
 
 def as_mesh(scene):

@@ -15,7 +15,7 @@ from sim.form_factors.factors import ClosureWarning
 from sim.form_factors.occlusion import segments_blocked, visible_fraction, visible_fraction_of_pairs
 from sim.form_factors.visibility import visible_fraction_of_pairs_by_rays as visible_by_rays
 from sim.geometry.mesh import Mesh
-from sim.scenes.library import paper_room, room_with_box
+from sim.scenes.gridded import paper_room, room_with_box
 
 BOX = np.array([[1.9, 1.9, 0.0], [2.9, 2.9, 1.0]])
 

@@ -18,7 +18,7 @@ from sim.geometry.scene import Face, Scene
 from sim.reference import closed_form
 from sim.reference.polygon import exchange_area as exchange_area_reference
 from sim.reference.polygon import point_to_polygon
-from sim.scenes.library import furnace, paper_room
+from sim.scenes.gridded import furnace, paper_room
 from sim.scenes.meshes import grid_of_quad, integrating_sphere, sloped_room
 from tests.sim.plates import wedge
 

@@ -10,7 +10,7 @@ from sim.light.colour import ColourTransport
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
-from sim.scenes.library import ROOM_FACES, room
+from sim.scenes.gridded import ROOM_FACES, room
 
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))
 GAMMA = (np.arange(256) / 255) ** 2.2

@@ -7,7 +7,7 @@ from sim.errors import SimulationError
 from sim.geometry.checks import mesh_faults
 from sim.geometry.mesh import Mesh
 from sim.geometry.quads import quads_from_triangles
-from sim.scenes.library import LIBRARY, corner, paper_room, room, room_with_box
+from sim.scenes.gridded import LIBRARY, corner, paper_room, room, room_with_box
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
 CUBE = np.array([[x, y, z] for z in (0.0, 1) for y in (0.0, 1) for x in (0.0, 1)])

@@ -7,7 +7,7 @@ from sim import _kernel
 from sim.geometry.rays import blocked, trace
 from sim.geometry.scene import intersect
 from sim.reference.rays import intersect as intersect_reference
-from sim.scenes.library import corner, paper_room, room, room_with_box
+from sim.scenes.gridded import corner, paper_room, room, room_with_box
 from tests.sim.meshes_of_scenes import as_mesh, as_triangles
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from sim.errors import SimulationError
 from sim.geometry.scene import Face, Scene, intersect
-from sim.scenes.library import LIBRARY, corner, paper_room, room, room_with_box
+from sim.scenes.gridded import LIBRARY, corner, paper_room, room, room_with_box
 
 
 def test_the_paper_room_is_the_papers():

@@ -6,7 +6,7 @@
 import pytest
 
 from sim.form_factors import form_factors
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from sim.compensation import STRATEGIES, compensate
 from sim.geometry.optics import Lens, Pose
 from sim.geometry.scene import intersect
 from sim.light.transport_of_scene import coaxial_transport
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 
 LENS = Lens.from_horizontal_field_of_view(48, 36, 90.0)
 POSE = Pose.look_at((1.2, 1.2, 1.2), (4.8, 4.8, 1.0))

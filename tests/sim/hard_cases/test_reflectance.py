@@ -8,7 +8,7 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.light.radiosity import Radiosity
-from sim.scenes.library import paper_room
+from sim.scenes.gridded import paper_room
 from sim.scenes.meshes import integrating_sphere
 
 

@@ -8,7 +8,7 @@ import pytest
 from sim.form_factors import form_factors
 from sim.geometry.checks import mesh_faults
 from sim.geometry.mesh import Mesh
-from sim.scenes.library import furnace, room
+from sim.scenes.gridded import furnace, room
 from sim.scenes.meshes import sloped_room
 from tests.sim.hard_cases.pairs import FACING, SQUARE, lambert, opposed, pair
 

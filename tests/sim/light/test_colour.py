@@ -8,7 +8,7 @@ from sim.form_factors import form_factors
 from sim.geometry.optics import Lens, Pose
 from sim.light.colour import ColourTransport
 from sim.light.transport_of_scene import coaxial_transport
-from sim.scenes.library import room
+from sim.scenes.gridded import room
 
 LENS = Lens.from_horizontal_field_of_view(12, 9, 90.0)
 MIXING = np.array([[0.9, 0.08, 0.02], [0.06, 0.8, 0.1], [0.0, 0.12, 0.7]])

@@ -6,7 +6,7 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import ClosureWarning, form_factors
 from sim.light.radiosity import Radiosity, gauss_seidel, jacobi
-from sim.scenes.library import corner, furnace, paper_room, room
+from sim.scenes.gridded import corner, furnace, paper_room, room
 
 
 def floor_lit(scene):

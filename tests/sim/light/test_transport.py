@@ -10,7 +10,7 @@ from sim.geometry.optics import Lens, Pose, rays_at
 from sim.light.criteria import difference, indirect_radiosity, overall_once_reflected_share, spread
 from sim.light.radiosity import Radiosity
 from sim.light.transport_of_scene import LightTransport, coaxial_transport, physical_transport
-from sim.scenes.library import corner, paper_room, room, room_with_box
+from sim.scenes.gridded import corner, paper_room, room, room_with_box
 
 LENS = Lens.from_horizontal_field_of_view(48, 36, 100.0)
 POSE = Pose.look_at((1.2, 1.2, 1.2), (2.2, 2.2, 1.2))

@@ -18,7 +18,7 @@ from sim.picture.image import simulate_image
 from sim.picture.reconstruction import fans, quadratics
 from sim.reference.gather import irradiance as irradiance_reference
 from sim.reference.reconstruction import fan_values, quadratic_values
-from sim.scenes.library import paper_room, room, room_with_box
+from sim.scenes.gridded import paper_room, room, room_with_box
 from tests.sim.meshes_of_scenes import as_mesh, as_triangles
 from tests.sim.plates import parallel_plates
 

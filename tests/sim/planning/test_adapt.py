@@ -9,7 +9,7 @@ from sim.geometry.adaptive_patches import coarsest_patches
 from sim.light.lighting import emission, make_test_lighting, sample_points
 from sim.planning.adapt import Refinement, SolvedPatches, gradients, uniform_patches
 from sim.planning.simulation import Model, simulate
-from sim.scenes.library import corner, paper_room, room, room_with_box
+from sim.scenes.gridded import corner, paper_room, room, room_with_box
 from sim.scenes.meshes import integrating_sphere, sloped_room
 
 

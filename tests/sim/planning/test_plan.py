@@ -9,7 +9,7 @@ from sim.light.lighting import make_test_lighting
 from sim.planning.plan import bounces_needed, plan
 from sim.planning.simulation import Model, refined_check, simulate
 from sim.scenes.catalogue import SURFACES
-from sim.scenes.library import corner, paper_room
+from sim.scenes.gridded import corner, paper_room
 
 HONEST = [
     ("paper-room", 3.0),
