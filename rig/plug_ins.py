@@ -9,11 +9,12 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points, version
+from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Literal, TypeVar
 
 from rig.errors import RigError, UsageError
 from rig.records import Record
+from rig.version import __version__
 
 if TYPE_CHECKING:
     from calibration import StructuredLightCode
@@ -57,9 +58,9 @@ class PlugIn(Record):
 
 def own(kind: Kind, values: Mapping[str, str]) -> tuple[PlugIn, ...]:
     """Describe what this program brings along, given as ``module:attribute`` by name."""
-    mine = version(OWN_PACKAGE)
     return tuple(
-        PlugIn(kind=kind, name=name, package=OWN_PACKAGE, version=mine, value=value) for name, value in values.items()
+        PlugIn(kind=kind, name=name, package=OWN_PACKAGE, version=__version__, value=value)
+        for name, value in values.items()
     )
 
 
@@ -132,7 +133,7 @@ def load(plug_in: PlugIn) -> object:
         raise UsageError(
             f"{plug_in.kind} {plug_in.name!r} of {plug_in.source} cannot be loaded ({plug_in.value}): "
             f"{type(error).__name__}: {error}; reinstall that package, or a version that fits procam-rig "
-            f"{version(OWN_PACKAGE)}"
+            f"{__version__}"
         ) from error
     return loaded
 

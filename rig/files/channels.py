@@ -50,11 +50,6 @@ def by_band(values: Sequence[Any]) -> Any:
     return values[0] if len(values) == 1 else list(values)
 
 
-def of_bands(value: Any, n_bands: int) -> list[Any]:
-    """A value a band from a record; the inverse of :func:`by_band`."""
-    return [value] if n_bands == 1 else list(value)
-
-
 def merged(records: Sequence[Mapping[str, Any]]) -> JsonObject:
     """Records of the bands, which have the same keys, as one."""
     return {key: by_band([record[key] for record in records]) for key in records[0]}

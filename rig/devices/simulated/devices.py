@@ -260,7 +260,7 @@ def sensor_response(
 
 def from_profile(profile: RigSettings, clock: Clock) -> Devices:
     """Make the devices of a simulated rig, closed: driver ``simulated``. Raises ProfileError without a simulation."""
-    settings, bands = profile.camera, worlds_of(profile, profile.camera.shape[2])
+    settings, bands = profile.camera, simulated_worlds_of(profile)
     projector = SimulatedProjector(bands[0], clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
     camera = SimulatedCamera(
         bands,
