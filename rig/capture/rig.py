@@ -1,9 +1,9 @@
 """A rig: cameras and projectors on one clock, and the policy that stands above every back end.
 
-Whatever frame is stale, repeated or malformed is rejected, noted and asked for again
-(:mod:`rig.capture.frame_checks`); a camera that gives none is opened again, then reset
-(:mod:`rig.capture.tended_camera`); a device that went away is waited for (:mod:`rig.capture.recovery`); while one
-projector shows a picture the others are black (:mod:`rig.capture.projection`).
+Whatever frame is stale, repeated or malformed is rejected, noted and asked for again; a camera that gives none is
+opened again, then reset (both in :mod:`rig.capture.tended_camera`); a device that went away is waited for
+(:mod:`rig.capture.recovery`); while one projector shows a picture the others are black
+(:mod:`rig.capture.projection`).
 Every wait has a limit, and nothing waits for a fixed time.
 """
 

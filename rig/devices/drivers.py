@@ -57,21 +57,31 @@ def make_devices(profile: RigSettings, start_s: float = 0.0, *, real_time: bool 
         A driver of another package cannot be used.
     """
     driver = profile.camera.driver
-    goes_by_machine = driver not in RIGS or (real_time and driver == "simulated")
+    if driver not in RIGS:
+        return _single_devices(profile, SystemClock())
+    goes_by_machine = real_time and driver == "simulated"
     clock: Clock = SystemClock() if goes_by_machine else VirtualClock(start_s)
-    cameras, projectors = brought_along("camera driver"), brought_along("projector driver")
-    if driver in RIGS:
-        return made_by("camera driver", driver, (profile, clock), brought=cameras, wanted=Devices)
+    brought = brought_along("camera driver")
+    return made_by("camera driver", driver, (profile, clock), brought=brought, wanted=Devices)
+
+
+def _single_devices(profile: RigSettings, clock: Clock) -> Devices:
+    """Cameras and projectors, each made by a driver of its own."""
+    cameras, displays = brought_along("camera driver"), brought_along("projector driver")
+    projectors = {
+        one.name: _controlled(
+            made_by("projector driver", one.driver, (one, clock), brought=displays, wanted=Projector),  # type: ignore[type-abstract]
+            one,
+            profile.path,
+            clock,
+        )
+        for one in profile.projectors
+    }
     made = {
         one.name: made_by("camera driver", one.driver, (one, clock), brought=cameras, wanted=Camera)  # type: ignore[type-abstract]
         for one in profile.cameras
     }
-    displays = {
-        one.name: made_by("projector driver", one.driver, (one, clock), brought=projectors, wanted=Projector)  # type: ignore[type-abstract]
-        for one in profile.projectors
-    }
-    controlled = {one.name: _controlled(displays[one.name], one, profile.path, clock) for one in profile.projectors}
-    return Devices(made, controlled, clock)
+    return Devices(made, projectors, clock)
 
 
 def _controlled(display: Projector, settings: ProjectorSettings, path: Path, clock: Clock) -> Projector:

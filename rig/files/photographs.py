@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from skimage.color import rgb2gray
 from skimage.transform import resize
 
-from rig.files.pictures import Float32Array, centre_crop, fitted, in_channels
+from rig.files.pictures import centre_crop
 
 FloatArray = NDArray[np.float64]
 
@@ -38,18 +38,6 @@ def photograph(name: str, shape: tuple[int, int]) -> FloatArray:
     cut = _cut_to_aspect(grey, shape[1] / shape[0])
     resized = resize(cut, shape, order=1, anti_aliasing=True)  # type: ignore[no-untyped-call]
     return rescaled(resized, PHOTOGRAPHS[name].mean, PHOTOGRAPHS[name].sd)
-
-
-def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """Return a photograph (H, W, C) in the public domain that covers a shape, with mean 123 and sd 46 in all.
-
-    Iterates, since the range clips; mean and deviation count all channels together.
-    """
-    picture = np.asarray(skimage.data.astronaut(), dtype=np.float32)  # type: ignore[no-untyped-call]
-    levels = fitted(in_channels(picture, channels), shape)
-    for _ in range(30):
-        levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
-    return levels.astype(np.float32)
 
 
 def rescaled(image: FloatArray, mean: float, sd: float) -> FloatArray:

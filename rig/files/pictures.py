@@ -266,6 +266,20 @@ def read_picture_of_shape(
     return np.ascontiguousarray(picture, dtype=np.float32)
 
 
+def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
+    """Return a photograph (H, W, C) in the public domain that covers a shape, with mean 123 and sd 46 in all.
+
+    Iterates, since the range clips; mean and deviation count all channels together.
+    """
+    import skimage.data  # here, for it takes its time
+
+    picture = np.asarray(skimage.data.astronaut(), dtype=np.float32)  # type: ignore[no-untyped-call]
+    levels = fitted(in_channels(picture, channels), shape)
+    for _ in range(30):
+        levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
+    return levels.astype(np.float32)
+
+
 def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:
     """Linear light of sRGB codes, both 0 … 1 (IEC 61966-2-1)."""
     return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)

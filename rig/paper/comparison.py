@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from rig.files.atomic import write_bytes
 from rig.paper.experiments import CONFIGURATIONS, SHAPE, Configuration, desired_picture, paper_factors, paper_transport
-from rig.stages.compensation import check_strategies
 from rig.stages.error_tree import one_error_tree
 from rig.stages.picture_errors import WHITE
+from rig.stages.target import check_strategies
 from rig.strategies.closed_loop import judged_errors
 from rig.strategies.comparison import warnings_of
 from rig.strategies.page import PaperPictures, paper_page

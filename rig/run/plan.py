@@ -13,8 +13,7 @@ from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
 from rig.session import Session
 from rig.session.folder import read_folder
-from rig.stages.compensation import CompensationRequest, check_strategies
-from rig.stages.target import load_target
+from rig.stages.target import CompensationRequest, requested_compensation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,16 +103,20 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
 
 
 def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
-    """The profile that was named, else that of the session; the two have to be the same."""
-    named = None if request.profile is None else load_runnable_profile(request.profile)
-    if not is_new:
-        _, named = read_folder(folder, named)
-    if named is None:
+    """The profile that was named, else that of the session; opening the session refuses another than its own."""
+    if request.profile is not None:
+        return load_runnable_profile(request.profile)
+    if is_new:
         raise SessionError(f"{folder}: there is no session here; name a profile, e.g. -p sim-room")
-    return named
+    _, own = read_folder(folder, None)
+    return own
 
 
 def _showing(request: SessionRequest, profile: Profile) -> CompensationRequest:
-    strategies = check_strategies(request.strategies)
-    target = load_target(request.target, profile.projector.shape, request.fit, channels=profile.camera.channels)
-    return CompensationRequest(target, strategies)
+    return requested_compensation(
+        request.target,
+        request.strategies,
+        profile.projector,
+        channels=profile.camera.channels,
+        fit=request.fit,
+    )

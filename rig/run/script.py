@@ -18,10 +18,9 @@ from rig.run.request import DEFAULT_STRATEGIES
 from rig.run.session import OpenSession
 from rig.run.steps import Verb
 from rig.session import Session
-from rig.stages.compensation import CompensationRequest, check_strategies
 from rig.stages.error_tree import one_error_tree
 from rig.stages.results import SessionResult
-from rig.stages.target import load_target
+from rig.stages.target import requested_compensation
 from rig.terminal import OnStep, silent
 
 
@@ -138,8 +137,9 @@ def compensate(
         The session has no model.
     """
     profile = session.profile
-    picture = load_target(target, profile.projector.shape, fit, channels=profile.camera.channels)
-    showing = CompensationRequest(picture, check_strategies(tuple(strategies)))
+    showing = requested_compensation(
+        target, tuple(strategies), profile.projector, channels=profile.camera.channels, fit=fit
+    )
     _do(OpenSession(session, _no_rig, showing=showing), "compensate", on_step)
 
 

@@ -15,9 +15,9 @@ from rig.run.request import SessionRequest
 from rig.run.results import partial_result, session_result
 from rig.run.steps import AnyStep, ComputingStep, ShootingStep, Verb, required, settings_of, steps_of, steps_up_to
 from rig.session import Session
-from rig.stages.compensation import CompensationRequest
 from rig.stages.error_tree import one_error_tree
 from rig.stages.results import PartialResult, SessionResult, TruthErrors
+from rig.stages.target import CompensationRequest
 from rig.terminal import OnStep, silent
 from rig.truth.scores import score
 

@@ -12,7 +12,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject
 from rig.session import Session, Step
 from rig.stages import comparison, compensation, correspondence, geometry, model, radiometry, separation
-from rig.stages.compensation import CompensationRequest
+from rig.stages.target import CompensationRequest
 from rig.terminal import OnStep
 
 Verb = Literal["calibrate", "separate", "model", "compensate", "compare"]

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import plug_ins
-from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
@@ -17,22 +16,13 @@ from rig.stages.linear_light import channel_codes
 from rig.stages.model import FittedScene, load_model
 from rig.stages.prediction import predict, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration
-from rig.stages.target import Target
+from rig.stages.target import CompensationRequest
 from rig.terminal import OnStep
 from sim.compensation.result import Compensation
 from sim.light.colour import ColourTransport
 
 BEST_FIRST = ("bounded", "exact", "paper", "direct", "none")
 """Which strategy stands for 'compensated': the most complete one that was asked for."""
-
-
-@dataclass(frozen=True, eq=False)
-class CompensationRequest:
-    """What is to be shown, and by which strategies."""
-
-    target: Target
-    strategies: tuple[str, ...]
-    """Known names, `none` first (:func:`check_strategies`)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,19 +49,6 @@ class CompensationRecord(Record):
     def best(self) -> str:
         """The strategy that stands for 'compensated'."""
         return next(name for name in BEST_FIRST if name in self.strategies)
-
-
-def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return known strategies, `none` first, for it is what the others are measured against; `all` is every one.
-
-    Raises UsageError for a name that is not known.
-    """
-    known = plug_ins.names("strategy", plug_ins.own_strategies())
-    names = known if "all" in names else names
-    unknown = [name for name in names if name not in known]
-    if unknown:
-        raise UsageError(f"unknown strategy {', '.join(unknown)}; there are {', '.join(known)}, or all")
-    return ("none", *(name for name in dict.fromkeys(names) if name != "none"))
 
 
 def compensation_settings(request: CompensationRequest) -> JsonObject:

@@ -15,7 +15,7 @@ from rig.errors import UsageError
 from rig.files.channels import code_layers, layers
 from rig.run.session import OpenSession
 from rig.session import Session, Step
-from rig.stages.compensation import check_strategies, measured_options, solve, versions_of
+from rig.stages.compensation import measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
@@ -23,7 +23,7 @@ from rig.stages.picture_errors import contrast, perceived_errors
 from rig.stages.prediction import JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.stages.scene_model import sample_bands
-from rig.stages.target import Target
+from rig.stages.target import Target, check_strategies
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
 from sim.compensation import Compensation

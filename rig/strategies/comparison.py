@@ -18,12 +18,13 @@ from rig.run.session import OpenSession, opened_session
 from rig.run.steps import required
 from rig.session import Session, Step
 from rig.session.ledger import write_json
-from rig.stages.compensation import check_strategies, solve, versions_of
+from rig.stages.compensation import solve, versions_of
 from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.prediction import predict
 from rig.stages.radiometry import measuring_bracket
+from rig.stages.target import check_strategies
 from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
 from rig.strategies.page import write_strategies_page
 from rig.strategies.pictures import ComparisonPicture, pictures_for

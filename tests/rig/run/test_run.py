@@ -18,9 +18,8 @@ from rig.run.plan import plan_session
 from rig.run.request import SessionRequest
 from rig.run.session import opened_session
 from rig.session import Session, Step
-from rig.stages.compensation import check_strategies
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
-from rig.stages.target import load_target
+from rig.stages.target import check_strategies, load_target
 from rig.terminal import TerminalProgress, print_table
 from sim.compensation import STRATEGIES
 

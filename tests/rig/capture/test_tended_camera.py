@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.capture.frame_checks import FrameValidator, Rejection, Wanted
 from rig.capture.rig import Rig
+from rig.capture.tended_camera import FrameValidator, Rejection, Wanted
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame
 from rig.devices.simulated.devices import SimulatedCamera, SimulatedProjector
