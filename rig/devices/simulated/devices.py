@@ -215,6 +215,7 @@ class SimulatedCamera:
             if share.any():
                 for band, seen in enumerate(self._seen):
                     light[..., band] += share.astype(np.float32) * seen.of(picture.codes)
+        light = self._by_lamp(light, starts_s, exposure_s)
         if self.world.settings.ambient_flicker:
             swell = self.world.ambient_swell(starts_s, exposure_s)
             for band, (world, seen) in enumerate(zip(self.bands, self._seen, strict=True)):
@@ -222,6 +223,16 @@ class SimulatedCamera:
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
         return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
+
+    def _by_lamp(self, light: Float32Array, starts_s: FloatArray, exposure_s: float) -> Float32Array:
+        """The same light of a lamp that is not warm yet; what is not the projector's stays."""
+        if not self.world.settings.projector.lamp_drift:
+            return light
+        share = self.world.lamp(starts_s, exposure_s).astype(np.float32)[..., None]
+        still = np.stack(
+            [seen.through_lens(world.ambient) for world, seen in zip(self.bands, self._seen, strict=True)], -1
+        )
+        return share * light + (1 - share) * still
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
@@ -254,8 +265,19 @@ def sensor_response(
     electrons += noise * np.sqrt(electrons + np.float32(camera.read_noise_e**2))
     y = np.clip(electrons / np.float32(camera.full_well_e), -0.05, 1.0)
     y *= (1 + camera.compression) / (1 + camera.compression * y)
+    y = toned(y, camera.tone)
     digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y
     return np.asarray(np.clip(np.rint(digital), 0, full_scale_dn), dtype=np.uint16)
+
+
+def toned(y: Float32Array, tone: str | float) -> Float32Array:
+    """A consumer camera's tone curve over 0 ... 1; it cuts off what is below black, as such cameras do."""
+    if tone == "linear":
+        return y
+    y = np.maximum(y, np.float32(0))
+    if tone == "srgb":
+        return np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
+    return np.asarray(y ** np.float32(1 / float(tone)), dtype=np.float32)
 
 
 def from_profile(profile: RigSettings, clock: Clock) -> Devices:

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.devices.simulated.settings import SimulatedLensSettings
 
 FloatArray = NDArray[np.float64]
+Float32Array = NDArray[np.float32]
+
+_BLUR_STEPS = 5
+"""Blurs between that of the axis and that of the corners; between two of them light is mixed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +89,25 @@ def relative_illumination(optics: SimulatedOptics, xy_px: FloatArray) -> FloatAr
     half_diagonal = np.hypot(*optics.shape) / 2
     r2 = ((xy_px - np.array(optics.lens.principal_point_px)) ** 2).sum(axis=-1) / half_diagonal**2
     return np.asarray(1 + r2 * (v2 + r2 * v4))
+
+
+def blurred(optics: SimulatedOptics, light: Float32Array) -> Float32Array:
+    """(H, W) light of a picture after the lens's blur, which may grow or shrink towards the corners."""
+    centre, corner = optics.lens.blur_px, optics.lens.corner_blur_px
+    if corner is None or corner == centre:
+        return _gaussian(light, centre)
+    half_diagonal = np.hypot(*optics.shape) / 2
+    y, x = (np.arange(n) - c for n, c in zip(optics.shape, reversed(optics.lens.principal_point_px), strict=True))
+    step = np.clip((y[:, None] ** 2 + x**2) / half_diagonal**2, 0, 1) * (_BLUR_STEPS - 1)
+    mixed = np.zeros_like(light)
+    for k in range(_BLUR_STEPS):
+        weight = np.maximum(1 - np.abs(step - k), 0).astype(np.float32)
+        mixed += weight * _gaussian(light, centre + (corner - centre) * k / (_BLUR_STEPS - 1))
+    return mixed
+
+
+def _gaussian(light: Float32Array, sigma_px: float) -> Float32Array:
+    return np.asarray(cv2.GaussianBlur(light, (0, 0), sigma_px), dtype=np.float32) if sigma_px > 0 else light
 
 
 def flux_density(optics: SimulatedOptics, points_m: FloatArray, cos_incidence: FloatArray) -> FloatArray:

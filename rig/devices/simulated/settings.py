@@ -83,7 +83,9 @@ class SimulatedLensSettings(Table):
     vignetting: tuple[float, float] = (0.0, 0.0)
     """v2, v4: relative illumination 1 + v2 r² + v4 r⁴, r = distance from the axis / half diagonal."""
     blur_px: Annotated[float, Field(ge=0.0)] = 0.0
-    """Standard deviation of the lens's Gaussian blur in the device's own pixels."""
+    """Standard deviation of the lens's Gaussian blur in the device's own pixels, on the axis."""
+    corner_blur_px: Annotated[float, Field(ge=0.0)] | None = None
+    """The same half a diagonal from the axis, with its square between; None: as on the axis."""
 
 
 class SimulatedCameraSettings(SimulatedLensSettings):
@@ -96,6 +98,8 @@ class SimulatedCameraSettings(SimulatedLensSettings):
     black_level_dn: Annotated[float, Field(ge=0)] = 64.0
     compression: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Response y (1 + c) / (1 + c y): 0 is linear."""
+    tone: Literal["linear", "srgb"] | Annotated[float, Field(ge=0.3, le=4.0)] = "linear"
+    """Tone curve after it: none, that of sRGB, or the exponent g of y^(1 / g), as consumer cameras apply it."""
     stale_frame_rate: Share = 0.0
     """Frames that are old, and say so by their time stamps."""
     dropped_frame_rate: Share = 0.0
@@ -136,6 +140,10 @@ class SimulatedProjectorSettings(SimulatedLensSettings):
     """A white segment's part: white is brighter by this share than red, green and blue together."""
     mixing: tuple[MixingRow, MixingRow, MixingRow] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     """Light that each band (row) of a colour camera gets from red, green and blue; a grey one sees the rows' mean."""
+    lamp_drift: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
+    """By how much the lamp is darker at the clock's 0 than when it is warm, share of the latter."""
+    lamp_warm_up_s: Annotated[float, Field(gt=0)] = 60.0
+    """In which all but 1/e of that is made up for."""
     unplugged_s: tuple[Interval, ...] = ()
 
 

@@ -14,6 +14,7 @@ from scipy.sparse import csr_array
 from rig.devices.protocols import Codes
 from rig.devices.simulated.optics import (
     SimulatedOptics,
+    blurred,
     directions,
     flux_density,
     make_optics,
@@ -129,9 +130,13 @@ class SimulatedWorld:
         middle = np.sin(2 * np.pi * settings.ambient_flicker_hz * (starts_s + exposure_s / 2))
         return np.asarray(settings.ambient_flicker * np.sinc(settings.ambient_flicker_hz * exposure_s) * middle)
 
+    def lamp(self, starts_s: FloatArray, exposure_s: float) -> FloatArray:
+        """Return the projector's light during exposures as a share of a warm lamp's; as `starts_s`."""
+        projector = self.settings.projector
+        return 1 - projector.lamp_drift * np.exp(-(starts_s + exposure_s / 2) / projector.lamp_warm_up_s)
+
     def _direct(self, linear: Float32Array) -> Float32Array:
-        blur = self.settings.projector.blur_px
-        picture = cv2.GaussianBlur(linear, (0, 0), blur) if blur > 0 else linear
+        picture = blurred(self.projector, linear)
         fine = cv2.remap(picture, *self._map, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
         lit = np.multiply(fine, self._direct_gain, dtype=np.float32)
         height, width = self.camera.shape
@@ -177,9 +182,7 @@ class SeenLight:
 
     def through_lens(self, radiosity: Float32Array) -> Float32Array:
         """(H, W) light on the sensor, blurred and vignetted."""
-        blur = self._world.settings.camera.blur_px
-        blurred = cv2.GaussianBlur(radiosity, (0, 0), blur) if blur > 0 else radiosity
-        return np.asarray(blurred * self._vignetting, dtype=np.float32)
+        return np.asarray(blurred(self._world.camera, radiosity) * self._vignetting, dtype=np.float32)
 
 
 def projector_responses(projector: SimulatedProjectorSettings) -> Float32Array:

@@ -1,0 +1,304 @@
+"""Whole sessions on random simulated rigs: how far from the truth calibration ends, as a distribution.
+
+    python benchmarks/random_rigs.py --rigs 40 --seed 1 --jobs 2
+    python benchmarks/random_rigs.py --write FOLDER --rigs 5      # only the profiles, e.g. for `rig run`
+
+Rooms of 2.5 to 7 m, reflectance 0.3 to 0.85, fields of view of 45 to 100 degrees, blur of 0.2 to 1.2 px, contrast of
+200 to 5000, 8 to 12 bits, posters, room light up to 0.05 that may flicker, lens shift up to 0.6 of the height, a tape
+true to 0.3 %. `--effects` adds blur that grows to the corners, a lamp that warms up, a tone curve, only 8 bits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.devices.simulated.optics import SimulatedOptics, directions, make_optics
+from rig.devices.simulated.settings import SimulatedLensSettings
+
+FloatArray = NDArray[np.float64]
+
+CAMERA, PROJECTOR = (480, 640), (384, 512)
+"""(height, width) of the pictures, in pixels."""
+EFFECTS = ("corner-blur", "lamp", "tone", "8-bit")
+_LATENCY_S = 0.046
+_CORNER_MARGIN = 0.12
+"""Of the room's length and width: nearer to a wall no device stands."""
+
+
+@dataclass(frozen=True)
+class Room:
+    """Its size, and the vertical edge that the rig looks at."""
+
+    size_m: FloatArray
+    corner: NDArray[np.int64]
+    """(2,) 0 or 1: which side of x and of y."""
+
+    @property
+    def edge_m(self) -> FloatArray:
+        """(2,) where it stands."""
+        return np.asarray(self.corner * self.size_m[:2])
+
+
+def rig_of(seed: int, effects: Sequence[str] = ()) -> str:
+    """Return the profile of a random rig, as TOML."""
+    random = np.random.default_rng([seed, 4096])
+    room = Room(np.append(random.uniform(2.5, 7.0, 2), random.uniform(2.3, 3.6)), random.integers(0, 2, 2))
+    projector = _lens(random, "projector", PROJECTOR, shift=random.uniform(0, 0.6))
+    camera = _lens(random, "camera", CAMERA, shift=random.normal(0, 0.01))
+    target = np.append(room.edge_m, room.size_m[2] * random.uniform(0.35, 0.65))
+    projector["position_m"], camera["position_m"] = _places(random, room)
+    for lens, shape in ((projector, PROJECTOR), (camera, CAMERA)):
+        lens["look_at_m"] = _aim(lens, shape, target + random.normal(0, 0.04, 3) * room.size_m)
+        lens["position_m"] = [float(x) for x in lens["position_m"]]
+    if "corner-blur" in effects:
+        for lens in (projector, camera):
+            lens["corner_blur_px"] = float(lens["blur_px"] * random.uniform(0.6, 2.0))
+    if "lamp" in effects:
+        projector["lamp_drift"], projector["lamp_warm_up_s"] = random.uniform(0.002, 0.03), random.uniform(30, 300)
+    if "tone" in effects:
+        camera["tone"] = ["srgb", float(random.uniform(1.8, 2.4))][random.integers(2)]
+    bits = 8 if "8-bit" in effects else int(random.choice([8, 10, 12]))
+    camera["black_level_dn"] = float(random.uniform(0.01, 0.03) * 2**bits)
+    return _profile(random, seed, room, (camera, projector), bits)
+
+
+def _lens(random: np.random.Generator, name: str, shape: tuple[int, int], shift: float) -> dict[str, Any]:
+    height, width = shape
+    focal_px = width / 2 / np.tan(np.radians(random.uniform(45, 100)) / 2)
+    wide = (0.5 * np.hypot(*shape) / focal_px) ** 2
+    """Of the corners: distortion is drawn as a share of the picture's size there, -4 ... 2 %."""
+    return {
+        "name": name,
+        "roll_deg": float(random.normal(0, 1.5)),
+        "focal_px": float(focal_px),
+        "principal_point_px": [
+            float((width - 1) / 2 + random.normal(0, 0.004) * width),
+            float((height - 1) / 2 + shift * height + random.normal(0, 0.003) * height),
+        ],
+        "distortion": [
+            float(random.uniform(-0.04, 0.02) / wide),
+            float(random.normal(0, 0.004) / wide**2),
+            *(float(k) for k in random.normal(0, 3e-4, 2)),
+            0.0,
+        ],
+        "vignetting": [float(random.uniform(-0.3, 0.0)), float(random.uniform(0, 0.04))],
+        "blur_px": float(random.uniform(0.2, 1.2)),
+    }
+
+
+def _places(random: np.random.Generator, room: Room) -> tuple[FloatArray, FloatArray]:
+    """Projector and camera, 0.3 to 1.2 m apart, in the half of the room away from the edge they look at."""
+    while True:
+        away = np.abs(1 - room.corner - random.uniform(_CORNER_MARGIN, 0.45, 2))
+        projector = np.append(away * room.size_m[:2], room.size_m[2] * random.uniform(0.3, 0.7))
+        step = random.normal(size=3) * (1.0, 1.0, 0.4)
+        camera = projector + step / np.linalg.norm(step) * random.uniform(0.3, 1.2)
+        share = camera / room.size_m
+        if (share > _CORNER_MARGIN).all() and (share < 1 - _CORNER_MARGIN).all():
+            return projector, camera
+
+
+def _aim(lens: Mapping[str, Any], shape: tuple[int, int], target_m: FloatArray) -> list[float]:
+    """Where the axis has to point for the picture's middle to fall on the target, lens shift or not."""
+    forward = target_m - lens["position_m"]
+    above = np.arctan((lens["principal_point_px"][1] - (shape[0] - 1) / 2) / lens["focal_px"])
+    level = np.linalg.norm(forward[:2])
+    down = np.arctan2(forward[2], level) - above
+    direction = np.append(forward[:2] / level * np.cos(down), np.sin(down))
+    return [float(x) for x in lens["position_m"] + 2 * direction]
+
+
+def _meets(room: Room, optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
+    """(N, 3) where pixels meet the walls of the box."""
+    rays, origin = directions(optics, xy_px), optics.position_m
+    with np.errstate(divide="ignore"):
+        along = np.where(rays > 0, (room.size_m - origin) / rays, -origin / rays)
+    return np.asarray(origin + along.min(axis=1)[:, None] * rays)
+
+
+def _profile(
+    random: np.random.Generator, seed: int, room: Room, lenses: tuple[dict[str, Any], dict[str, Any]], bits: int
+) -> str:
+    camera, projector = lenses
+    optics = make_optics(SimulatedLensSettings(**_tuples(projector, SimulatedLensSettings)), PROJECTOR)
+    spots = [
+        [round(PROJECTOR[1] * 0.2), round(PROJECTOR[0] * 0.5)],
+        [round(PROJECTOR[1] * 0.8), round(PROJECTOR[0] * 0.5)],
+    ]
+    ends = _meets(room, optics, np.array(spots, dtype=np.float64))
+    tape_m = float(np.linalg.norm(ends[1] - ends[0]) * (1 + 0.003 * random.normal()))
+    hfov = {
+        lens["name"]: float(2 * np.degrees(np.arctan(shape[1] / 2 / lens["focal_px"])) * random.uniform(0.97, 1.03))
+        for lens, shape in ((camera, CAMERA), (projector, PROJECTOR))
+    }
+    ambient = float(random.uniform(0, 0.05) * random.integers(0, 2))
+    camera |= {
+        "sensitivity_e_per_s": 1.1e6,
+        "full_well_e": float(random.uniform(8000, 32000)),
+        "read_noise_e": float(random.uniform(3, 12)),
+        "compression": float(random.uniform(0, 0.1)),
+        "stale_frame_rate": 0.02,
+    }
+    projector |= {
+        "flux": 10.0,
+        "contrast": float(np.exp(random.uniform(np.log(200), np.log(5000)))),
+        "gamma": float(random.uniform(1.8, 2.4)),
+        "s_shape": float(random.uniform(0, 0.4)),
+        "latency_s": _LATENCY_S,
+        "jitter_s": 0.008,
+    }
+    size_m = room.size_m * (1 + 0.003 * random.normal(size=3))
+    device = {"driver": "simulated", "width_px": CAMERA[1], "height_px": CAMERA[0], "channels": 1, "bit_depth": bits}
+    device |= {"frame_rate_hz": 30.0, "exposure_range_s": [1e-4, 2.0], "exposure_s": 0.0166667}
+    display = {"driver": "simulated", "width_px": PROJECTOR[1], "height_px": PROJECTOR[0], "bit_depth": 8}
+    display |= {"refresh_rate_hz": 60.0, "latency_s": 0.06}
+    wall = random.uniform(0.3, 0.85)
+    reflectance = {
+        face: float(np.clip(wall + random.normal(0, 0.04), 0.25, 0.88))
+        for face in ("floor", "ceiling", "x0", "x1", "y0", "y1")
+    }
+    tables: list[tuple[str, Mapping[str, Any]]] = [
+        ("", {"schema": 2, "name": f"random-{seed}", "description": "Random simulated rig"}),
+        ("[camera]", {"name": "camera", **device, "hfov_deg": hfov["camera"]}),
+        ("[projector]", {"name": "projector", **display, "hfov_deg": hfov["projector"]}),
+        ("timing", {"timeout_s": 5.0, "retries": 8}),
+        ("[scale]", {"projector": "projector", "spots_px": spots, "distance_m": tape_m}),
+        ("surface", _surface(size_m)),
+        ("patterns", {"checker_size_px": 8, "checker_shifts": 25, "response_levels": 9, "frames_averaged": 1}),
+        ("brightness", {"target_white_share": 0.7}),
+        ("simulation", _simulation(random, seed, room, ambient)),
+        ("simulation.reflectance", reflectance),
+        *(("[simulation.posters]", _poster(random, room)) for _ in range(random.integers(0, 4))),
+        ("[simulation.camera]", camera),
+        ("[simulation.projector]", projector),
+    ]
+    return "\n".join(_table(name, values) for name, values in tables)
+
+
+def _surface(size_m: FloatArray) -> dict[str, Any]:
+    patch = round(float(max(size_m)) / 14, 3)
+    return {"kind": "box", "closed": True, "size_m": size_m.tolist(), "patch_size_m": patch, "right_angles": True}
+
+
+def _simulation(random: np.random.Generator, seed: int, room: Room, ambient: float) -> dict[str, Any]:
+    flickers = bool(random.integers(0, 2))
+    return {
+        "seed": seed,
+        "size_m": room.size_m.tolist(),
+        "cell_size_m": float(max(room.size_m) / 25),
+        "texture": float(random.uniform(0, 0.04)),
+        "ambient": ambient,
+        "ambient_flicker_hz": float(random.choice([100.0, 120.0])),
+        "ambient_flicker": float(random.uniform(0.05, 0.3)) if flickers else 0.0,
+    }
+
+
+def _poster(random: np.random.Generator, room: Room) -> dict[str, Any]:
+    """On one of the walls that the rig looks at."""
+    axis = int(random.integers(0, 2))
+    lower = random.uniform(0.1, 0.6, 2)
+    upper = lower + random.uniform(0.1, 0.35, 2)
+    face = f"{'xy'[axis]}{room.corner[axis]}"
+    return {
+        "face": face,
+        "lower": lower.tolist(),
+        "upper": upper.tolist(),
+        "reflectance": float(random.uniform(0.1, 0.85)),
+    }
+
+
+def _tuples(values: Mapping[str, Any], model: type[SimulatedLensSettings]) -> dict[str, Any]:
+    kept = {key: value for key, value in values.items() if key in model.model_fields}
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in kept.items()}
+
+
+def _table(name: str, values: Mapping[str, Any]) -> str:
+    head = f"\n[{name}]" if name else ""
+    lines = [f"{key} = {json.dumps(value)}" for key, value in values.items()]
+    return "\n".join([head, *lines] if head else lines)
+
+
+def run(seed: int, folder: Path, effects: Sequence[str], strategies: Sequence[str]) -> dict[str, Any]:
+    """Run a session on one rig; what `rig run --json` says, or how it was refused."""
+    profile = folder / f"random-{seed}.toml"
+    profile.write_text(rig_of(seed, effects), encoding="utf-8")
+    started_s = time.monotonic()
+    shown = ["--strategies", ",".join(strategies)]
+    command = [sys.executable, "-m", "rig", "run", str(folder / f"s{seed}"), "-p", str(profile), "--json", *shown]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    found: dict[str, Any] = {"seed": seed, "status": done.returncode, "seconds": time.monotonic() - started_s}
+    if done.stdout.strip().startswith("{"):
+        found |= {"result": json.loads(done.stdout)}
+    return found | {"said": done.stderr.strip().splitlines()[-1:] if done.returncode else []}
+
+
+FIGURES: Mapping[str, tuple[str, str]] = {
+    "measured - simulated, rms": ("comparison", "rmse"),
+    "of that noise": ("comparison", "noise_rms"),
+    "within 3 sigma": ("comparison", "within_3_sigma"),
+    "bias of direct light, %": ("truth", "direct_bias_percent"),
+    "bias of global light, %": ("truth", "global_bias_percent"),
+    "reflectance, lit and seen, rms": ("truth", "reflectance_rmse_lit_and_seen"),
+    "reflectance, all, rms": ("truth", "reflectance_rmse"),
+    "camera position, mm": ("truth", "camera_position_mm"),
+    "surfaces, mm": ("truth", "surface_median_mm"),
+    "focal length, %": ("truth", "focal_percent"),
+}
+
+
+def table(found: Sequence[Mapping[str, Any]]) -> str:
+    """Median, 90th percentile and largest of what ended; refusals in their own words."""
+    ended = [one["result"] for one in found if "comparison" in one.get("result", {})]
+    lines = [f"{len(ended)} of {len(found)} ended, {sum(one['within_limits'] for one in ended)} within their limits"]
+    lines += [f"  rig {one['seed']}: exit {one['status']}: {' '.join(one['said'])}" for one in found if one["said"]]
+    for name, (part, key) in FIGURES.items():
+        values = np.abs([one[part][key] for one in ended])
+        if len(values):
+            median, p90 = np.quantile(values, [0.5, 0.9])
+            lines.append(f"  {name:34} {median:9.3f} {p90:9.3f} {values.max():9.3f}")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Write profiles, or run them and print the distributions."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rigs", type=int, default=40)
+    parser.add_argument("--seed", type=int, default=1, help="of the first rig; the others follow")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--effects", nargs="*", choices=EFFECTS, default=[])
+    parser.add_argument("--strategies", nargs="*", default=["none", "bounded"])
+    parser.add_argument("--write", type=Path, help="only write the profiles there")
+    parser.add_argument("--keep", type=Path, help="keep the sessions there")
+    parser.add_argument("--json", type=Path, help="all results")
+    wanted = parser.parse_args()
+    seeds = range(wanted.seed, wanted.seed + wanted.rigs)
+    if wanted.write:
+        wanted.write.mkdir(parents=True, exist_ok=True)
+        for seed in seeds:
+            (wanted.write / f"random-{seed}.toml").write_text(rig_of(seed, wanted.effects), encoding="utf-8")
+        return 0
+    with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(wanted.jobs) as executor:
+        folder = wanted.keep or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        found = list(executor.map(lambda seed: run(seed, folder, wanted.effects, wanted.strategies), seeds))
+    if wanted.json:
+        wanted.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(table(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
