@@ -21,7 +21,15 @@ from rig.stages.correspondence import load_correspondence_figures, map_name
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import FrameNote, frame_notes
 from rig.stages.radiometry import load_radiometric_calibration
-from rig.stages.results import ByBand, GeometryResult, ModelResult, SessionResult, StrategyResult, TruthErrors
+from rig.stages.results import (
+    ByBand,
+    ExpectedFigure,
+    GeometryResult,
+    ModelResult,
+    SessionResult,
+    StrategyResult,
+    TruthErrors,
+)
 from rig.terminal import OnStep
 from rig.version import __version__
 
@@ -81,6 +89,7 @@ class _SessionPage:
     response_figure: str
     truth_table: TextTable | None
     limits: Sequence[Verdict]
+    expected: Sequence[ExpectedFigure]
     timing_figure: str
     frame_text: str
     frame_events: Sequence[FrameNote]
@@ -126,6 +135,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         response_figure=figures.response_figure(radiometric.camera, radiometric.projector),
         truth_table=_truth_table(result.truth),
         limits=result.limits,
+        expected=result.expected,
         timing_figure=figures.timing_figure(seconds_by_step(session)),
         frame_text=_frame_text(session, len(notes)),
         frame_events=notes[:_MAX_EVENTS],

@@ -27,6 +27,12 @@ def print_result(result: SessionResult) -> None:
     for row in result.limits:
         if not row.met:
             print(f"{row.what}: {row.advice}")
+    for figure in result.expected:
+        if not figure.as_expected:
+            print(
+                f"{figure.what}: {figure.value:.3g} {figure.unit}, on this rig {figure.low:.3g} ... {figure.high:.3g} "
+                f"is to be expected ({figure.because}); raised by {figure.raised_by}; {figure.remedy}"
+            )
     if result.truth is not None:
         print_table("Error against the simulated world", ["what", "error"], list(result.truth.as_json().items()))
     print(f"report: {result.report}")

@@ -7,6 +7,7 @@ import numpy as np
 from rig.files.channels import image_of
 from rig.profile.tables import Limits
 from rig.records import Verdict, all_met
+from rig.run.expectations import expected_figures
 from rig.run.steps import VERBS, Verb
 from rig.session import Session
 from rig.stages.comparison import load_comparison
@@ -61,6 +62,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
         comparison=comparison,
         limits=limits,
         within_limits=all_met(limits),
+        expected=expected_figures(session, geometry, comparison, strategies[best]),
     )
 
 

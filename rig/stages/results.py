@@ -122,6 +122,28 @@ class ModelComparison(ModelErrors):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ExpectedFigure(Record):
+    """A number, and the range that a rig's own noise and geometry let one expect of it."""
+
+    what: str
+    value: float
+    low: float
+    high: float
+    unit: str
+    because: str
+    """From what the range follows."""
+    raised_by: str
+    """What makes the number larger, or hides in it."""
+    remedy: str
+    """What to do about it."""
+
+    @property
+    def as_expected(self) -> bool:
+        """Whether the number is in the range."""
+        return self.low <= self.value <= self.high
+
+
+@dataclass(frozen=True, kw_only=True)
 class PartialResult(Record):
     """What a session has measured before it is compared: as far as its steps are done."""
 
@@ -150,6 +172,8 @@ class SessionResult(Record):
     comparison: ModelComparison
     limits: tuple[Verdict, ...]
     within_limits: bool
+    expected: tuple[ExpectedFigure, ...] = ()
+    """What a good figure is on this rig."""
     report: str | None = None
     """Where its page is, if it was written."""
     elapsed_s: float | None = None

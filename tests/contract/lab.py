@@ -128,8 +128,8 @@ def open_vivid() -> Rig:
     return rig
 
 
-def small_virtual_profile() -> Profile:
-    """The virtual rig with a camera of a few pixels and a coarse room, which an emulated machine can keep up with."""
+def small_emulated_profile() -> Profile:
+    """The emulated rig with a camera of a few pixels and a coarse room, which an emulated machine can keep up with."""
     text = (ROOT / "hw_profiles" / "emulated-rig.toml").read_text()
     for known, small in {
         "width_px = 480": "width_px = 160",
@@ -146,17 +146,17 @@ def small_virtual_profile() -> Profile:
 
 
 @cache
-def virtual_rig() -> EmulatedRig:
-    """The small virtual rig, plugged in until the tests end."""
+def emulated_rig() -> EmulatedRig:
+    """The small emulated rig, plugged in until the tests end."""
     for module in ("vkms", "vhci-hcd", "uvcvideo"):
         load_module(module)
-    profile = small_virtual_profile()
+    profile = small_emulated_profile()
     return UNTIL_THE_END.enter_context(EmulatedRig(profile=profile, display=open_display_of(profile)))
 
 
-def open_virtual() -> Rig:
+def open_emulated() -> Rig:
     """A display, and a camera that sees it in the simulated room: both by real kernel drivers."""
-    profile = virtual_rig().profile
+    profile = emulated_rig().profile
     wait_for_camera(profile, GENEROUS_S)
     return open_rig(profile)
 
@@ -165,7 +165,7 @@ BACK_ENDS: dict[str, Callable[[], Rig]] = {
     "vkms": partial(open_display, "vkms"),
     "virtio-gpu": partial(open_display, "virtio_gpu"),
     "vivid": open_vivid,
-    "virtual": open_virtual,
+    "emulated": open_emulated,
     "window": open_window,
 }
 """By the names that PROCAM_DEVICE_LAB_BACK_ENDS takes."""

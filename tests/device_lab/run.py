@@ -75,12 +75,12 @@ PATIENT = "--timeout=1800"
 SUITES = (
     Suite("session", (f"{LAB}/guest/test_session.py -s",), limit_s=1800),
     Suite(
-        "virtual",
+        "emulated",
         (
             f"tests/contract/test_camera.py tests/contract/test_projector.py tests/contract/test_rig.py "
-            f"{LAB}/guest/test_virtual_rig.py -k virtual",
+            f"{LAB}/guest/test_emulated_rig.py -k emulated",
         ),
-        before="export PROCAM_DEVICE_LAB_BACK_ENDS=virtual",
+        before="export PROCAM_DEVICE_LAB_BACK_ENDS=emulated",
         limit_s=1500,
     ),
     Suite(

@@ -14,7 +14,7 @@ from rig.devices.kms.readback import Readback
 from rig.errors import DeviceError
 from rig.live.sources.camera import CameraSource
 from tests.contract.lab import display_output, load_module
-from tests.device_lab.guest.test_vivid import ID, MODULE
+from tests.device_lab.guest.vivid_camera import ID, MODULE
 from tests.device_lab.live_show import live_show
 from tests.device_lab.waiting import GENEROUS_S, wait_until
 

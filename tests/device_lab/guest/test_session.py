@@ -24,34 +24,34 @@ def frames(session: Path) -> int:
     return journal.read_text().count('"event": "frame"') if journal.exists() else 0
 
 
-def pull_the_cable(virtual: subprocess.Popen[str], session: Path, ended: threading.Event) -> None:
+def pull_the_cable(emulated: subprocess.Popen[str], session: Path, ended: threading.Event) -> None:
     """In the middle of the patterns; and put it back."""
     while frames(session) < PULLED_AFTER_FRAMES and not ended.is_set():
         ended.wait(0.2)
     for command in ("unplug", "plug"):
-        virtual.stdin.write(f"{command}\n")
-        virtual.stdin.flush()
+        emulated.stdin.write(f"{command}\n")
+        emulated.stdin.flush()
         ended.wait(2.0)
 
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     load_module("vkms")
-    session = tmp_path_factory.mktemp("runs") / "virtual"
+    session = tmp_path_factory.mktemp("runs") / "emulated"
     command = [*RIG, "emulate", "-p", "emulated-rig", "--json"]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as virtual:
-        found = json.loads(virtual.stdout.readline())
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulated:
+        found = json.loads(emulated.stdout.readline())
         assert found["device_id"] == "usb-1209:0001-EMULATED1"
         ended = threading.Event()
-        hand = threading.Thread(target=pull_the_cable, args=(virtual, session, ended))
+        hand = threading.Thread(target=pull_the_cable, args=(emulated, session, ended))
         hand.start()
         done = subprocess.run(
             [*RIG, "run", str(session), "-p", "emulated-rig", "--json"], capture_output=True, text=True, check=False
         )
         ended.set()
         hand.join()
-        virtual.stdin.write("quit\n")
-        virtual.stdin.flush()
+        emulated.stdin.write("quit\n")
+        emulated.stdin.flush()
     print(done.stderr)
     return session, done
 

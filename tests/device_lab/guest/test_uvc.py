@@ -13,8 +13,7 @@ from rig.emulated.usbip.attach import attach
 from rig.emulated.uvc.camera import FrameRequest, UvcCamera
 from rig.emulated.uvc.descriptors import Transport
 from rig.errors import DeviceError, DeviceForbidden
-from tests.device_lab.guest.rights import as_nobody
-from tests.device_lab.guest.virtual_camera import (
+from tests.device_lab.guest.emulated_camera import (
     HEIGHT,
     NODES,
     WIDTH,
@@ -23,6 +22,7 @@ from tests.device_lab.guest.virtual_camera import (
     plug_in,
     plugging,
 )
+from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.programs import output_of
 from tests.device_lab.waiting import wait_until
 from tests.rig.emulated.numbered_pictures import (

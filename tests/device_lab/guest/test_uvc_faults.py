@@ -14,7 +14,7 @@ from rig.devices.protocols import RawFrame
 from rig.devices.v4l2.camera import V4l2Camera
 from rig.devices.v4l2.find import find_cameras
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, SettingRefused
-from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging
+from tests.device_lab.guest.emulated_camera import CLOCK, HEIGHT, WIDTH, Plugged, load_drivers, plugging
 from tests.device_lab.programs import output_of
 from tests.device_lab.waiting import GENEROUS_S, wait_until
 from tests.rig.emulated.numbered_pictures import MEDIUM_EXPOSURE_S, read_number

@@ -16,7 +16,7 @@ from rig.devices.v4l2.camera import V4l2Camera
 from rig.emulated.uvc.camera import FrameRequest
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 from rig.profile.schema import load_profile
-from tests.device_lab.guest.virtual_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
+from tests.device_lab.guest.emulated_camera import CLOCK, HEIGHT, Plugged, load_drivers, plugging
 from tests.device_lab.waiting import GENEROUS_S
 from tests.rig.emulated.numbered_pictures import PatternSource, encode_picture, read_number
 

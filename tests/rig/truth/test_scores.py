@@ -18,7 +18,7 @@ def behind_drivers(profile: Profile) -> Rig:
     return cast("Rig", SimpleNamespace(profile=profile.with_device(camera)))
 
 
-def test_the_truth_of_a_virtual_rig_is_that_of_the_simulated_pair(tiny_profile: Profile) -> None:
+def test_the_truth_of_a_emulated_rig_is_that_of_the_simulated_pair(tiny_profile: Profile) -> None:
     codes = np.random.default_rng(1).integers(0, 256, tiny_profile.projector.shape, dtype=np.uint8)
     with open_rig(tiny_profile) as rig:
         (simulated,) = ground_truth_worlds(rig)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
-from tests.contract.lab import open_virtual, virtual_rig
+from tests.contract.lab import emulated_rig, open_emulated
 
 BITS = 9
 COLUMNS, ROWS = 3, 3
@@ -47,7 +47,7 @@ class Reader:
 
 @pytest.fixture(scope="module")
 def rig() -> Iterator[Rig]:
-    with open_virtual() as rig:
+    with open_emulated() as rig:
         rig.set_exposure(0.008)
         yield rig
 
@@ -67,7 +67,7 @@ def test_each_of_500_frames_shows_its_own_pattern(rig: Rig, reader: Reader) -> N
 
 
 def test_frames_that_are_lost_repeated_broken_or_cut_are_never_taken_for_another(rig: Rig, reader: Reader) -> None:
-    faults, random = virtual_rig().faults, np.random.default_rng(3)
+    faults, random = emulated_rig().faults, np.random.default_rng(3)
     before = len(rig.events)
     for number in random.permutation(1 << BITS)[:40]:
         fault = random.choice(["dropped_frames", "duplicate_frames", "error_frames", "short_frames"])

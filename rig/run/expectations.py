@@ -1,0 +1,128 @@
+"""What a good figure is on this rig: the range that its own noise and geometry let one expect of each number."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.session import Session
+from rig.stages.correspondence import load_correspondence
+from rig.stages.results import ExpectedFigure, GeometryResult, ModelComparison, StrategyResult
+
+_SPREAD = (0.7, 1.5)
+"""Of a fit's residual over the noise of its data: neighbours share errors, and a fit takes up a part of them."""
+_PART_PX = 16
+"""Of the picture: much larger than a stripe's width, over which the errors of neighbours go together, much smaller than
+a wall."""
+_GAUSSIAN = 0.997
+"""Share of a normal distribution within three standard deviations."""
+_LEAST_WITHIN = 0.93
+"""The same when the stated deviations are 0.6 of the true ones: then they say too little."""
+_MODEL_SPREAD = 1.25
+"""Of measured minus simulated light over its noise: what is left beside noise is then 0.75 of it."""
+_MEASURED_SPREAD = 0.1
+"""Of a strategy's measured over its predicted error, beside the model's own error."""
+
+
+def expected_figures(
+    session: Session,
+    geometry: GeometryResult,
+    comparison: ModelComparison,
+    best: StrategyResult,
+) -> tuple[ExpectedFigure, ...]:
+    """Return what to expect of the numbers of a compared session, each beside the number itself.
+
+    Parameters
+    ----------
+    session
+        With a finished correspondence.
+    geometry, comparison
+        What was measured.
+    best
+        Of the strategy that stands for 'compensated'.
+    """
+    return (
+        _reprojection(geometry, load_correspondence(session).projector_xy_px),
+        _model_error(comparison),
+        _within(comparison),
+        _compensated(best, comparison),
+    )
+
+
+def _reprojection(geometry: GeometryResult, projector_xy_px: NDArray[np.floating]) -> ExpectedFigure:
+    noise_px = map_noise_px(projector_xy_px)
+    return ExpectedFigure(
+        what="reprojection error of the projector, rms",
+        value=geometry.projector_rms_px,
+        low=_SPREAD[0] * noise_px,
+        high=_SPREAD[1] * noise_px,
+        unit="px",
+        because=f"the correspondence map is rough by {noise_px:.3f} px within parts of {_PART_PX} px",
+        raised_by="surfaces that are not flat, things that moved, a lens with more distortion than the model has",
+        remedy="look at the residuals on the page: speckle is noise, structure is a wrong model; recalibrate the lens",
+    )
+
+
+def map_noise_px(projector_xy_px: NDArray[np.floating]) -> float:
+    """Return the noise in pixels of a correspondence map (H, W, 2), both coordinates together.
+
+    Where a surface has no edge, the map of a small part of the picture is a quadratic but for its noise. The median
+    over such parts tells it, which edges do not move.
+    """
+    parts = _whole_parts(np.asarray(projector_xy_px, dtype=np.float64))
+    if not len(parts):
+        return float("nan")
+    y, x = (2 * np.mgrid[0:_PART_PX, 0:_PART_PX] / (_PART_PX - 1) - 1).reshape(2, -1)
+    terms = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    fitted, _ = np.linalg.qr(terms)
+    left = parts - fitted @ (fitted.T @ parts)
+    squares = (left**2).sum(axis=(1, 2)) / (len(x) - terms.shape[1])
+    return float(np.sqrt(np.median(squares)))
+
+
+def _whole_parts(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, pixels, 2) square parts of the map in which every pixel has a partner."""
+    rows, columns = (n // _PART_PX for n in xy.shape[:2])
+    cut = xy[: rows * _PART_PX, : columns * _PART_PX].reshape(rows, _PART_PX, columns, _PART_PX, 2)
+    parts = cut.swapaxes(1, 2).reshape(rows * columns, _PART_PX**2, 2)
+    return np.asarray(parts[np.isfinite(parts).all(axis=(1, 2))])
+
+
+def _model_error(comparison: ModelComparison) -> ExpectedFigure:
+    return ExpectedFigure(
+        what="measured - simulated, rms",
+        value=comparison.rmse,
+        low=0.9 * comparison.noise_rms,
+        high=_MODEL_SPREAD * comparison.noise_rms,
+        unit="grey levels",
+        because=f"noise of the camera and of what was measured of the scene is {comparison.noise_rms:.2f} grey levels",
+        raised_by="things in the room that the model lacks, gloss, a lamp that drifts, blur that changed",
+        remedy="look at the error pictures: spots are things, a slope is vignetting or drift, edges are focus",
+    )
+
+
+def _within(comparison: ModelComparison) -> ExpectedFigure:
+    return ExpectedFigure(
+        what="share of pixels within 3 standard deviations",
+        value=comparison.within_3_sigma,
+        low=_LEAST_WITHIN,
+        high=1.0,
+        unit="",
+        because=f"noise alone leaves {_GAUSSIAN:g}",
+        raised_by="more noise than the sensor should have hides errors: near 1 is good only with a small rms",
+        remedy="compare the frames of the table: one bad frame is drift, all of them are the model",
+    )
+
+
+def _compensated(best: StrategyResult, comparison: ModelComparison) -> ExpectedFigure:
+    predicted, model = best.predicted.rms, comparison.rmse
+    return ExpectedFigure(
+        what="error of the compensated picture, rms",
+        value=best.measured.rms,
+        low=max(predicted * (1 - _MEASURED_SPREAD) - model, 0.0),
+        high=float(np.hypot(predicted * (1 + _MEASURED_SPREAD), model)),
+        unit="grey levels",
+        because=f"the projector's range leaves {predicted:.2f}, the model's error is {model:.2f}",
+        raised_by="dark walls, a bright target, and a projector that does not reach black",
+        remedy="lower brightness.target_white_share, darken the room, or choose a target with less contrast",
+    )
