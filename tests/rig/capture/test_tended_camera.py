@@ -15,6 +15,7 @@ from rig.capture.tended_camera import FrameValidator, Rejection, Wanted
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import Codes, RawFrame
 from rig.devices.simulated.devices import SimulatedCamera, SimulatedProjector
+from rig.devices.simulated.optics import make_optics
 from rig.devices.simulated.settings import SimulationSettings
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import Profile
@@ -34,9 +35,11 @@ class CodeBench:
     """A world that costs nothing: what is shown is what is seen."""
 
     settings: SimulationSettings
-    camera: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(shape=SHAPE))
-    projector: SimpleNamespace = field(default_factory=lambda: SimpleNamespace(shape=SHAPE))
     vignetting: NDArray[np.float32] = field(default_factory=lambda: np.ones(SHAPE, np.float32))
+
+    def __post_init__(self) -> None:
+        self.camera = make_optics(self.settings.camera, SHAPE)
+        self.projector = make_optics(self.settings.projector, SHAPE)
 
     def light(self, codes: Codes) -> SimpleNamespace:
         return SimpleNamespace(total=(codes / 255).astype(np.float32))
