@@ -172,9 +172,9 @@ def _grey(pixels: NDArray[np.uint16], radiometric: RadiometricCalibration) -> ND
 def _noise_dn(
     white: NDArray[np.uint16], black: NDArray[np.uint16], radiometric: RadiometricCalibration
 ) -> NDArray[np.floating]:
-    """(H, W) standard deviation of the bands' sum of a half-lit frame."""
-    level = np.maximum((white.astype(np.float32) + black) / 2 - radiometric.offset_dn, 0)
-    variance = level / radiometric.gain_e_per_dn + radiometric.read_noise_dn**2 + 1 / 12
+    """(H, W) standard deviation of the bands' sum, root mean square of a lit and an unlit frame."""
+    noise = radiometric.noise_dn()
+    variance = (noise[white] ** 2 + noise[black] ** 2) / 2
     return np.asarray(np.sqrt(variance.sum(axis=2)))
 
 

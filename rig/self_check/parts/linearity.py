@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray
 from calibration.radiometry.linearity import fit_linearity
-from calibration.radiometry.response import Response, fit_camera_response, ideal_levels
+from calibration.radiometry.camera_response import fit_camera_response
+from calibration.radiometry.response import Response, ideal_levels
 from rig.errors import CalibrationFailed
 from rig.records import Record, Verdict
 from rig.self_check.results import PartResult
