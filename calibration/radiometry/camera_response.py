@@ -1,12 +1,12 @@
 """A camera's response from frames of one still picture at several exposures, whatever its tone curve.
 
 Levels are predicted from light: level = S y(t_k (1 + e_k) L_n) + o, with y the curve of :mod:`.tone_curve`, t_k the
-exposure of frame k, L_n the light of a group of pixels, e_k a small change of all light in that frame (a lamp or a mains
-light that flickers, an exposure that is not what the camera says) and o what is left of the black level. All are
-fitted together to the means of groups, each with its own variance. How much a curve may bend, and how much light may
-change between frames, is taken from the frames themselves: of a few candidates the one counts under which they are most
-likely (the evidence, by Laplace's method). A straight sensor comes out straight, and a tone curve as bent as it is, each
-with a standard error that includes what the frames cannot tell.
+exposure of frame k, L_n the light of a group of pixels, e_k a small change of all light in that frame (a lamp that
+flickers, an exposure that is not what the camera says) and o what is left of the black level. All are fitted together
+to the means of groups, each with its own variance. How much a curve may bend, and how much light may change between
+frames, is taken from the frames themselves: of a few candidates the one counts under which they are most likely (the
+evidence, by Laplace's method). A straight sensor comes out straight, and a tone curve as bent as it is, each with a
+standard error that includes what the frames cannot tell.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, 
 
 _GROUPS, _GROUP_PIXELS = 80, 30
 """Of pixels of about one light: rounding averages out in each, and its noise is known."""
-_LEAST_SAMPLES = 100
 _USABLE = (0.005, 0.97)
 """Shares of full scale between which a group counts: below is rounding, above it may clip in one of the frames."""
 _NOISE_CLEAR = 3.0
@@ -51,7 +50,7 @@ _STEEPEST = 2.5
 """Of log local gamma, on the way to the solution: 12, and 1 / 12."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Groups:
     """Means of groups of pixels of about one light, shares of full scale."""
 
@@ -114,7 +113,7 @@ class _State:
         )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Solution:
     state: _State
     curve: ToneCurve
@@ -123,6 +122,16 @@ class _Solution:
     residual: FloatArray
     """(F, G) of levels, share of full scale; NaN where a group does not count."""
     log_evidence: float
+
+    @property
+    def light_change(self) -> float:
+        """Of light between frames, rms."""
+        return float(np.sqrt(np.mean(self.state.change**2)))
+
+    @property
+    def left(self) -> float:
+        """Of full scale, rms, beyond the curve."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
 
 
 def fit_camera_response(
@@ -171,9 +180,10 @@ def fit_camera_response(
     start = _start(groups)
     black_sigma = black_sigma_dn / full_scale_dn
     found = [one for kind in (True, False) for one in _solutions(groups, kind, start, black_sigma)]
-    best = max(found, key=lambda one: one.log_evidence)
+    sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
+    best = max(sound, key=lambda one: one.log_evidence)
     _refuse_changes(groups, best)
-    return _response(best, found, full_scale_dn)
+    return _response(best, sound, full_scale_dn)
 
 
 def _solutions(groups: _Groups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
@@ -208,8 +218,14 @@ def _grouped(levels: FloatArray, times: FloatArray, full_scale_dn: float) -> _Gr
     usable = (y > least) & (largest < _USABLE[1])
     bent = np.maximum(spread - 1 / 12, 0) / 2 / full_scale_dn**2
     kept = usable.sum(axis=0) >= 2
-    columns = (one[:, kept] for one in (y, variance / full_scale_dn**2, bent, usable))
-    return _Groups(*columns, np.log(times / times.max()), has_repeats)
+    return _Groups(
+        y=y[:, kept],
+        variance=variance[:, kept] / full_scale_dn**2,
+        bent=bent[:, kept],
+        usable=usable[:, kept],
+        log_time=np.log(times / times.max()),
+        has_repeats=has_repeats,
+    )
 
 
 def _temporal_variance(part: FloatArray, times: FloatArray) -> FloatArray:
@@ -255,7 +271,7 @@ def _solved(groups: _Groups, candidate: _Candidate, start: _State, black_sigma: 
         precision = _prior(candidate, groups, black_sigma, change_sigma)
         normal = _normal_equations(groups, state)
         state, moved = _backtracked(groups, state, normal.step(precision, state.curve_part), precision)
-        change_sigma = _change_sigma(state, np.linalg.inv(normal.reduced + precision))
+        change_sigma = _change_sigma(state, np.asarray(np.linalg.inv(normal.reduced + precision)))
         if moved < _STILL:
             break
     precision = _prior(candidate, groups, black_sigma, change_sigma)
@@ -274,11 +290,11 @@ def _judged(state: _State, groups: _Groups, precision: FloatArray, change_sigma:
     log_prior = 0.5 * np.linalg.slogdet(precision)[1] - 0.5 * flat @ precision @ flat - change_sigma / _USUAL_CHANGE
     log_volume = 0.5 * np.linalg.slogdet(posterior)[1] + 0.5 * np.log(normal.by_light / scale).sum()
     return _Solution(
-        state,
-        tone_curve(state.log_gamma),
-        np.linalg.inv(posterior),
-        residual,
-        float(-0.5 * fit / scale - 0.5 * count * np.log(scale) + log_prior - log_volume),
+        state=state,
+        curve=tone_curve(state.log_gamma),
+        covariance=np.asarray(np.linalg.inv(posterior)),
+        residual=residual,
+        log_evidence=float(-0.5 * fit / scale - 0.5 * count * np.log(scale) + log_prior - log_volume),
     )
 
 
@@ -292,7 +308,7 @@ def _prior(candidate: _Candidate, groups: _Groups, black_sigma: float, change_si
     return precision
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _NormalEquations:
     """Of all unknowns; those of light, of which each group has one, are eliminated."""
 
@@ -309,7 +325,7 @@ class _NormalEquations:
 
     def step(self, precision: FloatArray, curve_part: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Of all unknowns but light, and of light."""
-        by = np.linalg.solve(self.reduced + precision, self.right - precision @ curve_part)
+        by = np.asarray(np.linalg.solve(self.reduced + precision, self.right - precision @ curve_part))
         return by, (self.light_right - self.coupling @ by) / self.by_light
 
 
@@ -328,11 +344,11 @@ def _normal_equations(groups: _Groups, state: _State) -> _NormalEquations:
     light_right = (slope * off).sum(axis=0)
     flat = matrix.reshape(-1, matrix.shape[-1])
     return _NormalEquations(
-        flat.T @ flat - coupling.T @ (coupling / by_light[:, None]),
-        flat.T @ off.ravel() - coupling.T @ (light_right / by_light),
-        by_light,
-        light_right,
-        coupling,
+        reduced=flat.T @ flat - coupling.T @ (coupling / by_light[:, None]),
+        right=flat.T @ off.ravel() - coupling.T @ (light_right / by_light),
+        by_light=by_light,
+        light_right=light_right,
+        coupling=coupling,
     )
 
 
@@ -383,19 +399,17 @@ def _refuse_changes(groups: _Groups, found: _Solution) -> None:
             f"{_GAMMAS[1]:g}: the exposures that the camera tells are wrong, or its automatic exposure or gain is on; "
             "switch it off"
         )
-    change = float(np.sqrt(np.mean(found.state.change**2)))
-    if change > _MOST_CHANGE:
+    if found.left > _MOST_LEFT:
         raise CalibrationError(
-            f"camera response: light changes by {100 * change:.0f} % (rms) between frames of one picture, the limit is "
-            f"{100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it tells are "
-            "wrong, or a lamp flickers; switch it off"
-        )
-    left = float(np.sqrt(np.nanmean(found.residual**2)))
-    if left > _MOST_LEFT:
-        raise CalibrationError(
-            f"camera response: no one curve fits all exposures, {100 * left:.1f} % of full scale is left (rms), the "
+            f"camera response: no one curve fits all exposures, {100 * found.left:.1f} % of full scale is left (rms), the "
             f"limit is {100 * _MOST_LEFT:g} %: the camera's tone curve moves from frame to frame (auto tone mapping, "
             "dynamic contrast, backlight compensation); switch it off"
+        )
+    if found.light_change > _MOST_CHANGE:
+        raise CalibrationError(
+            f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, the limit is "
+            f"{100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it tells are "
+            "wrong, or a lamp flickers; switch it off"
         )
 
 
@@ -406,8 +420,7 @@ def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> 
     away = np.stack([one.curve.log_light - curve.log_light for one in found])
     variance = np.average(np.stack([_relative_variance(one) for one in found]) + away**2, axis=0, weights=odds)
     levels = full_scale_dn * (curve.y + black * (1 - curve.y))
-    rms = float(np.sqrt(np.nanmean(best.residual**2)))
-    return Response(levels, curve.light, rms, curve.light * np.sqrt(variance))
+    return Response(levels, curve.light, best.left, curve.light * np.sqrt(variance))
 
 
 def _relative_variance(found: _Solution) -> FloatArray:

@@ -202,7 +202,9 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
             inside = (first < top) & (second < top)
             common = (first[inside].mean() - second[inside].mean()) if inside.any() else 0.0
             parts.append(transfer_points(first, second + common, range_dn=(-np.inf, top), least_span_dn=_LEAST_SPAN_DN))
-    points = _clear_of_black(joined(parts), response)
+    points = joined(parts)
+    if len(points.signals):
+        points = _clear_of_black(points, response)
     if len(points.signals) < _LEAST_GROUPS:
         raise CalibrationError(
             f"camera noise: {len(points.signals)} groups of pixels between black and saturation in frames of equal "

@@ -1,8 +1,8 @@
 """Monotone response curves by their local gamma: a parametrisation in which a curve cannot fail to rise.
 
-With y the level as a share of full scale and g(y) the light that makes it, s(y) = d log g / d log y is the curve's local
-gamma: 1 for a straight sensor, 2.2 everywhere for a power law, from 1 near black to 2.3 near white for sRGB. Any s > 0
-gives a curve that rises, so the logarithm of s is what is fitted, as straight pieces between knots.
+With y the level as a share of full scale and g(y) the light that makes it, s(y) = d log g / d log y is the curve's
+local gamma: 1 for a straight sensor, 2.2 everywhere for a power law, from 1 near black to 2.3 near white for sRGB. Any
+s > 0 gives a curve that rises, so the logarithm of s is what is fitted, as straight pieces between knots.
 """
 
 from __future__ import annotations
@@ -42,7 +42,8 @@ class ToneCurve:
     def log_light_of(self, y: FloatArray) -> FloatArray:
         """Log g at levels above 0, any shape; beyond full scale it goes on straight."""
         log_y = np.log(np.maximum(y, self.y[1]))
-        return np.asarray(np.interp(log_y, self._log_y, self.log_light[1:]) + np.maximum(log_y, 0) * self.local_gamma[-1])
+        beyond = np.maximum(log_y, 0) * self.local_gamma[-1]
+        return np.asarray(np.interp(log_y, self._log_y, self.log_light[1:]) + beyond)
 
     def log_level_of(self, log_light: FloatArray) -> FloatArray:
         """Log y of logarithms of light, any shape; beyond full scale it goes on straight."""

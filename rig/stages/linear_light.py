@@ -83,7 +83,8 @@ class RadiometricCalibration:
 
     def noise(self, linear: FloatArray | Float32Array) -> Float32Array:
         """Return the variance of one frame's linear light: shot noise, read noise and rounding; any shape."""
-        return self._sensor_noise(linear) + np.interp(linear, *self._rounding()).astype(np.float32)
+        rounding = np.interp(linear, *self._rounding()).astype(np.float32)
+        return np.asarray(self._sensor_noise(linear) + rounding)
 
     def noise_dn(self) -> Float32Array:
         """Return (full scale + 1,) standard deviation of a pixel at each digital number. [dn]."""

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.black_level import fit_black_level
+from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
 from calibration.radiometry.photon_transfer import fit_camera_noise
-from calibration.radiometry.black_level import fit_black_level
-from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.response import Response, fit_channel_responses
 from calibration.structured_light.patterns import Pattern, flat, level_patterns, primary
 from rig.capture.rig import Rig

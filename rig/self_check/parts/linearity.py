@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray
-from calibration.radiometry.linearity import fit_linearity
 from calibration.radiometry.camera_response import fit_camera_response
+from calibration.radiometry.linearity import fit_linearity
 from calibration.radiometry.response import Response, ideal_levels
 from rig.errors import CalibrationFailed
 from rig.records import Record, Verdict
