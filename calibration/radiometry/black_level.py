@@ -35,7 +35,7 @@ def fit_black_level(levels: ArrayLike, exposures: ArrayLike) -> BlackLevel:
     levels : (F, N)
         Digital numbers of N pixels in F frames, whole numbers.
     exposures : (F,)
-        In any unit and order.
+        In any unit and order; if all are one, light on black counts as none.
 
     Returns
     -------
@@ -67,6 +67,9 @@ def _is_clipped(shortest: FloatArray, lowest: float) -> bool:
 
 def _extended(times: FloatArray, means: FloatArray, variance: FloatArray) -> BlackLevel:
     """Weighted straight line; room light that flickers makes long exposures less certain."""
+    if len(np.unique(times)) < 2:
+        sigma = float(np.sqrt(variance.mean() / len(means)))
+        return BlackLevel(offset_dn=float(means.mean()), sigma_dn=sigma, is_clipped=False)
     matrix = np.column_stack([np.ones_like(times), times / times.max()])
     line = np.array([means.min(), max(float(np.ptp(means)), 0.0)])
     for _ in range(3):

@@ -335,14 +335,14 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
     if found.left > _MOST_LEFT:
         raise CalibrationError(
             f"camera response: no one curve fits all exposures, {100 * found.left:.1f} % of full scale is left (rms), "
-            f"the limit is {100 * _MOST_LEFT:g} %: the camera's tone curve moves from frame to frame (auto tone mapping, "
-            "dynamic contrast, backlight compensation); switch it off"
+            f"the limit is {100 * _MOST_LEFT:g} %: the camera's tone curve moves from frame to frame (auto tone "
+            "mapping, dynamic contrast, backlight compensation); switch it off"
         )
     if found.light_change > _MOST_CHANGE:
         raise CalibrationError(
             f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, "
-            f"the limit is {100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it tells are "
-            "wrong, or a lamp flickers; switch it off"
+            f"the limit is {100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it "
+            "tells are wrong, or a lamp flickers; switch it off"
         )
 
 

@@ -25,6 +25,8 @@ _UNCLIPPED = 0.95
 """Of full scale: below it no pixel clips in one of the frames."""
 _LEAST_SPAN_DN = 4.0
 """That a group of pixels spans: even and odd sums of two frames are in it alike."""
+_UNEVEN = 0.05
+"""Relative error of a variance by levels that do not lie evenly between whole numbers, where rounding is all of it."""
 _LEAST_GROUPS = 4
 _NEARLY_STRAIGHT = 0.7
 """Logarithm of a curve's slope against that of the brightest group: such a camera does not cut its noise off."""
@@ -152,20 +154,24 @@ def linearised(points: TransferPoints, response: Response, step_dn: float = 1.0)
     EMVA Standard 1288, section on quantisation noise.
     """
     slope = ideal_slope(response, points.signals)
-    variances = _unrounded(points.variances / step_dn**2) * step_dn**2 * slope**2
-    return TransferPoints(ideal_levels(response, points.signals), variances, points.counts)
+    true, growth = _unrounded(points.variances / step_dn**2)
+    # where rounding hides noise, what is left is known less well
+    counts = 2 / (2 / points.counts * growth**2 + (_UNEVEN * (growth - 1)) ** 2)
+    return TransferPoints(ideal_levels(response, points.signals), true * step_dn**2 * slope**2, counts)
 
 
-def _unrounded(variances: FloatArray) -> FloatArray:
+def _unrounded(variances: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Variance before rounding to whole numbers, of pixels whose true levels lie anywhere between these.
 
     Two roundings of noise with variance v differ by v + 1/12 - sum of exp(-4 π² k² v) / (2 π² k²): by 1/12 more where
-    v is large, by less where neighbouring frames mostly round alike.
+    v is large, by less where neighbouring frames mostly round alike. Second, by what a relative error has grown.
     """
     true = np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 400)])
     k = np.arange(1, 200)[:, None]
     rounded = true + 1 / 12 - (np.exp(-4 * np.pi**2 * k**2 * true) / (2 * np.pi**2 * k**2)).sum(axis=0)
-    return np.where(variances < rounded[-1], np.interp(variances, rounded, true), variances - 1 / 12)
+    before = np.where(variances < rounded[-1], np.interp(variances, rounded, true), variances - 1 / 12)
+    slope = np.where(variances < rounded[-1], np.interp(variances, rounded, np.gradient(true, rounded)), 1.0)
+    return before, np.maximum(variances * slope / np.maximum(before, true[1]), 1.0)
 
 
 def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Response) -> PhotonTransfer:
@@ -202,9 +208,7 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
             inside = (first < top) & (second < top)
             common = (first[inside].mean() - second[inside].mean()) if inside.any() else 0.0
             parts.append(transfer_points(first, second + common, range_dn=(-np.inf, top), least_span_dn=_LEAST_SPAN_DN))
-    points = joined(parts)
-    if len(points.signals):
-        points = _clear_of_black(points, response)
+    points = clear_of_black(joined(parts), response)
     if len(points.signals) < _LEAST_GROUPS:
         raise CalibrationError(
             f"camera noise: {len(points.signals)} groups of pixels between black and saturation in frames of equal "
@@ -213,8 +217,23 @@ def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Respon
     return fit_photon_transfer(linearised(points, response), rounds=3)
 
 
-def _clear_of_black(points: TransferPoints, response: Response) -> TransferPoints:
-    """Without groups whose noise a tone curve cuts off at black, or stretches so that it is not small any more."""
+def clear_of_black(points: TransferPoints, response: Response) -> TransferPoints:
+    """Leave out groups whose noise a tone curve cuts off at black, or stretches so that it is not small any more.
+
+    Parameters
+    ----------
+    points : TransferPoints
+        As measured.
+    response : Response
+        Of the camera.
+
+    Returns
+    -------
+    TransferPoints
+        All of them where the curve is nearly straight.
+    """
+    if not len(points.signals):
+        return points
     slope = ideal_slope(response, points.signals)
     is_straight = np.abs(np.log(slope / np.maximum(slope[np.argmax(points.signals)], 1e-9))) < _NEARLY_STRAIGHT
     kept = is_straight | (points.signals > _CLEAR_SIGMAS * np.sqrt(points.variances) + 1)

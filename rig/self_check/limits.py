@@ -30,9 +30,7 @@ class CheckLimits:
     flicker_percent: float = 0.4
     """Of white: half a step of an eight-bit display of gamma 2.2 at white (2.2 / 255 / 2)."""
     nonlinearity_percent: float = 3.0
-    """Of the brightest level: calibration measures and removes such a curve; a larger one is gamma or an automatic."""
-    r_squared: float = 0.998
-    """Of signal over exposure; a curve of 3 % stays above."""
+    """Of the brightest level, after the camera's curve is undone: more is an automatic, or light that changes."""
     photon_transfer_chi2: float = 3.0
     """Variance about signal / gain + read noise, in its own standard errors: beyond it noise is made or removed."""
     step_dn: float = 1.0
