@@ -38,6 +38,9 @@ _MOST_CHANGE = 0.10
 """Of light between frames, rms; flicker of the brightest room lights stays below."""
 _GAMMAS = (0.33, 3.6)
 """Local gamma of cameras, median over the measured levels: 0.4 to 3, with a margin."""
+_MOST_REPEATED = 0.03
+"""Of light between exposures, rms, beyond what repeats of one exposure differ by: auto tone mapping that bends by a
+gamma of 1.5 from the shortest exposure to the longest gives 0.04, mains light at most 0.015."""
 _MOST_LEFT = 0.02
 """Of full scale, rms: what may be left when one curve is laid through all frames."""
 _ROUNDS, _STILL = 25, 1e-5
@@ -104,6 +107,15 @@ class _Solution:
     def light_change(self) -> float:
         """Of light between frames, rms."""
         return float(np.sqrt(np.mean(self.state.change**2)))
+
+    def repeated_change(self, log_time: FloatArray) -> float:
+        """Of light between exposures, rms, as far as it comes again with each repeat; 0 without repeats."""
+        times, which, counts = np.unique(log_time, return_inverse=True, return_counts=True)
+        if len(times) == len(log_time):
+            return 0.0
+        means = np.bincount(which, self.state.change) / counts
+        scatter = float(((self.state.change - means[which]) ** 2).sum() / (len(log_time) - len(times)))
+        return float(np.sqrt(max(float(np.mean(means**2)) - scatter / counts.mean(), 0.0)))
 
     @property
     def left(self) -> float:
@@ -332,11 +344,13 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
             f"{_GAMMAS[1]:g}: the exposures that the camera tells are wrong, or its automatic exposure or gain is on; "
             "switch it off"
         )
-    if found.left > _MOST_LEFT:
+    repeated = found.repeated_change(groups.log_time)
+    if found.left > _MOST_LEFT or _MOST_REPEATED < repeated < _MOST_CHANGE:
         raise CalibrationError(
-            f"camera response: no one curve fits all exposures, {100 * found.left:.1f} % of full scale is left (rms), "
-            f"the limit is {100 * _MOST_LEFT:g} %: the camera's tone curve moves from frame to frame (auto tone "
-            "mapping, dynamic contrast, backlight compensation); switch it off"
+            f"camera response: no one curve fits all exposures: {100 * found.left:.1f} % of full scale is left (rms), "
+            f"the limit is {100 * _MOST_LEFT:g} %, and light seems to be {100 * repeated:.1f} % (rms) off the "
+            f"exposures, the limit is {100 * _MOST_REPEATED:g} %: the camera's tone curve moves from frame to frame "
+            "(auto tone mapping, dynamic contrast, backlight compensation); switch it off"
         )
     if found.light_change > _MOST_CHANGE:
         raise CalibrationError(

@@ -31,6 +31,7 @@ from rig.self_check.parts.pixels import check_pixels
 from rig.self_check.parts.ramp import check_ramp
 from rig.self_check.parts.saturation import check_saturation, smallest_step_dn
 from rig.self_check.parts.stability import check_stability, take_reference_image
+from rig.self_check.parts.view import check_view
 from rig.self_check.results import PartResult, SelfCheck
 from rig.self_check.rig_under_test import RigUnderTest
 from rig.stages.error_tree import one_error_tree
@@ -74,6 +75,7 @@ _PARTS: Mapping[str, Callable[[_Check], PartResult[Record]]] = {
     "additivity": lambda check: check_additivity(check.tested, check.curve),
     "checker": lambda check: check_checker(check.tested, check.curve),
     "ramp": lambda check: check_ramp(check.tested),
+    "view": lambda check: check_view(check.tested, check.curve, check.sweep),
     "stability": lambda check: check_stability(check.tested, check.reference_image),
 }
 PARTS = ("latency", *_PARTS)

@@ -95,6 +95,11 @@ class RadiometricCalibration:
         least = np.sqrt(self._sensor_noise(light)) * top
         return np.asarray(np.hypot(np.maximum(brighter - np.maximum(above, 0), least), 1 / 12**0.5), dtype=np.float32)
 
+    def sum_noise_dn(self, white: NDArray[np.uint16], black: NDArray[np.uint16]) -> FloatArray:
+        """Return the noise of the bands' sum, root mean square of a lit and an unlit frame (H, W, B): (H, W) [dn]."""
+        noise = self.noise_dn()
+        return np.asarray(np.sqrt(((noise[white] ** 2 + noise[black] ** 2) / 2).sum(axis=2)), dtype=np.float64)
+
     def _sensor_noise(self, linear: FloatArray | Float32Array) -> Float32Array:
         """Variance of linear light before it is rounded."""
         scale = np.float32(self.camera.linear[-1] / self.camera.levels[-1])
