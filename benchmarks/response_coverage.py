@@ -56,7 +56,8 @@ def calibrated(text: str, folder: Path) -> tuple[Profile, RadiometricCalibration
     profile = Profile.parse(text.encode(), path)
     with one_error_tree(), open_rig(profile) as rig, Session.open(folder / "session", profile) as session:
         for definition in steps_of("calibrate")[:2]:
-            assert isinstance(definition, ShootingStep)
+            if not isinstance(definition, ShootingStep):
+                raise TypeError(f"step {definition.name} does not photograph")
             step = session.step(definition.name, settings=definition.settings(session), needs=definition.needs)
             definition.shoot(rig, session, step, silent)
             step.finish()
@@ -72,7 +73,8 @@ def true_levels(camera: SimulatedCameraSettings, light: NDArray[np.float64], ful
 
 def judged(profile: Profile, found: RadiometricCalibration) -> Judged:
     """Compare with the simulated world."""
-    assert profile.simulation is not None
+    if profile.simulation is None:
+        raise ValueError("only a simulated rig has a truth to be judged by")
     camera, projector = profile.simulation.camera, profile.simulation.projector
     above = true_levels(camera, JUDGED, found.full_scale_dn) - found.offset_dn
     error = light_of_levels(found.camera, above) - JUDGED
