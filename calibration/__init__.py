@@ -24,8 +24,7 @@ True
 
 From such correspondences, :func:`calibrate_stereo` finds both lenses, the relative pose and the walls; a tape measure
 (:func:`scale_from_baseline`) gives metres, :func:`room_from_stereo` a room. :func:`fit_camera_response`,
-:func:`fit_projector_response` and :func:`fit_photon_transfer` turn digital numbers into light with its noise;
-:func:`fit_pattern_response` needs no exposures, only known patterns, such as sinusoids (:func:`sinusoid_terms`);
+:func:`fit_projector_response` and :func:`fit_photon_transfer` turn digital numbers into light with its noise,
 :func:`separate` splits light into direct and global, and :func:`estimate_reflectance` finds what the walls reflect.
 
 What cannot be determined raises :class:`CalibrationError`, whose message says what to try.
@@ -43,7 +42,6 @@ from calibration.light.reflectance import estimate_reflectance
 from calibration.light.separation import separate
 from calibration.light.vignetting import fit_vignetting
 from calibration.radiometry.camera_response import fit_camera_response
-from calibration.radiometry.pattern_response import fit_pattern_response, sinusoid_terms
 from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
 from calibration.radiometry.response import Response, fit_projector_response
 from calibration.structured_light.code import CODES, StructuredLightCode
@@ -70,7 +68,6 @@ __all__ = [
     "checker_patterns",
     "estimate_reflectance",
     "fit_camera_response",
-    "fit_pattern_response",
     "fit_photon_transfer",
     "fit_projector_response",
     "fit_vignetting",
@@ -79,7 +76,6 @@ __all__ = [
     "room_from_stereo",
     "scale_from_baseline",
     "separate",
-    "sinusoid_terms",
     "transfer_points",
     "triangulate",
 ]
