@@ -7,7 +7,7 @@ that projector white has the same median light in each.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
@@ -69,6 +69,8 @@ class RadiometricCalibration:
     black: Mapping[float, Float32Array]
     """(H, W, B) linear light (not relative to exposure, not balanced) while the projector shows black, by exposure.
     [full scale]"""
+    black_ripple: Mapping[float, float] = field(default_factory=dict)
+    """Standard deviation of that light from frame to frame, share of it, by exposure: a mains light that flickers."""
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes; rows sum to 1."""
     balance: FloatArray
@@ -172,6 +174,9 @@ def _single_exposure(
     mean = np.asarray(total / np.float32(len(frames)), dtype=np.float32)
     ratio = np.float32(shots[0].exposure_s / radiometric.reference_exposure_s)
     noise = radiometric.noise(mean) / len(frames) + radiometric.noise(black) / BLACK_REPEATS
+    # room light that flickers is not the same in a frame and in the black that is subtracted from it
+    ripple = np.float32(radiometric.black_ripple.get(exposure_s, 0.0))
+    noise += (ripple * black) ** 2 * np.float32(1 / len(frames) + 1 / BLACK_REPEATS)
     variance = np.asarray(noise / ratio**2, dtype=np.float32)
     clipped = np.any([frame >= radiometric.saturation_dn for frame in frames], axis=0)
     return LightImage((mean - black) / ratio, variance, clipped)

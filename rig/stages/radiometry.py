@@ -42,6 +42,8 @@ _SWEEP_REPEATS = 2
 """Two frames of each exposure tell the noise from their difference."""
 _SAMPLES = 12000
 """Pixels of a frame that the camera's curve and noise are fitted to; more change neither by its error."""
+_LEAST_BLACK = 1e-5
+"""Of full scale: of less light on black a share means nothing."""
 _MAX_TRIES = 10
 _USUAL_FRAMES = 3
 """Frames of the search that a plan counts with: two of white, and the black one."""
@@ -75,6 +77,8 @@ class CameraRadiometry(Record):
     read_noise_dn: float
     black_exposures_s: tuple[float, ...]
     """Of the images ``e0``, ``e1`` ... of the camera's black."""
+    black_ripple: tuple[float, ...]
+    """Standard deviation between frames of black at these exposures, share of its light: room light that flickers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +198,8 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     colours = pure_colours(rig.projector.shape, rig.camera.shape[2])
     _photograph_responses(rig, session, step, on_step)
     bare = _fit_camera(step, rig.camera.full_scale_dn, reference_exposure_s(session), _sweep_of(session))
-    radiometric = replace(bare, black=_black(step, bracket, bare))
+    black, ripple = _black(step, bracket, bare)
+    radiometric = replace(bare, black=black, black_ripple=ripple)
     white = merge_exposures(step, "level-255", bracket, radiometric)
     lit = _lit(white)
     mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
@@ -204,8 +209,10 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
 
 
 def _sweep_of(session: Session) -> ExposureBracket:
-    reference = reference_exposure_s(session)
-    return ExposureBracket(tuple(reference * factor for factor in _SWEEP), repeats=_SWEEP_REPEATS)
+    """As far as the camera goes: the longest always differs from the shortest, or the reference is at its limit."""
+    reference, (shortest, longest) = reference_exposure_s(session), session.profile.camera.exposure_range_s
+    within = sorted({min(max(reference * factor, shortest), longest) for factor in _SWEEP})
+    return ExposureBracket(tuple(within), repeats=_SWEEP_REPEATS)
 
 
 def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -269,14 +276,21 @@ def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, sweep: Expos
     )
 
 
-def _black(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration) -> dict[float, Float32Array]:
-    """(H, W, B) mean linear light while the projector shows black, by exposure."""
+def _black(
+    step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration
+) -> tuple[dict[float, Float32Array], dict[float, float]]:
+    """(H, W, B) mean linear light while the projector shows black, by exposure, and by what share of it repeats differ.
+
+    The noise of a mean over all pixels is nothing beside a mains light that flickers.
+    """
     table = radiometric.table()
-    means = {}
+    means, ripple = {}, {}
     for e, exposure_s in enumerate(bracket.exposures_s):
-        frames = [step.load_frame(frame_name("black", e, r)).pixels for r in range(BLACK_REPEATS)]
-        means[exposure_s] = np.mean([table[frame] for frame in frames], axis=0).astype(np.float32)
-    return means
+        frames = [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(BLACK_REPEATS)]
+        means[exposure_s] = np.mean(frames, axis=0).astype(np.float32)
+        light = np.array([frame.mean(dtype=np.float64) for frame in frames])
+        ripple[exposure_s] = float(light.std(ddof=1) / max(light.mean(), _LEAST_BLACK))
+    return means, ripple
 
 
 def _lit(white: LightImage) -> BoolArray:
@@ -323,6 +337,7 @@ def _save(step: Step, profile: Profile, radiometric: RadiometricCalibration, mix
         gain_e_per_dn=radiometric.gain_e_per_dn,
         read_noise_dn=radiometric.read_noise_dn,
         black_exposures_s=tuple(radiometric.black),
+        black_ripple=tuple(radiometric.black_ripple.values()),
     )
     pair = PairRadiometry(
         camera=profile.camera.name,
@@ -356,6 +371,7 @@ def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
         gain_e_per_dn=camera.gain_e_per_dn,
         read_noise_dn=camera.read_noise_dn,
         black={exposure_s: image_of(black, f"e{k}") for k, exposure_s in enumerate(camera.black_exposures_s)},
+        black_ripple=dict(zip(camera.black_exposures_s, camera.black_ripple, strict=True)),
         mixing=np.array(pair.mixing),
         balance=np.array(pair.balance),
     )
