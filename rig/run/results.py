@@ -7,13 +7,13 @@ import numpy as np
 from rig.files.channels import image_of
 from rig.profile.tables import Limits
 from rig.records import Verdict, all_met
+from rig.run.lamp import lamp_change
 from rig.run.steps import VERBS, Verb
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
 from rig.stages.correspondence import load_correspondence, load_correspondence_figures, only
 from rig.stages.geometry import load_geometry
-from rig.stages.lamp import lamp_change
 from rig.stages.model import load_model, load_model_record
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord
 from rig.stages.results import (

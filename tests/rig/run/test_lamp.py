@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rig.devices.protocols import RawFrame
-from rig.stages import lamp
+from rig.run import lamp
 
 TIMES_S = {
     ("response", "level-255.e0.r0"): 3.0,
