@@ -41,8 +41,9 @@ from calibration.geometry.triangulation import triangulate
 from calibration.light.reflectance import estimate_reflectance
 from calibration.light.separation import separate
 from calibration.light.vignetting import fit_vignetting
+from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
-from calibration.radiometry.response import Response, fit_camera_response, fit_projector_response
+from calibration.radiometry.response import Response, fit_projector_response
 from calibration.structured_light.code import CODES, StructuredLightCode
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat

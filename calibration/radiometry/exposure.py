@@ -15,6 +15,10 @@ _CLIPPED_SHARE, _CLIPPED_FACTOR = 0.98, 0.25
 """From this share of full scale on a level says only that it is too bright: go down in steps of two stops."""
 _LEAST_SHARE = 0.01
 """A darker level is noise: never go up by more than a hundredfold at once."""
+_MOST_FACTOR = 100.0
+"""By which an exposure grows at once."""
+_POWERS, _TELLING = (0.3, 4.0), 0.02
+"""Of tone curves; levels that differ by less than 2 % tell nothing."""
 _LEAST_SIGNAL = 0.01
 """White has to be brighter than black by this share of full scale, or there is nothing to measure."""
 
@@ -61,8 +65,17 @@ def brightest_share(pixels: Frame, full_scale_dn: float) -> float:
     return float(np.quantile(pixels, _BRIGHTEST, axis=(0, 1)).max()) / full_scale_dn
 
 
-def next_exposure(exposure_s: float, brightest: float, aim: ExposureAim, range_s: tuple[float, float]) -> float | None:
-    """Say which exposure to try next, from what the last one gave.
+def next_exposure(
+    exposure_s: float,
+    brightest: float,
+    aim: ExposureAim,
+    range_s: tuple[float, float],
+    *,
+    earlier: tuple[float, float] | None = None,
+) -> float | None:
+    """Say which exposure to try next, from what the last one gave, and the one before.
+
+    A camera with a tone curve gets brighter faster or slower than its exposure; two tries tell by how much.
 
     Parameters
     ----------
@@ -74,6 +87,8 @@ def next_exposure(exposure_s: float, brightest: float, aim: ExposureAim, range_s
         What is wanted.
     range_s : (shortest, longest)
         What the camera can do. [s]
+    earlier : (exposure, level), optional
+        Of the try before. [s], share of full scale
 
     Returns
     -------
@@ -82,9 +97,19 @@ def next_exposure(exposure_s: float, brightest: float, aim: ExposureAim, range_s
     """
     if aim.met_by(brightest):
         return None
-    factor = _CLIPPED_FACTOR if brightest > _CLIPPED_SHARE else aim.share / max(brightest, _LEAST_SHARE)
+    power = _exposure_power((exposure_s, brightest), earlier)
+    wanted = (aim.share / max(brightest, _LEAST_SHARE)) ** power
+    factor = _CLIPPED_FACTOR if brightest > _CLIPPED_SHARE else min(wanted, _MOST_FACTOR)
     chosen_s = float(np.clip(exposure_s * factor, *range_s))
     return None if chosen_s == exposure_s else chosen_s
+
+
+def _exposure_power(last: tuple[float, float], earlier: tuple[float, float] | None) -> float:
+    """By which power of the level's factor the exposure has to grow; 1 for a straight camera."""
+    if earlier is None or not (_LEAST_SHARE < min(last[1], earlier[1]) and max(last[1], earlier[1]) < _CLIPPED_SHARE):
+        return 1.0
+    by_level, by_exposure = np.log(last[1] / earlier[1]), np.log(last[0] / earlier[0])
+    return float(np.clip(by_exposure / by_level, *_POWERS)) if abs(by_level) > _TELLING else 1.0
 
 
 def refuse_darkness(white: Frame, black: Frame, *, full_scale_dn: float, exposure_s: float) -> None:

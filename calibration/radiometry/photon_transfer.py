@@ -21,6 +21,17 @@ _LEAST_PIXELS = 20
 _LEAST_VARIANCE_DN2 = 1e-9
 _LEAST_SHARE_OF_VARIANCE = 1e-3
 """Of the largest: keeps a group whose variance came out as 0 from getting all the weight."""
+_UNCLIPPED = 0.95
+"""Of full scale: below it no pixel clips in one of the frames."""
+_LEAST_SPAN_DN = 4.0
+"""That a group of pixels spans: even and odd sums of two frames are in it alike."""
+_UNEVEN = 0.05
+"""Relative error of a variance by levels that do not lie evenly between whole numbers, where rounding is all of it."""
+_LEAST_GROUPS = 4
+_NEARLY_STRAIGHT = 0.7
+"""Logarithm of a curve's slope against that of the brightest group: such a camera does not cut its noise off."""
+_CLEAR_SIGMAS = 4.0
+"""Of noise, from black on."""
 _CURVE_ERROR = 0.02
 """Relative error of variances by the camera's curve, whose slope is fitted; with many pixels it is the largest."""
 
@@ -122,7 +133,7 @@ def linearised(points: TransferPoints, response: Response, step_dn: float = 1.0)
     """Undo the camera's curve and the rounding to digital numbers.
 
     A curve bends the line: a variance grows with the square of the curve's slope, a signal does not. Rounding to
-    steps adds a variance of step² / 12 that is not the sensor's.
+    steps adds a variance that is not the sensor's: step² / 12, and less where noise is smaller than a step.
 
     Parameters
     ----------
@@ -143,8 +154,90 @@ def linearised(points: TransferPoints, response: Response, step_dn: float = 1.0)
     EMVA Standard 1288, section on quantisation noise.
     """
     slope = ideal_slope(response, points.signals)
-    variances = (points.variances - step_dn**2 / 12) * slope**2
-    return TransferPoints(ideal_levels(response, points.signals), variances, points.counts)
+    true, growth = _unrounded(points.variances / step_dn**2)
+    # where rounding hides noise, what is left is known less well
+    counts = 2 / (2 / points.counts * growth**2 + (_UNEVEN * (growth - 1)) ** 2)
+    return TransferPoints(ideal_levels(response, points.signals), true * step_dn**2 * slope**2, counts)
+
+
+def _unrounded(variances: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Variance before rounding to whole numbers, of pixels whose true levels lie anywhere between these.
+
+    Two roundings of noise with variance v differ by v + 1/12 - sum of exp(-4 π² k² v) / (2 π² k²): by 1/12 more where
+    v is large, by less where neighbouring frames mostly round alike. Second, by what a relative error has grown.
+    """
+    true = np.concatenate([[0.0], np.geomspace(1e-5, 1.0, 400)])
+    k = np.arange(1, 200)[:, None]
+    rounded = true + 1 / 12 - (np.exp(-4 * np.pi**2 * k**2 * true) / (2 * np.pi**2 * k**2)).sum(axis=0)
+    before = np.where(variances < rounded[-1], np.interp(variances, rounded, true), variances - 1 / 12)
+    slope = np.where(variances < rounded[-1], np.interp(variances, rounded, np.gradient(true, rounded)), 1.0)
+    return before, np.maximum(variances * slope / np.maximum(before, true[1]), 1.0)
+
+
+def fit_camera_noise(levels: FloatArray, exposures: FloatArray, response: Response) -> PhotonTransfer:
+    """Fit the photon transfer of a camera with any curve to repeated frames of one picture.
+
+    Frames of equal exposure are compared with each other, a change of all light between them is taken out, and what
+    noise near black is cut off by a tone curve is left out.
+
+    Parameters
+    ----------
+    levels : (F, N)
+        Digital numbers above black of N pixels in F frames.
+    exposures : (F,)
+        In any unit; each at least twice, further ones count nothing.
+    response : Response
+        Of the camera.
+
+    Returns
+    -------
+    PhotonTransfer
+        Of a straight camera of the same full scale.
+
+    Raises
+    ------
+    CalibrationError
+        If no exposure is repeated, or variance does not grow with signal.
+    """
+    top = _UNCLIPPED * response.levels[-1]
+    parts = []
+    for exposure in np.unique(exposures):
+        same = levels[exposures == exposure]
+        if len(same) > 1:
+            first, second = same[0], same[1]
+            inside = (first < top) & (second < top)
+            common = (first[inside].mean() - second[inside].mean()) if inside.any() else 0.0
+            parts.append(transfer_points(first, second + common, range_dn=(-np.inf, top), least_span_dn=_LEAST_SPAN_DN))
+    points = clear_of_black(joined(parts), response)
+    if len(points.signals) < _LEAST_GROUPS:
+        raise CalibrationError(
+            f"camera noise: {len(points.signals)} groups of pixels between black and saturation in frames of equal "
+            f"exposure, at least {_LEAST_GROUPS} are needed; check exposure range and lamp"
+        )
+    return fit_photon_transfer(linearised(points, response), rounds=3)
+
+
+def clear_of_black(points: TransferPoints, response: Response) -> TransferPoints:
+    """Leave out groups whose noise a tone curve cuts off at black, or stretches so that it is not small any more.
+
+    Parameters
+    ----------
+    points : TransferPoints
+        As measured.
+    response : Response
+        Of the camera.
+
+    Returns
+    -------
+    TransferPoints
+        All of them where the curve is nearly straight.
+    """
+    if not len(points.signals):
+        return points
+    slope = ideal_slope(response, points.signals)
+    is_straight = np.abs(np.log(slope / np.maximum(slope[np.argmax(points.signals)], 1e-9))) < _NEARLY_STRAIGHT
+    kept = is_straight | (points.signals > _CLEAR_SIGMAS * np.sqrt(points.variances) + 1)
+    return TransferPoints(points.signals[kept], points.variances[kept], points.counts[kept])
 
 
 def fit_photon_transfer(points: TransferPoints, *, rounds: int = 5) -> PhotonTransfer:

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PchipInterpolator
 
-from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
+from calibration.arrays import Codes, Float32Array, FloatArray
 from calibration.errors import CalibrationError
 
-_TERMS = 3
-"""Powers 2 to 4: sensors' curves are smooth, and a fourth term follows noise."""
-_LEAST_PAIRS = 100
-"""Of samples at two exposures: some thirty for each unknown."""
-_MOST_SAMPLES = 2000
-"""Of a pair of exposures: more change the curve by less than its noise."""
-_USABLE = (0.01, 0.97)
-"""Shares of full scale between which a sample counts: below is noise, above it may clip in one of the repeats."""
-_RIDGE = 1e-4
-"""Of an equation's size: holds terms at 0 that the samples say nothing about."""
-_CURVE_POINTS = 257
-"""Of a camera's curve: straight between them to 1e-5 of full scale."""
 _MOST_FALL = 0.02
 """Of white: root mean square by which a projector's measured light may fall as codes rise."""
 _USUAL_GAMMA = 2.2
 """A power near it makes a projector's curve almost straight, so interpolation between few codes is accurate."""
+_NEAR_BLACK = 1 / 64
+"""Of full scale: below black a camera's curve goes on as steeply as it rises up to here on average."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,83 +26,11 @@ class Response:
     levels: FloatArray
     """(K,) increasing device levels (camera: digital numbers above black; projector: codes)."""
     linear: FloatArray
-    """(K,) increasing linear light at those levels, from 0 to 1 (a camera's end may differ from 1). [1]"""
+    """(K,) increasing linear light at those levels, from 0 to 1. [1]"""
     rms: float
     """Residual of the fit over the used samples, share of full scale. [1]"""
-
-
-def fit_camera_response(levels: FloatArray, exposures: ArrayLike, full_scale_dn: float) -> Response:
-    """Find the camera's curve: the one that makes levels proportional to exposure time.
-
-    Inverse response g(y) = y + y² (a_0 + a_1 y + …), y = level / full scale: the unit of light is set by
-    weak light, where g rises with slope 1, because ratios of exposures say nothing about it. For two
-    exposures of one sample g(y_2) t_1 = g(y_1) t_2 whatever its brightness: linear in a. Beyond 97 % of full scale
-    the curve is extrapolated.
-
-    Parameters
-    ----------
-    levels : (K, N)
-        Digital numbers above black of N samples at K exposures; averages of repeats are fine.
-    exposures : (K,)
-        In any unit.
-    full_scale_dn : float
-        Digital number above black where the sensor clips.
-
-    Returns
-    -------
-    Response
-        257 levels from 0 to full scale.
-
-    Raises
-    ------
-    CalibrationError
-        If too few samples lie between noise and clipping, or the curve found does not rise.
-
-    References
-    ----------
-    After T. Mitsunaga and S. K. Nayar, Radiometric self calibration, CVPR 1999.
-    """
-    times = np.asarray(exposures, dtype=np.float64)
-    order = np.argsort(times)
-    y, times = np.asarray(levels, dtype=np.float64)[order] / full_scale_dn, times[order]
-    usable = (y > _USABLE[0]) & (y < _USABLE[1])
-    rows, right = zip(*_exposure_pairs(y, times, usable), strict=True)
-    matrix, target = np.concatenate(rows), np.concatenate(right)
-    if len(target) < _LEAST_PAIRS:
-        raise CalibrationError(
-            f"camera response: {len(target)} pairs of usable samples, at least {_LEAST_PAIRS} are needed: "
-            "the exposures must overlap between 1 % and 97 % of full scale; check exposure range and lamp"
-        )
-    ridge = _RIDGE * np.sqrt(len(target)) * np.abs(matrix).mean() * np.eye(_TERMS)
-    a = np.linalg.lstsq(np.vstack([matrix, ridge]), np.append(target, np.zeros(_TERMS)), rcond=None)[0]
-    dense = np.linspace(0, 1, _CURVE_POINTS)
-    linear = dense + _shape_terms(dense) @ a
-    if (np.diff(linear) <= 0).any():
-        raise CalibrationError(
-            "camera response: the curve found does not rise everywhere; the exposures that the camera tells "
-            "are wrong, the light changed during the sweep, or the camera's gamma is on: switch it off"
-        )
-    rate = np.where(usable, y + _shape_terms(y) @ a, np.nan) / times[:, None]
-    counted = np.isfinite(rate).sum(axis=0) >= 2
-    residual = (rate[:, counted] - np.nanmean(rate[:, counted], axis=0)) * times[:, None]
-    return Response(dense * full_scale_dn, linear, float(np.sqrt(np.nanmean(residual**2))))
-
-
-def _shape_terms(y: FloatArray) -> FloatArray:
-    """(..., terms) y^(k + 2)."""
-    return np.stack([y ** (k + 2) for k in range(_TERMS)], axis=-1)
-
-
-def _exposure_pairs(y: FloatArray, times: FloatArray, usable: BoolArray) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Equations of neighbouring exposures and of the next but one, weighted by shot noise."""
-    for k in range(len(times)):
-        for m in (k + 1, k + 2):
-            if m < len(times):
-                both = np.flatnonzero(usable[k] & usable[m])[:_MOST_SAMPLES]
-                low, high = y[k, both], y[m, both]
-                weight = 1 / (np.sqrt(times[k] * times[m]) * np.sqrt(high))
-                shape = _shape_terms(high) * times[k] - _shape_terms(low) * times[m]
-                yield weight[:, None] * shape, weight * (low * times[m] - high * times[k])
+    sigma: FloatArray | None = None
+    """(K,) standard errors of `linear`; None where they are not known. [1]"""
 
 
 def light_of_levels(response: Response, levels: FloatArray) -> FloatArray:
@@ -132,7 +49,8 @@ def light_of_levels(response: Response, levels: FloatArray) -> FloatArray:
         Linear light in the response's unit. [1]
     """
     table, linear = response.levels, response.linear
-    slope = (linear[1] - linear[0]) / (table[1] - table[0])
+    near = int(np.searchsorted(table, table[0] + _NEAR_BLACK * (table[-1] - table[0])))
+    slope = (linear[near] - linear[0]) / (table[near] - table[0])
     inside = np.interp(levels, table, linear)
     return np.where(levels < table[0], linear[0] + (levels - table[0]) * slope, inside)
 

@@ -8,6 +8,7 @@ from rig.files.channels import image_of
 from rig.profile.tables import Limits
 from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
+from rig.run.lamp import lamp_change
 from rig.run.steps import VERBS, Verb
 from rig.session import Session
 from rig.stages.comparison import load_comparison
@@ -30,6 +31,8 @@ from rig.stages.results import (
     TruthErrors,
 )
 
+_LAMP_PERCENT_PER_MINUTE = 1.0
+"""Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
 _LEAST_DIRECT = 0.05
 """A pixel counts as lit when its direct light is above this share of the median of the valid ones."""
 
@@ -50,7 +53,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     """Return what is measured of a session whose steps are all done, and the verdict."""
     geometry, comparison = _geometry(session, is_separated=True), _comparison(session)
     strategies, best = _strategies(session), load_compensation(session).best
-    limits = _verdicts(geometry, comparison, session.profile.limits)
+    limits = (*_verdicts(geometry, comparison, session.profile.limits), _lamp_verdict(session))
     return SessionResult(
         geometry=geometry,
         separation=_separation(session),
@@ -160,6 +163,19 @@ def _comparison(session: Session) -> ModelComparison:
         within_3_sigma=overall.within_3_sigma,
         noise_rms=overall.noise_rms,
         frames=record.frames,
+    )
+
+
+def _lamp_verdict(session: Session) -> Verdict:
+    """White that changes is in all light that is compared; it is named here, and not taken out."""
+    change = lamp_change(session)
+    return Verdict(
+        what="lamp: drift of white",
+        value=abs(change.percent_per_minute),
+        limit=_LAMP_PERCENT_PER_MINUTE,
+        unit="% a minute",
+        advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest: let the projector "
+        "warm up, eco mode and dynamic iris off; daylight drifts, too",
     )
 
 

@@ -9,6 +9,12 @@ from dataclasses import dataclass
 class CheckLimits:
     """One number a row; where a share of white is meant, white is the projector's at the working exposure."""
 
+    lit_share: float = 0.05
+    """Of the camera's picture: below, a session measures a corner of what the camera could."""
+    sharpness: float = 0.4
+    """Contrast of a session's checks, median over the lit pixels: blur of about a quarter of their side."""
+    walls: int = 2
+    """One flat wall leaves lenses and depth undetermined."""
     signal_share: float = 0.05
     """White over black, at least this share of full scale: below, a dark wall has fewer steps than the display."""
     clipped_share: float = 0.002
@@ -29,10 +35,9 @@ class CheckLimits:
     """|t f - round(t f)| / (t f): the most that a display that makes its light in turns can be off by."""
     flicker_percent: float = 0.4
     """Of white: half a step of an eight-bit display of gamma 2.2 at white (2.2 / 255 / 2)."""
-    nonlinearity_percent: float = 3.0
-    """Of the brightest level: calibration measures and removes such a curve; a larger one is gamma or an automatic."""
-    r_squared: float = 0.998
-    """Of signal over exposure; a curve of 3 % stays above."""
+    nonlinearity_percent: float = 1.0
+    """Of the brightest level, after the camera's curve is undone; a curve that stands still leaves 0.01, one that
+    bends from linear to gamma 1.5 as the picture brightens 1.4."""
     photon_transfer_chi2: float = 3.0
     """Variance about signal / gain + read noise, in its own standard errors: beyond it noise is made or removed."""
     step_dn: float = 1.0

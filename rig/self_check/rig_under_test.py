@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from calibration.arrays import BoolArray, Codes, FloatArray
+from calibration.radiometry.black_level import BlackLevel, fit_black_level
 from calibration.structured_light.patterns import flat
 from rig.capture.rig import Rig
 from rig.devices.protocols import RawFrame
@@ -123,8 +124,14 @@ class RigUnderTest:
     @cached_property
     def offset_dn(self) -> float:
         """Digital number without light: projector black at the shortest exposure."""
-        frames = [self.photograph(0, "black", self.exposure_range_s[0]) for _ in range(2)]
-        return float(np.mean(frames))
+        return self.black_level.offset_dn
+
+    @cached_property
+    def black_level(self) -> BlackLevel:
+        """The same with its error, and whether noise is cut off there."""
+        shortest_s = self.exposure_range_s[0]
+        frames = [self.photograph(0, "black", shortest_s).ravel() for _ in range(2)]
+        return fit_black_level(np.array(frames), [shortest_s, shortest_s])
 
     @cached_property
     def lit(self) -> BoolArray:

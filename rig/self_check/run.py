@@ -17,13 +17,21 @@ from rig.self_check.parts.darkness import check_darkness
 from rig.self_check.parts.exposure import PATIENCE_S, check_exposure, prepare_rig, with_generous_latency
 from rig.self_check.parts.flicker import check_flicker
 from rig.self_check.parts.latency import Latency, check_latency
-from rig.self_check.parts.linearity import CameraCurve, Sweep, camera_curve, check_linearity, measure_sweep
+from rig.self_check.parts.linearity import (
+    CameraCurve,
+    Sweep,
+    camera_curve,
+    check_linearity,
+    measure_sweep,
+    straight_curve,
+)
 from rig.self_check.parts.noise import check_noise
 from rig.self_check.parts.pipeline import check_pipeline
 from rig.self_check.parts.pixels import check_pixels
 from rig.self_check.parts.ramp import check_ramp
 from rig.self_check.parts.saturation import check_saturation, smallest_step_dn
 from rig.self_check.parts.stability import check_stability, take_reference_image
+from rig.self_check.parts.view import check_view
 from rig.self_check.results import PartResult, SelfCheck
 from rig.self_check.rig_under_test import RigUnderTest
 from rig.stages.error_tree import one_error_tree
@@ -45,19 +53,29 @@ class _Check:
     def curve(self) -> CameraCurve:
         return camera_curve(self.tested, self.sweep)
 
+    @property
+    def curve_or_straight(self) -> CameraCurve:
+        """For a part that can be measured roughly without it."""
+        try:
+            with one_error_tree():
+                return self.curve
+        except CalibrationFailed:
+            return straight_curve(self.tested)
+
 
 _PARTS: Mapping[str, Callable[[_Check], PartResult[Record]]] = {
     "exposure": lambda check: check_exposure(check.tested),
     "pipeline": lambda check: check_pipeline(check.tested),
     "flicker": lambda check: check_flicker(check.tested),
-    "linearity": lambda check: check_linearity(check.tested, check.sweep),
+    "linearity": lambda check: check_linearity(check.tested, check.sweep, check.curve),
     "noise": lambda check: check_noise(check.tested, check.curve, smallest_step_dn(check.tested)),
     "saturation": lambda check: check_saturation(check.tested),
     "pixels": lambda check: check_pixels(check.tested),
-    "darkness": lambda check: check_darkness(check.tested),
+    "darkness": lambda check: check_darkness(check.tested, check.curve_or_straight),
     "additivity": lambda check: check_additivity(check.tested, check.curve),
     "checker": lambda check: check_checker(check.tested, check.curve),
     "ramp": lambda check: check_ramp(check.tested),
+    "view": lambda check: check_view(check.tested, check.curve, check.sweep),
     "stability": lambda check: check_stability(check.tested, check.reference_image),
 }
 PARTS = ("latency", *_PARTS)

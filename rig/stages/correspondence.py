@@ -152,7 +152,7 @@ def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> C
     names = code.pattern_names(projector_shape)
     frames = {name: _grey(gray.load_frame(frame_name(name)).pixels, radiometric) for name in names}
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
-    limit = _SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
+    limit = _SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
     return code.decode(
         frames,
         projector_shape,
@@ -167,15 +167,6 @@ def _grey(pixels: NDArray[np.uint16], radiometric: RadiometricCalibration) -> ND
     """(H, W) sum of the bands (H, W, B): the code is in each."""
     most = np.min_scalar_type(radiometric.full_scale_dn * pixels.shape[2])
     return np.asarray(pixels.sum(axis=2, dtype=np.promote_types(np.uint16, most)))
-
-
-def _noise_dn(
-    white: NDArray[np.uint16], black: NDArray[np.uint16], radiometric: RadiometricCalibration
-) -> NDArray[np.floating]:
-    """(H, W) standard deviation of the bands' sum of a half-lit frame."""
-    level = np.maximum((white.astype(np.float32) + black) / 2 - radiometric.offset_dn, 0)
-    variance = level / radiometric.gain_e_per_dn + radiometric.read_noise_dn**2 + 1 / 12
-    return np.asarray(np.sqrt(variance.sum(axis=2)))
 
 
 def load_correspondence(session: Session) -> Correspondence:

@@ -117,8 +117,11 @@ def geometry_settings(session: Session) -> JsonObject:
 
 def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `geometry`: lenses, poses, planes, metres, room."""
-    profile = session.profile
-    correspondence = load_correspondence(session)
+    step.save_record("geometry", geometry_of(load_correspondence(session), session.profile, on_step))
+
+
+def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnStep) -> GeometryRecord:
+    """Find lenses, poses, walls and metres. Raises CalibrationError with the cause."""
     rows, columns = np.nonzero(_well_inside(correspondence))
     nominal = NominalIntrinsics.of(
         camera_shape=profile.camera.shape[:2],
@@ -135,7 +138,7 @@ def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
     )
     pair = _in_metres(pair, profile)
     box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
-    step.save_record("geometry", _record(profile, pair, box))
+    return _record(profile, pair, box)
 
 
 def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:

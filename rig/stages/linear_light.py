@@ -7,7 +7,7 @@ that projector white has the same median light in each.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 
 import numpy as np
@@ -26,6 +26,8 @@ BoolArray = NDArray[np.bool_]
 
 BLACK_REPEATS = 4
 """Frames of black at each exposure; black then adds a quarter of one frame's noise to every light image."""
+_WITHIN_STEP, _EVEN_VARIANCE = np.array([-0.4, -0.2, 0.0, 0.2, 0.4]), 1 / 12
+"""Levels that are rounded to one digital number, five for all of them. [dn]"""
 _SEEDS_APART = 1000
 """Between the dithers of two channels."""
 
@@ -67,15 +69,54 @@ class RadiometricCalibration:
     black: Mapping[float, Float32Array]
     """(H, W, B) linear light (not relative to exposure, not balanced) while the projector shows black, by exposure.
     [full scale]"""
+    black_ripple: Mapping[float, float] = field(default_factory=dict)
+    """Standard deviation of that light from frame to frame, share of it, by exposure: a mains light that flickers."""
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes; rows sum to 1."""
     balance: FloatArray
     """(B,) factors that make projector white alike in the bands."""
 
     def table(self) -> Float32Array:
-        """Return (full scale + 1,) linear light of each digital number; below the offset it goes on straight."""
+        """Return (full scale + 1,) linear light of each digital number; below the offset it goes on straight.
+
+        It is the mean over all levels that are rounded to that number.
+        """
+        return np.asarray(self._light_within_steps().mean(axis=0), dtype=np.float32)
+
+    def noise(self, linear: FloatArray | Float32Array) -> Float32Array:
+        """Return the variance of one frame's linear light: shot noise, read noise and rounding; any shape."""
+        rounding = np.interp(linear, *self._rounding()).astype(np.float32)
+        return np.asarray(self._sensor_noise(linear) + rounding)
+
+    def noise_dn(self) -> Float32Array:
+        """Return (full scale + 1,) standard deviation of a pixel at each digital number. [dn]."""
         above = np.arange(self.full_scale_dn + 1, dtype=np.float64) - self.offset_dn
-        return np.asarray(light_of_levels(self.camera, above), dtype=np.float32)
+        light = np.maximum(light_of_levels(self.camera, above), 0)
+        brighter = np.interp(light + np.sqrt(self._sensor_noise(light)), self.camera.linear, self.camera.levels)
+        top = (self.camera.levels[-1] - self.camera.levels[-2]) / (self.camera.linear[-1] - self.camera.linear[-2])
+        least = np.sqrt(self._sensor_noise(light)) * top
+        return np.asarray(np.hypot(np.maximum(brighter - np.maximum(above, 0), least), 1 / 12**0.5), dtype=np.float32)
+
+    def sum_noise_dn(self, white: NDArray[np.uint16], black: NDArray[np.uint16]) -> FloatArray:
+        """Return the noise of the bands' sum, root mean square of a lit and an unlit frame (H, W, B): (H, W) [dn]."""
+        noise = self.noise_dn()
+        return np.asarray(np.sqrt(((noise[white] ** 2 + noise[black] ** 2) / 2).sum(axis=2)), dtype=np.float64)
+
+    def _sensor_noise(self, linear: FloatArray | Float32Array) -> Float32Array:
+        """Variance of linear light before it is rounded."""
+        scale = np.float32(self.camera.linear[-1] / self.camera.levels[-1])
+        shot_noise = np.maximum(linear / scale, 0) / np.float32(self.gain_e_per_dn)
+        return np.asarray((shot_noise + np.float32(self.read_noise_dn**2)) * scale**2, dtype=np.float32)
+
+    def _light_within_steps(self) -> FloatArray:
+        """(5, full scale + 1) light of levels that are rounded to each digital number."""
+        above = np.arange(self.full_scale_dn + 1, dtype=np.float64) - self.offset_dn
+        return light_of_levels(self.camera, above + _WITHIN_STEP[:, None])
+
+    def _rounding(self) -> tuple[FloatArray, FloatArray]:
+        """Light of each digital number, and the variance of what is rounded to it."""
+        within = self._light_within_steps()
+        return within.mean(axis=0), within.var(axis=0) * (_EVEN_VARIANCE / _WITHIN_STEP.var())
 
     @property
     def saturation_dn(self) -> int:
@@ -125,24 +166,20 @@ def _single_exposure(
     step: Step, names: Sequence[str], exposure_s: float, radiometric: RadiometricCalibration
 ) -> LightImage:
     """Light above black of one exposure's frames, in units of the reference exposure, not balanced."""
-    frames = [step.load_frame(name).pixels for name in names]
+    shots = [step.load_frame(name) for name in names]
+    frames = [shot.pixels for shot in shots]
     table, black = radiometric.table(), radiometric.black[exposure_s]
     # The first frame comes last: the order of a sum is part of its last digits, and those of a session do not change.
     total = sum(table[frame] for frame in frames[1:]) + table[frames[0]]
     mean = np.asarray(total / np.float32(len(frames)), dtype=np.float32)
-    ratio = np.float32(exposure_s / radiometric.reference_exposure_s)
-    noise = _noise(mean, radiometric) / len(frames) + _noise(black, radiometric) / BLACK_REPEATS
+    ratio = np.float32(shots[0].exposure_s / radiometric.reference_exposure_s)
+    noise = radiometric.noise(mean) / len(frames) + radiometric.noise(black) / BLACK_REPEATS
+    # room light that flickers is not the same in a frame and in the black that is subtracted from it
+    ripple = np.float32(radiometric.black_ripple.get(exposure_s, 0.0))
+    noise += (ripple * black) ** 2 * np.float32(1 / len(frames) + 1 / BLACK_REPEATS)
     variance = np.asarray(noise / ratio**2, dtype=np.float32)
     clipped = np.any([frame >= radiometric.saturation_dn for frame in frames], axis=0)
     return LightImage((mean - black) / ratio, variance, clipped)
-
-
-def _noise(linear: Float32Array, radiometric: RadiometricCalibration) -> Float32Array:
-    """Variance of one frame's linear light: shot noise, read noise and rounding."""
-    scale = np.float32(radiometric.camera.linear[-1] / radiometric.camera.levels[-1])
-    digital = np.maximum(linear / scale, 0)
-    shot_noise = digital / np.float32(radiometric.gain_e_per_dn)
-    return np.asarray((shot_noise + np.float32(radiometric.read_noise_dn**2 + 1 / 12)) * scale**2, dtype=np.float32)
 
 
 def channel_light(responses: Sequence[Response], codes: Codes) -> Float32Array:
@@ -170,12 +207,20 @@ class ResponseRecord(Record):
     """Linear light at those levels."""
     rms: float
     """Residual of the fit, share of full scale."""
+    sigma: tuple[float, ...] = ()
+    """Standard errors of the light, where they are known."""
 
     @classmethod
     def of(cls, response: Response) -> ResponseRecord:
         """Return the record of a response."""
-        return cls(levels=tuple(response.levels.tolist()), linear=tuple(response.linear.tolist()), rms=response.rms)
+        return cls(
+            levels=tuple(response.levels.tolist()),
+            linear=tuple(response.linear.tolist()),
+            rms=response.rms,
+            sigma=() if response.sigma is None else tuple(response.sigma.tolist()),
+        )
 
     def response(self) -> Response:
         """Return the response of the record."""
-        return Response(np.array(self.levels), np.array(self.linear), self.rms)
+        sigma = np.array(self.sigma) if self.sigma else None
+        return Response(np.array(self.levels), np.array(self.linear), self.rms, sigma)

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.black_level import fit_black_level
+from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
-from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
-from calibration.radiometry.response import Response, fit_camera_response, fit_channel_responses
+from calibration.radiometry.photon_transfer import fit_camera_noise
+from calibration.radiometry.response import Response, fit_channel_responses
 from calibration.structured_light.patterns import Pattern, flat, level_patterns, primary
 from rig.capture.rig import Rig
 from rig.files.channels import PRIMARIES, image_of, layers
@@ -38,6 +40,10 @@ _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
 _SWEEP_REPEATS = 2
 """Two frames of each exposure tell the noise from their difference."""
+_SAMPLES = 12000
+"""Pixels of a frame that the camera's curve and noise are fitted to; more change neither by its error."""
+_LEAST_BLACK = 1e-5
+"""Of full scale: of less light on black a share means nothing."""
 _MAX_TRIES = 10
 _USUAL_FRAMES = 3
 """Frames of the search that a plan counts with: two of white, and the black one."""
@@ -71,6 +77,8 @@ class CameraRadiometry(Record):
     read_noise_dn: float
     black_exposures_s: tuple[float, ...]
     """Of the images ``e0``, ``e1`` ... of the camera's black."""
+    black_ripple: tuple[float, ...]
+    """Standard deviation between frames of black at these exposures, share of its light: room light that flickers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,16 +129,17 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
     white = flat(rig.projector.shape, 255, "white")
     exposure_s = rig.profile.camera.exposure_s
     full_scale = rig.camera.full_scale_dn
+    earlier: tuple[float, float] | None = None
     for attempt in range(_MAX_TRIES):
         on_step("photograph: exposure", attempt, _MAX_TRIES)
         name = frame_name("white", attempt)
         if not step.has_frame(name):
             shoot_one(rig, session, step, white, name=name, exposure_s=exposure_s)
         level = brightest_share(step.load_frame(name).pixels, full_scale)
-        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s)
+        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s, earlier=earlier)
         if chosen_s is None:
             break
-        exposure_s = chosen_s
+        earlier, exposure_s = (exposure_s, level), chosen_s
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
     black_name, black = frame_name("black"), flat(rig.projector.shape, 0, "black")
     if not step.has_frame(black_name):
@@ -189,7 +198,8 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     colours = pure_colours(rig.projector.shape, rig.camera.shape[2])
     _photograph_responses(rig, session, step, on_step)
     bare = _fit_camera(step, rig.camera.full_scale_dn, reference_exposure_s(session), _sweep_of(session))
-    radiometric = replace(bare, black=_black(step, bracket, bare))
+    black, ripple = _black(step, bracket, bare)
+    radiometric = replace(bare, black=black, black_ripple=ripple)
     white = merge_exposures(step, "level-255", bracket, radiometric)
     lit = _lit(white)
     mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
@@ -199,8 +209,10 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
 
 
 def _sweep_of(session: Session) -> ExposureBracket:
-    reference = reference_exposure_s(session)
-    return ExposureBracket(tuple(reference * factor for factor in _SWEEP), repeats=_SWEEP_REPEATS)
+    """As far as the camera goes: the longest always differs from the shortest, or the reference is at its limit."""
+    reference, (shortest, longest) = reference_exposure_s(session), session.profile.camera.exposure_range_s
+    within = sorted({min(max(reference * factor, shortest), longest) for factor in _SWEEP})
+    return ExposureBracket(tuple(within), repeats=_SWEEP_REPEATS)
 
 
 def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -228,46 +240,57 @@ def _levels(count: int) -> list[int]:
     return [int(c) for c in np.concatenate([codes[::2], codes[1::2][::-1]])]
 
 
-def _samples(step: Step, name: str, stride: int) -> NDArray[np.float64]:
-    return step.load_frame(name).pixels[::stride, ::stride].ravel().astype(np.float64)
+def _samples(step: Step, name: str, stride: int) -> tuple[FloatArray, float]:
+    """Some pixels of a frame, and its exposure."""
+    frame = step.load_frame(name)
+    return frame.pixels[::stride, ::stride].ravel().astype(np.float64), frame.exposure_s
+
+
+def _sweep_samples(step: Step, pattern: str, sweep: ExposureBracket, stride: int) -> tuple[FloatArray, FloatArray]:
+    """(F, N) levels and (F,) exposures of a picture's frames."""
+    names = [frame_name(pattern, k, r) for k in range(len(sweep.exposures_s)) for r in range(sweep.repeats)]
+    levels, exposures = zip(*(_samples(step, name, stride) for name in names), strict=True)
+    return np.array(levels), np.array(exposures)
 
 
 def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, sweep: ExposureBracket) -> RadiometricCalibration:
     """Fit the camera's response and noise; black, projector and mixing are still missing."""
-    stride = max(1, round((step.load_frame(frame_name("black")).pixels.size / 6000) ** 0.5))
-    exposures = np.array(sweep.exposures_s)
-    dark = [_samples(step, frame_name("black-sweep", k), stride) for k in range(len(exposures))]
-    offset = np.polyfit(exposures, [d.mean() for d in dark], 1)[1]
-    bright = np.array(
-        [[_samples(step, frame_name("white-sweep", k, r), stride) for r in (0, 1)] for k in range(len(exposures))]
-    )
-    response = fit_camera_response(bright.mean(axis=1) - offset, exposures / reference_s, full_scale_dn - offset)
-    above = bright - offset
-    points = transfer_points(above[:, 0], above[:, 1], range_dn=(0.0, 0.97 * (full_scale_dn - offset)))
-    noise = fit_photon_transfer(points, rounds=0)
-    bands = step.load_frame(frame_name("black")).pixels.shape[2]
+    shape = step.load_frame(frame_name("black")).pixels.shape
+    stride = max(1, round((np.prod(shape) / _SAMPLES) ** 0.5))
+    black = fit_black_level(*_sweep_samples(step, "black-sweep", ExposureBracket(sweep.exposures_s), stride))
+    levels, exposures = _sweep_samples(step, "white-sweep", sweep, stride)
+    above, top = levels - black.offset_dn, full_scale_dn - black.offset_dn
+    response = fit_camera_response(above, exposures, top, black_sigma_dn=black.sigma_dn)
+    noise = fit_camera_noise(above, exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,
-        offset_dn=float(offset),
+        offset_dn=black.offset_dn,
         full_scale_dn=full_scale_dn,
         camera=response,
         projector=(),
         gain_e_per_dn=noise.gain_e_per_dn,
         read_noise_dn=noise.read_noise_dn,
         black={},
-        mixing=np.eye(bands),
-        balance=np.ones(bands),
+        mixing=np.eye(shape[2]),
+        balance=np.ones(shape[2]),
     )
 
 
-def _black(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration) -> dict[float, Float32Array]:
-    """(H, W, B) mean linear light while the projector shows black, by exposure."""
+def _black(
+    step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration
+) -> tuple[dict[float, Float32Array], dict[float, float]]:
+    """(H, W, B) mean linear light while the projector shows black, by exposure, and by what share of it repeats differ.
+
+    The noise of a mean over all pixels is nothing beside a mains light that flickers.
+    """
     table = radiometric.table()
-    means = {}
+    means, ripple = {}, {}
     for e, exposure_s in enumerate(bracket.exposures_s):
-        frames = [step.load_frame(frame_name("black", e, r)).pixels for r in range(BLACK_REPEATS)]
-        means[exposure_s] = np.mean([table[frame] for frame in frames], axis=0).astype(np.float32)
-    return means
+        frames = [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(BLACK_REPEATS)]
+        means[exposure_s] = np.mean(frames, axis=0).astype(np.float32)
+        light = np.array([frame.mean(dtype=np.float64) for frame in frames])
+        ripple[exposure_s] = float(light.std(ddof=1) / max(light.mean(), _LEAST_BLACK))
+    return means, ripple
 
 
 def _lit(white: LightImage) -> BoolArray:
@@ -314,6 +337,7 @@ def _save(step: Step, profile: Profile, radiometric: RadiometricCalibration, mix
         gain_e_per_dn=radiometric.gain_e_per_dn,
         read_noise_dn=radiometric.read_noise_dn,
         black_exposures_s=tuple(radiometric.black),
+        black_ripple=tuple(radiometric.black_ripple.values()),
     )
     pair = PairRadiometry(
         camera=profile.camera.name,
@@ -347,6 +371,7 @@ def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
         gain_e_per_dn=camera.gain_e_per_dn,
         read_noise_dn=camera.read_noise_dn,
         black={exposure_s: image_of(black, f"e{k}") for k, exposure_s in enumerate(camera.black_exposures_s)},
+        black_ripple=dict(zip(camera.black_exposures_s, camera.black_ripple, strict=True)),
         mixing=np.array(pair.mixing),
         balance=np.array(pair.balance),
     )

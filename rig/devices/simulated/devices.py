@@ -262,7 +262,7 @@ def sensor_response(
     ``noise`` is standard normal, in the shape of the light.
     """
     electrons = light * np.float32(camera.sensitivity_e_per_s * exposure_s)
-    electrons += noise * np.sqrt(electrons + np.float32(camera.read_noise_e**2))
+    electrons += noise * np.sqrt(np.maximum(electrons, 0) + np.float32(camera.read_noise_e**2))
     y = np.clip(electrons / np.float32(camera.full_well_e), -0.05, 1.0)
     y *= (1 + camera.compression) / (1 + camera.compression * y)
     y = toned(y, camera.tone)

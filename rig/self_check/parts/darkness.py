@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.records import Record, Verdict
+from rig.self_check.parts.linearity import CameraCurve
 from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest
 
@@ -16,20 +17,19 @@ class Darkness(Record):
     """Light while the projector shows black."""
 
     black_dn: float
-    """Median over the lit pixels, above the dark level."""
+    """Median over the lit pixels, above the dark level, the camera's curve undone."""
     share: float
     """Of white."""
     contrast: float
     """White over black."""
 
 
-def check_darkness(tested: RigUnderTest) -> PartResult[Darkness]:
+def check_darkness(tested: RigUnderTest, curve: CameraCurve) -> PartResult[Darkness]:
     """Light on black against light on white, and the contrast between the two.
 
     The camera cannot tell room light from the display's black without covering the projector's lens.
     """
-    white = tested.white - tested.offset_dn
-    black = tested.black - tested.offset_dn
+    white, black = curve.light(tested.white), curve.light(tested.black)
     light = white - black
     share = float(np.median((black / light)[tested.lit]))
     contrast = float(np.median(white[tested.lit]) / max(float(np.median(black[tested.lit])), 1e-9))

@@ -37,13 +37,15 @@ def prepare_rig(rig: Rig) -> RigUnderTest:
     Raises CalibrationFailed when white is not brighter than black.
     """
     tested = RigUnderTest(rig=rig, exposure_s=rig.profile.camera.exposure_s)
+    earlier: tuple[float, float] | None = None
     for _ in range(_TRIES):
         frame = tested.shoot(255, "white")
         tested.channel = int(np.argmax(frame.pixels.mean(axis=(0, 1))))
         level = brightest_share(frame.pixels, tested.full_scale_dn)
-        chosen_s = next_exposure(tested.exposure_s, level, _AIM, tested.exposure_range_s)
+        chosen_s = next_exposure(tested.exposure_s, level, _AIM, tested.exposure_range_s, earlier=earlier)
         if chosen_s is None:
             break
+        earlier = (tested.exposure_s, level)
         tested.exposure_s = rig.set_exposure(chosen_s)
     white, black = (tested.shoot(code, name).pixels for code, name in ((255, "white"), (0, "black")))
     refuse_darkness(white, black, full_scale_dn=tested.full_scale_dn, exposure_s=tested.exposure_s)

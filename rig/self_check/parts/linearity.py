@@ -1,4 +1,6 @@
-"""Whether digital numbers are proportional to light: a still picture at rising exposures.
+"""How digital numbers rise with light: a still picture at rising exposures.
+
+A camera with a tone curve is as good as a straight one where the same curve fits every exposure.
 
 The exposures are whole refreshes where the camera allows eight of them, with a grey code that fills them; otherwise
 equal steps of one that white fills, and then a display that makes its light in turns adds its own ripple.
@@ -12,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray
+from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.linearity import fit_linearity
-from calibration.radiometry.response import Response, fit_camera_response, ideal_levels
+from calibration.radiometry.response import Response, ideal_levels
 from rig.errors import CalibrationFailed
 from rig.records import Record, Verdict
 from rig.self_check.results import PartResult
@@ -26,8 +29,8 @@ _LEAST_STEPS = 4
 _TOP = 0.9
 """Brightest level of the sweep, share of full scale."""
 _CODES = range(255, 31, -8)
-_SAMPLES = 64
-"""That the camera's curve is fitted to, each the mean of as many of the judged pixels: all see about the same light."""
+_SAMPLES = 6000
+"""Lit pixels that the camera's curve is fitted to: dark and bright ones together tell it best."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +45,8 @@ class Sweep:
     """(K, N) each pixel above the dark level, mean of two frames."""
     full_scale_dn: float
     """Above the dark level."""
+    samples_dn: FloatArray
+    """(2 K, M) lit pixels above the dark level, in each of the two frames."""
 
     @property
     def signals_dn(self) -> FloatArray:
@@ -77,6 +82,8 @@ class Linearity(Record):
     intercept_dn: float
     """Of the straight line."""
     dark_level_dn: float
+    light: FloatArray
+    """(K,) the signals after the camera's curve is undone."""
 
 
 def measure_sweep(tested: RigUnderTest) -> Sweep:
@@ -86,12 +93,14 @@ def measure_sweep(tested: RigUnderTest) -> Sweep:
     if not whole:
         level = float((tested.white - tested.offset_dn)[tested.one_level].mean()) / tested.full_scale_dn
         top_s = min(tested.exposure_s * _TOP / level, tested.exposure_range_s[1])
-    exposures, levels = [], []
+    exposures, levels, samples = [], [], []
+    every = max(1, int(tested.lit.sum()) // _SAMPLES)
     for step in range(1, _STEPS + 1):
         wanted_s = max(top_s * step / _STEPS, tested.exposure_range_s[0])
         frames = [tested.shoot(code, f"level-{code:03d}", wanted_s) for _ in range(2)]
         exposures.append(frames[0].exposure_s)
         levels.append(np.mean([tested.pixels(f)[tested.one_level] for f in frames], axis=0) - tested.offset_dn)
+        samples += [tested.pixels(frame)[tested.lit][::every] - tested.offset_dn for frame in frames]
     if len(set(exposures)) < _LEAST_STEPS:
         raise CalibrationFailed(
             f"the camera took {len(set(exposures))} different exposures of {_STEPS} that were asked for up to "
@@ -103,6 +112,7 @@ def measure_sweep(tested: RigUnderTest) -> Sweep:
         exposures_s=np.array(exposures),
         levels_dn=np.array(levels),
         full_scale_dn=tested.full_scale_dn - tested.offset_dn,
+        samples_dn=np.array(samples),
     )
 
 
@@ -127,30 +137,48 @@ def _filling_code(tested: RigUnderTest, exposure_s: float) -> int:
 
 def camera_curve(tested: RigUnderTest, sweep: Sweep) -> CameraCurve:
     """What undoes the camera's curve. Raises CalibrationError when the sweep does not tell it."""
-    groups = np.array_split(sweep.levels_dn, _SAMPLES, axis=1)
-    samples = np.stack([group.mean(axis=1) for group in groups if group.size], axis=1)
-    return CameraCurve(tested.offset_dn, fit_camera_response(samples, sweep.exposures_s, sweep.full_scale_dn))
+    exposures = np.repeat(sweep.exposures_s, 2)
+    sigma = tested.black_level.sigma_dn
+    response = fit_camera_response(sweep.samples_dn, exposures, sweep.full_scale_dn, black_sigma_dn=sigma)
+    return CameraCurve(tested.offset_dn, response)
 
 
-def check_linearity(tested: RigUnderTest, sweep: Sweep) -> PartResult[Linearity]:
-    """Residual of a straight line, R²."""
+def straight_curve(tested: RigUnderTest) -> CameraCurve:
+    """Of a camera about which nothing is known: proportional to light."""
+    full_scale_dn = tested.full_scale_dn - tested.offset_dn
+    return CameraCurve(tested.offset_dn, Response(np.array([0.0, full_scale_dn]), np.array([0.0, 1.0]), 0.0))
+
+
+def _gamma(response: Response) -> float:
+    """Power law between a hundredth of the light of full scale and all of it."""
+    low = float(np.interp(0.01, response.linear, response.levels)) / response.levels[-1]
+    return float(np.log(0.01) / np.log(low))
+
+
+def check_linearity(tested: RigUnderTest, sweep: Sweep, curve: CameraCurve) -> PartResult[Linearity]:
+    """Residual of a straight line, R², and of the camera's own curve."""
     limits = tested.limits
     line = fit_linearity(sweep.exposures_s, sweep.signals_dn)
     note = "" if sweep.whole_refreshes else " (the exposures are no whole refreshes: a colour wheel shows here, too)"
+    advice = "gamma, contrast and tone curves of the camera off, where it can: dark places get finer steps"
+    light = ideal_levels(curve.response, sweep.levels_dn).mean(axis=1)
+    left = fit_linearity(sweep.exposures_s, light)
     verdicts = (
         Verdict(
             what="nonlinearity: residual of signal over exposure",
             value=100 * line.residual_share,
+            unit="% of brightest",
+            advice=advice,
+        ),
+        Verdict(what="R² of signal over exposure", value=line.r_squared, advice=advice),
+        Verdict(what="gamma of the camera's curve, black to white", value=_gamma(curve.response)),
+        Verdict(
+            what="nonlinearity that the camera's curve leaves",
+            value=100 * left.residual_share,
             limit=limits.nonlinearity_percent,
             unit="% of brightest",
-            advice="gamma, contrast, black-level and tone curves of the camera off; automatic exposure off" + note,
-        ),
-        Verdict(
-            what="R² of signal over exposure",
-            value=line.r_squared,
-            limit=limits.r_squared,
-            at_least=True,
-            advice="as above; if single exposures stick out, the camera does not take every exposure over",
+            advice="automatic exposure, auto tone mapping, backlight compensation of the camera off; if single "
+            "exposures stick out, the camera does not take every exposure over" + note,
         ),
     )
     numbers = Linearity(
@@ -161,5 +189,6 @@ def check_linearity(tested: RigUnderTest, sweep: Sweep) -> PartResult[Linearity]
         slope_dn_per_s=line.slope,
         intercept_dn=line.intercept,
         dark_level_dn=tested.offset_dn,
+        light=light,
     )
     return PartResult(verdicts=verdicts, numbers=numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import cv2
@@ -88,17 +89,73 @@ def test_frames_that_claim_an_exposure_that_they_do_not_have_are_found() -> None
 def test_a_strong_curve_is_found_and_does_not_spoil_the_photon_transfer() -> None:
     checked = Checked(("compression = 0.08", "compression = 0.5"), only=["linearity", "noise"])
     numbers, noise = checked.numbers("linearity"), checked.numbers("noise")
-    assert checked.failed == {"linearity"}
+    assert checked.failed == set()
     y = numbers["exposures_s"] / np.max(numbers["exposures_s"]) * linear_share(max(numbers["signals_dn"]) / 4031, 0.5)
     expected = 4031 * y * 1.5 / (1 + 0.5 * y)
     assert numbers["signals_dn"] == pytest.approx(expected, rel=0.01)
     line = np.polyval(np.polyfit(y, expected, 1), y)
-    assert checked.row("nonlinearity").value == pytest.approx(
+    assert checked.row("nonlinearity: residual").value == pytest.approx(
         100 * np.abs(expected - line).max() / max(expected), rel=0.05
     )
+    assert checked.row("nonlinearity that the camera's curve leaves").value < 0.5
     assert noise["gain_e_per_dn"] == pytest.approx(32000 / 4031, rel=0.03)
     assert noise["read_noise_e"] == pytest.approx(6.0, rel=0.05)
     assert noise["full_well_e"] == pytest.approx(32000, rel=0.05)
+
+
+FLAT = (
+    (
+        "position_m = [0.60, 1.42, 1.38]\nlook_at_m = [4.60, 4.55, 1.12]",
+        "position_m = [2.0, 3.9, 1.2]\nlook_at_m = [2.2, 4.8, 1.2]",
+    ),
+    (
+        "position_m = [1.00, 1.00, 1.20]\nlook_at_m = [4.80, 4.72, 1.20]",
+        "position_m = [2.5, 3.9, 1.2]\nlook_at_m = [2.4, 4.8, 1.2]",
+    ),
+)
+
+
+def test_a_flat_wall_is_named_as_a_session_names_it() -> None:
+    checked = Checked(*FLAT, only=["view"])
+    assert checked.failed == {"view"}
+    row = checked.row("walls that are told apart")
+    assert (row.value, row.met) == (0, False)
+    assert re.search("plane|parallax", row.advice)
+    assert checked.row("lit pixels that have a projector pixel").met
+
+
+def test_a_projector_out_of_focus_is_seen_before_a_session() -> None:
+    checked = Checked(("blur_px = 0.5", "blur_px = 3.0"), only=["view"])
+    assert not checked.row("sharpness").met
+    assert "focus" in checked.row("sharpness").advice
+
+
+@pytest.mark.parametrize(("tone", "gamma"), [('"srgb"', 2.03), ("2.2", 2.2)])
+def test_a_webcam_with_a_tone_curve_passes_and_its_sensor_is_seen_through_it(tone: str, gamma: float) -> None:
+    checked = Checked(
+        ("channels = 1\nbit_depth = 12", "channels = 1\nbit_depth = 8"),
+        ("black_level_dn = 64.0", "black_level_dn = 5.0"),
+        ("compression = 0.08", f"compression = 0.0\ntone = {tone}"),
+        only=["exposure", "linearity", "noise", "darkness", "additivity", "ramp"],
+    )
+    assert checked.failed == set()
+    assert checked.row("gamma of the camera's curve").value == pytest.approx(gamma, abs=0.03)
+    assert checked.numbers("noise")["full_well_e"] == pytest.approx(32000, rel=0.05)
+    assert checked.numbers("noise")["read_noise_e"] < 20
+    assert checked.numbers("darkness")["share"] < 0.01
+
+
+def test_a_curve_that_moves_with_the_picture_is_named() -> None:
+    def mapped(frame: RawFrame) -> RawFrame:
+        share = np.clip((frame.pixels - 64.0) / 4031, 0, 1)
+        gamma = 1 + 2 * share.mean()
+        return replace(frame, pixels=np.rint(64 + 4031 * share ** (1 / gamma)).astype(np.uint16))
+
+    checked = Checked(only=["linearity"], pixels=mapped)
+    assert checked.failed == {"linearity"}
+    row = checked.row("nonlinearity that the camera's curve leaves")
+    assert not row.met
+    assert "auto tone mapping" in row.advice
 
 
 def linear_share(share: float, compression: float) -> float:

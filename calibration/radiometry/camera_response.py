@@ -1,0 +1,378 @@
+"""A camera's response from frames of one still picture at several exposures, whatever its tone curve.
+
+Levels are predicted from light: level = S y(t_k (1 + e_k) L_n) + o, with y the curve of :mod:`.tone_curve`, t_k the
+exposure of frame k, L_n the light of a group of pixels, e_k a small change of all light in that frame (a lamp that
+flickers, an exposure that is not what the camera says) and o what is left of the black level. All are fitted together
+to the means of groups, each with its own variance. How much a curve may bend, and how much light may change between
+frames, is taken from the frames themselves: of a few candidates the one counts under which they are most likely (the
+evidence, by Laplace's method). A straight sensor comes out straight, and a tone curve as bent as it is, each with a
+standard error that includes what the frames cannot tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.radiometry.light_groups import USABLE, LightGroups, grouped_by_light
+from calibration.radiometry.response import Response
+from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, tone_curve
+
+_BENDS = ((1e-3, 1e-3), (1e-3, 0.3), (1e-2, 0.3), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
+"""Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
+_HOPELESS = 6.0
+"""Of log evidence: when more bend has made it worse by so much, still more is not tried."""
+_GAMMA_SPREAD = {True: 1e-3, False: 1.0}
+"""Of log local gamma at black: 1 for a sensor (a finite slope there), anything for a power law."""
+_BLACK_SIGMA_DN = 0.05
+"""Of the black level, where nothing else is said."""
+_LIGHT_CHANGE = (1e-4, 3e-3)
+"""Least, and first guess, of the standard deviation of a frame's change of light."""
+_USUAL_CHANGE = 0.01
+"""Of light between frames: how probable larger ones are held to be falls by e with each step of this size."""
+_MOST_CHANGE = 0.10
+"""Of light between frames, rms; flicker of the brightest room lights stays below."""
+_GAMMAS = (0.33, 3.6)
+"""Local gamma of cameras, median over the measured levels: 0.4 to 3, with a margin."""
+_MOST_REPEATED = 0.03
+"""Of light between exposures, rms, beyond what repeats of one exposure differ by: auto tone mapping that bends by a
+gamma of 1.5 from the shortest exposure to the longest gives 0.04, mains light at most 0.015."""
+_MOST_LEFT = 0.02
+"""Of full scale, rms: what may be left when one curve is laid through all frames."""
+_ROUNDS, _STILL = 25, 1e-5
+_STEEPEST = 2.5
+"""Of log local gamma, on the way to the solution: 12, and 1 / 12."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """How much a curve may bend, and whether it has a finite slope at black."""
+
+    is_sensor: bool
+    bend: float
+    slope: float
+
+    @property
+    def precision(self) -> FloatArray:
+        """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot."""
+        walk = np.concatenate([[0.0], np.cumsum(self.bend**2 * knot_distances())])
+        covariance = np.minimum(walk[:, None], walk) + self.slope**2 * np.outer(KNOTS, KNOTS)
+        return np.asarray(np.linalg.inv(covariance + _GAMMA_SPREAD[self.is_sensor] ** 2 + 1e-12 * np.eye(len(KNOTS))))
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Unknowns of the fit."""
+
+    log_gamma: FloatArray
+    """(J,)"""
+    black: float
+    """What is left of the black level, share of full scale."""
+    change: FloatArray
+    """(F,) logarithm of the change of light in each frame."""
+    log_light: FloatArray
+    """(G,)"""
+
+    @property
+    def curve_part(self) -> FloatArray:
+        """(P,) all unknowns but light, in the order of the fields."""
+        return np.concatenate([self.log_gamma, [self.black], self.change])
+
+    def moved(self, by: FloatArray, light_by: FloatArray) -> _State:
+        """With all unknowns changed."""
+        j = len(self.log_gamma)
+        return _State(
+            np.clip(self.log_gamma + by[:j], -_STEEPEST, _STEEPEST),
+            self.black + float(by[j]),
+            self.change + by[j + 1 :],
+            self.log_light + light_by,
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Solution:
+    state: _State
+    curve: ToneCurve
+    covariance: FloatArray
+    """(P, P) of all unknowns but light, in the order of the state."""
+    residual: FloatArray
+    """(F, G) of levels, share of full scale; NaN where a group does not count."""
+    log_evidence: float
+
+    @property
+    def light_change(self) -> float:
+        """Of light between frames, rms."""
+        return float(np.sqrt(np.mean(self.state.change**2)))
+
+    def repeated_change(self, log_time: FloatArray) -> float:
+        """Of light between exposures, rms, as far as it comes again with each repeat; 0 without repeats."""
+        times, which, counts = np.unique(log_time, return_inverse=True, return_counts=True)
+        if len(times) == len(log_time):
+            return 0.0
+        means = np.bincount(which, self.state.change) / counts
+        scatter = float(((self.state.change - means[which]) ** 2).sum() / (len(log_time) - len(times)))
+        return float(np.sqrt(max(float(np.mean(means**2)) - scatter / counts.mean(), 0.0)))
+
+    @property
+    def left(self) -> float:
+        """Of full scale, rms, beyond the curve."""
+        return float(np.sqrt(np.nanmean(self.residual**2)))
+
+
+def fit_camera_response(
+    levels: ArrayLike,
+    exposures: ArrayLike,
+    full_scale_dn: float,
+    *,
+    black_sigma_dn: float = _BLACK_SIGMA_DN,
+) -> Response:
+    """Find a camera's curve, straight or with any tone curve, from frames of one still picture.
+
+    Light of full scale is 1. Frames of the same exposure tell the noise from their difference; without any it is
+    taken from what is left.
+
+    Parameters
+    ----------
+    levels : (F, N)
+        Digital numbers above black of N pixels in F frames.
+    exposures : (F,)
+        In any unit and order; equal ones are repeats.
+    full_scale_dn : float
+        Digital number above black where the sensor clips.
+    black_sigma_dn : float
+        Standard error of the black level that was subtracted. [dn]
+
+    Returns
+    -------
+    Response
+        513 levels up to full scale with standard errors of their light; the first is where light is 0, which differs
+        from 0 by what is left of the black level.
+
+    Raises
+    ------
+    CalibrationError
+        If too few samples lie between noise and clipping, the light or the curve changes between the frames, or the
+        exposures cannot be true.
+
+    References
+    ----------
+    After T. Mitsunaga and S. K. Nayar, Radiometric self calibration, CVPR 1999; P. E. Debevec and J. Malik,
+    Recovering high dynamic range radiance maps from photographs, SIGGRAPH 1997.
+    """
+    times = np.asarray(exposures, dtype=np.float64)
+    groups = grouped_by_light(np.asarray(levels, dtype=np.float64), times, full_scale_dn)
+    _refuse_few(groups)
+    start = _start(groups)
+    black_sigma = black_sigma_dn / full_scale_dn
+    found = [one for kind in (True, False) for one in _solutions(groups, kind, start, black_sigma)]
+    sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
+    best = max(sound, key=lambda one: one.log_evidence)
+    _refuse_changes(groups, best)
+    return _response(best, sound, full_scale_dn)
+
+
+def _solutions(groups: LightGroups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
+    """From straight to bent, each begun where the one before ended, until the evidence has fallen far."""
+    found: list[_Solution] = []
+    for bend, slope in _BENDS:
+        found.append(_solved(groups, _Candidate(is_sensor, bend, slope), start, black_sigma))
+        start = found[-1].state
+        if found[-1].log_evidence < max(one.log_evidence for one in found) - _HOPELESS:
+            break
+    return found
+
+
+def _refuse_few(groups: LightGroups) -> None:
+    times = np.unique(groups.log_time[groups.usable.any(axis=1)])
+    if len(times) < 2 or groups.usable.sum() < 4:
+        raise CalibrationError(
+            f"camera response: {int(groups.usable.sum())} groups of usable samples at {len(times)} exposures, at "
+            f"least 4 at 2 are needed: the exposures must overlap between {100 * USABLE[0]:g} % and "
+            f"{100 * USABLE[1]:g} % of full scale; check exposure range and lamp"
+        )
+
+
+def _start(groups: LightGroups) -> _State:
+    """A power law, by how fast levels rise with exposure."""
+    log_y = np.where(groups.usable, np.log(np.maximum(groups.y, 1e-6)), np.nan)
+    time = np.where(groups.usable, groups.log_time[:, None], np.nan)
+    off_y, off_time = (v - np.nanmean(v, axis=0) for v in (log_y, time))
+    gamma = np.clip(np.nansum(off_time**2) / max(np.nansum(off_time * off_y), 1e-9), 0.1, 10.0)
+    log_gamma = np.full(len(KNOTS), np.log(gamma))
+    light = tone_curve(log_gamma).log_light_of(np.maximum(groups.y, 1e-6))
+    weight = np.where(groups.usable, 1.0, 1e-9)
+    log_light = np.average(light - groups.log_time[:, None], axis=0, weights=weight)
+    return _State(log_gamma, 0.0, np.zeros(len(groups.log_time)), log_light)
+
+
+def _solved(groups: LightGroups, candidate: _Candidate, start: _State, black_sigma: float) -> _Solution:
+    """Least squares by Gauss-Newton; the change of light between frames is estimated on the way."""
+    state, change_sigma = start, _LIGHT_CHANGE[1]
+    for _ in range(_ROUNDS):
+        precision = _prior(candidate, groups, black_sigma, change_sigma)
+        normal = _normal_equations(groups, state)
+        state, moved = _backtracked(groups, state, normal.step(precision, state.curve_part), precision)
+        change_sigma = _change_sigma(state, np.asarray(np.linalg.inv(normal.reduced + precision)))
+        if moved < _STILL:
+            break
+    precision = _prior(candidate, groups, black_sigma, change_sigma)
+    return _judged(state, groups, precision, change_sigma)
+
+
+def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_sigma: float) -> _Solution:
+    """Covariance, scatter and evidence at the solution."""
+    normal, residual = _normal_equations(groups, state), _residual(groups, state)
+    flat, count = state.curve_part, int(groups.usable.sum())
+    fit = float(np.nansum(residual**2 / groups.variance))
+    chi2 = fit / max(count - len(state.log_light) - 2, 1)
+    # scatter beyond what noise explains is a common factor of all variances
+    scale = max(chi2, 1.0) if groups.has_repeats else max(chi2, 1e-12)
+    posterior = normal.reduced / scale + precision
+    log_prior = 0.5 * np.linalg.slogdet(precision)[1] - 0.5 * flat @ precision @ flat - change_sigma / _USUAL_CHANGE
+    log_volume = 0.5 * np.linalg.slogdet(posterior)[1] + 0.5 * np.log(normal.by_light / scale).sum()
+    return _Solution(
+        state=state,
+        curve=tone_curve(state.log_gamma),
+        covariance=np.asarray(np.linalg.inv(posterior)),
+        residual=residual,
+        log_evidence=float(-0.5 * fit / scale - 0.5 * count * np.log(scale) + log_prior - log_volume),
+    )
+
+
+def _prior(candidate: _Candidate, groups: LightGroups, black_sigma: float, change_sigma: float) -> FloatArray:
+    """(P, P) precision of all unknowns but light."""
+    j, f = len(KNOTS), len(groups.log_time)
+    precision = np.zeros((j + 1 + f,) * 2)
+    precision[:j, :j] = candidate.precision
+    precision[j, j] = 1 / max(black_sigma, 1e-7) ** 2
+    precision[range(j + 1, j + 1 + f), range(j + 1, j + 1 + f)] = change_sigma**-2
+    return precision
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _NormalEquations:
+    """Of all unknowns; those of light, of which each group has one, are eliminated."""
+
+    reduced: FloatArray
+    """(P, P) without light."""
+    right: FloatArray
+    """(P,)"""
+    by_light: FloatArray
+    """(G,) diagonal of light."""
+    light_right: FloatArray
+    """(G,)"""
+    coupling: FloatArray
+    """(G, P)"""
+
+    def step(self, precision: FloatArray, curve_part: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Of all unknowns but light, and of light."""
+        by = np.asarray(np.linalg.solve(self.reduced + precision, self.right - precision @ curve_part))
+        return by, (self.light_right - self.coupling @ by) / self.by_light
+
+
+def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
+    curve = tone_curve(state.log_gamma)
+    log_y = curve.log_level_of(_log_light(groups, state))
+    gamma, by_knots = curve.derivatives_at(log_y)
+    y = np.exp(log_y)
+    weight = np.where(groups.usable, 1 / np.sqrt(groups.variance), 0.0)
+    slope = weight * y / gamma
+    frames = np.eye(len(groups.log_time))[:, None, :] * slope[..., None]
+    matrix = np.concatenate([-slope[..., None] * by_knots, (weight * (1 - y))[..., None], frames], axis=-1)
+    off = weight * np.nan_to_num(_residual(groups, state))
+    by_light = (slope**2).sum(axis=0)
+    coupling = np.einsum("fgp,fg->gp", matrix, slope)
+    light_right = (slope * off).sum(axis=0)
+    flat = matrix.reshape(-1, matrix.shape[-1])
+    return _NormalEquations(
+        reduced=flat.T @ flat - coupling.T @ (coupling / by_light[:, None]),
+        right=flat.T @ off.ravel() - coupling.T @ (light_right / by_light),
+        by_light=by_light,
+        light_right=light_right,
+        coupling=coupling,
+    )
+
+
+def _log_light(groups: LightGroups, state: _State) -> FloatArray:
+    return np.asarray(groups.log_time[:, None] + state.change[:, None] + state.log_light)
+
+
+def _residual(groups: LightGroups, state: _State) -> FloatArray:
+    """(F, G) levels that are not explained, share of full scale; NaN where a group does not count."""
+    curve = tone_curve(state.log_gamma)
+    log_y = curve.log_level_of(_log_light(groups, state))
+    y, gamma = np.exp(log_y), curve.gamma_at(log_y)
+    bent = (1 - gamma) / y * groups.bent
+    return np.where(groups.usable, groups.y - y - bent - state.black * (1 - y), np.nan)
+
+
+def _backtracked(
+    groups: LightGroups, state: _State, step: tuple[FloatArray, FloatArray], precision: FloatArray
+) -> tuple[_State, float]:
+    """Go as far along a step as the fit gets better; the new state, and how far it moved."""
+    before = _cost(groups, state, precision)
+    for halvings in range(6):
+        share = 0.5**halvings
+        tried = state.moved(step[0] * share, step[1] * share)
+        if _cost(groups, tried, precision) <= before:
+            return tried, float(np.abs(step[0]).max() * share)
+    return state, 0.0
+
+
+def _cost(groups: LightGroups, state: _State, precision: FloatArray) -> float:
+    flat = state.curve_part
+    return float(np.nansum(_residual(groups, state) ** 2 / groups.variance) + flat @ precision @ flat)
+
+
+def _change_sigma(state: _State, covariance: FloatArray) -> float:
+    """Of light between frames: what was found, and what may be there unfound (expectation maximisation)."""
+    unfound = np.diag(covariance)[len(KNOTS) + 1 :]
+    return float(max(np.sqrt(np.mean(state.change**2 + unfound)), _LIGHT_CHANGE[0]))
+
+
+def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
+    measured = groups.y[groups.usable]
+    inside = (found.curve.y > measured.min()) & (found.curve.y < measured.max())
+    gamma = float(np.median(found.curve.local_gamma[inside])) if inside.any() else 1.0
+    if not _GAMMAS[0] < gamma < _GAMMAS[1]:
+        raise CalibrationError(
+            f"camera response: levels rise with exposure as by a gamma of {gamma:.2g}, cameras have {_GAMMAS[0]:g} to "
+            f"{_GAMMAS[1]:g}: the exposures that the camera tells are wrong, or its automatic exposure or gain is on; "
+            "switch it off"
+        )
+    repeated = found.repeated_change(groups.log_time)
+    if found.left > _MOST_LEFT or _MOST_REPEATED < repeated < _MOST_CHANGE:
+        raise CalibrationError(
+            f"camera response: no one curve fits all exposures: {100 * found.left:.1f} % of full scale is left (rms), "
+            f"the limit is {100 * _MOST_LEFT:g} %, and light seems to be {100 * repeated:.1f} % (rms) off the "
+            f"exposures, the limit is {100 * _MOST_REPEATED:g} %: the camera's tone curve moves from frame to frame "
+            "(auto tone mapping, dynamic contrast, backlight compensation); switch it off"
+        )
+    if found.light_change > _MOST_CHANGE:
+        raise CalibrationError(
+            f"camera response: light changes by {100 * found.light_change:.0f} % (rms) between frames of one picture, "
+            f"the limit is {100 * _MOST_CHANGE:g} %: the camera's automatic exposure or gain is on, exposures that it "
+            "tells are wrong, or a lamp flickers; switch it off"
+        )
+
+
+def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> Response:
+    """The likeliest curve; its errors are those of all curves, by how likely they are."""
+    curve, black = best.curve, best.state.black
+    odds = np.exp(np.array([one.log_evidence for one in found]) - best.log_evidence)
+    away = np.stack([one.curve.log_light - curve.log_light for one in found])
+    variance = np.average(np.stack([_relative_variance(one) for one in found]) + away**2, axis=0, weights=odds)
+    levels = full_scale_dn * (curve.y + black * (1 - curve.y))
+    return Response(levels, curve.light, best.left, curve.light * np.sqrt(variance))
+
+
+def _relative_variance(found: _Solution) -> FloatArray:
+    """(P,) of light at each level of the curve, with what is not known of the black level."""
+    curve, count = found.curve, len(KNOTS) + 1
+    by_black = -curve.local_gamma * (1 - curve.y) / np.maximum(curve.y, curve.y[1])
+    by = np.concatenate([curve.by_knots, by_black[:, None]], axis=1)
+    return np.asarray(np.einsum("pi,ij,pj->p", by, found.covariance[:count, :count], by))

@@ -1,0 +1,94 @@
+"""Pixels of about one light as one: means of their levels in each frame, and how well these are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arrays import BoolArray, FloatArray
+
+_GROUPS, _GROUP_PIXELS = 80, 30
+"""Of pixels of about one light: rounding averages out in each, and its noise is known."""
+USABLE = (0.005, 0.97)
+"""Shares of full scale between which a group counts: below is rounding, above it may clip in one of the frames."""
+_NOISE_CLEAR = 3.0
+"""Standard deviations of a pixel's noise that a group stays away from black, where tone curves cut noise off."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LightGroups:
+    """Means of groups of pixels of about one light, in F frames, shares of full scale."""
+
+    y: FloatArray
+    """(F, G)"""
+    variance: FloatArray
+    """(F, G) of these means."""
+    bent: FloatArray
+    """(F, G) half the variance of a group's pixels: where a curve is bent, their mean level is not that of their mean
+    light."""
+    usable: BoolArray
+    """(F, G)"""
+    log_time: FloatArray
+    """(F,) logarithm of the exposure over the longest."""
+    has_repeats: bool
+    """Whether the variances come from frames of equal exposure; else they are a guess."""
+
+
+def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float) -> LightGroups:
+    """Sort pixels by their light, and take means of neighbours.
+
+    Parameters
+    ----------
+    levels : (F, N)
+        Digital numbers above black of N pixels in F frames.
+    times : (F,)
+        Exposures; equal ones are repeats, whose difference is noise.
+    full_scale_dn : float
+        Digital number above black where the sensor clips.
+
+    Returns
+    -------
+    LightGroups
+        Only groups that are usable in two frames or more.
+    """
+    order = np.argsort(np.minimum(levels, full_scale_dn).sum(axis=0), kind="stable")
+    count = max(1, min(_GROUPS, levels.shape[1] // _GROUP_PIXELS))
+    parts = [levels[:, part] for part in np.array_split(order, count)]
+    noise = [_temporal_variance(part, times) for part in parts]
+    mean = np.stack([part.mean(axis=1) for part in parts], axis=1)
+    spread = np.stack([part.var(axis=1) for part in parts], axis=1)
+    size = np.array([part.shape[1] for part in parts])
+    has_repeats = len(np.unique(times)) < len(times)
+    temporal = np.stack(noise, axis=1) if has_repeats else 1 / 12 + 1e-5 * full_scale_dn * np.maximum(mean, 0)
+    # rounding does not average out in a group whose pixels all have one level
+    rounding = 0.05 * np.exp(-4 * np.pi**2 * np.maximum(spread - 1 / 12, 0))
+    variance = (temporal + 1 / 12) / size + rounding
+    pixel_sigma = np.sqrt(temporal) / full_scale_dn
+    largest = np.stack([np.quantile(part, 0.99, axis=1) for part in parts], axis=1) / full_scale_dn
+    y = mean / full_scale_dn
+    least = np.maximum(USABLE[0], np.maximum(_NOISE_CLEAR * pixel_sigma, 1.5 / full_scale_dn))
+    usable = (y > least) & (largest < USABLE[1])
+    bent = np.maximum(spread - 1 / 12, 0) / 2 / full_scale_dn**2
+    kept = usable.sum(axis=0) >= 2
+    return LightGroups(
+        y=y[:, kept],
+        variance=variance[:, kept] / full_scale_dn**2,
+        bent=bent[:, kept],
+        usable=usable[:, kept],
+        log_time=np.log(times / times.max()),
+        has_repeats=has_repeats,
+    )
+
+
+def _temporal_variance(part: FloatArray, times: FloatArray) -> FloatArray:
+    """(F,) variance of one pixel over time in a group, from frames of equal exposure; changes in common left out."""
+    variance = np.full(len(times), np.nan)
+    for time in np.unique(times):
+        same = np.flatnonzero(times == time)
+        if len(same) > 1:
+            alone = part[same] - part[same].mean(axis=1, keepdims=True)
+            pixels = max(part.shape[1] - 1, 1)
+            variance[same] = (alone - alone.mean(axis=0)).var(axis=0, ddof=1).sum() / pixels
+    known = np.isfinite(variance)
+    return np.where(known, variance, np.nanmax(variance)) if known.any() else variance

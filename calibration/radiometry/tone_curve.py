@@ -1,0 +1,108 @@
+"""Monotone response curves by their local gamma: a parametrisation in which a curve cannot fail to rise.
+
+With y the level as a share of full scale and g(y) the light that makes it, s(y) = d log g / d log y is the curve's
+local gamma: 1 for a straight sensor, 2.2 everywhere for a power law, from 1 near black to 2.3 near white for sRGB. Any
+s > 0 gives a curve that rises, so the logarithm of s is what is fitted, as straight pieces between knots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+
+KNOTS = np.concatenate([[0.0, 0.01, 0.02, 0.04, 0.07], np.linspace(0.1, 1.0, 19)])
+"""Of log s over y: close together near black, where tone curves bend most."""
+_FINE = 512
+"""Points of the table, closer near black: straight pieces between them are right to 1e-5 of full scale."""
+_BEND = 0.05
+"""Distances between knots are those of log(y + 0.05): tone curves bend by as much in each doubling above that."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToneCurve:
+    """A curve from level to light, with its derivatives by the parameters; both are 1 at full scale."""
+
+    y: FloatArray
+    """(P,) levels, from 0 to 1."""
+    log_light: FloatArray
+    """(P,) log g; the first, at level 0, is that of the smallest number."""
+    local_gamma: FloatArray
+    """(P,) d log g / d log y."""
+    by_knots: FloatArray
+    """(P, J) derivative of log g by the logarithm of the local gamma at each knot."""
+
+    @property
+    def light(self) -> FloatArray:
+        """(P,) g, from 0 to 1."""
+        return np.concatenate([[0.0], np.exp(self.log_light[1:])])
+
+    def log_light_of(self, y: FloatArray) -> FloatArray:
+        """Log g at levels above 0, any shape; beyond full scale it goes on straight."""
+        log_y = np.log(np.maximum(y, self.y[1]))
+        beyond = np.maximum(log_y, 0) * self.local_gamma[-1]
+        return np.asarray(np.interp(log_y, self._log_y, self.log_light[1:]) + beyond)
+
+    def log_level_of(self, log_light: FloatArray) -> FloatArray:
+        """Log y of logarithms of light, any shape; beyond full scale it goes on straight."""
+        inside = np.interp(log_light, self.log_light[1:], self._log_y)
+        return np.asarray(inside + np.maximum(log_light, 0) / self.local_gamma[-1])
+
+    def derivatives_at(self, log_y: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Local gamma (...), and derivative of log g by each knot (..., J), at logarithms of levels."""
+        place = np.clip(np.interp(log_y, self._log_y, np.arange(1.0, len(self.y))), 1, len(self.y) - 1)
+        low = np.minimum(place.astype(int), len(self.y) - 2)
+        share = (place - low)[..., None]
+        by_knots = (1 - share) * self.by_knots[low] + share * self.by_knots[low + 1]
+        return self.gamma_at(log_y), by_knots
+
+    def gamma_at(self, log_y: FloatArray) -> FloatArray:
+        """Local gamma at logarithms of levels, any shape."""
+        return np.asarray(np.interp(log_y, self._log_y, self.local_gamma[1:]))
+
+    @property
+    def _log_y(self) -> FloatArray:
+        return np.asarray(np.log(self.y[1:]))
+
+
+_Y = (np.arange(_FINE + 1) / _FINE) ** 2
+_SHAPES = np.stack([np.interp(_Y, KNOTS, one) for one in np.eye(len(KNOTS))], axis=-1)
+_STEPS = np.diff(np.log(_Y[1:]))
+
+
+def tone_curve(log_gamma: FloatArray) -> ToneCurve:
+    """Make the curve of a local gamma.
+
+    Parameters
+    ----------
+    log_gamma : (J,)
+        Logarithm of the local gamma at each of :data:`KNOTS`.
+
+    Returns
+    -------
+    ToneCurve
+        1 at full scale.
+    """
+    gamma = np.exp(_SHAPES @ log_gamma)
+    slopes = gamma[1:, None] * _SHAPES[1:]
+    log_light = -_summed_from_the_end(gamma[1:])
+    return ToneCurve(
+        _Y,
+        np.concatenate([log_light[:1], log_light]),
+        gamma,
+        -np.concatenate([(part := _summed_from_the_end(slopes))[:1], part]),
+    )
+
+
+def _summed_from_the_end(values: FloatArray) -> FloatArray:
+    """Integral over log y from each point to full scale, by trapezoids; (P - 1, ...)."""
+    steps = _STEPS.reshape(-1, *(1,) * (values.ndim - 1))
+    areas = (values[1:] + values[:-1]) / 2 * steps
+    return np.concatenate([np.cumsum(areas[::-1], axis=0)[::-1], np.zeros((1, *values.shape[1:]))])
+
+
+def knot_distances() -> FloatArray:
+    """Return (J - 1,) distances of neighbouring knots, by which a local gamma may change alike."""
+    return np.asarray(np.diff(np.log(KNOTS + _BEND)))

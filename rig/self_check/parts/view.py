@@ -1,0 +1,193 @@
+"""Whether a session can succeed from where the devices stand: what of the picture is seen, decoded, sharp and in depth.
+
+The first steps of a session are done with the same functions, so that what would end a session ends here, in the same
+words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arrays import BoolArray, FloatArray
+from calibration.radiometry.photon_transfer import fit_camera_noise
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.patterns import checker
+from calibration.structured_light.subpixel import refine_subpixel
+from rig.errors import CalibrationFailed
+from rig.plug_ins import find_code
+from rig.records import Record, Verdict
+from rig.self_check.parts.linearity import CameraCurve, Sweep
+from rig.self_check.results import PartResult
+from rig.self_check.rig_under_test import RigUnderTest
+from rig.stages.error_tree import one_error_tree
+from rig.stages.geometry import GeometryRecord, geometry_of
+from rig.stages.linear_light import RadiometricCalibration
+from rig.terminal import silent
+
+_LIT = 0.2
+"""Of the brightest direct light (95th percentile): pixels with less see the projector's light only off the walls."""
+_CHECKS_AROUND = 1.5
+"""Within which a lit pixel finds one that lies in the middle of a check, at any place of the pattern."""
+_BITS_SIGMAS = 2.0
+"""Noise by which a pattern and its inverse have to differ, as in a session."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class View(Record):
+    """What a session will find of the picture."""
+
+    lit_share: float
+    """Of the camera's pixels."""
+    decoded_share: float
+    """Of the camera's pixels: have a projector pixel."""
+    decoded_share_of_lit: float
+    reasons: Mapping[str, float]
+    """Share of the camera's pixels by reason."""
+    sharpness: float
+    """Contrast of the session's checks, share of full."""
+    walls: tuple[str, ...]
+    """That were told apart; empty where geometry says why not."""
+    baseline_m: float | None
+    geometry_rms_px: float | None
+    geometry: str
+    """Why there is none, in the words of a session; empty where there is one."""
+
+
+def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartResult[View]:
+    """Shares lit and decoded, sharpness, walls; lenses and poses as a session fits them."""
+    radiometric = _radiometric(tested, curve, sweep)
+    correspondence = _decoded(tested, radiometric)
+    lit, sharpness = _lit_and_sharp(tested, curve)
+    geometry, reason = _geometry(tested, correspondence)
+    valid = correspondence.valid
+    view = View(
+        lit_share=float(lit.mean()),
+        decoded_share=float(valid.mean()),
+        decoded_share_of_lit=float((valid & lit).sum() / max(int(lit.sum()), 1)),
+        reasons={code.name.lower(): float((correspondence.reason == code).mean()) for code in PixelReason},
+        sharpness=sharpness,
+        walls=geometry.surface.seen if geometry else (),
+        baseline_m=geometry.baseline_m if geometry else None,
+        geometry_rms_px=geometry.rms_px if geometry else None,
+        geometry=reason,
+    )
+    return PartResult(verdicts=_verdicts(tested, view), numbers=view)
+
+
+def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
+    limits, of_session = tested.limits, tested.rig.profile.limits
+    return (
+        Verdict(
+            what="part of the camera's picture that the projector lights",
+            value=view.lit_share,
+            limit=limits.lit_share,
+            unit="of all",
+            at_least=True,
+            advice="aim the camera at the projected picture, or go nearer",
+        ),
+        Verdict(
+            what="lit pixels that have a projector pixel",
+            value=view.decoded_share_of_lit,
+            limit=of_session.valid_share,
+            unit="of lit",
+            at_least=True,
+            advice="focus the projector and the camera, darken the room, and keep glossy things out of the picture",
+        ),
+        Verdict(
+            what=f"sharpness: contrast of a checker of {tested.rig.profile.patterns.checker_size_px} pixels",
+            value=view.sharpness,
+            limit=limits.sharpness,
+            unit="of full",
+            at_least=True,
+            advice="focus the projector, then the camera; or set patterns.checker_size_px higher",
+        ),
+        Verdict(
+            what="walls that are told apart",
+            value=float(len(view.walls)),
+            limit=float(limits.walls),
+            at_least=True,
+            advice=view.geometry or "aim both at an edge between two walls",
+        ),
+        Verdict(
+            what="geometry: reprojection rms",
+            value=view.geometry_rms_px,
+            limit=of_session.geometry_rms_px if view.geometry_rms_px is not None else None,
+            unit="px",
+            advice=view.geometry
+            or "nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
+        ),
+        Verdict(what="distance of camera and projector", value=view.baseline_m, unit="m"),
+    )
+
+
+def _radiometric(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> RadiometricCalibration:
+    """As a session finds it, at the working exposure."""
+    noise = fit_camera_noise(sweep.samples_dn, np.repeat(sweep.exposures_s, 2), curve.response)
+    bands = tested.rig.camera.shape[2]
+    return RadiometricCalibration(
+        reference_exposure_s=tested.exposure_s,
+        offset_dn=tested.offset_dn,
+        full_scale_dn=tested.full_scale_dn,
+        camera=curve.response,
+        projector=(),
+        gain_e_per_dn=noise.gain_e_per_dn,
+        read_noise_dn=noise.read_noise_dn,
+        black={},
+        mixing=np.eye(bands),
+        balance=np.ones(bands),
+    )
+
+
+def _decoded(tested: RigUnderTest, radiometric: RadiometricCalibration) -> Correspondence:
+    """The map of a session's code."""
+    shape, code = tested.picture_shape, find_code(tested.rig.profile.patterns.code)
+    frames = {pattern.name: _sum(tested.shoot(pattern.codes, pattern.name).pixels) for pattern in code.patterns(shape)}
+    white, black = (tested.shoot(level, name).pixels for level, name in ((255, "white"), (0, "black")))
+    found = code.decode(
+        frames,
+        shape,
+        white=_sum(white),
+        black=_sum(black),
+        noise_limit=_BITS_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black),
+        saturation=radiometric.saturation_dn * white.shape[2],
+    )
+    return refine_subpixel(found)
+
+
+def _sum(pixels: NDArray[np.uint16]) -> NDArray[np.unsignedinteger]:
+    """(H, W) sum of the bands."""
+    return np.asarray(pixels.sum(axis=2, dtype=np.uint32))
+
+
+def _lit_and_sharp(tested: RigUnderTest, curve: CameraCurve) -> tuple[BoolArray, float]:
+    """(H, W) pixels with direct light, and how much of it the session's checks keep on average.
+
+    A checker and its complement light the room alike, so their difference is direct light; blur takes it away at the
+    edges of checks first.
+    """
+    size_px = tested.rig.profile.patterns.checker_size_px
+    boards = [checker(tested.picture_shape, size_px, (0, shift_px)) for shift_px in (size_px, 0)]
+    first, second = (_light(tested, curve, board, f"view-checker-{k}") for k, board in enumerate(boards))
+    change = np.abs(first - second)
+    around = 2 * round(_CHECKS_AROUND * size_px * change.shape[1] / tested.picture_shape[1] / 2) + 1
+    direct = cv2.dilate(cv2.medianBlur(change.astype(np.float32), 3), np.ones((around, around), np.uint8))
+    lit = np.asarray(direct > _LIT * np.quantile(direct, 0.95))
+    return lit, float((change[lit] / direct[lit]).mean())
+
+
+def _light(tested: RigUnderTest, curve: CameraCurve, codes: NDArray[np.uint8], name: str) -> FloatArray:
+    return curve.light(tested.photograph(codes, name))
+
+
+def _geometry(tested: RigUnderTest, correspondence: Correspondence) -> tuple[GeometryRecord | None, str]:
+    """As a session fits it, or its refusal."""
+    try:
+        with one_error_tree():
+            return geometry_of(correspondence, tested.rig.profile, silent), ""
+    except CalibrationFailed as error:
+        return None, str(error)
