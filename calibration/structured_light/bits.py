@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ Limit = float | NDArray[np.floating]
 
 def read_positions(
     pairs: Sequence[tuple[Frame, Frame]],
-    limit: NDArray[np.generic],
+    limit: NDArray[Any],
     table: Words,
     *,
     rows: slice,
@@ -54,7 +55,7 @@ def read_positions(
 
 
 def _words(
-    pairs: Sequence[tuple[Frame, Frame]], limit: NDArray[np.generic], rows: slice, brightest: Frame
+    pairs: Sequence[tuple[Frame, Frame]], limit: NDArray[Any], rows: slice, brightest: Frame
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Words whose bits say which pictures are brighter than their others, and words of the bits that are open.
 
@@ -68,7 +69,7 @@ def _words(
         byte = int(nth >= len(pairs) - _BYTE)
         a, b = lit[rows], other[rows]
         _append(bits[byte], np.greater(a, b, out=flag))
-        _append(open_bits[byte], np.less(_difference(a, b), limit_here, out=flag))
+        _append(open_bits[byte], np.less(difference(a, b), limit_here, out=flag))
         np.maximum(brightest, a, out=brightest)
         np.maximum(brightest, b, out=brightest, casting="unsafe")
     high_and_low = (each.astype(np.uint16) for each in (bits, open_bits))
@@ -81,17 +82,19 @@ def _append(bits: NDArray[np.uint8], flag: BoolArray) -> None:
     np.bitwise_or(bits, flag.view(np.uint8), out=bits)
 
 
-def _difference(lit: Frame, other: Frame) -> Frame:
+def difference(lit: Frame, other: Frame) -> Frame:
+    """Return by how much two frames differ, in the frames' own kind where they are whole numbers."""
     if lit.dtype in (np.uint8, np.uint16) and other.dtype == lit.dtype:
         return np.asarray(cv2.absdiff(lit, other))
     return np.asarray(np.abs(lit.astype(np.float32) - other))
 
 
-def limit_of_kind(limit: Limit, kind: np.dtype[np.generic]) -> NDArray[np.generic]:
+def limit_of_kind(limit: Limit, kind: np.dtype[Any]) -> NDArray[Any]:
     """Return a limit that whole differences can be held against without being converted."""
     if kind not in (np.uint8, np.uint16):
         return np.asarray(limit, dtype=np.float32)
-    return np.asarray(np.clip(np.ceil(limit), 0, np.iinfo(kind).max), dtype=kind)
+    most = 255 if kind == np.uint8 else 65535
+    return np.asarray(np.clip(np.ceil(limit), 0, most), dtype=kind)
 
 
 def middle(bright: Frame, dark: Frame) -> Frame:

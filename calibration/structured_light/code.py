@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from calibration.arrays import Frame
 from calibration.structured_light.binary_code import BinaryCode
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.gray_phase import GrayPhaseCode
-from calibration.structured_light.micro_phase import MicroPhaseCode
 from calibration.structured_light.patterns import Pattern
-from calibration.structured_light.three_frequency import ThreeFrequencyCode
+from calibration.structured_light.phase.gray_phase import GrayPhaseCode
+from calibration.structured_light.phase.micro_phase import MicroPhaseCode
+from calibration.structured_light.phase.three_frequency import ThreeFrequencyCode
 
 
 @runtime_checkable
@@ -108,13 +108,12 @@ class StructuredLightCode(Protocol):
         ...
 
 
-
 CODES: Mapping[str, StructuredLightCode] = MappingProxyType(
     {
         code.name: code
         for code in (
             BinaryCode(name="long-run", words="long-run"),
-            BinaryCode(name="gray", words="gray"),
+            BinaryCode(name="gray", words="gray", version="2"),
             BinaryCode(name="gray-plain", words="gray", inverse=False),
             BinaryCode(name="xor-02", words="xor-02"),
             BinaryCode(name="xor-04", words="xor-04"),

@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Float32Array
 
+ROUNDING_PX = 12**-0.5
+"""Standard deviation of a coordinate of which the whole pixel is known."""
+
 
 class PixelReason(IntEnum):
     """Why a camera pixel has, or has not, a projector pixel (one code a pixel)."""

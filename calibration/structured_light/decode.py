@@ -5,21 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
-from calibration.structured_light.bits import Limit, limit_of_kind, middle, read_positions
-from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.bits import Limit, difference, limit_of_kind, middle, read_positions
+from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence, PixelReason
 from calibration.structured_light.frames import extreme, is_dark, mark, part, refuse_unequal
 from calibration.structured_light.gray import BOTH_AXES, Axis, CodeName, Words, bits_for, pattern_name, positions
 from calibration.structured_light.neighbours import isolated
 from calibration.structured_light.strips import for_each_strip
 
-_ROUNDING_PX = 12**-0.5
-"""Standard deviation of a coordinate of which the whole pixel is known."""
+_WIDE_BIT = 5
+"""From this bit on stripes are 64 px wide and wider, and light different parts of a room."""
+_OWN_LIGHT_BITS = (2, 3, 4)
+"""Stripes of 8 to 32 px: wide enough for blur, fine enough that both frames put the same light on other walls."""
 
 
 def decode_gray(
@@ -36,6 +39,7 @@ def decode_gray(
     isolation_px: float = 8.0,
     axes: Sequence[Axis] = BOTH_AXES,
     finest_bit: int = 0,
+    own_light: bool = False,
 ) -> Correspondence:
     """Find which projector pixel each camera pixel sees, from frames of a binary code.
 
@@ -61,6 +65,10 @@ def decode_gray(
     finest_bit : int
         Bits below this one were not shown, which only `gray` can do without: coordinates are the middles of
         2**finest_bit pixels.
+    own_light : bool
+        Of `gray` with inverses: a bit of wide stripes counts only where the darker of its two frames has less light
+        than the pixel's own, which its fine stripes tell. Where both have more, light from other walls can have made
+        either the brighter one, and no difference between them is proof.
 
     Returns
     -------
@@ -76,9 +84,18 @@ def decode_gray(
     bright = white if white is not None else extreme(frames, np.maximum)
     dark = black if black is not None else extreme(frames, np.minimum)
     threshold = None if any(name.endswith("-inverse") for name in frames) else middle(bright, dark)
-    bits = [_Bits.of(frames, axis, projector_shape, code=code, first=first_code, finest_bit=finest_bit) for axis in axes]
-    read = [_AxisReading.of(frames, each, bright.shape, bit_limit, threshold) for each in bits]
-    reason = np.empty(bright.shape, dtype=np.uint8)
+    height, width = bright.shape
+    read = [
+        _AxisReading.of(
+            frames,
+            _Bits.of(frames, axis, projector_shape, code=code, first=first_code, finest_bit=finest_bit),
+            bit_limit=bit_limit,
+            threshold=threshold,
+            black=dark if own_light else None,
+        )
+        for axis in axes
+    ]
+    reason = np.empty((height, width), dtype=np.uint8)
     limits = (np.asarray(contrast_limit), np.asarray(np.inf if saturation is None else saturation))
     for_each_strip(partial(_read_strip, read, (bright, dark), limits, reason), reason.shape)
     lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
@@ -150,21 +167,24 @@ class _AxisReading:
 
     bits: _Bits
     pairs: list[tuple[Frame, Frame]]
-    limit: NDArray[np.generic]
+    limit: NDArray[Any]
     """Of the difference of a pair, as a number of the frames' kind."""
     table: Words
     """Position of each word of the bits that were shown."""
     twice: NDArray[np.uint16]
     """(H, W) twice the position, in steps of the finest bit: a whole number on borders, too."""
+    black: Frame | None
+    """Given where wide stripes have to be told by the pixel's own light."""
 
     @classmethod
     def of(
         cls,
         frames: Mapping[str, Frame],
         bits: _Bits,
-        shape: tuple[int, ...],
+        *,
         bit_limit: Limit,
         threshold: Frame | None,
+        black: Frame | None,
     ) -> _AxisReading:
         """Prepare to read an axis."""
         pairs = bits.pairs(frames, threshold)
@@ -173,13 +193,27 @@ class _AxisReading:
             pairs=pairs,
             limit=limit_of_kind(bit_limit, pairs[0][0].dtype),
             table=positions(bits.code, bits.count - bits.finest),
-            twice=np.empty(shape, dtype=np.uint16),
+            twice=np.empty(pairs[0][0].shape, dtype=np.uint16),
+            black=black,
         )
 
     def read(self, rows: slice, brightest: Frame) -> BoolArray:
         """Find the positions of some rows, and the pixels that some bit leaves open; note the largest values."""
         self.twice[rows], weak = read_positions(self.pairs, self.limit, self.table, rows=rows, brightest=brightest)
-        return weak
+        return weak if self.black is None else weak | self._outshone(rows, self.black[rows])
+
+    def _outshone(self, rows: slice, black: Frame) -> BoolArray:
+        """Tell which pixels of some rows get more light from elsewhere than from the projector in a coarse bit."""
+        wide = self.pairs[: max(self.bits.count - _WIDE_BIT, 0)]
+        fine = [self.pairs[self.bits.count - 1 - bit] for bit in _OWN_LIGHT_BITS if self.bits.finest <= bit]
+        found = np.zeros(black.shape, dtype=bool)
+        if not wide or len(fine) < len(_OWN_LIGHT_BITS):
+            return found
+        a, b, c = (difference(lit[rows], other[rows]) for lit, other in fine)
+        own = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)) + black
+        for lit, other in wide:
+            found |= np.minimum(lit[rows], other[rows]) >= own
+        return found
 
     def outside(self, rows: slice) -> BoolArray:
         """Tell which pixels of some rows have a code that the projector does not show."""
@@ -197,7 +231,7 @@ class _AxisReading:
 def _read_strip(
     read: Sequence[_AxisReading],
     flats: tuple[Frame, Frame],
-    limits: tuple[NDArray[np.generic], NDArray[np.generic]],
+    limits: tuple[NDArray[Any], NDArray[Any]],
     reason: NDArray[np.uint8],
     rows: slice,
 ) -> None:
@@ -229,5 +263,5 @@ def _correspondence(
         xy[rows][reason[rows] != PixelReason.VALID] = np.nan
 
     for_each_strip(strip, reason.shape)
-    sigmas = [_ROUNDING_PX * 2 ** by_axis[axis].bits.finest if axis in by_axis else np.nan for axis in BOTH_AXES]
+    sigmas = [ROUNDING_PX * 2 ** by_axis[axis].bits.finest if axis in by_axis else np.nan for axis in BOTH_AXES]
     return Correspondence(xy, reason, projector_shape, np.broadcast_to(np.array(sigmas, np.float32), xy.shape))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,7 @@ def noise_dn(noise_limit: float | NDArray[np.floating]) -> NDArray[np.float32]:
     return np.asarray(noise_limit, dtype=np.float32) / np.float32(NOISE_SIGMAS * 2**0.5)
 
 
-def part(values: NDArray[np.generic], rows: slice) -> NDArray[np.generic]:
+def part(values: NDArray[Any], rows: slice) -> NDArray[Any]:
     """Return the rows of a picture, or the value that counts for all."""
     return values[rows] if values.ndim else values
 
@@ -46,7 +47,8 @@ def refuse_missing(frames: Mapping[str, Frame], names: Sequence[str], code: str)
     missing = [name for name in names if name not in frames]
     if missing:
         raise CalibrationError(
-            f"{code} code: {len(missing)} of {len(names)} patterns have no frame ({', '.join(missing)}); photograph them"
+            f"{code} code: {len(missing)} of {len(names)} patterns have no frame ({', '.join(missing)}); "
+            "photograph them"
         )
 
 
@@ -59,7 +61,7 @@ def extreme(frames: Mapping[str, Frame], choose: np.ufunc) -> Frame:
     return result
 
 
-def is_dark(white: Frame, black: Frame, limit: NDArray[np.floating]) -> BoolArray:
+def is_dark(white: Frame, black: Frame, limit: NDArray[Any]) -> BoolArray:
     """(H, W) pixels whose white is above black by less than the limit."""
     return np.asarray(np.subtract(white, black, dtype=np.float32) < limit)
 

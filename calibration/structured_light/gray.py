@@ -108,9 +108,12 @@ def words(code: CodeName, bits: int) -> Words:
 
 
 def _combined(word: Words, base_bit: int) -> Words:
-    """Words whose bits above the base are combined with it by exclusive or."""
+    """Words whose bits above the base are combined with it by exclusive or.
+
+    But for the next one: its stripes are only twice as wide as the base's, and combined they would be half as wide.
+    """
     base = (word >> base_bit) & 1
-    coarser = np.uint16(0xFFFF << (base_bit + 1) & 0xFFFF)
+    coarser = np.uint16(0xFFFF << (base_bit + 2) & 0xFFFF)
     return np.asarray(np.where(base > 0, word ^ coarser, word) & np.uint16(len(word) - 1), dtype=np.uint16)
 
 

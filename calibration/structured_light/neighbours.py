@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import BoolArray
+from calibration.arrays import BoolArray, Float32Array
 from calibration.structured_light.strips import for_each_strip
 
 _REACH_PX = 2
@@ -19,6 +19,10 @@ _ENOUGH_NEIGHBOURS, _LEAST_NEIGHBOURS = 13, 4
 included, are what chance leaves in the dark."""
 _FEW = 0.1
 """Up to this share of pixels, the medians of single pixels cost less than that of a whole picture."""
+
+_BORDER_PX, _BORDER_SIGMA_PX = 2.0, 1.0
+"""What a camera pixel beyond the projector's picture gets of it by blur has the coordinate of the picture's last
+pixels: in the simulated rooms up to 2.5 px off."""
 
 Coordinate = NDArray[Any]
 """(H, W) uint16 or float32; anything where not valid."""
@@ -92,8 +96,25 @@ def _medians(picture: Coordinate, rows: NDArray[np.int64], columns: NDArray[np.i
     """(N,) medians of 5 × 5 around some pixels; the border goes on as its last pixel."""
     if len(rows) > _FEW * picture.size:
         return np.asarray(cv2.medianBlur(picture, _WINDOW_PX)[rows, columns], dtype=np.float32)
-    wide = cv2.copyMakeBorder(picture, *[_REACH_PX] * 4, borderType=cv2.BORDER_REPLICATE)
+    wide = np.pad(picture, _REACH_PX, mode="edge")
     shifts = [(down, right) for down in range(_WINDOW_PX) for right in range(_WINDOW_PX)]
     around = np.stack([wide[rows + down, columns + right] for down, right in shifts], axis=1)
     middle = _WINDOW_PX**2 // 2
     return np.asarray(np.partition(around, middle, axis=1)[:, middle], dtype=np.float32)
+
+
+def widen_at_border(sigma_px: Float32Array, xy_px: Float32Array, projector_shape: tuple[int, int]) -> None:
+    """Let standard deviations say that pixels which see the border of the projector's picture may lie beyond it.
+
+    Parameters
+    ----------
+    sigma_px, xy_px : (H, W, 2)
+        Of column and row; the first is changed. [px]
+    projector_shape : (height, width)
+    """
+    for k, size_px in enumerate(reversed(projector_shape)):
+        coordinate = xy_px[..., k]
+        with np.errstate(invalid="ignore"):
+            near = np.abs(coordinate - (size_px - 1) / 2) > (size_px - 1) / 2 - _BORDER_PX
+        here = sigma_px[..., k]
+        here[near] = np.hypot(here[near], np.float32(_BORDER_SIGMA_PX))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
 from calibration.structured_light.gray import BOTH_AXES, Axis, Words, bits_for, positions, words
 from calibration.structured_light.patterns import WHITE, Pattern
-from calibration.structured_light.sinusoids import (
+from calibration.structured_light.phase.sinusoids import (
     PERIOD_PX,
     STEPS,
     PhaseReading,
@@ -24,7 +25,7 @@ from calibration.structured_light.sinusoids import (
     steps,
 )
 
-_PLAIN_SHARE = 0.1
+_PLAIN_SHARE = 0.03
 """Of white minus black: a bit counts when it is so far from their mean."""
 _MOST_OFF = 0.4
 """Periods between the phase and the middle of the half period that the bits name: a quarter where both are right, a
@@ -170,7 +171,7 @@ class _GrayPhaseAxis:
     pairs: tuple[tuple[Frame, Frame], ...]
     phases: tuple[Frame, ...]
     table: Words
-    bit_limit: NDArray[np.generic]
+    bit_limit: NDArray[Any]
     noise_dn: NDArray[np.float32]
 
     def read(self, rows: slice) -> PhaseReading:
@@ -190,7 +191,7 @@ class _GrayPhaseAxis:
         return PhaseReading(
             position_px=counted * np.float32(self.period_px),
             sigma_px=sigma,
-            misfit=left**2 / (4 * noise**2 + np.float32(1e-6)),
+            misfit=np.asarray(left**2 / (4 * noise**2 + np.float32(1e-6)), dtype=np.float32),
             ambiguous=np.abs(counted - about) > _MOST_OFF,
             uncertain_bit=weak,
         )

@@ -14,7 +14,7 @@ from calibration.arrays import BoolArray, Codes, Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import is_dark, mark, part
 from calibration.structured_light.gray import BOTH_AXES, Axis
-from calibration.structured_light.neighbours import isolated
+from calibration.structured_light.neighbours import isolated, widen_at_border
 from calibration.structured_light.strips import for_each_strip
 
 PERIOD_PX = 16.0
@@ -79,7 +79,7 @@ def phase(frames: Sequence[Frame], rows: slice) -> tuple[Float32Array, Float32Ar
     """Phase, 0 … 1 of a period, and twice the amplitude [dn], from the frames of :func:`steps`."""
     i0, i1, i2, i3 = (frame[rows] for frame in frames)
     twice_amplitude, angle = cv2.cartToPolar(difference(i0, i2), difference(i1, i3))
-    return np.multiply(angle, np.float32(0.5 / np.pi), out=angle), twice_amplitude
+    return np.asarray(angle * np.float32(0.5 / np.pi), np.float32), np.asarray(twice_amplitude, np.float32)
 
 
 def decode_phases(
@@ -134,6 +134,7 @@ def decode_phases(
     mark(reason, PixelReason.ISOLATED, isolated(shown, reason == 0, _ISOLATED_PX) & (reason == 0))
     for axis, left in misfit.items():
         _widen(sigma[..., BOTH_AXES.index(axis)], left, reason == 0)
+    widen_at_border(sigma, xy, projector_shape)
     xy[reason != PixelReason.VALID] = np.nan
     return Correspondence(xy, reason, projector_shape, sigma)
 

@@ -13,7 +13,7 @@ from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
 from calibration.structured_light.gray import BOTH_AXES, Axis
 from calibration.structured_light.patterns import Pattern
-from calibration.structured_light.sinusoids import PERIOD_PX, STEPS, PhaseReading, decode_phases, phase, steps
+from calibration.structured_light.phase.sinusoids import PERIOD_PX, STEPS, PhaseReading, decode_phases, phase, steps
 
 _MOST_APART_PX = 0.4
 """Root mean square distance of the three coordinates from their mean. Where the beats are off by one period, neighbours

@@ -14,11 +14,11 @@ from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
 from calibration.structured_light.gray import BOTH_AXES, Axis
 from calibration.structured_light.patterns import Pattern
-from calibration.structured_light.sinusoids import PhaseReading, decode_phases, sinusoid
+from calibration.structured_light.phase.sinusoids import PhaseReading, decode_phases, sinusoid
 
 PERIODS_PX = (16.0, 14.73, 14.93, 17.7, 14.04, 14.48, 14.0, 17.03, 14.65, 14.07)
-"""Found by random search: over 4096 px, the pictures of two pixels that are whole first periods apart differ by at least
-0.73 of the amplitude, root of the sum of squares; with periods of 14 to 18 px hardly more is possible."""
+"""Found by random search: over 4096 px, the pictures of two pixels that are whole first periods apart differ by at
+least 0.73 of the amplitude, root of the sum of squares; the search found no more with periods of 14 to 18 px."""
 _FIRST_STEPS = 3
 _LEAST_LEAD = 9.0
 """By which the next best pixel must fit worse: sum of squares in units of the noise, three standard deviations."""
@@ -28,6 +28,8 @@ _CONTRAST_ERROR = 0.02
 """By which the contrast of the periods differs, by blur and by light from other walls."""
 _LONGEST_STEP_PX = 2.0
 """Of the final fit: where it would go further, the start was wrong, and the misfit says so."""
+_ONE_THREAD = 200_000
+"""Multiplications in a product that OpenBLAS does not spread over threads (its limit: 262,144)."""
 _BATCH = 1 << 14
 """Pixels that are compared with all periods at once: a megabyte or two of sums."""
 
@@ -188,7 +190,7 @@ class _MicroPhaseAxis:
 
     @cached_property
     def _angular(self) -> NDArray[np.float32]:
-        """(others, 1) angular frequencies of the periods that have one picture. [rad/px]"""
+        """(others, 1) angular frequencies of the periods that have one picture, in radians a pixel."""
         return np.array([[2 * np.pi / period] for period, _ in self.shown[_FIRST_STEPS:]], dtype=np.float32)
 
     @cached_property
@@ -210,7 +212,7 @@ class _MicroPhaseAxis:
         angle = self._angular * within_px
         cosine, sine = np.cos(angle), np.sin(angle)
         features = np.concatenate([relative * cosine, relative * sine, 2 * cosine**2 - 1, 2 * sine * cosine])
-        misfit = features.T @ matrix
+        misfit = _small_products(features.T, matrix)
         inside = np.abs(within_px[:, None] + number.astype(np.float32) * np.float32(self.first_px) - self.size_px / 2)
         misfit[inside > self.size_px / 2 + 1] = np.inf
         rows = np.arange(len(misfit))
@@ -218,6 +220,18 @@ class _MicroPhaseAxis:
         least = misfit[rows, best]
         misfit[rows, best] = np.inf
         return number[best], misfit.min(axis=1) - least
+
+
+def _small_products(features: Float32Array, matrix: NDArray[np.float32]) -> Float32Array:
+    """(pixels, stripes) product in pieces that the linear algebra does on the thread that asks.
+
+    Strips are on threads of their own already; with a library that spreads each product over all processors, the whole
+    decoding takes twice the processor time (measured with OpenBLAS on two cores).
+    """
+    rows = max(1, _ONE_THREAD // matrix.size)
+    whole = len(features) // rows * rows
+    stacked = np.ascontiguousarray(features[:whole]).reshape(-1, rows, features.shape[1]) @ matrix
+    return np.concatenate([stacked.reshape(whole, -1), features[whole:] @ matrix])
 
 
 def _first_phase(light: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:
@@ -250,7 +264,8 @@ def _refined(
     safe = np.maximum(amplitude, np.float32(1e-6))
     square = np.maximum(_sum(left, left) - amplitude * f - moved * g, 0) / (len(shown) - 3)
     step = np.clip(moved / safe, -_LONGEST_STEP_PX, _LONGEST_STEP_PX)
-    return position_px + step, np.sqrt(a / determinant) / safe, square
+    sigma = np.sqrt(a / determinant) / safe
+    return np.asarray(position_px + step, np.float32), np.asarray(sigma, np.float32), np.asarray(square, np.float32)
 
 
 def _sum(one: Float32Array, other: Float32Array) -> Float32Array:
