@@ -13,6 +13,9 @@ from calibration.structured_light.neighbours import widen_at_border
 
 _FILLED_SHARE = 0.7
 """Of a window: beside a border of what is valid, a plane would be carried too far."""
+_SOME_SHARE, _CENTRED = 0.4, 0.1
+"""The same where what is missing is all around, as between the stripes of an XOR code: then nothing is carried far. The
+mean of what is valid lies within 0.3 of its standard deviation from the centre; beside a border it is 1.7 and more."""
 _MOST_VARIANCE_PX2 = 0.16
 """Of the codes about their plane: rounding alone has 1/12; a wrong side of an edge in the window adds much more."""
 _MOST_CHANGE_PX = 0.9
@@ -93,7 +96,7 @@ def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Arra
     determinant = np.maximum(sxx * syy - sxy**2, 1e-9)
     off_centre = (syy * (x - mx) ** 2 - 2 * sxy * (x - mx) * (y - my) + sxx * (y - my) ** 2) / determinant
     fit, sigma = (np.empty((*valid.shape, 2), dtype=np.float32) for _ in range(2))
-    good = n >= _FILLED_SHARE * size**2
+    good = (n >= _FILLED_SHARE * size**2) | ((n >= _SOME_SHARE * size**2) & (off_centre < _CENTRED))
     for k in (0, 1):
         c = xy[..., k]
         mc = total(v * c) / n

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Correspondence, Pattern, StructuredLightCode, flat, refine_subpixel
+from calibration.structured_light.fewer_lights import filled_in, lights_for, with_lights
 from calibration.structured_light.frames import NOISE_SIGMAS
 from rig.devices.simulated.optics import directions, pixels_of
 from rig.devices.simulated.room import trace
@@ -133,17 +134,33 @@ class CodedRoom:
         """Photograph pictures, by name."""
         return {pattern.name: self.photograph(pattern) for pattern in patterns}
 
-    def decode(self, code: StructuredLightCode, frames: Mapping[str, NDArray[np.uint16]]) -> Correspondence:
-        """Read the photographs of a code, to sub-pixels."""
+    def decode(
+        self,
+        code: StructuredLightCode,
+        frames: Mapping[str, NDArray[np.uint16]],
+        white: NDArray[np.uint16] | None = None,
+    ) -> Correspondence:
+        """Read the photographs of a code, to sub-pixels; `white` with the lights that were on, default: all."""
         found = code.decode(
             frames,
             self.projector_shape,
-            white=self.white,
+            white=self.white if white is None else white,
             black=self.black,
             noise_limit=self.noise_limit,
             saturation=SATURATION_DN,
         )
         return refine_subpixel(found)
+
+    def filled_in(self, code: StructuredLightCode, found: Correspondence, parts: int) -> tuple[Correspondence, int]:
+        """Photograph a code again with fewer lights on, in parts; what is known then, and by how many pictures."""
+        pictures = 0
+        white = flat(self.projector_shape, 255)
+        for lights in lights_for(found, parts):
+            frames = self.photographs(with_lights(code.patterns(self.projector_shape), lights))
+            (lit,) = with_lights([white], lights)
+            found = filled_in(found, self.decode(code, frames, self.photograph(lit)), lights)
+            pictures += len(frames) + 1
+        return found, pictures
 
     def judge(self, found: Correspondence) -> Reading:
         """Hold a reading against the truth."""
