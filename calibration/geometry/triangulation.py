@@ -184,7 +184,7 @@ def triangulate_lines(
     k = 0 if axis == "column" else 1
     wanted = np.asarray(projector_px, dtype=np.float64)
     rays = world_rays(camera, np.asarray(camera_xy_px, dtype=np.float64))
-    distance_m = _to_planes(rays, baseline, wanted, projector, k)
+    distance_m = _to_planes(rays, baseline, projector, axis=axis, wanted=wanted)
     slope = np.full(len(wanted), np.nan)
     for _ in range(_NEWTON_STEPS):
         here, ahead = (_seen_by(projector, camera.position_m + d[:, None] * rays) for d in _near(distance_m))
@@ -202,9 +202,15 @@ def triangulate_lines(
 
 
 def _to_planes(
-    rays: FloatArray, baseline: FloatArray, wanted: FloatArray, projector: PinholeModel, k: int
+    rays: FloatArray,
+    baseline: FloatArray,
+    projector: PinholeModel,
+    *,
+    axis: Literal["column", "row"],
+    wanted: FloatArray,
 ) -> FloatArray:
     """(N,) distances along the rays to the planes of a projector without distortion; NaN where they run along them."""
+    k = 0 if axis == "column" else 1
     middle = np.full((len(wanted), 2), np.array([projector.width_px - 1, projector.height_px - 1]) / 2)
     middle[:, k] = wanted
     line = np.zeros(3)

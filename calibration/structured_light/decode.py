@@ -19,10 +19,13 @@ from calibration.structured_light.gray import BOTH_AXES, Axis, CodeName, Words, 
 from calibration.structured_light.neighbours import isolated
 from calibration.structured_light.strips import for_each_strip
 
-_WIDE_BIT = 5
-"""From this bit on stripes are 64 px wide and wider, and light different parts of a room."""
-_OWN_LIGHT_BITS = (2, 3, 4)
-"""Stripes of 8 to 32 px: wide enough for blur, fine enough that both frames put the same light on other walls."""
+_WIDE_BITS, _OWN_LIGHT_BITS = 5, 3
+"""The coarsest bits, whose stripes are wider than a thirtieth of the picture and light different parts of a room; and
+the next finer ones, with which both frames put the same light on other walls."""
+_SURE_SHARE = 0.85
+"""Of the light that fine stripes say is a pixel's own: they, too, light other walls unevenly by a few per cent."""
+_LEAST_WIDE_BIT = 3
+"""Of small pictures: finer stripes are as wide as blur."""
 
 
 def decode_gray(
@@ -97,7 +100,7 @@ def decode_gray(
     ]
     reason = np.empty((height, width), dtype=np.uint8)
     limits = (np.asarray(contrast_limit), np.asarray(np.inf if saturation is None else saturation))
-    for_each_strip(partial(_read_strip, read, (bright, dark), limits, reason), reason.shape)
+    for_each_strip(partial(_read_strip, read, flats=(bright, dark), limits=limits, reason=reason), reason.shape)
     lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
     reason[lonely & (reason == PixelReason.VALID)] = PixelReason.ISOLATED
     return _correspondence(read, reason, projector_shape)
@@ -204,13 +207,14 @@ class _AxisReading:
 
     def _outshone(self, rows: slice, black: Frame) -> BoolArray:
         """Tell which pixels of some rows get more light from elsewhere than from the projector in a coarse bit."""
-        wide = self.pairs[: max(self.bits.count - _WIDE_BIT, 0)]
-        fine = [self.pairs[self.bits.count - 1 - bit] for bit in _OWN_LIGHT_BITS if self.bits.finest <= bit]
+        n_wide = self.bits.count - max(self.bits.count - _WIDE_BITS, _LEAST_WIDE_BIT)
+        wide, fine = self.pairs[: max(n_wide, 0)], self.pairs[n_wide : n_wide + _OWN_LIGHT_BITS]
         found = np.zeros(black.shape, dtype=bool)
-        if not wide or len(fine) < len(_OWN_LIGHT_BITS):
+        if not wide or len(fine) < _OWN_LIGHT_BITS:
             return found
         a, b, c = (difference(lit[rows], other[rows]) for lit, other in fine)
-        own = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)) + black
+        middle_one = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
+        own = middle_one * np.float32(_SURE_SHARE) + black
         for lit, other in wide:
             found |= np.minimum(lit[rows], other[rows]) >= own
         return found
@@ -230,10 +234,11 @@ class _AxisReading:
 
 def _read_strip(
     read: Sequence[_AxisReading],
+    rows: slice,
+    *,
     flats: tuple[Frame, Frame],
     limits: tuple[NDArray[Any], NDArray[Any]],
     reason: NDArray[np.uint8],
-    rows: slice,
 ) -> None:
     """Read some rows of all axes, and say why pixels have no position; the last reason that fits counts."""
     here = reason[rows]

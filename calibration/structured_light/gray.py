@@ -8,9 +8,10 @@ few pixels. (Long-run Gray codes: L. Goddyn and P. Gvozdjak, Binary gray codes w
 J. Combin. 10, 2003; their use against interreflection: M. Gupta et al., Structured light 3D scanning in the
 presence of global illumination, CVPR 2011.)
 
-The *XOR* codes of the same paper show one fine plane of the binary-reflected code as it is, and every coarser plane
-combined with it by exclusive or: only narrow stripes are projected, and the coarse planes are found by combining once
-more. In `xor-02` that plane is the finest one, whose stripes are two pixels wide, in `xor-04` the next.
+The *XOR* codes of the same paper combine the coarse planes of the binary-reflected code with a fine wave by exclusive
+or: only narrow stripes are projected, and combining once more gives the coarse planes. Here the wave's edges are where
+coarse planes change, so that no stripe is narrower than the wave's: two pixels in `xor-02`, four in `xor-04`. (With the
+finest plane itself for a wave, stripes of one pixel appear beside each change, and blur exchanges their neighbours.)
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ Axis = Literal["column", "row"]
 Words = NDArray[np.uint16]
 
 BOTH_AXES: tuple[Axis, ...] = ("column", "row")
-_BASE_BIT: Mapping[str, int] = {"xor-02": 0, "xor-04": 1}
-"""Of an XOR code: the plane that all coarser ones are combined with."""
+_BASE_BIT: Mapping[str, int] = {"xor-02": 1, "xor-04": 2}
+"""Of an XOR code: the binary digit that coarse planes are combined with; its stripes are 2 and 4 px wide."""
 
 MAX_BITS = 14
 _SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
@@ -103,18 +104,22 @@ def words(code: CodeName, bits: int) -> Words:
     if code == "long-run":
         return np.array(_long_run(bits), dtype=np.uint16)
     if code in _BASE_BIT:
-        return _combined(words("gray", bits), _BASE_BIT[code])
+        return _combined(bits, _BASE_BIT[code])
     raise CalibrationError(f"unknown code {code!r}; there are {', '.join(repr(name) for name in get_args(CodeName))}")
 
 
-def _combined(word: Words, base_bit: int) -> Words:
-    """Words whose bits above the base are combined with it by exclusive or.
+def _combined(bits: int, base_bit: int) -> Words:
+    """Words of the binary-reflected code whose coarse bits are combined with a fine wave by exclusive or.
 
-    But for the next one: its stripes are only twice as wide as the base's, and combined they would be half as wide.
+    The wave is a binary digit of the position, whose edges are where coarse bits change, so that no stripe is narrower
+    than the wave's. It is not shown: over an even number of combined bits it cancels, and their exclusive or is the
+    binary digit of the finest of them.
     """
-    base = (word >> base_bit) & 1
-    coarser = np.uint16(0xFFFF << (base_bit + 2) & 0xFFFF)
-    return np.asarray(np.where(base > 0, word ^ coarser, word) & np.uint16(len(word) - 1), dtype=np.uint16)
+    position = np.arange(2**bits)
+    finest = base_bit + (bits - base_bit) % 2
+    coarse = (1 << bits) - (1 << min(finest, bits))
+    wave = (position >> base_bit) & 1
+    return np.asarray(position ^ (position >> 1) ^ (wave * coarse), dtype=np.uint16)
 
 
 def positions(code: CodeName, bits: int) -> Words:

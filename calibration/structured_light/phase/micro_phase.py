@@ -231,7 +231,7 @@ def _small_products(features: Float32Array, matrix: NDArray[np.float32]) -> Floa
     rows = max(1, _ONE_THREAD // matrix.size)
     whole = len(features) // rows * rows
     stacked = np.ascontiguousarray(features[:whole]).reshape(-1, rows, features.shape[1]) @ matrix
-    return np.concatenate([stacked.reshape(whole, -1), features[whole:] @ matrix])
+    return np.concatenate([stacked.reshape(whole, matrix.shape[1]), features[whole:] @ matrix])
 
 
 def _first_phase(light: Float32Array) -> tuple[Float32Array, Float32Array, Float32Array]:

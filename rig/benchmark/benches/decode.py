@@ -41,6 +41,8 @@ WRONG_SHARE = 0.003
 AGREE_PX = 0.3
 WITHIN_SIGMA = 2.0
 BRIGHT_ROOM_VALID = 0.85
+LEAST_VALID = 0.02
+"""With less there is no saying how well a code is read: Gray code without inverses in a bright room."""
 ROBUST = ("long-run", "three-frequency", "micro-phase")
 """Codes that have to be read in a room of reflectance 0.9."""
 
@@ -87,16 +89,16 @@ def in_room(reflectance: float, size: Size, on_label: Callable[[str], None]) -> 
         frames = room.photographs(code.patterns(room.projector_shape))
         seconds = median_seconds({name: partial(room.decode, code, frames)}, BUDGET_S[size], 5)[name]
         found[name] = room.decode(code, frames)
-        points.append(_point(problem, name, room.judge(found[name]), len(frames) + 2, seconds))
+        points.append(_point(problem, name, room.judge(found[name]), pictures=len(frames) + 2, seconds=seconds))
     for name in AGAIN:
         on_label(f"{problem}: {name} again")
         known, pictures = room.filled_in(CODES[name], found[name], PARTS)
         shown = points[list(CODES).index(name)].n + pictures
-        points.append(_point(problem, f"{name}, again with fewer lights", room.judge(known), shown, None))
+        points.append(_point(problem, f"{name}, again with fewer lights", room.judge(known), pictures=shown))
     return Outcome(points=tuple(points), criteria=tuple(accuracy(problem, points, agreement(found))))
 
 
-def _point(problem: str, method: str, reading: Reading, pictures: int, seconds: float | None) -> Point:
+def _point(problem: str, method: str, reading: Reading, *, pictures: int, seconds: float | None = None) -> Point:
     return Point(
         problem=problem,
         method=method,
@@ -127,7 +129,8 @@ def agreement(found: Mapping[str, Correspondence]) -> float:
 def accuracy(problem: str, points: Sequence[Point], apart_px: float) -> list[Criterion]:
     """What is promised of the codes in one room."""
     wrong = max(points, key=lambda point: point.detail["wrong"])
-    farthest = max(points, key=lambda point: abs(np.log(point.detail["sigmas"])))
+    read = [point for point in points if point.detail["valid"] > LEAST_VALID]
+    farthest = max(read, key=lambda point: abs(np.log(point.detail["sigmas"])))
     sigmas = float(np.exp(abs(np.log(farthest.detail["sigmas"]))))
     robust = [point for point in points if point.method in ROBUST]
     least = min(robust, key=lambda point: point.detail["valid"])

@@ -167,9 +167,11 @@ class CodedRoom:
         height, width = self.projector_shape
         lit = ((self.truth_px > 0) & (self.truth_px < (width - 1, height - 1))).all(axis=-1)
         valid = found.valid & lit
+        if not valid.any():
+            return Reading(valid_share=0.0, median_px=np.nan, p95_px=np.nan, wrong_share=0.0, sigmas=np.nan)
         error = (found.projector_xy_px - self.truth_px)[valid]
         sigma = np.full_like(error, np.nan) if found.sigma_px is None else found.sigma_px[valid]
-        size = np.abs(error).max(axis=1) if len(error) else np.full(1, np.nan)
+        size = np.abs(error).max(axis=1)
         return Reading(
             valid_share=float(valid.sum() / lit.sum()),
             median_px=float(np.median(np.abs(error))),
