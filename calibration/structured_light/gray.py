@@ -7,13 +7,18 @@ its inverse put the same global light everywhere and differ by direct light alon
 few pixels. (Long-run Gray codes: L. Goddyn and P. Gvozdjak, Binary gray codes with long bit runs, Electron.
 J. Combin. 10, 2003; their use against interreflection: M. Gupta et al., Structured light 3D scanning in the
 presence of global illumination, CVPR 2011.)
+
+The *XOR* codes of the same paper combine the coarse planes of the binary-reflected code with a fine wave by exclusive
+or: only narrow stripes are projected, and combining once more gives the coarse planes. Here the wave's edges are where
+coarse planes change, so that no stripe is narrower than the wave's: two pixels in `xor-02`, four in `xor-04`. (With the
+finest plane itself for a wave, stripes of one pixel appear beside each change, and blur exchanges their neighbours.)
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +26,13 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.structured_light.patterns import WHITE, Pattern
 
-CodeName = Literal["gray", "long-run"]
+CodeName = Literal["gray", "long-run", "xor-02", "xor-04"]
+Axis = Literal["column", "row"]
 Words = NDArray[np.uint16]
+
+BOTH_AXES: tuple[Axis, ...] = ("column", "row")
+_BASE_BIT: Mapping[str, int] = {"xor-02": 1, "xor-04": 2}
+"""Of an XOR code: the binary digit that coarse planes are combined with; its stripes are 2 and 4 px wide."""
 
 MAX_BITS = 14
 _SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
@@ -39,8 +49,15 @@ def pattern_name(code: CodeName, axis: str, bit: int) -> str:
     return f"{code}-{axis}-{bit:02d}"
 
 
-def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:
-    """Yield a Gray code of the columns, then of the rows, most significant bit first.
+def gray_code_patterns(
+    shape: tuple[int, int],
+    inverse: bool = True,
+    code: CodeName = "gray",
+    *,
+    axes: Sequence[Axis] = BOTH_AXES,
+    finest_bit: int = 0,
+) -> Iterator[Pattern]:
+    """Yield a binary code of the columns, then of the rows, most significant bit first.
 
     Parameters
     ----------
@@ -48,17 +65,22 @@ def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeN
         Of the projector. [px]
     inverse : bool
         After each picture also its complement.
-    code : {"gray", "long-run"}
-        Which Gray code.
+    code : {"gray", "long-run", "xor-02", "xor-04"}
+        Which one.
+    axes : sequence of {"column", "row"}
+        What is coded.
+    finest_bit : int
+        Bits below this one are left out.
 
     Yields
     ------
     Pattern
         `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …, codes (H, W); the number is the bit.
     """
-    for axis, size in (("column", shape[1]), ("row", shape[0])):
+    for axis in axes:
+        size = shape[1] if axis == "column" else shape[0]
         word = words(code, bits_for(size))[:size]
-        for bit in reversed(range(bits_for(size))):
+        for bit in reversed(range(min(finest_bit, bits_for(size) - 1), bits_for(size))):
             stripe = ((word >> bit) & 1).astype(np.uint8) * WHITE
             codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape)
             yield Pattern(pattern_name(code, axis, bit), codes.copy())
@@ -81,7 +103,23 @@ def words(code: CodeName, bits: int) -> Words:
         return np.asarray(position ^ (position >> 1), dtype=np.uint16)
     if code == "long-run":
         return np.array(_long_run(bits), dtype=np.uint16)
-    raise CalibrationError(f"unknown code {code!r}; there are 'gray' and 'long-run'")
+    if code in _BASE_BIT:
+        return _combined(bits, _BASE_BIT[code])
+    raise CalibrationError(f"unknown code {code!r}; there are {', '.join(repr(name) for name in get_args(CodeName))}")
+
+
+def _combined(bits: int, base_bit: int) -> Words:
+    """Words of the binary-reflected code whose coarse bits are combined with a fine wave by exclusive or.
+
+    The wave is a binary digit of the position, whose edges are where coarse bits change, so that no stripe is narrower
+    than the wave's. It is not shown: over an even number of combined bits it cancels, and their exclusive or is the
+    binary digit of the finest of them.
+    """
+    position = np.arange(2**bits)
+    finest = base_bit + (bits - base_bit) % 2
+    coarse = (1 << bits) - (1 << min(finest, bits))
+    wave = (position >> base_bit) & 1
+    return np.asarray(position ^ (position >> 1) ^ (wave * coarse), dtype=np.uint16)
 
 
 def positions(code: CodeName, bits: int) -> Words:

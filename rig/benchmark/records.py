@@ -22,7 +22,7 @@ class Point(Record):
     problem: str
     method: str
     n: int
-    """Patches."""
+    """Patches; of codes, pictures."""
     seconds: float | None = None
     """Median; None where it was not timed."""
     error: float | None = None

@@ -18,6 +18,9 @@ _SHOWN = {
     "row_sum_error": "row sums",
     "bias": "bias",
     "gave_up": "",
+    "valid": "valid",
+    "wrong": "wrong",
+    "sigmas": "sigmas",
 }
 """Further numbers of a point that the table has room for."""
 

@@ -146,14 +146,14 @@ def simulate(
 
 
 def bench(
-    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate or live.")],
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate, live or decode.")],
     *,
     quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
     full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,
     table: Annotated[Path | None, Parameter(name="--csv", help="CSV file to write the points to.")] = None,
     as_json: Json = False,
 ) -> int:
-    """Measure error, seconds and memory of the radiosity engine, beside the peers that are installed.
+    """Measure error, seconds and memory of engine and codes, beside the peers that are installed.
 
     Status 1 if an accuracy bar is missed; seconds and memory are shown, but decide nothing.
 

@@ -301,8 +301,9 @@ def _correspondence_images(session: Session) -> list[EmbeddedPicture]:
 
 
 def _reasons(session: Session) -> list[_Reason]:
+    """Shares of the reasons; sessions of older versions know fewer of them."""
     shares = load_correspondence_figures(session).reasons.values()
     return [
         _Reason(name, colour, f"{100 * share:.1f} %")
-        for (name, colour), share in zip(pictures.reason_legend(), shares, strict=True)
+        for (name, colour), share in zip(pictures.reason_legend(), shares, strict=False)
     ]

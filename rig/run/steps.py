@@ -79,7 +79,7 @@ STEPS: tuple[AnyStep, ...] = (
     ShootingStep(
         name="gray",
         verb="calibrate",
-        needs=("exposure",),
+        needs=("exposure", "response"),
         settings=correspondence.gray_settings,
         shoot=correspondence.photograph_gray_code,
         frames=correspondence.gray_frames,

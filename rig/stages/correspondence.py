@@ -6,25 +6,31 @@ serve one of each; :func:`only` is where they say so.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import Frame
 from calibration.errors import CalibrationError
+from calibration.radiometry.response import codes_from_linear
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.patterns import flat
+from calibration.structured_light.frames import NOISE_SIGMAS
+from calibration.structured_light.gray import BOTH_AXES
+from calibration.structured_light.patterns import Pattern, flat
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
 from rig.errors import SessionError
+from rig.files.channels import one_or_all
 from rig.plug_ins import code_version, find_code
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.linear_light import RadiometricCalibration
+from rig.stages.linear_light import Float32Array, RadiometricCalibration
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
@@ -32,12 +38,10 @@ from rig.terminal import OnStep
 Key = TypeVar("Key")
 Value = TypeVar("Value")
 
-_SIGMAS = 2.0
-"""A bit counts when pattern and inverse differ by more than so many standard deviations of their noise.
-
-An unlit pixel passes by chance in all of some twenty bits with a probability below 1e-20."""
 _LEAST_VALID_SHARE = 0.01
 """Of the camera's pixels; with fewer there is nothing to fit lenses to."""
+_EXTREMES = (0, 255)
+"""Codes that are shown as they are: black and white."""
 
 
 class DevicePair(NamedTuple):
@@ -100,15 +104,29 @@ def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep
     """Step `gray`: white, black, and the patterns of the structured-light code."""
     shape = rig.projector.shape
     flats = (flat(shape, 255, "white"), flat(shape, 0, "black"))
+    patterns = find_code(rig.profile.patterns.code).patterns(shape)
     photograph(
         rig,
         session,
         step,
-        chain(flats, find_code(rig.profile.patterns.code).patterns(shape)),
+        chain(flats, _as_light(patterns, session)),
         bracket=_gray_bracket(session),
         n_patterns=gray_frames(rig.profile),
         on_step=on_step,
     )
+
+
+def _as_light(patterns: Iterable[Pattern], session: Session) -> Iterator[Pattern]:
+    """Yield patterns in the codes that make their light on this projector: a code's grey levels are linear light."""
+    for pattern in patterns:
+        if np.isin(pattern.codes, _EXTREMES).all():
+            yield pattern
+            continue
+        levels = np.arange(256) / 255
+        tables = [codes_from_linear(one, levels) for one in load_radiometric_calibration(session).projector]
+        channels = np.broadcast_to(pattern.codes.reshape(*pattern.codes.shape[:2], -1), (*pattern.codes.shape[:2], 3))
+        shown = np.stack([table[channels[..., q]] for q, table in enumerate(tables)], axis=-1)
+        yield Pattern(pattern.name, one_or_all(shown))
 
 
 def _gray_bracket(session: Session) -> ExposureBracket:
@@ -117,7 +135,7 @@ def _gray_bracket(session: Session) -> ExposureBracket:
 
 def correspondence_settings(_: Session) -> JsonObject:
     """Return what step `correspondence` depends on."""
-    return {"sigmas": _SIGMAS}
+    return {"sigmas": NOISE_SIGMAS}
 
 
 def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
@@ -135,6 +153,8 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     refined = refine_subpixel(correspondence)
     xy = refined.projector_xy_px
     channels = {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)}
+    if refined.sigma_px is not None:
+        channels |= {f"sigma_{axis}": refined.sigma_px[..., k] for k, axis in enumerate(BOTH_AXES)}
     step.save_image(map_name(profile), channels, folder="maps")
     pair = PairCorrespondence(
         camera=profile.camera.name,
@@ -150,17 +170,35 @@ def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> C
     radiometric = load_radiometric_calibration(session)
     code = find_code(session.profile.patterns.code)
     names = code.pattern_names(projector_shape)
-    frames = {name: _grey(gray.load_frame(frame_name(name)).pixels, radiometric) for name in names}
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
     limit = _SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
+    limit = NOISE_SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
+    saturation: float = radiometric.saturation_dn * white.shape[2]
+    read: Callable[[NDArray[np.uint16]], Frame] = partial(_grey, radiometric=radiometric)
+    if not _has_inverses(names):
+        table = radiometric.table()
+        read = partial(_light, table=table)
+        limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
+        saturation = float(table[radiometric.saturation_dn]) * white.shape[2]
     return code.decode(
-        frames,
+        {name: read(gray.load_frame(frame_name(name)).pixels) for name in names},
         projector_shape,
-        white=_grey(white, radiometric),
-        black=_grey(black, radiometric),
+        white=read(white),
+        black=read(black),
         noise_limit=limit,
-        saturation=radiometric.saturation_dn * white.shape[2],
+        saturation=saturation,
     )
+
+
+def _has_inverses(names: Sequence[str]) -> bool:
+    """Tell whether each picture is held against its inverse, so that any response of the camera will do."""
+    known = set(names)
+    return all(name.endswith("-inverse") or f"{name}-inverse" in known for name in names)
+
+
+def _light(pixels: NDArray[np.uint16], table: Float32Array) -> Float32Array:
+    """(H, W) sum of the bands (H, W, B) in linear light."""
+    return np.asarray(table[pixels].sum(axis=2), dtype=np.float32)
 
 
 def _grey(pixels: NDArray[np.uint16], radiometric: RadiometricCalibration) -> NDArray[np.unsignedinteger]:
@@ -173,7 +211,9 @@ def load_correspondence(session: Session) -> Correspondence:
     """Return the finished step's map from the only camera to the only projector."""
     image = session.finished("correspondence").load_image(map_name(session.profile))
     xy = np.stack([image["column"], image["row"]], axis=-1)
-    return Correspondence(xy, image["reason"].astype(np.uint8), session.profile.projector.shape)
+    names = [f"sigma_{axis}" for axis in BOTH_AXES]
+    sigma = np.stack([image[name] for name in names], axis=-1) if image.keys() >= set(names) else None
+    return Correspondence(xy, image["reason"].astype(np.uint8), session.profile.projector.shape, sigma)
 
 
 def load_correspondence_figures(session: Session) -> PairCorrespondence:

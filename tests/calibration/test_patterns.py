@@ -47,6 +47,13 @@ def test_columns_are_told_apart_by_reading_their_bits_by_hand(size: int) -> None
     assert column.tolist() == list(range(size))
 
 
+@pytest.mark.parametrize("bits", range(1, 15))
+@pytest.mark.parametrize("code", ["xor-02", "xor-04"])
+def test_xor_codes_have_every_word_once(code: str, bits: int) -> None:
+    word = words(code, bits)  # type: ignore[arg-type]
+    assert np.array_equal(np.sort(word), np.arange(2**bits))
+
+
 @pytest.mark.parametrize("code", ["gray", "long-run"])
 @pytest.mark.parametrize("bits", [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11])
 def test_neighbouring_words_differ_in_one_bit_and_every_word_comes_once(code: str, bits: int) -> None:

@@ -2,10 +2,11 @@
 
 import re
 
+import cv2
 import numpy as np
 import pytest
 
-from calibration import CODES, CalibrationError, Correspondence, StructuredLightCode, flat
+from calibration import CODES, CalibrationError, Correspondence, PixelReason, StructuredLightCode, flat, refine_subpixel
 
 SHAPES = ((24, 40), (50, 33), (1, 7))
 BLACK, LIGHT, NOISE_LIMIT = 20.0, 180.0, 10.0
@@ -116,4 +117,64 @@ def test_a_frame_of_another_size_is_refused_by_name(code: StructuredLightCode) -
     other = code.pattern_names(SHAPES[0])[3]
     frames[other] = frames[other][:-1]
     with pytest.raises(CalibrationError, match=f"{other}.*shape"):
+        decoded(code, frames, SHAPES[0])
+
+
+PLANE = (96, 128)
+NOISE_DN = 1.5
+
+
+def plane_xy(camera: tuple[int, int] = (110, 150)) -> np.ndarray:
+    """(H, W, 2) projector coordinates of a slanted plane that fills the picture but for its edges."""
+    y, x = np.mgrid[: camera[0], : camera[1]].astype(np.float32)
+    return np.stack([4 + 0.79 * x + 0.03 * y, 3 + 0.81 * y - 0.02 * x], axis=-1)
+
+
+def noisy(codes: np.ndarray, xy: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    light = cv2.remap(codes.astype(np.float32), xy[..., 0], xy[..., 1], cv2.INTER_LINEAR)
+    return np.rint(BLACK + LIGHT * light / 255 + NOISE_DN * rng.standard_normal(light.shape)).astype(np.uint16)
+
+
+def read_plane(code: StructuredLightCode, xy: np.ndarray) -> Correspondence:
+    rng = np.random.default_rng(4)
+    frames = {pattern.name: noisy(pattern.codes, xy, rng) for pattern in code.patterns(PLANE)}
+    white, black = (noisy(flat(PLANE, level).codes, xy, rng) for level in (255, 0))
+    limit = 2 * 2**0.5 * NOISE_DN
+    return refine_subpixel(code.decode(frames, PLANE, white=white, black=black, noise_limit=limit))
+
+
+def test_noise_moves_coordinates_by_what_their_sigmas_say(code: StructuredLightCode) -> None:
+    xy = plane_xy()
+    found = read_plane(code, xy)
+    inner = found.valid & ((xy > 6) & (xy < (PLANE[1] - 7, PLANE[0] - 7))).all(axis=-1)
+    assert inner.mean() > 0.4
+    assert found.sigma_px is not None
+    error = (found.projector_xy_px - xy)[inner]
+    assert np.mean(np.abs(error) > 1.0) < 1e-3
+    assert 0.5 < 1.4826 * np.median(np.abs(error / found.sigma_px[inner])) < 2
+
+
+def test_two_codes_agree_on_one_scene(code: StructuredLightCode) -> None:
+    xy = plane_xy()
+    one, other = read_plane(code, xy), read_plane(CODES["long-run"], xy)
+    apart = np.abs(one.projector_xy_px - other.projector_xy_px)[one.valid & other.valid]
+    assert np.median(apart) <= 0.3
+
+
+def test_clipped_pixels_say_so(code: StructuredLightCode) -> None:
+    shape = SHAPES[0]
+    frames = photographs(code, shape)
+    for frame in frames.values():
+        frame[10:20, 10:30] = np.minimum(3 * frame[10:20, 10:30], 255)
+    found = decoded(code, frames, shape)
+    clipped = np.max([frame[10:20, 10:30] for frame in frames.values()], axis=0) >= 250
+    assert clipped.mean() > 0.9
+    assert (found.reason[10:20, 10:30][clipped] == PixelReason.SATURATED).all()
+
+
+def test_frames_of_colour_are_refused_by_name(code: StructuredLightCode) -> None:
+    frames = photographs(code, SHAPES[0])
+    name = code.pattern_names(SHAPES[0])[1]
+    frames[name] = np.repeat(frames[name][..., None], 3, axis=2)
+    with pytest.raises(CalibrationError, match=f"{name}.*shape"):
         decoded(code, frames, SHAPES[0])
