@@ -7,20 +7,31 @@ a leak b of the unlit checks, L+ = Ld + (a (1 - b) + b) Lg and L- = b Ld + (a (1
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
-from calibration.arrays import BoolArray, Codes, Float32Array
+from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
 from calibration.errors import CalibrationError
+from calibration.light.blur import (
+    Footprint,
+    PointSpread,
+    TwoLevelPicture,
+    fit_point_spread,
+    footprint_map,
+    footprints,
+    shares_and_slopes,
+    stretch,
+    two_level,
+    white_share,
+)
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.patterns import WHITE
 
-MARGIN_PX = 2
-"""Projector pixels next to a check's edge that count as neither fully lit nor fully unlit: a focused projector's blur,
-0.6 px, stays within them (0.1 % of bias in simulated scenes; 1.2 % at 0.9 px)."""
+LEAST_MODULATION = 0.1
+"""Of the pattern's rms change over its shifts, 0.5 without blur: below, direct light rests on its noise."""
+_CHUNK = 1 << 15
+"""Pixels at a time: what they need stays in the cache."""
 _MOST_OF_WHITE = 1.2
 """Direct light above this share of white is a wrong correspondence: noise of a lit pixel is a few percent."""
 
@@ -109,65 +120,91 @@ def _insert(ranked: Float32Array, image: Float32Array, outer: np.ufunc, inner: n
 
 
 def separate_by_pattern(
-    frames: Iterable[Float32Array],
-    patterns: Iterable[Codes],
+    frames: Sequence[Float32Array],
+    patterns: Sequence[Codes],
     correspondence: Correspondence,
     *,
     white: Float32Array,
-    leak: float = 0.0,
-    margin_px: int = MARGIN_PX,
+    spread: PointSpread | None = None,
 ) -> Separation:
     """Split the light of white where the correspondence tells what each pixel was lit with.
 
-    L+ is the mean over the shifts in which the pixel lies well inside a lit check, L- over those in which it
-    lies well inside an unlit one. Unlike the largest and smallest values these means have no bias from
-    noise, and none from a blur that stays within the margin (0.1 % at a blur of 0.6 px, 1.2 % at 0.9 px, 5 %
-    at 1.2 px; checks of 8 px). Global light is what direct light leaves of white.
+    The light of a pixel in frame k is direct light times the share s_k that the blurred pattern gives it, plus what
+    is the same in all frames. Its direct light is the slope of its frames over s_k; a small error of its place in the
+    projector picture is found with it (its light then also follows the slopes of s_k along columns and rows), and so
+    is no bias. Global light is what direct light leaves of white.
 
     Parameters
     ----------
     frames : (N of) (H, W)
         Linear light above black.
     patterns : (N of) (h, w)
-        The codes that were shown, 0 or 255.
+        The codes that were shown, 0 or 255: checkers.
     correspondence : Correspondence
         Which projector pixel each camera pixel sees.
     white : (H, W)
         Linear light above black of a white picture.
-    leak : float
-        As for :func:`separate`.
-    margin_px : int
-        Less than half a check.
+    spread : PointSpread, optional
+        Blur of both lenses; default: found from the same frames.
 
     Returns
     -------
     Separation
-        Valid where the correspondence is and both kinds of shift occurred.
+        Valid where the correspondence is and the pattern changes enough.
 
     Raises
     ------
     CalibrationError
-        If both kinds of shift occurred nowhere: checks too small for the margin, or no correspondence.
+        If the pattern changes enough nowhere: checks too small for the blur, or no correspondence.
     """
-    element = np.ones((2 * margin_px + 1,) * 2, dtype=np.uint8)
-    xy = np.nan_to_num(correspondence.projector_xy_px, nan=-9.0)
-    x, y = (np.ascontiguousarray(xy[..., k], dtype=np.float32) for k in (0, 1))
-    light = np.zeros((2, *x.shape), dtype=np.float32)
-    count = np.zeros((2, *x.shape), dtype=np.float32)
-    for frame, codes in zip(frames, patterns, strict=True):
-        for k, picture in enumerate((codes, WHITE - codes)):
-            inside = cv2.erode(picture, element, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-            here = cv2.remap(inside, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT) > 0
-            light[k] += np.where(here, frame, np.float32(0))
-            count[k] += here
-    both = (count > 0).all(axis=0) & correspondence.valid
-    lit, unlit = light / np.maximum(count, 1)
-    direct = np.where(both, (lit - unlit) / (1 - leak), 0).astype(np.float32)
-    valid = both & (direct > 0) & (direct < _MOST_OF_WHITE * white)
+    if spread is None:
+        spread = fit_point_spread(frames, patterns, correspondence, correspondence.valid)
+    pictures = [two_level(codes) for codes in patterns]
+    rows, columns = np.nonzero(correspondence.valid)
+    found = np.zeros((3, len(rows)))
+    stretched = stretch(correspondence)
+    for first in range(0, len(rows), _CHUNK):
+        part = slice(first, first + _CHUNK)
+        at = rows[part], columns[part]
+        seen = footprints(
+            spread,
+            correspondence.projector_xy_px[at].astype(np.float64),
+            np.stack(at[::-1], axis=-1).astype(np.float64),
+            stretched[at],
+        )
+        light = np.stack([frame[at] for frame in frames]).astype(np.float64)
+        found[:, part] = _slope_of_light(light, pictures, seen)
+    direct, variance, modulation = (np.zeros(white.shape, np.float32) for _ in range(3))
+    for image, values in zip((direct, variance, modulation), found, strict=True):
+        image[rows, columns] = values
+    valid = (modulation > LEAST_MODULATION) & (direct > 0) & (direct < _MOST_OF_WHITE * white)
     if not valid.any():
         raise CalibrationError(
-            f"no pixel lies {margin_px} px inside a lit check in one shift and an unlit one in another: "
-            "use larger checks ([patterns] checker_size_px), or look at the correspondence map"
+            f"the checkers' light changes nowhere by more than {LEAST_MODULATION:g} of white: "
+            "use larger checks ([patterns] checker_size_px), focus the projector, or look at the correspondence map"
         )
-    direct = np.where(valid, direct, 0)
+    inside = white_share(footprint_map(spread, correspondence), correspondence.projector_shape)
+    direct = np.where(valid, direct * inside, 0).astype(np.float32)
     return Separation(direct, np.maximum(white - direct, 0).astype(np.float32), valid)
+
+
+def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen: Footprint) -> FloatArray:
+    """(3, N) direct light, its variance, and the pattern's rms change that it rests on; of light (K, N)."""
+    count = len(pictures)
+    regressors = shares_and_slopes(pictures, seen)
+    regressors -= regressors.mean(axis=1, keepdims=True)
+    centred = light - light.mean(axis=0)
+    s, x, y = regressors
+    ss, xx, yy, sx, sy, xy = (
+        np.einsum("kn,kn->n", a, b) for a, b in ((s, s), (x, x), (y, y), (s, x), (s, y), (x, y))
+    )
+    sl, xl, yl = (np.einsum("kn,kn->n", a, centred) for a in (s, x, y))
+    determinant = np.maximum(xx * yy - xy * xy, 1e-12)
+    # What of s the slopes cannot stand for, and its share of the light.
+    u, v = (yy * sx - xy * sy) / determinant, (xx * sy - xy * sx) / determinant
+    own = np.maximum(ss - u * sx - v * sy, 1e-12)
+    direct = (sl - u * xl - v * yl) / own
+    a, b = (yy * xl - xy * yl) / determinant, (xx * yl - xy * xl) / determinant
+    left = np.einsum("kn,kn->n", centred, centred) - a * xl - b * yl - direct**2 * own
+    variance = np.maximum(left, 0) / max(count - 4, 1) / own
+    return np.stack([direct, variance, np.sqrt(own / count)])

@@ -58,6 +58,7 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
         "target_sha256": request.target.sha256,
         "strategies": json_of(request.strategies),
         "versions": versions_of(request.strategies),
+        "prediction": "all projector pixels, blurred",
     }
 
 

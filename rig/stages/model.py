@@ -9,6 +9,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
 
 from calibration.errors import CalibrationError
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
@@ -39,6 +40,7 @@ from rig.terminal import OnStep
 from sim.form_factors import form_factors
 from sim.geometry.optics import project
 from sim.geometry.scene import Scene
+from sim.light.transport_of_scene import smooth_view
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -49,6 +51,8 @@ _LEAST_IN_A_BAND = 0.005
 """... and in each band above this share."""
 _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
+_LEAST_WHITE_SHARE = 0.3
+"""Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 _SMOOTHING_SHARE = 0.003
 """Spread of the smoothing of the global share, of the picture's width."""
 
@@ -162,6 +166,8 @@ def model_settings(session: Session) -> JsonObject:
         "smoothing_share": _SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
+        "blur": "of both lenses",
+        "unseen": "by wall",
     }
 
 
@@ -171,7 +177,9 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     bare = _bare_geometry(load_geometry(session), session.profile.box.patch_size_m)
     bands, valid = _light(session)
     lit = _lit(bands, valid)
-    gains = [_direct_gain(light, lit, bare.camera_hits) for light in bands]
+    blur = session.finished("separation").load_image("blur")
+    border = np.maximum(blur["white_share"].astype(np.float64), _LEAST_WHITE_SHARE)
+    gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
     vignetting = _fit_lenses(bare, np.mean(gains, axis=0), lit)
     geometry = bare.with_vignetting(vignetting)
@@ -239,9 +247,9 @@ def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_hits: Pixel
 
 def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
-    _, modelled = _simulated_white(scene_model)
+    direct_of_white, modelled = _simulated_white(scene_model)
     known = lit & (modelled > 0)
-    measured = light.white - scene_model.light.direct_gain
+    measured = light.white - direct_of_white
     ratio = np.where(known, measured / np.where(known, modelled, 1.0), 1.0)
     return np.where(lit, _smoothed_along_faces(ratio, lit, scene_model.camera_hits), 1.0)
 
@@ -276,8 +284,34 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
     per_lit = _patch_mean(scene, hits.patch, direct, lit_flat)
     per_global = _patch_mean(scene, hits.patch, global_light, lit_flat | dark)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
-    factors = form_factors(scene).matrix
-    return estimate_reflectance(per_lit, per_global, irradiance, factors)
+    return estimate_reflectance(
+        per_lit,
+        per_global,
+        irradiance,
+        form_factors(scene).matrix,
+        wall=_wall_of_patches(scene),
+        seen_from=_seen_from(geometry, lit_flat | dark),
+    )
+
+
+def _wall_of_patches(scene: Scene) -> NDArray[np.intp]:
+    wall = np.zeros(scene.n_patches, dtype=np.intp)
+    for k, face in enumerate(scene.faces):
+        wall[face.patches] = k
+    return wall
+
+
+def _seen_from(geometry: _Geometry, chosen: BoolArray) -> csr_array:
+    """(P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
+    bare, hits = geometry.scene, geometry.camera_hits.hits
+    own = np.where(chosen, bare.reflectance[hits.patch], 0.0)
+    weights = smooth_view(bare, hits, own)
+    pixels = np.flatnonzero(chosen)
+    places = (np.ones(len(pixels)), (hits.patch[pixels], pixels))
+    sums = csr_array(csr_array(places, shape=(bare.n_patches, len(own))) @ weights)
+    count = np.maximum(np.bincount(hits.patch[pixels], minlength=bare.n_patches), 1)
+    unseen = csr_array(diags_array((np.bincount(hits.patch[pixels], minlength=bare.n_patches) == 0).astype(float)))
+    return csr_array(diags_array(1 / count) @ sums + unseen)
 
 
 def _patch_mean(scene: Scene, patch: NDArray[np.intp], values: FloatArray, chosen: BoolArray) -> FloatArray:
@@ -343,6 +377,8 @@ def _scene_models(
     """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     pair, scene = pair_of(session.profile), geometry.scene
     xy_px = load_correspondence(session).projector_xy_px.astype(np.float64)
+    blur = session.finished("separation").load_image("blur")
+    variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
     factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
     hits = cast_pixels(scene, geometry.projector)
     return [
@@ -351,7 +387,7 @@ def _scene_models(
             form_factors=factors,
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
             projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
-            measured={pair: MeasuredLight(gain, xy_px)},
+            measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
         for (reflectance, flux), gain in zip(surfaces, gains, strict=True)
     ]

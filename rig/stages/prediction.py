@@ -45,8 +45,8 @@ def whole_picture(model: FittedScene, image: FloatArray) -> FloatArray:
 
 
 def predict(model: FittedScene, responses: Sequence[Response], codes: Codes) -> FloatArray:
-    """Return (H, W, B) camera light above black that the model expects of codes; unseen projector pixels are dark."""
-    light = channel_light(responses, codes).reshape(-1, model.channels)[model.room.active]
+    """Return (H, W, B) camera light above black that the model expects of codes."""
+    light = channel_light(responses, codes).reshape(-1, model.channels)
     seen = model.room.camera_transport.forward(light.astype(np.float64))
     return np.asarray(seen.reshape(*model.scene_model.camera.lens.shape, model.channels))
 
