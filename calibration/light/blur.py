@@ -9,7 +9,7 @@ picture, and a blurred step is the error function: no picture need be blurred to
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,7 @@ _SAMPLES = 5000
 """Camera pixels that the fit looks at: the widths are known to 1 % from a tenth of them."""
 _ITERATIONS = 10
 _SETTLED_PX2 = 1e-3
+_MOST_SHIFT_PX = 0.3
 _EDGES = 2
 """Nearest edges on each side that reach a pixel: with checks of 4 blurs or more the third does not."""
 _SQRT_HALF, _SQRT_2_PI = np.sqrt(0.5), np.sqrt(2 * np.pi)
@@ -128,9 +129,7 @@ def _slope(xy: FloatArray, axis: int, reach: int = 2) -> FloatArray:
     return np.where(np.isfinite(both), both, np.where(np.isfinite(ahead), ahead, behind))
 
 
-def footprints(
-    spread: PointSpread, xy_px: FloatArray, camera_xy_px: FloatArray, stretched: FloatArray
-) -> Footprint:
+def footprints(spread: PointSpread, xy_px: FloatArray, camera_xy_px: FloatArray, stretched: FloatArray) -> Footprint:
     """Return what camera pixels see of the projector picture.
 
     Parameters
@@ -247,8 +246,8 @@ def fit_point_spread(
     z[[0, 4]] = _START_PX2
     information, rms = np.eye(9), np.inf
     for _ in range(_ITERATIONS):
-        step, information, rms = problem.step(z)
-        z = z + step
+        step, shift_px, information, rms = problem.step(z)
+        z, problem = z + step, replace(problem, xy=problem.xy + shift_px)
         if np.abs(step[[0, 4]]).max() < _SETTLED_PX2:
             break
     parts = [tuple(float(c) for c in part) for part in (z[:4], z[4:8])]
@@ -262,7 +261,10 @@ def fit_point_spread(
 
 
 def _problem(
-    frames: Sequence[Float32Array], pictures: Sequence[TwoLevelPicture], correspondence: Correspondence, usable: BoolArray
+    frames: Sequence[Float32Array],
+    pictures: Sequence[TwoLevelPicture],
+    correspondence: Correspondence,
+    usable: BoolArray,
 ) -> _BlurProblem:
     stretched = stretch(correspondence)
     xy = correspondence.projector_xy_px.astype(np.float64)
@@ -312,8 +314,8 @@ class _BlurProblem:
             ]
         )
 
-    def step(self, z: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """A Gauss-Newton step of z, the information matrix there, and the residual over direct light."""
+    def step(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+        """A Gauss-Newton step of z, one of the samples' places, the information about z, and the residual."""
         variance = (self.basis @ z).T + _PIXEL_VARIANCE_PX2 * self.stretched
         seen = Footprint(xy_px=self.xy, variance_px2=np.maximum(variance, LEAST_VARIANCE_PX2))
         regressors = shares_and_slopes(self.pictures, seen, order=2)
@@ -332,7 +334,9 @@ class _BlurProblem:
         weight *= 1 / (1 + (scatter / np.maximum(2 * typical * direct, 1e-12)) ** 2)
         information = np.einsum("nkz,nky,n->zy", jacobian, jacobian, weight) + np.diag(_PRIOR_INFORMATION)
         right = np.einsum("nkz,nk,n->z", jacobian, residual, weight) - _PRIOR_INFORMATION * z
-        return np.linalg.solve(information, right), information, float(typical)
+        shift = found[:, 1:3, 0] / np.where(direct > 0, direct, np.inf)[:, None]
+        shift_px = np.clip(shift, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
+        return np.linalg.solve(information, right), shift_px, information, float(typical)
 
 
 def shares_and_slopes(pictures: Sequence[TwoLevelPicture], seen: Footprint, order: int = 1) -> FloatArray:

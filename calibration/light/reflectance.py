@@ -204,10 +204,9 @@ class _Room:
     def fit(self, z: FloatArray, covariance: FloatArray) -> ReflectanceFit:
         """The result, with what the covariance of z makes of every patch."""
         rho, arriving = self.solve(z)
-        steps = np.sqrt(np.diag(covariance))
-        turned = np.stack(
-            [(self.solve(z + 0.1 * step * unit)[0] - rho) / (0.1 * step) for step, unit in zip(steps, np.eye(len(z)))]
-        )
+        steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
+        moves = np.diag(0.1 * steps)
+        turned = np.stack([(self.solve(z + move)[0] - rho) / move.sum() for move in moves])
         own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, _GLOBAL_ERROR * rho, _SAME_WALL_SPREAD))
         variance = np.einsum("zp,zy,yp->p", turned, covariance, turned) + own**2
         unseen = ~self.lit & ~self.seen

@@ -122,6 +122,8 @@ class FittedScene:
     white: FloatArray
     """(H, W, B) light of projector white."""
     white_variance: FloatArray
+    global_error: float
+    """Relative standard deviation of what the patches make of global light."""
 
     @property
     def scene_model(self) -> SceneModel:
@@ -376,8 +378,8 @@ def _scene_models(
 ) -> list[SceneModel]:
     """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     pair, scene = pair_of(session.profile), geometry.scene
-    xy_px = load_correspondence(session).projector_xy_px.astype(np.float64)
     blur = session.finished("separation").load_image("blur")
+    xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
     factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
     hits = cast_pixels(scene, geometry.projector)
@@ -416,6 +418,7 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         lit=maps["lit"] > 0,
         white=image_of(light, "white").astype(np.float64),
         white_variance=image_of(light, "white_variance").astype(np.float64),
+        global_error=max(band.global_rms for band in record.bands),
     )
 
 

@@ -339,6 +339,4 @@ def _transport(scene_model: SceneModel, active: BoolArray, direct: csr_array, vi
     patch, xy_px = projector.hits.hits.patch[chosen], projector.device.lens.pixel_grid()[chosen]
     variance = scene_model.blur_variance_px2
     blur = None if variance is None else PictureBlur(variance_px2=variance, chosen=active)
-    return LightTransport(
-        direct, csr_array(emission), radiosity, view, pixel_patch=patch, pixel_xy_px=xy_px, blur=blur
-    )
+    return LightTransport(direct, csr_array(emission), radiosity, view, pixel_patch=patch, pixel_xy_px=xy_px, blur=blur)

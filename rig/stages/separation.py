@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,7 +60,7 @@ def separation_settings(session: Session) -> JsonObject:
     patterns = session.profile.patterns
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
-        "by": "regression on the blurred pattern",
+        "by": "regression on the blurred pattern, places too",
         "checker": [patterns.checker_size_px, patterns.checker_shifts],
     }
 
@@ -84,7 +84,7 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     frames = [merge_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
     bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
     _save(step, white, bright, known)
-    step.save_image("blur", _blur_maps(spread, load_correspondence(session)), folder="maps")
+    step.save_image("blur", _blur_maps(spread, load_correspondence(session), known), folder="maps")
     step.save_record("separation", _record(spread, bright, known))
 
 
@@ -137,13 +137,20 @@ def _blur_record(blur: LensBlur, variance_sigma_px2: float) -> BlurRecord:
     )
 
 
-def _blur_maps(spread: PointSpread, correspondence: Correspondence) -> dict[str, Float32Array]:
-    """What each camera pixel sees of the projector picture: variance along its columns and rows, share of white."""
-    seen = footprint_map(spread, correspondence)
+def _blur_maps(spread: PointSpread, correspondence: Correspondence, known: Separation) -> dict[str, Float32Array]:
+    """What each camera pixel sees of the projector picture: where, how wide, how much of white, how well separated."""
+    if known.projector_xy_px is None or known.variance is None:
+        raise ValueError("a separation by the known pattern has places and variances")
+    finer = replace(correspondence, projector_xy_px=known.projector_xy_px)
+    seen = footprint_map(spread, finer)
+    variance = known.variance.mean(axis=-1)
     return {
+        "column": known.projector_xy_px[..., 0],
+        "row": known.projector_xy_px[..., 1],
         "variance_x": seen.variance_px2[..., 0].astype(np.float32),
         "variance_y": seen.variance_px2[..., 1].astype(np.float32),
         "white_share": white_share(seen, correspondence.projector_shape).astype(np.float32),
+        "direct_variance": np.where(np.isfinite(variance), variance, 0.0).astype(np.float32),
     }
 
 
@@ -171,8 +178,12 @@ def _lit(white: LightImage) -> BoolArray:
 
 
 def _joined(bands: Sequence[Separation]) -> Separation:
+    """All bands in one; the places are the first band's."""
+    variances = [band.variance for band in bands if band.variance is not None]
     return Separation(
         np.stack([band.direct for band in bands], axis=-1),
         np.stack([band.global_ for band in bands], axis=-1),
         np.stack([band.valid for band in bands], axis=-1),
+        variance=np.stack(variances, axis=-1) if variances else None,
+        projector_xy_px=bands[0].projector_xy_px,
     )

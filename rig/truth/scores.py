@@ -137,9 +137,7 @@ def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Se
     return rms(known), rms(measured)
 
 
-def ground_truth_reflectance(
-    world: SimulatedWorld, scene: Scene, projector: PosedLens, samples: int = 5
-) -> FloatArray:
+def ground_truth_reflectance(world: SimulatedWorld, scene: Scene, projector: PosedLens, samples: int = 5) -> FloatArray:
     """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world is open.
 
     Of which wall a patch is, its place tells, not its name: a room that was measured has its own corner as origin.

@@ -73,9 +73,7 @@ class PictureBlur:
     @cached_property
     def _weights(self) -> tuple[FloatArray, FloatArray]:
         """For rows (axis 0) and columns (axis 1): (r + 1, H, W) weights of neighbours at distance 0 ... r."""
-        rows, columns = (
-            _discrete_gaussian(np.maximum(self.variance_px2[..., k], _LEAST_VARIANCE_PX2)) for k in (1, 0)
-        )
+        rows, columns = (_discrete_gaussian(np.maximum(self.variance_px2[..., k], _LEAST_VARIANCE_PX2)) for k in (1, 0))
         return rows, columns
 
 
