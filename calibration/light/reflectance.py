@@ -7,7 +7,7 @@ alone gives the products ρ κ; only the amount of global light tells κ, and wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
 
@@ -34,7 +34,8 @@ _GLOBAL_ERROR = 0.02
 _INDEPENDENT_PATCHES = 12
 """All patches together are worth so many observations: what the model is too coarse for is alike in neighbours, and
 half a percent of it in all."""
-_DIRECT_ERROR = 0.012
+_REFITS, _MOST_MISFIT = 3, 1.5
+_DIRECT_ERROR = 0.018
 """Relative standard deviation of a patch's mean direct light: what is not seen of it differs from what is."""
 _ITERATIONS = 60
 """Of the light's way to and fro: at a mean reflectance of 0.8 what is left after them is 1e-6."""
@@ -134,8 +135,14 @@ def estimate_reflectance(
     lower = np.concatenate([[np.log(typical / MOST_REFLECTANCE)], np.full(problem.n_walls, _UNSEEN_RANGE[0])])
     upper = np.concatenate([[np.log(typical / _LEAST_TYPICAL)], np.full(problem.n_walls, _UNSEEN_RANGE[1])])
     start = np.concatenate([[np.log(typical / _COMMON_REFLECTANCE)], np.full(problem.n_walls, _COMMON_REFLECTANCE)])
-    result = least_squares(problem.residual, start, bounds=(lower, upper), loss="soft_l1", diff_step=1e-3)
-    return problem.fit(result.x, np.asarray(np.linalg.pinv(result.jac.T @ result.jac)))
+    for _ in range(_REFITS):
+        result = least_squares(problem.residual, start, bounds=(lower, upper), loss="soft_l1", diff_step=1e-3)
+        found = problem.fit(result.x, np.asarray(np.linalg.pinv(result.jac.T @ result.jac)))
+        if found.global_rms <= _MOST_MISFIT * problem.global_error:
+            break
+        # The model of the room explains the light less well than it should: it decides less, the prior more.
+        problem, start = replace(problem, global_error=found.global_rms), result.x
+    return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -150,6 +157,7 @@ class _Room:
     form_factors: FloatArray
     wall: NDArray[np.intp]
     seen_from: FloatArray | csr_array
+    global_error: float = _GLOBAL_ERROR
 
     @property
     def n_walls(self) -> int:
@@ -166,7 +174,7 @@ class _Room:
 
     def residual(self, z: FloatArray) -> FloatArray:
         rho, arriving = self.solve(z)
-        error = self.global_errors(rho, arriving) / _GLOBAL_ERROR
+        error = self.global_errors(rho, arriving) / self.global_error
         expected, spread = self.expected_of_unseen(rho)
         return np.concatenate(
             [error / np.sqrt(max(self.fitted.sum() / _INDEPENDENT_PATCHES, 1.0)), (z[1:] - expected) / spread]
@@ -207,7 +215,7 @@ class _Room:
         steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
         moves = np.diag(0.1 * steps)
         turned = np.stack([(self.solve(z + move)[0] - rho) / move.sum() for move in moves])
-        own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, _GLOBAL_ERROR * rho, _SAME_WALL_SPREAD))
+        own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, self.global_error * rho, _SAME_WALL_SPREAD))
         variance = np.einsum("zp,zy,yp->p", turned, covariance, turned) + own**2
         unseen = ~self.lit & ~self.seen
         unlit = np.where(self.seen, ReflectanceSource.GLOBAL, ReflectanceSource.UNSEEN)

@@ -51,6 +51,10 @@ _LEAST_IN_A_BAND = 0.005
 """... and in each band above this share."""
 _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
+_MOST_OFF_PX = 4.0
+"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
+_EDGE_PX = 3
+"""Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 _SMOOTHING_SHARE = 0.003
@@ -170,6 +174,7 @@ def model_settings(session: Session) -> JsonObject:
         "global_gain": "of white",
         "blur": "of both lenses",
         "unseen": "by wall",
+        "edges_px": _EDGE_PX,
     }
 
 
@@ -183,10 +188,12 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     border = np.maximum(blur["white_share"].astype(np.float64), _LEAST_WHITE_SHARE)
     gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
-    vignetting = _fit_lenses(bare, np.mean(gains, axis=0), lit)
+    on_model = _on_the_model(bare, np.stack([blur["column"], blur["row"]], axis=-1))
+    inner = lit & _away_from_edges(bare.camera_hits, lit.shape) & on_model
+    vignetting = _fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)
-    fits = [_fit_reflectance(geometry, gain, light, lit) for gain, light in zip(gains, bands, strict=True)]
+    fits = [_fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
     surfaces = [(fit.reflectance, fit.flux) for fit in fits]
     models = _scene_models(session, geometry, surfaces, gains)
@@ -222,6 +229,21 @@ def _lit(bands: list[_BandLight], valid: BoolArray) -> BoolArray:
         raise CalibrationError("no valid pixel has direct light; look at the correspondence map and at the checkers")
     enough = [light.direct > _LEAST_IN_A_BAND * np.median(light.direct[valid]) for light in bands]
     return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
+
+
+def _away_from_edges(camera_hits: PixelHits, shape: tuple[int, ...]) -> BoolArray:
+    """(H, W) pixels into which the lens mixes no light of another wall."""
+    face = camera_hits.hits.face.reshape(shape).astype(np.float32)
+    window = np.ones((2 * _EDGE_PX + 1,) * 2, dtype=np.uint8)
+    return np.asarray(cv2.dilate(face, window) == cv2.erode(face, window))
+
+
+def _on_the_model(geometry: _Geometry, projector_xy_px: NDArray[np.float32]) -> BoolArray:
+    """(H, W) pixels that see in the model what the code says: not a floor that was put where nobody looked."""
+    expected = project(geometry.projector.lens, geometry.projector.pose, geometry.camera_hits.points_m)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(expected.reshape(projector_xy_px.shape) - projector_xy_px).max(axis=-1)
+        return np.asarray(off < _MOST_OFF_PX)
 
 
 def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
