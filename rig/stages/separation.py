@@ -60,7 +60,7 @@ def separation_settings(session: Session) -> JsonObject:
     patterns = session.profile.patterns
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
-        "by": "regression on the blurred pattern, places too",
+        "by": "weighted regression on the blurred pattern, places too",
         "checker": [patterns.checker_size_px, patterns.checker_shifts],
     }
 
