@@ -28,12 +28,12 @@ from calibration.light.blur import (
 )
 from calibration.structured_light.correspondence import Correspondence
 
-LEAST_MODULATION = 0.1
+LEAST_MODULATION = 0.05
 """Of the pattern's rms change over its shifts, 0.5 without blur: below, direct light rests on its noise."""
 _PASSES = 2
 """A place that is 0.3 px off (beside the corners of a room) is found to 0.03 px in the first."""
 _MOST_SHIFT_PX = 0.6
-_WIDER, _MOST_CHANGE, _OF_TYPICAL = 2.0, 0.01, 0.15
+_WIDER, _MOST_CHANGE, _OF_TYPICAL = 2.0, 0.01, 0.2
 """No lens's blur is a Gaussian: light whose share would change by more than the second, had the blur so many times its
 variance, counts less; where checks are all blur, than that share of what is usual there. On the sharpest random rigs a
 bias of 1 % falls to a fifth."""

@@ -78,7 +78,7 @@ class PictureBlur:
 
 
 def _discrete_gaussian(variance: FloatArray) -> FloatArray:
-    reach = int(np.ceil(_REACH * np.sqrt(variance.max())))
+    reach = int(np.ceil(_REACH * np.sqrt(variance.max()))) + 1
     weights = np.stack([ive(k, variance) for k in range(reach + 1)])
     return np.asarray(weights / (weights[0] + 2 * weights[1:].sum(axis=0)))
 
