@@ -7,20 +7,23 @@ alone gives the products ρ κ; only the amount of global light tells κ, and wi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.sparse import csr_array, eye_array
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 
 LEAST_REFLECTANCE, MOST_REFLECTANCE = 0.02, 0.98
 """Of any wall: below is velvet, above is no paint."""
-_UNSEEN_SPREAD = 0.05
-"""Standard deviation by which unseen patches may differ from the mean of the seen ones."""
+_SAME_WALL_SPREAD, _OTHER_WALL_SPREAD = 0.03, 0.06
+"""Standard deviations by which the unseen part of a wall differs from its seen part, and a wall that nobody sees from
+the mean of the others: painted rooms, whose texture is some percent."""
 _COMMON_REFLECTANCE = 0.6
 """Of a painted wall: where an open scene sends little light around, the flux is all but undetermined, so start here."""
 _LEAST_TYPICAL = 0.05
@@ -28,8 +31,12 @@ _LEAST_TYPICAL = 0.05
 _UNSEEN_RANGE = (0.05, 0.97)
 _GLOBAL_ERROR = 0.02
 """Relative standard deviation of a patch's mean global light: noise and texture within the patch."""
-_INDEPENDENT_PATCHES = 50
-"""All patches together are worth so many observations: neighbours share their errors."""
+_INDEPENDENT_PATCHES = 12
+"""All patches together are worth so many observations: what the model is too coarse for is alike in neighbours, and
+half a percent of it in all."""
+_REFITS, _MOST_MISFIT = 3, 1.5
+_DIRECT_ERROR = 0.018
+"""Relative standard deviation of a patch's mean direct light: what is not seen of it differs from what is."""
 _ITERATIONS = 60
 """Of the light's way to and fro: at a mean reflectance of 0.8 what is left after them is 1e-6."""
 
@@ -42,7 +49,7 @@ class ReflectanceSource(IntEnum):
     GLOBAL = 1
     """Seen in the light of the others only."""
     UNSEEN = 2
-    """The box closes the room there; one common value, from the amount of global light."""
+    """The box closes the room there; one value a wall, from the global light and what is seen of that wall."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -55,7 +62,10 @@ class ReflectanceFit:
     """(P,) ReflectanceSource codes."""
     flux: float
     """κ. [camera unit]"""
+    sigma: FloatArray
+    """(P,) standard deviation of each patch's reflectance."""
     unseen_reflectance: float
+    """Mean over the unseen patches."""
     global_rms: float
     """Relative residual of the global light over lit, seen patches."""
     flux_sigma: float
@@ -67,8 +77,14 @@ def estimate_reflectance(
     global_light: FloatArray,
     irradiance: FloatArray,
     form_factors: FloatArray,
+    *,
+    wall: NDArray[np.integer] | None = None,
+    seen_from: FloatArray | csr_array | None = None,
 ) -> ReflectanceFit:
     """Solve the inverse radiosity problem of a room that is partly lit and partly seen.
+
+    The flux and one reflectance for what is unseen of each wall are fitted to the global light of the patches that are
+    lit and seen; a wall's unseen part is expected to be like its seen part, a wall that nobody sees like the others.
 
     Parameters
     ----------
@@ -80,11 +96,16 @@ def estimate_reflectance(
         Mean e of each patch, its unlit part counted as 0.
     form_factors : (P, P)
         F[i, j], share of the power leaving i that reaches j.
+    wall : (P,) int, optional
+        Of each patch; default: all are of one.
+    seen_from : (P, P), optional
+        Weights of the patches' irradiance where the camera saw a patch: it may have seen a part of it only. Default:
+        its own.
 
     Returns
     -------
     ReflectanceFit
-        With standard deviations of what all patches share.
+        With standard deviations.
 
     Raises
     ------
@@ -99,63 +120,113 @@ def estimate_reflectance(
     seen = np.isfinite(global_light)
     if not (lit & seen).any():
         raise CalibrationError("no patch is both lit and seen: the camera and the projector look at different places")
+    n = len(irradiance)
     problem = _Room(
         direct_over_irradiance=np.where(lit, direct_over_irradiance, 0.0),
         global_light=np.where(seen, global_light, 0.0),
         lit=lit,
-        global_only=seen & ~lit,
+        seen=seen,
         irradiance=irradiance,
         form_factors=form_factors,
+        wall=np.zeros(n, dtype=np.intp) if wall is None else np.asarray(wall, dtype=np.intp),
+        seen_from=eye_array(n, format="csr") if seen_from is None else seen_from,
     )
-    fitted = lit & seen & (global_light > 0)
     typical = float(np.median(direct_over_irradiance[lit]))
-    start = np.array([np.log(typical / _COMMON_REFLECTANCE), _COMMON_REFLECTANCE])
-
-    def residual(z: FloatArray) -> FloatArray:
-        rho, irradiance_global = problem.solve(float(np.exp(z[0])), float(z[1]))
-        expected = rho[fitted] * irradiance_global[fitted]
-        error = np.log(global_light[fitted] / np.maximum(expected, 1e-12)) / _GLOBAL_ERROR
-        mean = float(np.mean(rho[lit | problem.global_only]))
-        return np.concatenate([error / np.sqrt(fitted.sum() / _INDEPENDENT_PATCHES), [(z[1] - mean) / _UNSEEN_SPREAD]])
-
-    fluxes = np.log(typical / MOST_REFLECTANCE), np.log(typical / _LEAST_TYPICAL)
-    bounds = ([fluxes[0], _UNSEEN_RANGE[0]], [fluxes[1], _UNSEEN_RANGE[1]])
-    result = least_squares(residual, start, bounds=bounds, loss="soft_l1", diff_step=1e-3)
-    flux, unseen = float(np.exp(result.x[0])), float(result.x[1])
-    rho, irradiance_global = problem.solve(flux, unseen)
-    relative = np.log(global_light[fitted] / np.maximum(rho[fitted] * irradiance_global[fitted], 1e-12))
-    deviation = np.sqrt(np.diag(np.linalg.pinv(result.jac.T @ result.jac)))
-    unlit = np.where(seen, ReflectanceSource.GLOBAL, ReflectanceSource.UNSEEN)
-    return ReflectanceFit(
-        reflectance=rho,
-        source=np.where(lit, ReflectanceSource.DIRECT, unlit).astype(np.uint8),
-        flux=flux,
-        unseen_reflectance=unseen,
-        global_rms=float(np.sqrt(np.mean(relative**2))),
-        flux_sigma=float(flux * deviation[0]),
-        unseen_sigma=float(deviation[1]),
-    )
+    lower = np.concatenate([[np.log(typical / MOST_REFLECTANCE)], np.full(problem.n_walls, _UNSEEN_RANGE[0])])
+    upper = np.concatenate([[np.log(typical / _LEAST_TYPICAL)], np.full(problem.n_walls, _UNSEEN_RANGE[1])])
+    start = np.concatenate([[np.log(typical / _COMMON_REFLECTANCE)], np.full(problem.n_walls, _COMMON_REFLECTANCE)])
+    for _ in range(_REFITS):
+        result = least_squares(problem.residual, start, bounds=(lower, upper), loss="soft_l1", diff_step=1e-3)
+        found = problem.fit(result.x, np.asarray(np.linalg.pinv(result.jac.T @ result.jac)))
+        if found.global_rms <= _MOST_MISFIT * problem.global_error:
+            break
+        # The model of the room explains the light less well than it should: it decides less, the prior more.
+        problem, start = replace(problem, global_error=found.global_rms), result.x
+    return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _Room:
+    """What was measured; z is the logarithm of the flux, then the unseen reflectance of each wall."""
+
     direct_over_irradiance: FloatArray
     global_light: FloatArray
     lit: BoolArray
-    global_only: BoolArray
+    seen: BoolArray
     irradiance: FloatArray
     form_factors: FloatArray
+    wall: NDArray[np.intp]
+    seen_from: FloatArray | csr_array
+    global_error: float = _GLOBAL_ERROR
 
-    def solve(self, flux: float, unseen: float) -> tuple[FloatArray, FloatArray]:
-        """(P,) reflectance and indirect irradiance F B; patches in global light only give their own ρ = g / (F B)."""
-        rho = np.where(self.lit, self.direct_over_irradiance / flux, unseen)
+    @property
+    def n_walls(self) -> int:
+        return int(self.wall.max()) + 1
+
+    @cached_property
+    def fitted(self) -> BoolArray:
+        """(P,) patches whose global light is held against the model."""
+        return np.asarray(self.lit & self.seen & (self.global_light > 0))
+
+    @cached_property
+    def global_only(self) -> BoolArray:
+        return np.asarray(self.seen & ~self.lit)
+
+    def residual(self, z: FloatArray) -> FloatArray:
+        rho, arriving = self.solve(z)
+        error = self.global_errors(rho, arriving) / self.global_error
+        expected, spread = self.expected_of_unseen(rho)
+        return np.concatenate(
+            [error / np.sqrt(max(self.fitted.sum() / _INDEPENDENT_PATCHES, 1.0)), (z[1:] - expected) / spread]
+        )
+
+    def global_errors(self, rho: FloatArray, arriving: FloatArray) -> FloatArray:
+        """Logarithm of measured over modelled global light of the fitted patches."""
+        modelled = rho[self.fitted] * arriving[self.fitted]
+        return np.asarray(np.log(self.global_light[self.fitted] / np.maximum(modelled, 1e-12)))
+
+    def expected_of_unseen(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """What each wall's unseen part is expected to reflect, and its standard deviation."""
+        known = self.lit | self.global_only
+        count = np.bincount(self.wall[known], minlength=self.n_walls)
+        mean = np.bincount(self.wall[known], rho[known], minlength=self.n_walls) / np.maximum(count, 1)
+        others = float(mean[count > 0].mean())
+        return np.where(count > 0, mean, others), np.where(count > 0, _SAME_WALL_SPREAD, _OTHER_WALL_SPREAD)
+
+    def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(P,) reflectance and indirect irradiance F B where seen; patches in global light only give ρ = g / (F B)."""
+        flux = float(np.exp(z[0]))
+        rho = np.where(self.lit, self.direct_over_irradiance / flux, z[1:][self.wall])
         rho = np.clip(rho, LEAST_REFLECTANCE, MOST_REFLECTANCE)
         emission = rho * flux * self.irradiance
         radiosity = emission / (1 - 0.5)  # a mean reflectance of 0.5, to start with
         arriving = self.form_factors @ radiosity
         for _ in range(_ITERATIONS):
-            own = self.global_light / np.maximum(arriving, 1e-12)
-            rho = np.where(self.global_only, np.clip(own, LEAST_REFLECTANCE, MOST_REFLECTANCE), rho)
+            if self.global_only.any():
+                own = self.global_light / np.maximum(self.seen_from @ arriving, 1e-12)
+                rho = np.where(self.global_only, np.clip(own, LEAST_REFLECTANCE, MOST_REFLECTANCE), rho)
             radiosity = rho * (flux * self.irradiance + arriving)
             arriving = self.form_factors @ radiosity
-        return rho, arriving
+        return rho, np.asarray(self.seen_from @ arriving)
+
+    def fit(self, z: FloatArray, covariance: FloatArray) -> ReflectanceFit:
+        """The result, with what the covariance of z makes of every patch."""
+        rho, arriving = self.solve(z)
+        steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
+        moves = np.diag(0.1 * steps)
+        turned = np.stack([(self.solve(z + move)[0] - rho) / move.sum() for move in moves])
+        own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, self.global_error * rho, _SAME_WALL_SPREAD))
+        variance = np.einsum("zp,zy,yp->p", turned, covariance, turned) + own**2
+        unseen = ~self.lit & ~self.seen
+        unlit = np.where(self.seen, ReflectanceSource.GLOBAL, ReflectanceSource.UNSEEN)
+        shares = np.bincount(self.wall[unseen], minlength=self.n_walls) / max(int(unseen.sum()), 1)
+        return ReflectanceFit(
+            reflectance=rho,
+            source=np.where(self.lit, ReflectanceSource.DIRECT, unlit).astype(np.uint8),
+            sigma=np.sqrt(variance),
+            flux=float(np.exp(z[0])),
+            unseen_reflectance=float(rho[unseen].mean()) if unseen.any() else float(rho.mean()),
+            global_rms=float(np.sqrt(np.mean(self.global_errors(rho, arriving) ** 2))),
+            flux_sigma=float(np.exp(z[0]) * steps[0]),
+            unseen_sigma=float(np.sqrt(shares @ covariance[1:, 1:] @ shares)),
+        )

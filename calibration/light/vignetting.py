@@ -12,9 +12,10 @@ from calibration.arrays import FloatArray
 
 _OUTLIER = 0.05
 """Logarithm of light off the fit from which on a sample counts less: painted walls vary by some percent."""
-_PRIOR_WEIGHT = 0.02
-"""Of a coefficient of 1 against the samples: it decides only where these say nothing. Lenses darken by some tens of
-percent."""
+_PRIOR = np.array([-0.15, 0.0, -0.15, 0.0])
+_PRIOR_WEIGHT = np.array([0.04, 0.2, 0.04, 0.2])
+"""Of (v2, v4) of both lenses, a coefficient of 1 against the samples: lenses darken by some tens of percent towards
+their corners, nearly as r². It decides only where the samples say nothing."""
 _LEAST_ILLUMINATION = 0.05
 """Below, a trial of the fit is no lens."""
 
@@ -63,9 +64,11 @@ def fit_vignetting(
 
     def residual(z: FloatArray) -> FloatArray:
         fit = z[4:][group] + np.log(_illumination(z[:2], camera_r)) + np.log(_illumination(z[2:4], projector_r))
-        return np.concatenate([ratio - fit, np.sqrt(len(ratio)) * _PRIOR_WEIGHT * z[:4]])
+        return np.concatenate([ratio - fit, np.sqrt(len(ratio)) * _PRIOR_WEIGHT * (z[:4] - _PRIOR)])
 
-    result = least_squares(residual, np.concatenate([np.zeros(4), levels]), loss="soft_l1", f_scale=_OUTLIER)
+    start = least_squares(residual, np.concatenate([_PRIOR, levels]), loss="soft_l1", f_scale=_OUTLIER).x
+    # A poster is no wall with a trend: what lies far off does not count at all.
+    result = least_squares(residual, start, loss="cauchy", f_scale=_OUTLIER)
     rms = float(np.sqrt(np.mean(residual(result.x)[: len(ratio)] ** 2)))
     v = [float(value) for value in result.x[:4]]
     return Vignetting((v[0], v[1]), (v[2], v[3]), rms)

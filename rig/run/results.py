@@ -162,6 +162,7 @@ def _comparison(session: Session) -> ModelComparison:
         bias=overall.bias,
         within_3_sigma=overall.within_3_sigma,
         noise_rms=overall.noise_rms,
+        sigma_rms=overall.sigma_rms,
         frames=record.frames,
     )
 

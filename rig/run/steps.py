@@ -133,7 +133,7 @@ STEPS: tuple[AnyStep, ...] = (
         name="compare",
         verb="compare",
         needs=("response", "model", "compensate", "project"),
-        settings=lambda _: {},
+        settings=comparison.comparison_settings,
         compute=comparison.compare_all,
     ),
 )

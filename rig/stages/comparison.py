@@ -20,7 +20,7 @@ from rig.stages.linear_light import LightImage, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import PictureErrors, picture_errors
-from rig.stages.prediction import JudgedPixels, judged_pixels, predict
+from rig.stages.prediction import JudgedPixels, Prediction, judged_pixels, predict
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
@@ -38,8 +38,11 @@ class ModelErrors(Record):
     rmse: float
     bias: float
     within_3_sigma: float
-    """Share of the pixels within three standard deviations of the noise."""
+    """Share of the pixels within three standard deviations of noise and model together."""
     noise_rms: float
+    """What the photograph's noise, and that of the white that the model was made from, let expect."""
+    sigma_rms: float
+    """What noise and the model's own uncertainty let expect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -102,9 +105,10 @@ def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnSt
 
 @dataclass(frozen=True, eq=False)
 class _Residuals:
-    """One frame's measured minus predicted light over the pixels that count, and its standard deviation."""
+    """One frame's measured minus predicted light over the pixels that count; deviations by noise, and in all."""
 
     difference: FloatArray
+    noise: FloatArray
     sigma: FloatArray
 
     def errors(self) -> ModelErrors:
@@ -112,8 +116,14 @@ class _Residuals:
             rmse=float(np.sqrt((self.difference**2).mean())),
             bias=float(self.difference.mean()),
             within_3_sigma=float((np.abs(self.difference) <= 3 * self.sigma).mean()),
-            noise_rms=float(np.sqrt((self.sigma**2).mean())),
+            noise_rms=float(np.sqrt((self.noise**2).mean())),
+            sigma_rms=float(np.sqrt((self.sigma**2).mean())),
         )
+
+
+def comparison_settings(_: Session) -> JsonObject:
+    """Return what step `compare` depends on."""
+    return {"sigma": "of noise and model"}
 
 
 def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
@@ -132,7 +142,7 @@ def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
         predicted = _predicted(session, name)
         strategies[name] = StrategyErrors(
             measured=_against_target(measured.value.astype(np.float64), judged, model.level),
-            predicted=_against_target(predicted, judged, model.level),
+            predicted=_against_target(predicted.light, judged, model.level),
         )
         step.save_image(f"measured-{name}", measured.channels)
         residuals[name] = _residuals(measured, predicted, judged.mask, model)
@@ -141,16 +151,16 @@ def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
         measured = merge_exposures(projected, pattern.name, bracket, radiometric)
         predicted = predict(model, radiometric.projector, pattern.codes)
         step.save_image(f"measured-{pattern.name}", measured.channels)
-        step.save_image(f"predicted-{pattern.name}", layers("light", predicted))
+        step.save_image(f"predicted-{pattern.name}", predicted.channels)
         residuals[pattern.name] = _residuals(measured, predicted, judged.mask, model)
     on_step("compare measured and simulated", total, total)
     _save(step, model, judged, strategies, residuals=residuals)
 
 
-def _predicted(session: Session, name: str) -> FloatArray:
-    """The light that was predicted of a strategy's picture."""
+def _predicted(session: Session, name: str) -> Prediction:
+    """What was predicted of a strategy's picture."""
     image = session.finished("compensate").load_image(f"predicted-{name}")
-    return image_of(image, "light").astype(np.float64)
+    return Prediction(*(image_of(image, part).astype(np.float64) for part in ("light", "sigma")))
 
 
 def _against_target(light: FloatArray, judged: JudgedPixels, level: float) -> PictureErrors:
@@ -158,15 +168,16 @@ def _against_target(light: FloatArray, judged: JudgedPixels, level: float) -> Pi
     return picture_errors(light * 255 / level, judged.target, judged.mask)
 
 
-def _residuals(measured: LightImage, predicted: FloatArray, mask: BoolArray, model: FittedScene) -> _Residuals:
+def _residuals(measured: LightImage, predicted: Prediction, mask: BoolArray, model: FittedScene) -> _Residuals:
     """Measured minus predicted on one frame, over all bands, in grey levels."""
     scale = 255 / model.level
     usable = mask & ~measured.any_saturated
-    difference = ((measured.value - predicted) * scale)[usable]
+    light = predicted.light[usable]
     # The model's direct light was measured too: its noise is part of what is to be expected.
     relative = model.white_variance[usable] / np.maximum(model.white[usable], 1e-6) ** 2
-    variance = measured.variance[usable] + predicted[usable] ** 2 * relative
-    return _Residuals(difference, np.sqrt(variance) * scale)
+    noise = np.sqrt(measured.variance[usable] + light**2 * relative)
+    sigma = np.sqrt(measured.variance[usable] + predicted.sigma[usable] ** 2)
+    return _Residuals((measured.value[usable] - light) * scale, noise * scale, sigma * scale)
 
 
 def _save(
@@ -183,6 +194,7 @@ def _save(
     step.save_image("judged", maps, folder="maps")
     together = _Residuals(
         np.concatenate([frame.difference for frame in residuals.values()]),
+        np.concatenate([frame.noise for frame in residuals.values()]),
         np.concatenate([frame.sigma for frame in residuals.values()]),
     )
     record = ComparisonRecord(

@@ -58,6 +58,7 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
         "target_sha256": request.target.sha256,
         "strategies": json_of(request.strategies),
         "versions": versions_of(request.strategies),
+        "prediction": "all projector pixels, blurred, with sigma",
     }
 
 
@@ -95,7 +96,7 @@ def compute_compensation(session: Session, step: Step, request: CompensationRequ
         linear = whole_picture(model, solution.projector_image)
         codes = channel_codes(responses, linear, seed=k + 1)
         step.save_image(f"projector-{name}", layers("linear", linear) | code_layers(codes))
-        step.save_image(f"predicted-{name}", layers("light", predict(model, responses, codes)))
+        step.save_image(f"predicted-{name}", predict(model, responses, codes).channels)
         computed[name] = _computed(solution, model.level)
     on_step("compute compensation images", len(request.strategies), len(request.strategies))
     active_share = float(model.room.active.mean())

@@ -9,6 +9,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
 
 from calibration.errors import CalibrationError
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
@@ -39,6 +40,7 @@ from rig.terminal import OnStep
 from sim.form_factors import form_factors
 from sim.geometry.optics import project
 from sim.geometry.scene import Scene
+from sim.light.transport_of_scene import smooth_view
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -49,6 +51,12 @@ _LEAST_IN_A_BAND = 0.005
 """... and in each band above this share."""
 _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
+_MOST_OFF_PX = 4.0
+"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
+_EDGE_PX = 3
+"""Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
+_LEAST_WHITE_SHARE = 0.3
+"""Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 _SMOOTHING_SHARE = 0.003
 """Spread of the smoothing of the global share, of the picture's width."""
 
@@ -118,6 +126,8 @@ class FittedScene:
     white: FloatArray
     """(H, W, B) light of projector white."""
     white_variance: FloatArray
+    global_error: float
+    """Relative standard deviation of what the patches make of global light."""
 
     @property
     def scene_model(self) -> SceneModel:
@@ -162,6 +172,9 @@ def model_settings(session: Session) -> JsonObject:
         "smoothing_share": _SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
+        "blur": "of both lenses",
+        "unseen": "by wall",
+        "edges_px": _EDGE_PX,
     }
 
 
@@ -171,12 +184,16 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     bare = _bare_geometry(load_geometry(session), session.profile.box.patch_size_m)
     bands, valid = _light(session)
     lit = _lit(bands, valid)
-    gains = [_direct_gain(light, lit, bare.camera_hits) for light in bands]
+    blur = session.finished("separation").load_image("blur")
+    border = np.maximum(blur["white_share"].astype(np.float64), _LEAST_WHITE_SHARE)
+    gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
-    vignetting = _fit_lenses(bare, np.mean(gains, axis=0), lit)
+    on_model = _on_the_model(bare, np.stack([blur["column"], blur["row"]], axis=-1))
+    inner = lit & _away_from_edges(bare.camera_hits, lit.shape) & on_model
+    vignetting = _fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)
-    fits = [_fit_reflectance(geometry, gain, light, lit) for gain, light in zip(gains, bands, strict=True)]
+    fits = [_fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
     surfaces = [(fit.reflectance, fit.flux) for fit in fits]
     models = _scene_models(session, geometry, surfaces, gains)
@@ -214,6 +231,21 @@ def _lit(bands: list[_BandLight], valid: BoolArray) -> BoolArray:
     return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
 
 
+def _away_from_edges(camera_hits: PixelHits, shape: tuple[int, ...]) -> BoolArray:
+    """(H, W) pixels into which the lens mixes no light of another wall."""
+    face = camera_hits.hits.face.reshape(shape).astype(np.float32)
+    window = np.ones((2 * _EDGE_PX + 1,) * 2, dtype=np.uint8)
+    return np.asarray(cv2.dilate(face, window) == cv2.erode(face, window))
+
+
+def _on_the_model(geometry: _Geometry, projector_xy_px: NDArray[np.float32]) -> BoolArray:
+    """(H, W) pixels that see in the model what the code says: not a floor that was put where nobody looked."""
+    expected = project(geometry.projector.lens, geometry.projector.pose, geometry.camera_hits.points_m)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(expected.reshape(projector_xy_px.shape) - projector_xy_px).max(axis=-1)
+        return np.asarray(off < _MOST_OFF_PX)
+
+
 def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
     """(H, W) direct light of white, 0 where not lit.
 
@@ -239,9 +271,9 @@ def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_hits: Pixel
 
 def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
-    _, modelled = _simulated_white(scene_model)
+    direct_of_white, modelled = _simulated_white(scene_model)
     known = lit & (modelled > 0)
-    measured = light.white - scene_model.light.direct_gain
+    measured = light.white - direct_of_white
     ratio = np.where(known, measured / np.where(known, modelled, 1.0), 1.0)
     return np.where(lit, _smoothed_along_faces(ratio, lit, scene_model.camera_hits), 1.0)
 
@@ -276,8 +308,34 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
     per_lit = _patch_mean(scene, hits.patch, direct, lit_flat)
     per_global = _patch_mean(scene, hits.patch, global_light, lit_flat | dark)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
-    factors = form_factors(scene).matrix
-    return estimate_reflectance(per_lit, per_global, irradiance, factors)
+    return estimate_reflectance(
+        per_lit,
+        per_global,
+        irradiance,
+        form_factors(scene).matrix,
+        wall=_wall_of_patches(scene),
+        seen_from=_seen_from(geometry, lit_flat | dark),
+    )
+
+
+def _wall_of_patches(scene: Scene) -> NDArray[np.intp]:
+    wall = np.zeros(scene.n_patches, dtype=np.intp)
+    for k, face in enumerate(scene.faces):
+        wall[face.patches] = k
+    return wall
+
+
+def _seen_from(geometry: _Geometry, chosen: BoolArray) -> csr_array:
+    """(P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
+    bare, hits = geometry.scene, geometry.camera_hits.hits
+    own = np.where(chosen, bare.reflectance[hits.patch], 0.0)
+    weights = smooth_view(bare, hits, own)
+    pixels = np.flatnonzero(chosen)
+    places = (np.ones(len(pixels)), (hits.patch[pixels], pixels))
+    sums = csr_array(csr_array(places, shape=(bare.n_patches, len(own))) @ weights)
+    count = np.maximum(np.bincount(hits.patch[pixels], minlength=bare.n_patches), 1)
+    unseen = csr_array(diags_array((np.bincount(hits.patch[pixels], minlength=bare.n_patches) == 0).astype(float)))
+    return csr_array(diags_array(1 / count) @ sums + unseen)
 
 
 def _patch_mean(scene: Scene, patch: NDArray[np.intp], values: FloatArray, chosen: BoolArray) -> FloatArray:
@@ -342,7 +400,9 @@ def _scene_models(
 ) -> list[SceneModel]:
     """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     pair, scene = pair_of(session.profile), geometry.scene
-    xy_px = load_correspondence(session).projector_xy_px.astype(np.float64)
+    blur = session.finished("separation").load_image("blur")
+    xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
+    variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
     factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
     hits = cast_pixels(scene, geometry.projector)
     return [
@@ -351,7 +411,7 @@ def _scene_models(
             form_factors=factors,
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
             projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
-            measured={pair: MeasuredLight(gain, xy_px)},
+            measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
         for (reflectance, flux), gain in zip(surfaces, gains, strict=True)
     ]
@@ -380,6 +440,7 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         lit=maps["lit"] > 0,
         white=image_of(light, "white").astype(np.float64),
         white_variance=image_of(light, "white_variance").astype(np.float64),
+        global_error=max(band.global_rms for band in record.bands),
     )
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.radiometry.response import Response
-from rig.files.channels import image_of
+from rig.files.channels import image_of, layers
 from rig.session import Step
 from rig.stages.linear_light import channel_light
 from rig.stages.model import FittedScene
@@ -19,6 +20,14 @@ from rig.stages.target import Target
 BoolArray = NDArray[np.bool_]
 Codes = NDArray[np.uint8]
 FloatArray = NDArray[np.float64]
+
+
+SPLIT_ERROR = 0.01
+"""Relative standard deviation of a place's direct light: what separation is off on random rigs."""
+PLACE_ERROR_PX, WIDTH_ERROR_PX2 = 0.05, 0.05
+"""Standard deviations of a place in the projector's picture and of the blur's variance there."""
+CURVE_ERROR = 0.002
+"""Relative standard deviation of light by the response curves of projector and camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +53,65 @@ def whole_picture(model: FittedScene, image: FloatArray) -> FloatArray:
     return whole.reshape(*model.scene_model.projector.lens.shape, model.channels)
 
 
-def predict(model: FittedScene, responses: Sequence[Response], codes: Codes) -> FloatArray:
-    """Return (H, W, B) camera light above black that the model expects of codes; unseen projector pixels are dark."""
-    light = channel_light(responses, codes).reshape(-1, model.channels)[model.room.active]
-    seen = model.room.camera_transport.forward(light.astype(np.float64))
-    return np.asarray(seen.reshape(*model.scene_model.camera.lens.shape, model.channels))
+@dataclass(frozen=True, eq=False)
+class Prediction:
+    """What the model expects the camera to see, and how sure it is, (H, W, B) each."""
+
+    light: FloatArray
+    """Above black."""
+    sigma: FloatArray
+    """Standard deviation, without the noise of the photograph that it is held against."""
+
+    @property
+    def channels(self) -> dict[str, NDArray[np.generic]]:
+        """Of an image file."""
+        return layers("light", self.light) | layers("sigma", self.sigma)
+
+
+def predict(model: FittedScene, responses: Sequence[Response], codes: Codes) -> Prediction:
+    """Return the camera light that the model expects of codes, with its standard deviation."""
+    light = channel_light(responses, codes).reshape(-1, model.channels).astype(np.float64)
+    transport = model.room.camera_transport
+    mixed, white = light @ transport.mixing.T, transport.mixing.sum(axis=1)
+    bands = [_predict_band(model, b, mixed[:, b], white[b]) for b in range(model.channels)]
+    value, sigma = (np.stack(parts, axis=-1) for parts in zip(*bands, strict=True))
+    return Prediction(value, sigma)
+
+
+def _predict_band(model: FittedScene, band: int, light: FloatArray, white: float) -> tuple[FloatArray, FloatArray]:
+    """(H, W) light, and its standard deviation."""
+    transport, shape = model.room.camera_transport.bands[band], model.scene_model.camera.lens.shape
+    images = np.stack([light, np.full_like(light, white)], axis=-1)
+    direct, global_ = (np.asarray(part @ images).reshape(*shape, 2) for part in (transport.direct, transport.global_))
+    value = direct[..., 0] + global_[..., 0]
+    in_white = np.maximum(direct[..., 1] + global_[..., 1], 1e-9)
+    noise = model.white_variance[..., band] * (value / in_white) ** 2
+    # An error of the split moves light between direct and global; in white it cancels.
+    split = SPLIT_ERROR * (direct[..., 0] - direct[..., 1] * _share(global_))
+    spread = model.global_error * (global_[..., 0] - global_[..., 1] * _share(direct))
+    place, width = _edges(model, band, light)
+    return value, np.sqrt(noise + split**2 + spread**2 + place**2 + width**2 + (CURVE_ERROR * value) ** 2)
+
+
+def _share(parts: FloatArray) -> FloatArray:
+    """(H, W) of a picture's light in white's."""
+    return np.asarray(parts[..., 0] / np.maximum(parts[..., 1], 1e-9))
+
+
+def _edges(model: FittedScene, band: int, light: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(H, W) what errors of the places and of the blur's variance make of a picture's edges."""
+    scene_model = model.room.bands[band]
+    blur = model.room.camera_transport.bands[band].blur
+    picture = (light if blur is None else blur.apply(light)).reshape(scene_model.projector.lens.shape)
+    down, right = (np.asarray(np.gradient(picture, axis=axis)) for axis in (0, 1))
+    bend = np.asarray(np.gradient(down, axis=0)) + np.asarray(np.gradient(right, axis=1))
+    xy = np.nan_to_num(scene_model.light.projector_xy_px, nan=-10.0).astype(np.float32)
+    seen = [
+        cv2.remap(image.astype(np.float32), xy[..., 0], xy[..., 1], cv2.INTER_LINEAR).astype(np.float64)
+        for image in (PLACE_ERROR_PX * np.hypot(down, right), 0.5 * WIDTH_ERROR_PX2 * bend)
+    ]
+    place, width = (scene_model.light.direct_gain * image for image in seen)
+    return place, width
 
 
 def judged_pixels(model: FittedScene, step: Step) -> JudgedPixels:

@@ -22,6 +22,7 @@ from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at
 from sim.geometry.scene import Hits, Scene, intersect
 from sim.light.colour import ColourTransport
+from sim.light.picture_blur import PictureBlur
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
@@ -34,6 +35,8 @@ Vignetting = tuple[float, float]
 """v2, v4: relative illumination 1 + v2 r² + v4 r⁴, r = distance from the principal point / half diagonal."""
 
 
+SQUARE_PIXEL_PX2, FOUR_PIXELS_PX2 = 1 / 12, 1 / 6
+"""Mean variance of a square pixel, and of sharing a place out to the four nearest pixels by distance."""
 LEAST_GAIN = 0.02
 """Projector pixels with less direct light than this share of the median are left black."""
 
@@ -145,6 +148,9 @@ class MeasuredLight:
     """(H, W, 2) correspondence; NaN where there is none."""
     global_gain: FloatArray | float = 1.0
     """(H, W) measured over modelled global light of white: what the patches are too coarse for; 1 where not lit."""
+    variance_px2: FloatArray | None = None
+    """(H, W, 2) of what each camera pixel sees of the projector picture, along its columns and rows, beside its square
+    pixels; NaN where unknown. None: no blur."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -214,6 +220,20 @@ class SceneModel:
         return gain, seen
 
     @cached_property
+    def blur_variance_px2(self) -> FloatArray | None:
+        """(height, width, 2) of the projector picture as the camera sees it, as :class:`PictureBlur` has it.
+
+        A camera pixel takes its light from four projector pixels, which is a blur already; what is unseen is as
+        blurred as the median.
+        """
+        if self.light.variance_px2 is None:
+            return None
+        known = sample_bands(np.nan_to_num(self.light.variance_px2), self.camera_xy_px)
+        known = np.where(np.isfinite(known), known, np.nanmedian(known, axis=0))
+        beyond = np.maximum(known + SQUARE_PIXEL_PX2 - FOUR_PIXELS_PX2, 0.0)
+        return np.asarray(beyond.reshape(*self.projector.lens.shape, 2))
+
+    @cached_property
     def active(self) -> BoolArray:
         """(n projector pixels,) pixels that the camera sees well enough to steer; the others stay black."""
         gain, seen = self.projector_pixel_gains
@@ -270,8 +290,9 @@ class ColouredRoom:
 
     @cached_property
     def camera_transports(self) -> Mapping[DevicePair, ColourTransport]:
-        """T in blocks: a row of blocks a camera (its pixels), a column a projector (its active pixels)."""
-        bands = [camera_view(scene_model, self.active) for scene_model in self.bands]
+        """T in blocks: a row of blocks a camera (its pixels), a column a projector (all its pixels, seen or not)."""
+        every = np.ones(self.active.size, dtype=bool)
+        bands = [camera_view(scene_model, every) for scene_model in self.bands]
         return {pair: ColourTransport(bands, self.mixing) for pair in self.bands[0].measured}
 
     @property
@@ -316,4 +337,6 @@ def _transport(scene_model: SceneModel, active: BoolArray, direct: csr_array, vi
     emission = diags_array(scene.reflectance * projector.flux) @ projector.unit_emission[:, chosen]
     radiosity = Radiosity(scene_model.form_factors, scene.reflectance, solver="repeated")
     patch, xy_px = projector.hits.hits.patch[chosen], projector.device.lens.pixel_grid()[chosen]
-    return LightTransport(direct, csr_array(emission), radiosity, view, pixel_patch=patch, pixel_xy_px=xy_px)
+    variance = scene_model.blur_variance_px2
+    blur = None if variance is None else PictureBlur(variance_px2=variance, chosen=active)
+    return LightTransport(direct, csr_array(emission), radiosity, view, pixel_patch=patch, pixel_xy_px=xy_px, blur=blur)

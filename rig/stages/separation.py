@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.light.separation import MARGIN_PX, Separation, separate, separate_by_pattern
+from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, white_share
+from calibration.light.separation import Separation, separate, separate_by_pattern
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat
 from rig.capture.rig import Rig
@@ -16,7 +17,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import Float32Array, LightImage, merge_exposures
+from rig.stages.linear_light import BoolArray, Float32Array, LightImage, merge_exposures
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
@@ -28,8 +29,27 @@ _LIT_SHARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
+class BlurRecord(Record):
+    """Blur of one lens."""
+
+    variance_px2: tuple[float, float, float, float]
+    """Coefficients of :class:`calibration.light.blur.LensBlur`."""
+    middle_px: float
+    """Standard deviation in the middle of its picture ..."""
+    middle_sigma_px: float
+    """... and how well that is known."""
+    worst_px: float
+    """Largest at a corner of its picture."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SeparationRecord(Record):
     """What step `separation` found, beside its images."""
+
+    projector_blur: BlurRecord
+    camera_blur: BlurRecord
+    blur_rms: float
+    """What the blurred pattern leaves of a pixel's light, as a share of its direct light."""
 
     extremes_over_known_pattern: float
     """Median direct light by the brightest and darkest frames over that by the known pattern."""
@@ -40,6 +60,7 @@ def separation_settings(session: Session) -> JsonObject:
     patterns = session.profile.patterns
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
+        "by": "weighted regression on the blurred pattern, places too",
         "checker": [patterns.checker_size_px, patterns.checker_shifts],
     }
 
@@ -61,8 +82,10 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     white = merge_exposures(step, "white", white_bracket, radiometric)
     names = [pattern.name for pattern in checkers]
     frames = [merge_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
-    bright, known = _separated(frames, checkers, white.value, load_correspondence(session), checker_size_px=size_px)
+    bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
     _save(step, white, bright, known)
+    step.save_image("blur", _blur_maps(spread, load_correspondence(session), known), folder="maps")
+    step.save_record("separation", _record(spread, bright, known))
 
 
 def _told(names: Sequence[str], on_step: OnStep) -> Iterator[str]:
@@ -87,36 +110,80 @@ def _save(step: Step, white: LightImage, bright: Separation, known: Separation) 
         },
         folder="maps",
     )
+
+
+def _record(spread: PointSpread, bright: Separation, known: Separation) -> SeparationRecord:
+    valid = known.valid.all(axis=-1)
     extremes, direct = (found.direct.mean(axis=-1) for found in (bright, known))
     lit = valid & (direct > _LIT_SHARE * np.median(direct[valid]))
-    agreement = float(np.median(extremes[lit] / direct[lit]))
-    step.save_record("separation", SeparationRecord(extremes_over_known_pattern=agreement))
+    sigmas = np.sqrt(np.diag(spread.covariance))
+    return SeparationRecord(
+        extremes_over_known_pattern=float(np.median(extremes[lit] / direct[lit])),
+        projector_blur=_blur_record(spread.projector, sigmas[0]),
+        camera_blur=_blur_record(spread.camera, sigmas[4]),
+        blur_rms=spread.rms,
+    )
+
+
+def _blur_record(blur: LensBlur, variance_sigma_px2: float) -> BlurRecord:
+    height, width = blur.shape
+    middle = float(blur.sigma_px(np.array([(width - 1) / 2, (height - 1) / 2])))
+    corners = np.array([[0, 0], [width - 1, 0], [0, height - 1], [width - 1, height - 1]], dtype=np.float64)
+    return BlurRecord(
+        variance_px2=blur.coefficients_px2,
+        middle_px=middle,
+        middle_sigma_px=float(variance_sigma_px2 / (2 * max(middle, np.sqrt(variance_sigma_px2)))),
+        worst_px=float(blur.sigma_px(corners).max()),
+    )
+
+
+def _blur_maps(spread: PointSpread, correspondence: Correspondence, known: Separation) -> dict[str, Float32Array]:
+    """What each camera pixel sees of the projector picture: where, how wide, how much of white, how well separated."""
+    if known.projector_xy_px is None or known.variance is None:
+        raise ValueError("a separation by the known pattern has places and variances")
+    finer = replace(correspondence, projector_xy_px=known.projector_xy_px)
+    seen = footprint_map(spread, finer)
+    variance = known.variance.mean(axis=-1)
+    return {
+        "column": known.projector_xy_px[..., 0],
+        "row": known.projector_xy_px[..., 1],
+        "variance_x": seen.variance_px2[..., 0].astype(np.float32),
+        "variance_y": seen.variance_px2[..., 1].astype(np.float32),
+        "white_share": white_share(seen, correspondence.projector_shape).astype(np.float32),
+        "direct_variance": np.where(np.isfinite(variance), variance, 0.0).astype(np.float32),
+    }
 
 
 def _separated(
-    frames: list[Float32Array],
-    checkers: list[Pattern],
-    white: Float32Array,
-    correspondence: Correspondence,
-    *,
-    checker_size_px: int,
-) -> tuple[Separation, Separation]:
-    """By the brightest and darkest frames, and by the known pattern; (H, W, B) each."""
-    margin_px = min(MARGIN_PX, (checker_size_px - 1) // 3)
+    frames: list[Float32Array], checkers: list[Pattern], white: LightImage, correspondence: Correspondence
+) -> tuple[Separation, Separation, PointSpread]:
+    """By the brightest and darkest frames, and by the known pattern, (H, W, B) each; and the blur of the pattern."""
     codes = [pattern.codes for pattern in checkers]
+    grey = [frame.mean(axis=-1) for frame in frames]
+    spread = fit_point_spread(grey, codes, correspondence, _lit(white))
     found = []
-    for b in range(white.shape[-1]):
+    for b in range(white.value.shape[-1]):
         band = [np.ascontiguousarray(frame[..., b]) for frame in frames]
-        white_b = np.ascontiguousarray(white[..., b])
-        known = separate_by_pattern(band, codes, correspondence, white=white_b, margin_px=margin_px)
+        white_b = np.ascontiguousarray(white.value[..., b])
+        known = separate_by_pattern(band, codes, correspondence, white=white_b, spread=spread)
         found.append((separate(band, white=white_b), known))
     bright, known = (_joined(parts) for parts in zip(*found, strict=True))
-    return bright, known
+    return bright, known, spread
+
+
+def _lit(white: LightImage) -> BoolArray:
+    """(H, W) pixels that tell of the blur: not clipped, and not the darkest."""
+    grey = white.value.mean(axis=-1)
+    return np.asarray(~white.any_saturated & (grey > _LIT_SHARE * np.quantile(grey, 0.9)))
 
 
 def _joined(bands: Sequence[Separation]) -> Separation:
+    """All bands in one; the places are the first band's."""
+    variances = [band.variance for band in bands if band.variance is not None]
     return Separation(
         np.stack([band.direct for band in bands], axis=-1),
         np.stack([band.global_ for band in bands], axis=-1),
         np.stack([band.valid for band in bands], axis=-1),
+        variance=np.stack(variances, axis=-1) if variances else None,
+        projector_xy_px=bands[0].projector_xy_px,
     )

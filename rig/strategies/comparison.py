@@ -136,10 +136,10 @@ def keep_solution(
     codes = room.codes(solution.projector_image, seed)
     predicted = predict(room.model, room.radiometric.projector, codes)
     step.save_image(f"projector-{picture.name}-{name}", code_layers(codes))
-    step.save_image(f"predicted-{picture.name}-{name}", layers("light", predicted))
+    step.save_image(f"predicted-{picture.name}-{name}", predicted.channels)
     return StrategyRow(
         strategy=name,
-        predicted=room.judged(predicted),
+        predicted=room.judged(predicted.light),
         clipped_share=float(solution.clipped.mean()),
         gain=float(solution.notes.get("gain", 1.0)),
         seconds=solution.seconds,

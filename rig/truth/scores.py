@@ -125,7 +125,8 @@ def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Se
     """Area-weighted rms over all patches and bands, and over those that were both lit and seen."""
     scene = model.scene_model.scene
     found = np.stack([scene_model.scene.reflectance for scene_model in model.room.bands])
-    error = found - np.stack([ground_truth_reflectance(world, scene) for world in worlds])
+    projector = model.scene_model.projector
+    error = found - np.stack([ground_truth_reflectance(world, scene, projector) for world in worlds])
     areas = np.broadcast_to(scene.areas, error.shape)
     known = np.isfinite(error)
     measured = known & (np.array(sources) == 0)
@@ -136,22 +137,33 @@ def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Se
     return rms(known), rms(measured)
 
 
-def ground_truth_reflectance(world: SimulatedWorld, scene: Scene, samples: int = 5) -> FloatArray:
-    """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world is open."""
-    by_name = {wall.name: k for k, wall in enumerate(world.room.walls)}
+def ground_truth_reflectance(world: SimulatedWorld, scene: Scene, projector: PosedLens, samples: int = 5) -> FloatArray:
+    """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world is open.
+
+    Of which wall a patch is, its place tells, not its name: a room that was measured has its own corner as origin.
+    """
     share = (np.arange(samples) + 0.5) / samples
     values = np.full(scene.n_patches, np.nan)
     for face in scene.faces:
-        if face.name not in by_name:
-            continue
         row, column = np.divmod(np.arange(face.n_patches), face.columns)
         u = (column[:, None, None] + share[None, :, None]) / face.columns
         v = (row[:, None, None] + share[None, None, :]) / face.rows
         points = face.points(*np.broadcast_arrays(u, v))
+        there = _to_world(world, projector, points.reshape(-1, 3)).reshape(points.shape)
         size = np.array(world.settings.size_m)
-        there = np.clip(points / np.maximum(scene.vertices.max(axis=(0, 1)), 1e-9), 0, 1) * size
-        values[face.patches] = reflectance_at(world.room, by_name[face.name], there).mean(axis=(1, 2))
+        beside = np.abs(np.concatenate([there, there - size], axis=-1)).mean(axis=(0, 1, 2))
+        axis, side = int(np.argmin(beside)) % 3, int(np.argmin(beside)) // 3
+        wall = _wall_at(world, axis, side * size[axis])
+        if wall is not None:
+            inside = np.clip(there, 0, size)
+            values[face.patches] = reflectance_at(world.room, wall, inside).mean(axis=(1, 2))
     return values
+
+
+def _wall_at(world: SimulatedWorld, axis: int, position_m: float) -> int | None:
+    """The number of the wall at a place; None where the simulated world is open."""
+    walls = enumerate(world.room.walls)
+    return next((k for k, wall in walls if wall.axis == axis and abs(wall.position_m - position_m) < 1e-9), None)
 
 
 def _separation_biases(worlds: Worlds, session: Session, model: FittedScene) -> tuple[float, float]:

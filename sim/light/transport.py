@@ -16,6 +16,7 @@ from scipy.sparse.linalg import LinearOperator
 from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.light.interreflection_operator import InterreflectionOperator, interreflection_of
+from sim.light.picture_blur import PictureBlur
 from sim.light.radiosity import Radiosity
 
 
@@ -36,6 +37,8 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         Patch that each projector pixel meets, -1 for none.
     pixel_xy_px : (n_projector, 2) array, optional
         Where each projector pixel stands in its picture, for what needs to know its neighbours.
+    blur : PictureBlur, optional
+        Of the picture before it lands: direct light is D of the blurred picture. Interreflection is too smooth for it.
 
     Raises
     ------
@@ -52,6 +55,7 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         *,
         pixel_patch: NDArray[np.integer],
         pixel_xy_px: FloatArray | None = None,
+        blur: PictureBlur | None = None,
     ) -> None:
         direct, emission, view = (csr_array(matrix) for matrix in (direct, emission, view))
         n_camera, n_projector = direct.shape
@@ -72,12 +76,12 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         self.pixel_patch: IntArray = np.asarray(pixel_patch, dtype=np.intp)
         self.direct_matrix = direct
         self.pixel_xy_px = pixel_xy_px
+        self.blur = blur
 
     @property
     def direct(self) -> LinearOperator:
-        """D alone: once-reflected light."""
-        matrix = self.direct_matrix
-        return _operator(matrix.shape, lambda p: matrix @ p, lambda c: matrix.T @ c)
+        """Once-reflected light alone: D, of the blurred picture if there is a blur."""
+        return _operator(self.shape, self._direct, self._direct_adjoint)
 
     @property
     def global_(self) -> LinearOperator:
@@ -107,6 +111,13 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         E = np.asarray(self.emission @ p)
         return E, self.radiosity.solve(E)
 
+    def _direct(self, p: FloatArray) -> FloatArray:
+        return np.asarray(self.direct_matrix @ (p if self.blur is None else self.blur.apply(p)))
+
+    def _direct_adjoint(self, c: FloatArray) -> FloatArray:
+        returned = np.asarray(self.direct_matrix.T @ c)
+        return returned if self.blur is None else self.blur.adjoint(returned)
+
     def _global(self, p: FloatArray) -> FloatArray:
         E, B = self.radiosity_of(p)
         return np.asarray(self.view @ (B - E))
@@ -117,17 +128,17 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
 
     def _matvec(self, p: FloatArray) -> FloatArray:
         p = np.ravel(p)
-        return np.asarray(self.direct_matrix @ p + self._global(p))
+        return np.asarray(self._direct(p) + self._global(p))
 
     def _rmatvec(self, c: FloatArray) -> FloatArray:
         c = np.ravel(c)
-        return np.asarray(self.direct_matrix.T @ c + self._global_adjoint(c))
+        return np.asarray(self._direct_adjoint(c) + self._global_adjoint(c))
 
     def _matmat(self, images: FloatArray) -> FloatArray:
-        return np.asarray(self.direct_matrix @ images + self._global(images))
+        return np.asarray(self._direct(images) + self._global(images))
 
     def _rmatmat(self, images: FloatArray) -> FloatArray:
-        return np.asarray(self.direct_matrix.T @ images + self._global_adjoint(images))
+        return np.asarray(self._direct_adjoint(images) + self._global_adjoint(images))
 
 
 def _operator(shape: tuple[int, int], forward: object, adjoint: object) -> LinearOperator:

@@ -72,20 +72,18 @@ def patterns() -> list[np.ndarray]:
     return [pattern.codes for pattern in checker_patterns(PROJECTOR)]
 
 
-@pytest.mark.parametrize(("defocus_px", "limit"), [(0.3, 0.005), (0.6, 0.01), (0.9, 0.02)])
-@pytest.mark.parametrize("noise", [0.002, 0.02])
-@pytest.mark.parametrize("leak", [0.0, 0.05])
-def test_with_a_correspondence_both_parts_are_right_to_one_percent(
-    defocus_px: float, limit: float, noise: float, leak: float
+@pytest.mark.parametrize(("defocus_px", "noise"), [(0.3, 0.002), (0.6, 0.02), (1.2, 0.01), (1.8, 0.002)])
+def test_with_a_correspondence_both_parts_are_right_to_half_a_percent_however_blurred(
+    defocus_px: float, noise: float
 ) -> None:
-    """Blur of 0.9 px reaches into the middle of checks of 8 px: there the bias doubles."""
-    true = scene(defocus_px, noise, leak)
+    """At 1.8 px the blur reaches the middle of every check: means over lit and unlit checks would lose a tenth."""
+    true = scene(defocus_px, noise)
     found = separate_by_pattern(
-        true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32), leak=leak
+        true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32)
     )
     assert found.valid.mean() > 0.95
-    assert abs(bias(found.direct, true.direct, found.valid)) < limit
-    assert abs(bias(found.global_, true.global_, found.valid)) < 1.7 * limit
+    assert abs(bias(found.direct, true.direct, found.valid)) < 0.005
+    assert abs(bias(found.global_, true.global_, found.valid)) < 0.008
     assert np.allclose((found.direct + found.global_)[found.valid], true.white[found.valid], atol=1e-5)
 
 
@@ -94,6 +92,26 @@ def test_each_pixel_is_right_within_its_noise() -> None:
     found = separate_by_pattern(true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32))
     error = (found.direct - true.direct)[found.valid] / true.direct[found.valid]
     assert np.std(error) < 0.02
+
+
+def test_the_stated_variance_of_direct_light_is_that_of_its_errors() -> None:
+    true = scene(noise=0.02)
+    found = separate_by_pattern(true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32))
+    assert found.variance is not None
+    inner = found.valid & (np.hypot(*np.gradient(true.direct)) < 0.02)
+    errors = (found.direct - true.direct)[inner] / np.sqrt(found.variance[inner])
+    assert 0.7 < np.std(errors) < 1.4
+
+
+def test_a_place_that_the_code_has_a_third_of_a_pixel_off_is_mended_by_the_checks_edges() -> None:
+    true = scene(noise=0.005)
+    off = true.correspondence()
+    off.projector_xy_px[..., 0] += 0.3
+    found = separate_by_pattern(true.checkers(), patterns(), off, white=true.white.astype(np.float32))
+    assert found.projector_xy_px is not None
+    error = (found.projector_xy_px - true.xy)[20:-20, 20:-20]
+    assert np.median(np.abs(error)) < 0.03
+    assert abs(bias(found.direct, true.direct, found.valid)) < 0.005
 
 
 def test_pixels_without_a_projector_pixel_are_not_valid() -> None:
@@ -110,7 +128,7 @@ def test_where_nothing_corresponds_nothing_is_separated() -> None:
     true = scene()
     xy = np.full((*CAMERA, 2), np.nan, dtype=np.float32)
     dark = Correspondence(xy, np.full(CAMERA, PixelReason.DARK, dtype=np.uint8), PROJECTOR)
-    with pytest.raises(CalibrationError, match="no pixel lies 2 px inside a lit check"):
+    with pytest.raises(CalibrationError, match="0 lit pixels with a projector pixel"):
         separate_by_pattern(true.checkers(), patterns(), dark, white=true.white.astype(np.float32))
 
 

@@ -57,7 +57,7 @@ def scene_model(world: SimulatedWorld) -> SceneModel:
     camera = posed_lens(model_of(settings.camera, world.camera.rotation), settings.camera.vignetting)
     projector = posed_lens(model_of(settings.projector, world.projector.rotation), settings.projector.vignetting)
     scene = box_scene(settings.size_m, tuple(settings.reflectance), 0.3, 0.5)
-    scene = scene.with_reflectance(ground_truth_reflectance(world, scene))
+    scene = scene.with_reflectance(ground_truth_reflectance(world, scene, projector))
     white = world.light_of(np.ones(world.projector.shape, np.float32))
     gain = (white.direct * world.vignetting).astype(np.float64)
     seen = cast_pixels(scene, camera)
