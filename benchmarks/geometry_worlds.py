@@ -1,4 +1,4 @@
-"""Correspondences of rooms and shapes by exact ray casting, read as whole codes with noise, as structured light gives them.
+"""Correspondences of rooms and shapes by exact ray casting, read as whole codes with noise.
 
 Rays are those of the simulated world's optics; nothing here knows the model that is fitted.
 """
@@ -94,7 +94,7 @@ def exact_map(shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics)
     local = (points - projector.position_m) @ projector.rotation.T
     with np.errstate(invalid="ignore", divide="ignore"):
         slope = np.hypot(local[:, 0], local[:, 1]) / local[:, 2]
-        reach = np.abs(np.array(projector.lens.principal_point_px)) + (width, height)
+        reach = np.add(np.abs(projector.lens.principal_point_px), (width, height))
         seen = (xy > -0.5).all(1) & (xy < (width - 0.5, height - 0.5)).all(1)
         seen &= (local[:, 2] > 0) & (slope < 1.3 * np.hypot(*reach) / projector.lens.focal_px)
     away = points - projector.position_m

@@ -1,4 +1,4 @@
-"""Where camera pixels land in the projector if their points lie on given walls, and how that changes with the unknowns."""
+"""Where camera pixels land in the projector if their points lie on given walls, and the derivative of that."""
 
 from __future__ import annotations
 

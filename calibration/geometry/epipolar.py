@@ -24,7 +24,7 @@ _ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
 _FIT_POINTS = 1000
 """Of a start: its fit takes a second, and more points move it by less than the next stage does."""
 _FLAT_SHARE, _FLAT_PX = 0.97, 1.0
-"""So many points so near to one plane's homography leave nothing that would tell the lenses; whole codes are that near."""
+"""So many so near to one plane's homography leave nothing that would tell the lenses; whole codes are so near."""
 _RANSAC_PX, _HOMOGRAPHY_PX = 5, 20
 """Inlier limits before the lenses are known: distortion moves points by some pixels, at a flat scene's rim by more."""
 _IN_FRONT = 0.98
@@ -222,8 +222,8 @@ def check_not_flat(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -
     Raises
     ------
     CalibrationError
-        If it explains 97 % of the points to within 1 px. A scene that is flat does so, and any scene without a baseline:
-        the parallax that is left over a pure rotation tells which is said.
+        If it explains 97 % of the points to within 1 px. A flat scene does so, and any scene without a baseline: the
+        parallax that is left over a pure rotation tells which is said.
     """
     camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
     x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]

@@ -5,23 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from calibration.arrays import FloatArray
 
 Residual = Callable[[FloatArray], FloatArray]
-"""Unknowns (n,) → residuals (N, d), d of them a point. [px]"""
-
-
-@runtime_checkable
-class Differentiable(Protocol):
-    """Residuals that know their derivative."""
-
-    def jacobian(self, z: FloatArray) -> FloatArray:
-        """(n, N, d) at unknowns (n,)."""
-
+"""Unknowns (n,) → residuals (N, d), d of them a point [px]; may have `jacobian`, unknowns → (n, N, d)."""
 
 _STEP = 1e-6
 """Of a forward difference: unknowns are of order 1, so half of float64's digits are left for the slope."""
@@ -66,7 +56,7 @@ class Fit:
 
     @property
     def cost(self) -> float:
-        """What was minimised, priors included. [px²]"""
+        """What was minimised, priors included. [px²]."""
         return _cost(self.residual, _scale(self.residual, self.least_scale_px)) + self.priors.cost(self.z)
 
     @cached_property
@@ -117,8 +107,9 @@ def _cost(error: FloatArray, scale: float) -> float:
 
 def _jacobian(residual: Residual, z: FloatArray, error: FloatArray) -> FloatArray:
     """(n, N, d): the function's own derivative, or forward differences; unknowns are of order 1."""
-    if isinstance(residual, Differentiable):
-        return residual.jacobian(z)
+    derivative = getattr(residual, "jacobian", None)
+    if derivative is not None:
+        return np.asarray(derivative(z))
     jacobian = np.empty((len(z), *error.shape))
     for k in range(len(z)):
         moved = z.copy()

@@ -9,7 +9,7 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -18,14 +18,6 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
-from calibration.geometry.epipolar import (
-    COLUMN_SHARES,
-    UNDISTORTIONS,
-    NominalIntrinsics,
-    check_not_flat,
-    fit_epipolar,
-)
-from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_units, scene_of
 from calibration.geometry.contradictions import (
@@ -35,9 +27,17 @@ from calibration.geometry.contradictions import (
     check_one_surface,
     check_right_angles,
 )
+from calibration.geometry.epipolar import (
+    COLUMN_SHARES,
+    UNDISTORTIONS,
+    NominalIntrinsics,
+    check_not_flat,
+    fit_epipolar,
+)
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
+from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit, transfer_of
-from calibration.geometry.planes import Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
 from calibration.geometry.support import standing_planes
 from calibration.geometry.triangulation import triangulate
 
@@ -51,6 +51,8 @@ _BETTER = 0.98
 """Planes found anew may lose so little and still be taken: they were found with better lenses."""
 _FEW, _SOME, _MANY = 4000, 3000, 10000
 """Points that planes are looked for in, that candidates are fitted to, and that the result rests on."""
+_MEDIANS, _LEAST_LIMIT_PX = 5.0, 0.4
+"""Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 _ONE_AXIS = 0.5
 """What a candidate counts that has walls along one direction only: none at right angles."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
@@ -70,7 +72,7 @@ class ExplainedPixels:
 
     def plane_at(self, xy_px: FloatArray) -> IntArray:
         """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
-        reach = _REACH_SHARE * float(np.ptp(self.projector_xy_px[:, 0], initial=0.0) + 1)
+        reach = _REACH_SHARE * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
         found = np.full(len(xy_px), -1, dtype=np.int64)
         for k, pixel in enumerate(xy_px):
             away = np.abs(self.projector_xy_px - pixel).max(axis=1)
@@ -210,8 +212,8 @@ def _held_against_all(
     check_one_surface(rough, x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
     free = adjust(a, b, rough.with_planes(rough.planes), nominal, Rounds(limits_px=(2.0, 1.0), iterations=20))
+    check_flat(free or rough, a if free else x1)
     if free is not None:
-        check_flat(free, a)
         _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
@@ -353,11 +355,13 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, rig
     return best
 
 
-def _planes_of(devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray) -> FloatArray:
+def _planes_of(
+    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float = INLIER_PX
+) -> FloatArray:
     a, b = x1[:_FEW], x2[:_FEW]
     found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
     seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
-    return segment_planes(seen, transfer_of(devices[1]), found.in_front)
+    return segment_planes(seen, transfer_of(devices[1]), found.in_front, limit_px)
 
 
 def _adjusted_twice(
@@ -369,10 +373,10 @@ def _adjusted_twice(
         guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
         rounds = Rounds(limits_px=(1.5,), iterations=12)
         fits = [adjust(x1, x2, first.with_planes(first.planes, axes), nominal, rounds) for axes in guesses]
-        first = max((fit for fit in fits if fit is not None), key=lambda fit: fit.share_on_axes, default=None)
+        first = _likeliest([fit for fit in fits if fit is not None])
     if first is None:
         return None
-    planes = _planes_of(first.devices, x1, x2)
+    planes = _planes_of(first.devices, x1, x2, _limit_after(first))
     if len(planes) < 2:
         return first
     axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else None
@@ -381,6 +385,19 @@ def _adjusted_twice(
     if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
         return first
     return second
+
+
+def _limit_after(fit: BundleSolution) -> float:
+    """Limit at which planes are told apart with the lenses of a fit: some of its median errors."""
+    median_px = float(np.median(np.linalg.norm(fit.fit.residual, axis=1)))
+    return float(np.clip(_MEDIANS * median_px, _LEAST_LIMIT_PX, INLIER_PX))
+
+
+def _likeliest(fits: Sequence[BundleSolution]) -> BundleSolution | None:
+    """Of fits that put nearly as many points on axes as the best, the one with least left over, priors included."""
+    most = max((_merit(fit, True) for fit in fits), default=0.0)
+    able = [fit for fit in fits if _merit(fit, True) >= _BETTER * most]
+    return min(able, key=lambda fit: fit.fit.cost / len(fit.used), default=None)
 
 
 def _without_phantoms(
@@ -407,9 +424,7 @@ def _merit(bundle: BundleSolution, right_angles: bool) -> float:
     return bundle.share_on_axes if len(axes) > 1 else _ONE_AXIS * bundle.share
 
 
-def _finished(
-    bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics
-) -> StereoCalibration:
+def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> StereoCalibration:
     used = bundle.label >= 0
     planes = bundle.planes[bundle.label[used]]
     camera, projector = bundle.camera, bundle.projector
@@ -428,9 +443,7 @@ def _finished(
         sigmas=_lens_sigmas(unknown, nominal),
         inlier_share=float(used.mean()),
         explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used]),
-        uncertainty=Uncertainty(
-            unknowns=bundle.fit.z, covariance=unknown, axes=bundle.start_axes, nominal=nominal
-        ),
+        uncertainty=Uncertainty(unknowns=bundle.fit.z, covariance=unknown, axes=bundle.start_axes, nominal=nominal),
     )
 
 
