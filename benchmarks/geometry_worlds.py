@@ -70,6 +70,8 @@ class Shape:
 
     walls: tuple[HalfSpace | Round, ...]
     balls: tuple[Round, ...] = ()
+    is_box: bool = True
+    """Balls apart."""
 
     def hit_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
         """(N,) distance of the first surface along rays."""

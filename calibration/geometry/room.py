@@ -126,8 +126,8 @@ def check_against_tape(
         own = tape_sigma_share * tape
         if abs(measured - tape) > SIGMAS * np.hypot(sigma, own):
             raise CalibrationError(
-                f"the room measures {measured:.3f} +- {sigma:.3f} m along {axis} ({FACES[2 * k]} and {FACES[2 * k + 1]} "
-                f"seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
+                f"the room measures {measured:.3f} +- {sigma:.3f} m along {axis} "
+                f"({FACES[2 * k]} and {FACES[2 * k + 1]} seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
                 f"{abs(measured - tape) / np.hypot(sigma, own):.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
                 "tape's lengths is wrong ([[scale]] or size_m; x ends at the wall on the right), or hfov_deg is"
             )
@@ -142,8 +142,8 @@ def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
         return stereo
     raise CalibrationError(
         f"a session needs a box, and the {len(stereo.axes)} planes that were found make none: {_angles(stereo)}; two "
-        f"have to stand at right angles to within {MOST_OFF_SQUARE_DEG:g} degrees. This version models boxes only: aim at a "
-        "corner of the room whose walls, or wall and floor, are square"
+        f"have to stand at right angles to within {MOST_OFF_SQUARE_DEG:g} degrees. This version models boxes only: aim "
+        "at a corner of the room whose walls, or wall and floor, are square"
     )
 
 

@@ -51,7 +51,7 @@ _BETTER = 0.98
 """Planes found anew may lose so little and still be taken: they were found with better lenses."""
 _FEW, _SOME, _MANY = 4000, 3000, 10000
 """Points that planes are looked for in, that candidates are fitted to, and that the result rests on."""
-_MEDIANS, _LEAST_LIMIT_PX = 5.0, 0.4
+_EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
 """Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 _ONE_AXIS = 0.5
 """What a candidate counts that has walls along one direction only: none at right angles."""
@@ -356,10 +356,12 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, rig
 
 
 def _planes_of(
-    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float = INLIER_PX
+    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float | None = None
 ) -> FloatArray:
     a, b = x1[:_FEW], x2[:_FEW]
     found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
+    if limit_px is None:
+        limit_px = float(np.clip(_EPIPOLAR_MEDIANS * np.nanmedian(found.epipolar_px), _LEAST_LIMIT_PX, INLIER_PX))
     seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
     return segment_planes(seen, transfer_of(devices[1]), found.in_front, limit_px)
 

@@ -132,7 +132,7 @@ def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_bot
 
 
 def test_a_device_behind_a_wall_by_tape_is_refused(room):
-    with pytest.raises(CalibrationError, match=r"the projector would stand 0\.20 m behind wall x0"):
+    with pytest.raises(CalibrationError, match=r"the camera would stand 0\.60 m behind wall x0"):
         room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), (3.6, 4.8, 2.4))
 
 
