@@ -23,8 +23,8 @@ _ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
 """Where the projector's principal point may be, as shares of width and height: lens shift is mostly vertical."""
 _FIT_POINTS = 1000
 """Of a start: its fit takes a second, and more points move it by less than the next stage does."""
-_FLAT_SHARE, _FLAT_PX = 0.97, 3.0
-"""So many points so near to one plane's homography leave nothing that would tell the lenses."""
+_FLAT_SHARE, _FLAT_PX = 0.97, 1.0
+"""So many so near to one plane's homography leave nothing that would tell the lenses; whole codes are so near."""
 _RANSAC_PX, _HOMOGRAPHY_PX = 5, 20
 """Inlier limits before the lenses are known: distortion moves points by some pixels, at a flat scene's rim by more."""
 _IN_FRONT = 0.98
@@ -216,45 +216,14 @@ def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Resi
     return residual
 
 
-def check_parallax(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> None:
-    """Fit a pure rotation between the devices: what is left over is parallax.
-
-    Raises
-    ------
-    CalibrationError
-        If its median is under 2 px.
-    """
-    free = np.r_[0:_POSE, _POSE : _POSE + 3]
-    x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
-
-    def residual(q: FloatArray) -> FloatArray:
-        camera, projector = models_of(np.concatenate([q, [0, 0, 1]]), nominal)
-        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
-        turned = rays @ projector.rotation.T
-        error = image_of(turned, projector.focal_px[0], projector.principal_point_px, projector.distortion) - x2
-        return np.asarray(np.clip(error, -1e4, 1e4))
-
-    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
-    u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
-    start = np.concatenate([_EXPECTED[:_POSE], vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)])
-    priors = _priors(_EXPECTED[free], _SIGMA[free], len(x1))
-    fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
-    parallax_px = float(np.median(np.linalg.norm(fit.residual, axis=1)))
-    if parallax_px < MIN_PARALLAX_PX:
-        raise CalibrationError(
-            f"the median parallax between camera and projector is {parallax_px:.2f} px, below the limit of "
-            f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero and depth cannot be triangulated. "
-            "Move the camera aside by 0.3 m or more"
-        )
-
-
 def check_not_flat(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> None:
     """Fit one plane's homography between both pictures, with distortion: it must leave points over.
 
     Raises
     ------
     CalibrationError
-        If it explains 97 % of the points to within 3 px.
+        If it explains 97 % of the points to within 1 px. A flat scene does so, and any scene without a baseline: the
+        parallax that is left over a pure rotation tells which is said.
     """
     camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
     x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
@@ -276,7 +245,38 @@ def check_not_flat(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -
     fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
     explained = float((np.linalg.norm(fit.residual, axis=1) < _FLAT_PX).mean())
     if explained > _FLAT_SHARE:
+        parallax_px = _parallax_px(x1, x2, nominal)
+        if parallax_px < MIN_PARALLAX_PX:
+            raise CalibrationError(_no_parallax(parallax_px))
         raise CalibrationError(
             f"one plane explains {100 * explained:.1f} % of the correspondences: a flat scene does not determine "
             "the lenses; aim at a corner, so that at least two walls are lit and seen"
         )
+
+
+def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> float:
+    """Median of what a pure rotation between the devices leaves over."""
+    free = np.r_[0:_POSE, _POSE : _POSE + 3]
+    x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
+
+    def residual(q: FloatArray) -> FloatArray:
+        camera, projector = models_of(np.concatenate([q, [0, 0, 1]]), nominal)
+        rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+        turned = rays @ projector.rotation.T
+        error = image_of(turned, projector.focal_px[0], projector.principal_point_px, projector.distortion) - x2
+        return np.asarray(np.clip(error, -1e4, 1e4))
+
+    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
+    u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
+    start = np.concatenate([_EXPECTED[:_POSE], vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)])
+    priors = _priors(_EXPECTED[free], _SIGMA[free], len(x1))
+    fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
+    return float(np.median(np.linalg.norm(fit.residual, axis=1)))
+
+
+def _no_parallax(parallax_px: float) -> str:
+    return (
+        f"the median parallax between camera and projector is {parallax_px:.2f} px, below the limit of "
+        f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero, or all that is seen is one flat wall far away; depth "
+        "cannot be triangulated. Move the camera aside by 0.3 m or more, and aim at a corner"
+    )

@@ -50,6 +50,22 @@ def distort(plane: FloatArray, distortion: ArrayLike) -> FloatArray:
     return real
 
 
+def distortion_slopes(plane: FloatArray, distortion: ArrayLike) -> tuple[FloatArray, FloatArray]:
+    """(N, 2, 2) derivative of :func:`distort` by the coordinates, and (N, 2, 5) by the terms."""
+    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
+    x, y = plane[:, 0], plane[:, 1]
+    r2 = x * x + y * y
+    radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+    rise = 2 * (k1 + r2 * (2 * k2 + r2 * 3 * k3))
+    across = x * y * rise + 2 * (p1 * x + p2 * y)
+    by_place = np.empty((len(plane), 2, 2))
+    by_place[:, 0, 0] = radial + x * x * rise + 2 * p1 * y + 6 * p2 * x
+    by_place[:, 1, 1] = radial + y * y * rise + 6 * p1 * y + 2 * p2 * x
+    by_place[:, 0, 1] = by_place[:, 1, 0] = across
+    terms = [(x * r2, y * r2), (x * r2**2, y * r2**2), (2 * x * y, r2 + 2 * y * y), (r2 + 2 * x * x, 2 * x * y)]
+    return by_place, np.stack([np.column_stack(t) for t in (*terms, (x * r2**3, y * r2**3))], axis=2)
+
+
 def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDISTORTIONS) -> FloatArray:
     """(N, 2) ideal image coordinates of real ones: :func:`distort` inverted by fixed-point iteration.
 

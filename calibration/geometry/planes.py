@@ -13,7 +13,7 @@ from calibration.arrays import BoolArray, FloatArray, IntArray
 Transfer = Callable[[FloatArray, FloatArray], FloatArray]
 """(camera rays (N, 3), plane (3,)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
 
-_INLIER_PX = 1.5
+INLIER_PX = 1.5
 """Three times the half pixel by which whole codes are off."""
 _TRIALS = 400
 """Of RANSAC: a wall with 5 % of the points is drawn twenty times."""
@@ -69,11 +69,13 @@ class ViewedPoints:
         return np.asarray(np.linalg.norm(transfer(self.rays, plane) - self.projector_xy_px, axis=1))
 
 
-def segment_planes(seen: ViewedPoints, transfer: Transfer, usable: BoolArray) -> FloatArray:
+def segment_planes(
+    seen: ViewedPoints, transfer: Transfer, usable: BoolArray, limit_px: float = INLIER_PX
+) -> FloatArray:
     """Find flat walls one after the other, by sequential RANSAC with a fixed seed.
 
     Neighbouring points (in the camera's picture) make a plane; its points are those whose correspondence it
-    predicts to within 1.5 px. Planes with less than 2 % of the points are left out.
+    predicts to within the limit. Planes with less than 2 % of the points are left out.
 
     Parameters
     ----------
@@ -83,6 +85,8 @@ def segment_planes(seen: ViewedPoints, transfer: Transfer, usable: BoolArray) ->
         From the camera's rays to the projector by a plane.
     usable : (N,) bool
         Points that lie in front of both devices.
+    limit_px : float
+        1.5 px, or less where lenses and noise are known better.
 
     Returns
     -------
@@ -99,32 +103,34 @@ def segment_planes(seen: ViewedPoints, transfer: Transfer, usable: BoolArray) ->
     enough = max(_LEAST_SHARE * len(left), _LEAST_POINTS)
     while len(planes) < _MOST_PLANES and len(left) >= enough:
         here = seen.chosen(left)
-        best = _best_plane(here, transfer, random)
+        best = _best_plane(here, transfer, random, limit_px)
         if best is None:
             break
         error = here.error_px(transfer, best)
-        if (error < _INLIER_PX).sum() < enough:
+        if (error < limit_px).sum() < enough:
             break
         planes.append(best)
         # What lies close to the plane, too, so that its rim is not found again as another plane.
-        left = left[error > 3 * _INLIER_PX]
+        left = left[error > 3 * limit_px]
     return np.array(planes).reshape(-1, 3)
 
 
-def _best_plane(seen: ViewedPoints, transfer: Transfer, random: np.random.Generator) -> FloatArray | None:
+def _best_plane(
+    seen: ViewedPoints, transfer: Transfer, random: np.random.Generator, limit_px: float
+) -> FloatArray | None:
     best, best_count = None, 0
     test = seen.chosen(random.permutation(len(seen.points))[:_TESTED])
     for _ in range(_TRIALS):
         plane = _trial_plane(seen, random)
         if plane is None:
             continue
-        count = int((test.error_px(transfer, plane) < _INLIER_PX).sum())
+        count = int((test.error_px(transfer, plane) < limit_px).sum())
         if count > best_count:
             best, best_count = plane, count
     if best is None:
         return None
     for _ in range(_REFINEMENTS):
-        inside = seen.error_px(transfer, best) < _INLIER_PX
+        inside = seen.error_px(transfer, best) < limit_px
         refined = _plane_through(seen.points[inside]) if inside.sum() >= 3 else None
         if refined is None:
             break

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration.arrays import FloatArray, IntArray
+from calibration.arrays import FloatArray
 
 Residual = Callable[[FloatArray], FloatArray]
-"""Unknowns (n,) → residuals (N, d), d of them a point. [px]"""
+"""Unknowns (n,) → residuals (N, d), d of them a point [px]; may have `jacobian`, unknowns → (n, N, d)."""
 
 _STEP = 1e-6
 """Of a forward difference: unknowns are of order 1, so half of float64's digits are left for the slope."""
@@ -53,6 +53,11 @@ class Fit:
     def weight(self) -> FloatArray:
         """(N,) robust weights, 1 for a perfect point."""
         return _weight(self.residual, _scale(self.residual, self.least_scale_px))
+
+    @property
+    def cost(self) -> float:
+        """What was minimised, priors included. [px²]."""
+        return _cost(self.residual, _scale(self.residual, self.least_scale_px)) + self.priors.cost(self.z)
 
     @cached_property
     def hessian(self) -> FloatArray:
@@ -101,7 +106,10 @@ def _cost(error: FloatArray, scale: float) -> float:
 
 
 def _jacobian(residual: Residual, z: FloatArray, error: FloatArray) -> FloatArray:
-    """(n, N, d) forward differences; unknowns are of order 1."""
+    """(n, N, d): the function's own derivative, or forward differences; unknowns are of order 1."""
+    derivative = getattr(residual, "jacobian", None)
+    if derivative is not None:
+        return np.asarray(derivative(z))
     jacobian = np.empty((len(z), *error.shape))
     for k in range(len(z)):
         moved = z.copy()
@@ -125,32 +133,3 @@ def _solve(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatAr
     diagonal = np.diag(hessian)
     damped = hessian + np.diag(damping * diagonal + 1e-12 * diagonal.max())
     return np.asarray(np.linalg.solve(damped, gradient))
-
-
-def covariance(fit: Fit, cluster: IntArray) -> FloatArray:
-    """Return the covariance of a solution, by the sandwich formula over clusters of points.
-
-    Neighbouring points share their error (sub-pixel windows overlap, a wall is not quite flat), so a cluster
-    counts as one observation: Liang and Zeger, Biometrika 73 (1986). Each prior counts as one more, so that an
-    unknown that the points do not determine has the standard deviation of its prior.
-
-    Parameters
-    ----------
-    fit : Fit
-        A solution.
-    cluster : (N,) int
-        Cluster of each point.
-
-    Returns
-    -------
-    (n, n)
-        Covariance of the unknowns.
-    """
-    n = len(fit.z)
-    score = np.einsum("knd,nd,n->nk", fit.jacobian, fit.residual, fit.weight)
-    _, index = np.unique(cluster, return_inverse=True)
-    sums = np.zeros((int(index.max()) + 1, n))
-    np.add.at(sums, index, score)
-    inverse = np.linalg.pinv(fit.hessian, rcond=1e-13, hermitian=True)
-    of_priors = np.diag((fit.priors.weight / fit.priors.sigma) ** 2)
-    return np.asarray(inverse @ (sums.T @ sums + of_priors) @ inverse)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
+from calibration.geometry.contradictions import SIGMAS
 from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.planes import orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
 
 FACES = ("x0", "x1", "y0", "y1", "floor", "ceiling")
@@ -17,8 +20,14 @@ _BEHIND_M = 0.5
 """Behind the rearmost device: where a wall that nobody saw or measured is put; tripods leave so much."""
 _UNKNOWN_SIZE_M = 4.0
 """Of a room along an axis of which nothing was seen or measured: a usual room's."""
+MOST_OFF_SQUARE_DEG = 2.0
+"""How far planes that were fitted without right angles may stand from a box's: 7 cm at the end of a wall of 2 m."""
+_PAIRS_NAMED = 6
 _TWO_SURFACES_M = 0.3
 """Parallel planes further apart are two surfaces, not one found twice."""
+
+
+Extents = list[float | None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,18 +73,15 @@ def room_from_stereo(
     Raises
     ------
     CalibrationError
-        If no plane belongs to a room, or two parallel planes contradict each other.
+        If the planes make no box, with their angles; or a wall that nobody saw would stand before a device.
     """
+    stereo = _on_axes(stereo)
     on_axis = [k for k, axis in enumerate(stereo.axes) if axis >= 0]
-    if len({stereo.axes[k] for k in on_axis}) < 2:
-        raise CalibrationError(
-            f"{len(on_axis)} of {len(stereo.axes)} planes stand at right angles: no room can be made of them; "
-            "aim at a corner of the room"
-        )
     frame = _room_directions(stereo)
     low, high, seen = _extents(stereo, frame)
     devices = np.stack([frame @ stereo.camera.position_m, frame @ stereo.projector.position_m])
     notes = _close(devices, low, high, size_m)
+    _check_inside(devices, low, high)
     origin = np.array([value for value in low if value is not None])
     size = np.array([b - a for a, b in zip(low, high, strict=True) if a is not None and b is not None])
     normals = stereo.planes[on_axis] / np.linalg.norm(stereo.planes[on_axis], axis=1, keepdims=True)
@@ -90,6 +96,83 @@ def room_from_stereo(
         angle_error_deg=angle,
         notes=notes,
     )
+
+
+def check_against_tape(
+    box: RoomBox, size_m: tuple[float, float, float], sigma_m: FloatArray, tape_sigma_share: float
+) -> None:
+    """Hold the lengths that were measured against those by tape.
+
+    Parameters
+    ----------
+    box : RoomBox
+        Of which the axes count whose two faces were both seen.
+    size_m : (x, y, z)
+        By tape measure. [m]
+    sigma_m : (3,)
+        Standard deviations of the measured size, that of the scale included. [m]
+    tape_sigma_share : float
+        Standard deviation of a length by tape, as a share of it.
+
+    Raises
+    ------
+    CalibrationError
+        With both lengths, if they are more than four of their common standard deviations apart.
+    """
+    for k, axis in enumerate("xyz"):
+        if not {FACES[2 * k], FACES[2 * k + 1]} <= set(box.seen):
+            continue
+        measured, tape, sigma = box.size_m[k], size_m[k], float(sigma_m[k])
+        own = tape_sigma_share * tape
+        if abs(measured - tape) > SIGMAS * np.hypot(sigma, own):
+            raise CalibrationError(
+                f"the room measures {measured:.3f} +- {sigma:.3f} m along {axis} "
+                f"({FACES[2 * k]} and {FACES[2 * k + 1]} seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
+                f"{abs(measured - tape) / np.hypot(sigma, own):.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
+                "tape's lengths is wrong ([[scale]] or size_m; x ends at the wall on the right), or hfov_deg is"
+            )
+
+
+def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
+    """The same calibration, with axes where free planes stand at right angles; refuses what makes no box."""
+    if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
+        found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
+        stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
+    if len(set(stereo.axes) - {-1}) > 1:
+        return stereo
+    raise CalibrationError(
+        f"a session needs a box, and the {len(stereo.axes)} planes that were found make none: {_angles(stereo)}; two "
+        f"have to stand at right angles to within {MOST_OFF_SQUARE_DEG:g} degrees. This version models boxes only: aim "
+        "at a corner of the room whose walls, or wall and floor, are square"
+    )
+
+
+def _angles(stereo: StereoCalibration) -> str:
+    """In words, with standard deviations."""
+    pairs = list(combinations(range(len(stereo.planes)), 2))[:_PAIRS_NAMED]
+    if not pairs:
+        return "it stands alone"
+
+    def degrees(calibration: StereoCalibration) -> FloatArray:
+        normals = calibration.planes / np.linalg.norm(calibration.planes, axis=1, keepdims=True)
+        return np.array([180 - np.degrees(np.arccos(np.clip(normals[a] @ normals[b], -1, 1))) for a, b in pairs])
+
+    values, sigmas = degrees(stereo), stereo.sigmas_of(degrees)
+    named = [f"{a + 1} and {b + 1} at {v:.1f} +- {s:.1f}" for (a, b), v, s in zip(pairs, values, sigmas, strict=True)]
+    return f"walls {', '.join(named)} degrees"
+
+
+def _check_inside(devices: FloatArray, low: Extents, high: Extents) -> None:
+    """Refuse a room whose walls, once all are placed, leave a device outside."""
+    for device, name in zip(devices, ("camera", "projector"), strict=True):
+        for k in range(3):
+            for bound, face, sign in ((low[k], FACES[2 * k], 1), (high[k], FACES[2 * k + 1], -1)):
+                outside = 0.0 if bound is None else sign * (bound - float(device[k]))
+                if outside > 0:
+                    raise CalibrationError(
+                        f"the {name} would stand {outside:.2f} m behind wall {face}: [surface] size_m is too small "
+                        f"along {'xyz'[k]} for where devices and walls were measured, or a length of [[scale]] is wrong"
+                    )
 
 
 def _room_directions(stereo: StereoCalibration) -> FloatArray:
@@ -107,9 +190,6 @@ def _room_directions(stereo: StereoCalibration) -> FloatArray:
     if y @ ahead < -0.3:
         x, y = -y, x
     return np.stack([x, y, up])
-
-
-Extents = list[float | None]
 
 
 def _extents(stereo: StereoCalibration, frame: FloatArray) -> tuple[Extents, Extents, set[str]]:

@@ -9,26 +9,36 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.arrays import FloatArray
+from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
+from calibration.geometry.bundle_residual import rays_of
+from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_units, scene_of
+from calibration.geometry.contradictions import (
+    check_data_sheets,
+    check_determined,
+    check_flat,
+    check_one_surface,
+    check_right_angles,
+)
 from calibration.geometry.epipolar import (
     COLUMN_SHARES,
     UNDISTORTIONS,
     NominalIntrinsics,
     check_not_flat,
-    check_parallax,
     fit_epipolar,
 )
+from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
-from calibration.geometry.plane_bundle import BundleSolution, PlanarScene, adjust, rays_of, transfer_of
-from calibration.geometry.planes import Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit, transfer_of
+from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.support import standing_planes
 from calibration.geometry.triangulation import triangulate
 
 MIN_POINTS = 500
@@ -41,8 +51,52 @@ _BETTER = 0.98
 """Planes found anew may lose so little and still be taken: they were found with better lenses."""
 _FEW, _SOME, _MANY = 4000, 3000, 10000
 """Points that planes are looked for in, that candidates are fitted to, and that the result rests on."""
+_EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
+"""Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
+_ONE_AXIS = 0.5
+"""What a candidate counts that has walls along one direction only: none at right angles."""
+_REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
+"""How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExplainedPixels:
+    """Projector pixels of correspondences that a plane explains."""
+
+    projector_xy_px: FloatArray
+    """(M, 2) [px]"""
+    plane: IntArray
+    """(M,) plane of each."""
+
+    def plane_at(self, xy_px: FloatArray) -> IntArray:
+        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
+        reach = _REACH_SHARE * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
+        found = np.full(len(xy_px), -1, dtype=np.int64)
+        for k, pixel in enumerate(xy_px):
+            away = np.abs(self.projector_xy_px - pixel).max(axis=1)
+            near = np.flatnonzero(away <= reach)
+            near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
+            if len(near) >= _LEAST_NEIGHBOURS:
+                found[k] = np.bincount(self.plane[near]).argmax()
+        return found
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Uncertainty:
+    """Covariance of a fit's unknowns, and how a calibration follows from them."""
+
+    unknowns: FloatArray
+    """(n,)"""
+    covariance: FloatArray
+    """(n, n)"""
+    axes: Axes
+    nominal: NominalIntrinsics
+
+    def scene(self, unknowns: FloatArray) -> PlanarScene:
+        """Devices and planes of other unknowns; the baseline is 1."""
+        return scene_of(unknowns, self.axes, self.nominal)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,11 +117,42 @@ class StereoCalibration:
     sigmas: dict[str, float]
     """Standard deviations of the free lens terms, from the fit's curvature. [px or 1]"""
     inlier_share: float
+    explained: ExplainedPixels
+    """The projector's pixels whose plane is known."""
+    uncertainty: Uncertainty | None = None
+    """Of everything together; None of a calibration that was not fitted."""
 
     @property
     def baseline(self) -> float:
         """Distance of the two centres of projection in metres; 1 until scaled."""
         return float(np.linalg.norm(self.projector.position_m - self.camera.position_m))
+
+    def sigmas_of(self, figures: Callable[[StereoCalibration], FloatArray]) -> FloatArray:
+        """Carry the fit's covariance into any figures that follow from a calibration.
+
+        Parameters
+        ----------
+        figures : callable
+            Of a calibration whose baseline is 1, (m,); it may bring it into metres first.
+
+        Returns
+        -------
+        (m,)
+            Standard deviations; zeros of a calibration that was not fitted.
+        """
+        if self.uncertainty is None:
+            return np.zeros_like(figures(self))
+        known = self.uncertainty
+        return standard_deviations(lambda z: figures(self._with(known.scene(z))), known.unknowns, known.covariance)
+
+    def _with(self, scene: PlanarScene) -> StereoCalibration:
+        return replace(
+            self,
+            camera=scene.camera,
+            projector=scene.projector,
+            planes=scene.planes,
+            room_axes=scene.axes.directions,
+        )
 
 
 def calibrate_stereo(
@@ -110,14 +195,42 @@ def calibrate_stereo(
     _check_count(len(camera_xy_px))
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
-    check_parallax(x1[:_FEW], x2[:_FEW], nominal)
     check_not_flat(x1[:_FEW], x2[:_FEW], nominal)
     report(1, 3)
     bundle = _best_bundle(x1, x2, nominal, right_angles)
     report(2, 3)
-    refined = adjust(x1, x2, bundle, nominal, limits_px=(1.0,), iterations=20)
+    final = _held_against_all(x1, x2, bundle, nominal)
     report(3, 3)
-    return _finished(refined or bundle, x1, x2)
+    return _finished(final, x1, x2, nominal)
+
+
+def _held_against_all(
+    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics
+) -> BundleSolution:
+    """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
+    rough = adjust(x1, x2, bundle, nominal, Rounds(limits_px=(1.0,), iterations=20)) or bundle
+    check_one_surface(rough, x1, x2)
+    a, b = x1[:_SOME], x2[:_SOME]
+    free = adjust(a, b, rough.with_planes(rough.planes), nominal, Rounds(limits_px=(2.0, 1.0), iterations=20))
+    check_flat(free or rough, a if free else x1)
+    if free is not None:
+        _check_angles(rough, free)
+    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
+    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
+    final = adjust(x1, x2, rough, nominal, rounds) or rough
+    unknown = covariance(final.fit, final.fit.priors.weight)
+    check_data_sheets(final, np.sqrt(np.diag(unknown)))
+    check_determined(final, unknown)
+    return final
+
+
+def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:
+    """Hold right angles, as far as the fit has any, against a fit of the same points that has none."""
+    if (rough.axes.of_plane < 0).all():
+        return
+    variance = observation_variance(free.fit, free.error.x1, free.fit_label)
+    held = refit(replace(free.error, axes=rough.axes), rough, variance)
+    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance), free.error.x1)
 
 
 def _silent(_done: int, _total: int) -> None:
@@ -169,11 +282,17 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
     Raises
     ------
     CalibrationError
-        If a spot lies on none of the planes, or both are one place.
+        If nothing was measured around a spot, or both are one place.
     """
-    spots = points_of_projector_pixels(stereo, np.asarray(spots_px, dtype=np.float64))
-    if not np.isfinite(spots).all():
-        raise CalibrationError("a spot of [scale] spots_px meets no measured wall; choose two lit, seen pixels")
+    pixels = np.asarray(spots_px, dtype=np.float64)
+    unknown = np.flatnonzero(stereo.explained.plane_at(pixels) < 0)
+    if len(unknown):
+        named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
+        raise CalibrationError(
+            f"spot {named} px of [scale] spots_px has no measured wall around it: the camera does not see there what "
+            "the projector lights, or no wall explains it; choose spots on bare walls that the camera sees, and measure"
+        )
+    spots = points_of_projector_pixels(stereo, pixels)
     measured = float(np.linalg.norm(spots[1] - spots[0]))
     if measured < 1e-6:
         raise CalibrationError("the two spots of [scale] spots_px are one place; choose two far apart")
@@ -181,7 +300,7 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
 
 
 def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> FloatArray:
-    """Find the surface points that projector pixels light: on the first plane in front.
+    """Find the surface points that projector pixels light: on the plane of the correspondences around them.
 
     Parameters
     ----------
@@ -193,13 +312,14 @@ def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> 
     Returns
     -------
     (N, 3)
-        In the camera's frame; NaN where there is no plane.
+        In the camera's frame; NaN where nothing was measured around the pixel.
     """
     origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
-    with np.errstate(divide="ignore"):
-        along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
-    along = np.where(along > 1e-9, along, np.inf).min(axis=1)
-    return np.asarray(np.where(np.isfinite(along)[:, None], origin + np.minimum(along, 1e9)[:, None] * rays, np.nan))
+    which = stereo.explained.plane_at(xy_px)
+    planes = np.where((which >= 0)[:, None], stereo.planes[which], np.nan)
+    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where((along > 0)[:, None], origin + along[:, None] * rays, np.nan))
 
 
 def _check_count(n: int) -> None:
@@ -217,7 +337,8 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, rig
         planes = _planes_of(candidate, x1, x2)
         if len(planes) < 2:
             continue
-        start = _with_free_planes(candidate, planes)
+        free = Axes(np.eye(3), np.full(len(planes), -1))
+        start = PlanarScene(camera=candidate[0], projector=candidate[1], planes=planes, axes=free)
         bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
         if bundle is None:
             continue
@@ -234,53 +355,84 @@ def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, rig
     return best
 
 
-def _planes_of(devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray) -> FloatArray:
+def _planes_of(
+    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float | None = None
+) -> FloatArray:
     a, b = x1[:_FEW], x2[:_FEW]
     found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
+    if limit_px is None:
+        limit_px = float(np.clip(_EPIPOLAR_MEDIANS * np.nanmedian(found.epipolar_px), _LEAST_LIMIT_PX, INLIER_PX))
     seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
-    return segment_planes(seen, transfer_of(devices[1]), found.in_front)
+    return segment_planes(seen, transfer_of(devices[1]), found.in_front, limit_px)
 
 
 def _adjusted_twice(
     x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
 ) -> BundleSolution | None:
     """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
-    first = adjust(x1, x2, start, nominal, limits_px=(4.0, 1.5), iterations=6)
+    first = _without_phantoms(x1, x2, start, nominal, Rounds(limits_px=(4.0, 1.5), iterations=6))
     if right_angles and first is not None:
         guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
-        starts = [replace(first, axes=axes) for axes in guesses]
-        fits = [adjust(x1, x2, guess, nominal, limits_px=(1.5,), iterations=12) for guess in starts]
-        first = max((fit for fit in fits if fit is not None), key=lambda fit: fit.share_on_axes, default=None)
+        rounds = Rounds(limits_px=(1.5,), iterations=12)
+        fits = [adjust(x1, x2, first.with_planes(first.planes, axes), nominal, rounds) for axes in guesses]
+        first = _likeliest([fit for fit in fits if fit is not None])
     if first is None:
         return None
-    planes = _planes_of(first.devices, x1, x2)
+    planes = _planes_of(first.devices, x1, x2, _limit_after(first))
     if len(planes) < 2:
         return first
-    again = _with_free_planes(first.devices, planes)
-    if right_angles:
-        again = replace(again, axes=orthogonal_axes(planes, _FITTED_LIMIT_DEG))
-    second = adjust(x1, x2, again, nominal, limits_px=(1.5, 1.0), iterations=8)
+    axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else None
+    again = first.with_planes(planes, axes)
+    second = _without_phantoms(x1, x2, again, nominal, Rounds(limits_px=(1.5, 1.0), iterations=8))
     if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
         return first
     return second
 
 
+def _limit_after(fit: BundleSolution) -> float:
+    """Limit at which planes are told apart with the lenses of a fit: some of its median errors."""
+    median_px = float(np.median(np.linalg.norm(fit.fit.residual, axis=1)))
+    return float(np.clip(_MEDIANS * median_px, _LEAST_LIMIT_PX, INLIER_PX))
+
+
+def _likeliest(fits: Sequence[BundleSolution]) -> BundleSolution | None:
+    """Of fits that put nearly as many points on axes as the best, the one with least left over, priors included."""
+    most = max((_merit(fit, True) for fit in fits), default=0.0)
+    able = [fit for fit in fits if _merit(fit, True) >= _BETTER * most]
+    return min(able, key=lambda fit: fit.fit.cost / len(fit.used), default=None)
+
+
+def _without_phantoms(
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, rounds: Rounds
+) -> BundleSolution | None:
+    """Fit, take the planes away that stand for no points of their own, and fit again as long as there are any."""
+    solution = adjust(x1, x2, start, nominal, rounds)
+    while solution is not None:
+        stays = standing_planes(solution, x1, x2)
+        if stays.all():
+            break
+        if stays.sum() < 2:
+            return None
+        axes = Axes(solution.axes.directions, solution.axes.of_plane[stays])
+        solution = adjust(x1, x2, solution.with_planes(solution.planes[stays], axes), nominal, rounds)
+    return solution
+
+
 def _merit(bundle: BundleSolution, right_angles: bool) -> float:
     """Share of the points that it explains, on walls at right angles where these are promised."""
-    return bundle.share_on_axes if right_angles else bundle.share
+    if not right_angles:
+        return bundle.share
+    axes = set(bundle.axes.of_plane.tolist()) - {-1}
+    return bundle.share_on_axes if len(axes) > 1 else _ONE_AXIS * bundle.share
 
 
-def _with_free_planes(devices: tuple[PinholeModel, PinholeModel], planes: FloatArray) -> PlanarScene:
-    free = Axes(np.eye(3), np.full(len(planes), -1))
-    return PlanarScene(camera=devices[0], projector=devices[1], planes=planes, axes=free)
-
-
-def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray) -> StereoCalibration:
+def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> StereoCalibration:
     used = bundle.label >= 0
     planes = bundle.planes[bundle.label[used]]
     camera, projector = bundle.camera, bundle.projector
     projector_rms = _rms(project(projector, _points_on_planes(camera, x1[used], planes)) - x2[used])
     camera_rms = _rms(project(camera, _points_on_planes(projector, x2[used], planes)) - x1[used])
+    unknown = covariance(bundle.fit, bundle.fit.priors.weight)
     return StereoCalibration(
         camera=camera,
         projector=projector,
@@ -290,9 +442,17 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray) -> StereoC
         rms_px=float(np.sqrt((camera_rms**2 + projector_rms**2) / 2)),
         camera_rms_px=camera_rms,
         projector_rms_px=projector_rms,
-        sigmas=bundle.sigmas,
+        sigmas=_lens_sigmas(unknown, nominal),
         inlier_share=float(used.mean()),
+        explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used]),
+        uncertainty=Uncertainty(unknowns=bundle.fit.z, covariance=unknown, axes=bundle.start_axes, nominal=nominal),
     )
+
+
+def _lens_sigmas(unknown: FloatArray, nominal: NominalIntrinsics) -> dict[str, float]:
+    names = [f"{device}_{term}" for device in ("camera", "projector") for term in LENS_TERMS]
+    deviations = np.sqrt(np.diag(unknown))[: len(names)] * lens_units(nominal)
+    return {name: float(deviation) for name, deviation in zip(names, deviations, strict=True)}
 
 
 def _points_on_planes(device: PinholeModel, xy_px: FloatArray, planes: FloatArray) -> FloatArray:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.epipolar import NominalIntrinsics
-from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.room import RoomBox, room_from_stereo
+from calibration.geometry.pinhole import PinholeModel, vector_of
+from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
 from rig.profile.schema import Profile
@@ -24,6 +24,11 @@ _EDGE_SHARE = 0.005
 """Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
 _LEAST_INSIDE = 0.2
 """Where fewer of the refined pixels lie inside than this share, all of them are used."""
+
+TAPE_SIGMA = 0.003
+"""Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
+NO_TAPE_ERROR = np.zeros(4)
+_TAPE_STEP = 1e-4
 
 Point = tuple[float, float, float]
 
@@ -102,7 +107,9 @@ class GeometryRecord(Record):
     """Reprojection error of all devices together."""
     inlier_share: float
     sigmas: Mapping[str, float]
-    """Standard deviations of the free lens terms. [px or 1]"""
+    """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses, baseline and room, in that unit.
+
+    Positions of the devices are those in the room; `relative` is the projector in the camera's frame."""
 
 
 def geometry_settings(session: Session) -> JsonObject:
@@ -122,6 +129,26 @@ def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
 
 def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnStep) -> GeometryRecord:
     """Find lenses, poses, walls and metres. Raises CalibrationError with the cause."""
+    """Find lenses, poses, walls and metres, and hold them against every length that the profile gives.
+
+    Parameters
+    ----------
+    correspondence
+        Of the profile's camera and projector.
+    profile
+        Fields of view, lengths, and what is known of the room.
+    on_step
+        Told how far it is.
+
+    Returns
+    -------
+    GeometryRecord
+
+    Raises
+    ------
+    CalibrationError
+        If the correspondence does not determine them, or something contradicts; with the cause.
+    """
     rows, columns = np.nonzero(_well_inside(correspondence))
     nominal = NominalIntrinsics.of(
         camera_shape=profile.camera.shape[:2],
@@ -139,6 +166,12 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     pair = _in_metres(pair, profile)
     box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
     return _record(profile, pair, box)
+    room = _room(pair, profile, NO_TAPE_ERROR)
+    sigmas = _sigmas(pair, profile, room)
+    if profile.box.size_m is not None:
+        size_sigma_m = np.array([sigmas[f"room_{axis}_m"] for axis in "xyz"])
+        check_against_tape(room.box, profile.box.size_m, size_sigma_m, TAPE_SIGMA)
+    return _record(profile, room, {**pair.sigmas, **sigmas})
 
 
 def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
@@ -155,14 +188,63 @@ def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
     return inside if inside.sum() > _LEAST_INSIDE * refined.sum() else refined > 0
 
 
-def _in_metres(pair: StereoCalibration, profile: Profile) -> StereoCalibration:
-    scale = profile.scale
+@dataclass(frozen=True, eq=False)
+class _Room:
+    pair: StereoCalibration
+    """In metres."""
+    box: RoomBox
+
+
+def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _Room:
+    """Metres and box, if the scale's length and the room's three were longer by so many of their sigmas, (4,)."""
+    longer = 1 + TAPE_SIGMA * tape_errors
+    scale, size_m = profile.scale, profile.box.size_m
     if scale.baseline_m is not None:
-        return scale_from_baseline(pair, scale.baseline_m)
-    return scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0))
+        pair = scale_from_baseline(pair, scale.baseline_m * longer[0])
+    else:
+        pair = scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0) * longer[0])
+    if size_m is not None:
+        size_m = (size_m[0] * longer[1], size_m[1] * longer[2], size_m[2] * longer[3])
+    return _Room(pair, room_from_stereo(pair, size_m, profile.box.closed))
 
 
-def _record(profile: Profile, pair: StereoCalibration, box: RoomBox) -> GeometryRecord:
+def _sigmas(pair: StereoCalibration, profile: Profile, room: _Room) -> dict[str, float]:
+    """Standard deviations of poses and lengths: the fit's, and the tape's."""
+
+    def figures(calibration: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _figures(_room(calibration, profile, tape_errors), room)
+
+    of_fit = pair.sigmas_of(lambda calibration: figures(calibration, NO_TAPE_ERROR))
+    value = figures(pair, NO_TAPE_ERROR)
+    of_tape = [(figures(pair, _TAPE_STEP * one) - value) / _TAPE_STEP for one in np.eye(len(NO_TAPE_ERROR))]
+    together = np.sqrt(of_fit**2 + (np.array(of_tape) ** 2).sum(axis=0))
+    return {name: float(sigma) for name, sigma in zip(_FIGURES, together, strict=True)}
+
+
+_FIGURES = (
+    *(f"{device}_{axis}_m" for device in ("camera", "projector", "relative", "room") for axis in "xyz"),
+    *(f"{device}_rotation_{axis}_deg" for device in ("camera", "projector", "relative") for axis in "xyz"),
+    "baseline_m",
+)
+
+
+def _figures(room: _Room, nominal: _Room) -> NDArray[np.float64]:
+    """In the order of the names; rotations are what is left from the nominal ones, about the device's axes."""
+    camera, projector = room.box.camera, room.box.projector
+    relative = camera.rotation @ (projector.position_m - camera.position_m)
+    before = nominal.box
+    turns = [
+        vector_of(now.rotation @ then.rotation.T)
+        for now, then in ((camera, before.camera), (projector, before.projector))
+    ]
+    relative_then = before.projector.rotation @ before.camera.rotation.T
+    turns.append(vector_of(projector.rotation @ camera.rotation.T @ relative_then.T))
+    lengths = [camera.position_m, projector.position_m, relative, np.array(room.box.size_m)]
+    return np.concatenate([*lengths, np.degrees(np.concatenate(turns)), [np.linalg.norm(relative)]])
+
+
+def _record(profile: Profile, room: _Room, sigmas: Mapping[str, float]) -> GeometryRecord:
+    pair, box = room.pair, room.box
     return GeometryRecord(
         cameras={profile.camera.name: DeviceGeometry.of(box.camera, pair.camera_rms_px)},
         projectors={profile.projector.name: DeviceGeometry.of(box.projector, pair.projector_rms_px)},
@@ -172,7 +254,7 @@ def _record(profile: Profile, pair: StereoCalibration, box: RoomBox) -> Geometry
         baseline_m=pair.baseline,
         rms_px=pair.rms_px,
         inlier_share=pair.inlier_share,
-        sigmas=pair.sigmas,
+        sigmas=sigmas,
     )
 
 

@@ -8,8 +8,8 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import ViewedPoints, assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
-from calibration.geometry.room import room_from_stereo
-from calibration.geometry.stereo import StereoCalibration
+from calibration.geometry.room import check_against_tape, room_from_stereo
+from calibration.geometry.stereo import ExplainedPixels, StereoCalibration
 
 SIZE_M = (4.8, 4.8, 2.4)
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
@@ -53,6 +53,7 @@ def true_pair(room, faces):
         projector_rms_px=0.1,
         sigmas={},
         inlier_share=1.0,
+        explained=ExplainedPixels(projector_xy_px=np.zeros((0, 2)), plane=np.zeros(0, dtype=np.int64)),
     )
 
 
@@ -109,10 +110,30 @@ def test_two_walls_on_one_axis_make_no_room(room):
         room_from_stereo(true_pair(room, ("floor", "ceiling")), SIZE_M)
 
 
-def test_planes_that_fit_no_axis_make_no_room(room):
-    pair = replace(true_pair(room, ("x1", "y1")), axes=(-1, -1))
-    with pytest.raises(CalibrationError, match="right angles"):
-        room_from_stereo(pair, SIZE_M)
+def test_free_planes_at_right_angles_make_a_room(room):
+    pair = true_pair(room, ("x1", "y1", "floor", "ceiling"))
+    box = room_from_stereo(replace(pair, axes=(-1, -1, -1, -1)), SIZE_M)
+    assert box.size_m == pytest.approx(SIZE_M)
+    assert box.seen == ("x1", "y1", "floor", "ceiling")
+
+
+def test_free_planes_at_other_angles_make_no_room_and_their_angles_are_told(room):
+    pair = true_pair(room, ("x1", "y1"))
+    slanted = pair.planes[0] * np.cos(np.radians(20)) + pair.planes[1] * np.sin(np.radians(20))
+    with pytest.raises(CalibrationError, match=r"walls 1 and 2 at \d+\.\d .* degrees.*right angles"):
+        room_from_stereo(replace(pair, axes=(-1, -1), planes=np.stack([slanted, pair.planes[1]])), SIZE_M)
+
+
+def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_both(room):
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
+    check_against_tape(box, (9.9, 4.8, 2.41), np.full(3, 0.01), 0.003)
+    with pytest.raises(CalibrationError, match=r"2\.400 \+- 0\.010 m along z .* 2\.680 .* sigma apart, the limit is 4"):
+        check_against_tape(box, (4.8, 4.8, 2.68), np.full(3, 0.01), 0.003)
+
+
+def test_a_device_behind_a_wall_by_tape_is_refused(room):
+    with pytest.raises(CalibrationError, match=r"the camera would stand 0\.60 m behind wall x0"):
+        room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), (3.6, 4.8, 2.4))
 
 
 def straight(x1, plane):

@@ -1,0 +1,228 @@
+"""Whether calibration without a board is ever wrong in silence, and whether its sigmas are true.
+
+    python benchmarks/geometry_coverage.py --rigs 40 --seed 1 --jobs 2
+
+Rigs: ci-tiny with other noise (`--tiny`), and random rigs (random_rigs.py) with a camera of 320 x 240 and a projector
+of 256 x 192. Correspondences are cast exactly, read as whole codes with the noise of 12 or of 8 bits, and refined
+as in a session; lengths by tape are off as random_rigs.py draws them. Shapes: corners of 95 to 140 degrees, leaning
+walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, with right angles promised and without.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import random_rigs
+from geometry_worlds import CodeNoise, HalfSpace, Round, Shape, box, exact_map, measured
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from rig.devices.simulated.optics import SimulatedOptics, make_optics
+from rig.profile.schema import Profile, load_profile
+from rig.stages.geometry import GeometryRecord, geometry_of
+
+FloatArray = NDArray[np.float64]
+SIGMAS, SHARE = 4.0, 0.01
+"""Silently wrong: off by more than so many of its own sigmas, or by this share of the room."""
+NOISE = {"12 bits": CodeNoise(code_px=0.03), "8 bits": CodeNoise(code_px=0.12, lost_share=0.01)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One rig before one shape, with one noise."""
+
+    name: str
+    profile: Profile
+    shape: Shape | None
+    """None: the profile's own room."""
+    noise: str
+    seed: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """How far a result is from the truth, or why there is none."""
+
+    name: str
+    refused: str
+    sigmas_off: Mapping[str, float]
+    """Of each figure: error by its own sigma."""
+    share_off: float
+    """Largest error of a length, by the room's size."""
+    share_sigma: float
+    """Largest sigma of one."""
+
+    @property
+    def is_silently_wrong(self) -> bool:
+        """Wrong, and neither refused nor said to be uncertain."""
+        if self.refused:
+            return False
+        off = max(abs(q) for q in self.sigmas_off.values())
+        return off > SIGMAS or (self.share_off > SHARE and self.share_sigma < SHARE / SIGMAS)
+
+
+def cases(rigs: int, tiny: int, seed: int, shapes: bool) -> Iterator[Case]:
+    """Rigs of both kinds with both noises, then shapes."""
+    profile = load_profile("ci-tiny")
+    noises = list(NOISE)
+    for k in range(tiny):
+        yield Case(name=f"tiny {seed + k}", profile=profile, shape=None, noise=noises[k % 2], seed=seed + k)
+    random_rigs.CAMERA, random_rigs.PROJECTOR = (240, 320), (192, 256)
+    for k in range(rigs):
+        text = random_rigs.rig_of(seed + k)
+        rig = Profile.parse(text.encode(), Path(f"random-{seed + k}.toml"))
+        yield Case(name=f"random {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
+    if shapes:
+        for name, shape in SHAPES.items():
+            for right_angles in (True, False):
+                surface = profile.box.model_copy(update={"right_angles": right_angles})
+                other = profile.model_copy(update={"surface": surface})
+                title = name if right_angles else f"{name}, free"
+                yield Case(name=title, profile=other, shape=shape, noise="12 bits", seed=seed)
+
+
+def outcome_of(case: Case) -> Outcome:
+    """Calibrate one case and compare."""
+    settings = case.profile.simulation
+    if settings is None:
+        raise ValueError(f"{case.profile.path}: not a simulated rig")
+    camera = make_optics(settings.camera, case.profile.camera.shape[:2])
+    projector = make_optics(settings.projector, case.profile.projector.shape)
+    exact = exact_map(case.shape or box(np.array(settings.size_m)), camera, projector)
+    correspondence = measured(exact, projector.shape, NOISE[case.noise], case.seed)
+    try:
+        record = geometry_of(correspondence, case.profile, lambda *_: None)
+    except CalibrationError as error:
+        return Outcome(name=case.name, refused=str(error), sigmas_off={}, share_off=0.0, share_sigma=0.0)
+    size = np.array(settings.size_m) if case.shape is None or case.shape.is_box else None
+    return _compared(case.name, record, (camera, projector), size)
+
+
+def _compared(
+    name: str, record: GeometryRecord, devices: tuple[SimulatedOptics, SimulatedOptics], size_m: FloatArray | None
+) -> Outcome:
+    """Errors of lenses and relative pose, and in a box of its size and the devices' places."""
+    found = [next(iter(one.values())).pinhole() for one in (record.cameras, record.projectors)]
+    values: dict[str, tuple[float, float]] = {}
+    for device, model, truth in zip(("camera", "projector"), found, devices, strict=True):
+        terms = ("f", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+        lens = truth.lens
+        known = (lens.focal_px, *lens.principal_point_px, *lens.distortion)
+        seen = (model.focal_px[0], *model.principal_point_px, *model.distortion)
+        values |= {f"{device}_{t}": pair for t, pair in zip(terms, zip(seen, known, strict=True), strict=True)}
+    camera, projector = devices
+    lengths = {}
+    relative = found[0].rotation @ (found[1].position_m - found[0].position_m)
+    truth_m = camera.rotation @ (projector.position_m - camera.position_m)
+    lengths |= {
+        f"relative_{axis}_m": pair for axis, pair in zip("xyz", zip(relative, truth_m, strict=True), strict=True)
+    }
+    if size_m is not None:
+        # The room that is found is turned by quarters: its x is the wall on the right.
+        turn = np.rint(found[0].rotation.T @ camera.rotation)
+        size = np.abs(turn @ size_m)
+        lengths |= {f"room_{a}_m": p for a, p in zip("xyz", zip(record.surface.size_m, size, strict=True), strict=True)}
+        for device, model, optics in zip(("camera", "projector"), found, devices, strict=True):
+            there = turn @ optics.position_m
+            there = np.where(turn.sum(axis=1) < 0, size + there, there)
+            pairs = zip(model.position_m, there, strict=True)
+            lengths |= {f"{device}_{axis}_m": pair for axis, pair in zip("xyz", pairs, strict=True)}
+    extent = float(max(record.surface.size_m))
+    sigma = record.sigmas
+    return Outcome(
+        name=name,
+        refused="",
+        sigmas_off={key: (a - b) / max(sigma[key], 1e-12) for key, (a, b) in (values | lengths).items()},
+        share_off=max(abs(a - b) for a, b in lengths.values()) / extent,
+        share_sigma=max(sigma[key] for key in lengths) / extent,
+    )
+
+
+def _corner(angle_deg: float) -> Shape:
+    """Two walls that meet at an angle, with floor, ceiling, and walls behind the rig."""
+    edge, towards = np.array([4.4, 4.4]), np.array([-1, -1]) / np.sqrt(2)
+    walls = []
+    for side in (0.5, -0.5):
+        c, s = np.cos(np.radians(side * angle_deg)), np.sin(np.radians(side * angle_deg))
+        along = np.array([[c, -s], [s, c]]) @ towards
+        normal = np.array([-along[1], along[0]])
+        normal = -normal if normal @ towards > 0 else normal
+        walls.append(HalfSpace(np.append(normal, 0.0), float(normal @ edge)))
+    behind = [HalfSpace(-np.eye(3)[k], 4.0) for k in (0, 1)]
+    return Shape(walls=(*walls, *FLOOR_AND_CEILING, *behind), is_box=angle_deg == 90)
+
+
+def _leaning(angle_deg: float) -> Shape:
+    """A box one of whose walls leans outwards."""
+    normal = np.array([np.cos(np.radians(angle_deg)), 0, np.sin(np.radians(angle_deg))])
+    leaning = HalfSpace(normal, float(normal @ [4.8, 0, 1.2]))
+    return Shape(walls=(leaning, *ROOM.walls[1:]), is_box=False)
+
+
+FLOOR_AND_CEILING = (HalfSpace(-np.eye(3)[2], 0.0), HalfSpace(np.eye(3)[2], 2.4))
+ROOM = box(np.array([4.8, 4.8, 2.4]))
+SHAPES: Mapping[str, Shape] = {
+    **{f"corner of {angle} degrees": _corner(angle) for angle in (95, 100, 110, 120, 130, 140)},
+    **{f"wall that leans {angle} degrees": _leaning(angle) for angle in (1, 2, 5, 10, 20)},
+    "cylinder between floor and ceiling": Shape(
+        walls=(Round(np.array([2.0, 2.0, 0.0]), 3.0, np.eye(3)[2]), *FLOOR_AND_CEILING), is_box=False
+    ),
+    "cylinder": Shape(walls=(Round(np.array([2.0, 2.0, 0.0]), 3.0, np.eye(3)[2]),), is_box=False),
+    "dome": Shape(walls=(Round(np.array([2.0, 2.0, 1.0]), 3.2),), is_box=False),
+    "dome on a floor": Shape(walls=(Round(np.array([2.0, 2.0, 0.5]), 3.2), FLOOR_AND_CEILING[0]), is_box=False),
+    **{
+        f"ball of {radius} m in the corner": Shape(
+            walls=ROOM.walls, balls=(Round(np.array([3.6, 3.6, radius]), radius),)
+        )
+        for radius in (0.3, 0.6, 0.9)
+    },
+}
+
+
+def report(found: Sequence[Outcome]) -> str:
+    """What was refused, what was wrong, and the coverage of each figure."""
+    ended = [one for one in found if not one.refused]
+    wrong = [one for one in ended if one.is_silently_wrong]
+    lines = [f"{len(found)} cases: {len(ended)} ended, {len(found) - len(ended)} refused, {len(wrong)} silently wrong"]
+    lines += [f"  refused: {one.name}: {one.refused}" for one in found if one.refused]
+    for one in wrong:
+        worst = max(one.sigmas_off, key=lambda key: abs(one.sigmas_off[key]))
+        lines.append(
+            f"  WRONG: {one.name}: {worst} off by {abs(one.sigmas_off[worst]):.1f} sigma; lengths by "
+            f"{100 * one.share_off:.2f} % of the room, its sigma {100 * one.share_sigma:.2f} %"
+        )
+    lines.append(f"  {'figure':24} {'within 3 sigma':>14} {'rms of error / sigma':>21} {'largest':>8}")
+    names = dict.fromkeys(key for one in ended for key in one.sigmas_off)
+    for key in names:
+        q = np.abs([one.sigmas_off[key] for one in ended if key in one.sigmas_off])
+        lines.append(f"  {key:24} {(q < 3).mean():14.3f} {np.sqrt((q**2).mean()):21.2f} {q.max():8.2f}")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Run the cases and print the report."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rigs", type=int, default=40, help="random rigs")
+    parser.add_argument("--tiny", type=int, default=20, help="times ci-tiny")
+    parser.add_argument("--seed", type=int, default=1, help="of the first; the others follow")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--no-shapes", action="store_true")
+    wanted = parser.parse_args()
+    todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, not wanted.no_shapes))
+    found = []
+    with ProcessPoolExecutor(wanted.jobs) as executor:
+        for one in executor.map(outcome_of, todo):
+            found.append(one)
+            print(f"{len(found)} of {len(todo)}: {one.name}: {one.refused or 'ended'}", file=sys.stderr, flush=True)
+    print(report(found))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

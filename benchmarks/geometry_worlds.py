@@ -1,0 +1,133 @@
+"""Correspondences of rooms and shapes by exact ray casting, read as whole codes with noise.
+
+Rays are those of the simulated world's optics; nothing here knows the model that is fitted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.subpixel import refine_subpixel
+from rig.devices.simulated.optics import SimulatedOptics, directions, pixels_of
+from rig.devices.simulated.world import pixel_grid
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace:
+    """What lies inside of a flat wall: normal · x < offset."""
+
+    normal: FloatArray
+    offset_m: float
+
+    def leave_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
+        """(N,) distance at which rays from the inside leave."""
+        towards = rays @ self.normal
+        with np.errstate(divide="ignore"):
+            along = (self.offset_m - self.normal @ origin) / towards
+        return np.where(towards > 0, along, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """A sphere (dome, ball), or a cylinder along an axis, from the inside or from the outside."""
+
+    centre_m: FloatArray
+    radius_m: float
+    along: FloatArray | None = None
+    """Of a cylinder."""
+
+    def _roots(self, origin: FloatArray, rays: FloatArray) -> tuple[FloatArray, FloatArray]:
+        start = np.broadcast_to(origin - self.centre_m, rays.shape)
+        if self.along is not None:
+            start = start - np.outer(start @ self.along, self.along)
+            rays = rays - np.outer(rays @ self.along, self.along)
+        a, b = (rays * rays).sum(1), (start * rays).sum(1)
+        c = (start * start).sum(1) - self.radius_m**2
+        with np.errstate(invalid="ignore", divide="ignore"):
+            root = np.sqrt(b * b - a * c)
+            return (-b - root) / a, (-b + root) / a
+
+    def leave_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
+        """(N,) distance at which rays from the inside leave."""
+        far = self._roots(origin, rays)[1]
+        return np.where(np.isfinite(far) & (far > 0), far, np.inf)
+
+    def enter_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
+        """(N,) distance at which rays from the outside enter; infinite where they pass."""
+        near = self._roots(origin, rays)[0]
+        return np.where(np.isfinite(near) & (near > 0), near, np.inf)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Shape:
+    """The inside of some walls, with balls in it."""
+
+    walls: tuple[HalfSpace | Round, ...]
+    balls: tuple[Round, ...] = ()
+    is_box: bool = True
+    """Balls apart."""
+
+    def hit_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
+        """(N,) distance of the first surface along rays."""
+        distances = [wall.leave_m(origin, rays) for wall in self.walls]
+        distances += [ball.enter_m(origin, rays) for ball in self.balls]
+        return np.asarray(np.min(distances, axis=0))
+
+
+def box(size_m: FloatArray) -> Shape:
+    """A room with its lower corner at the origin."""
+    walls = [HalfSpace(np.eye(3)[k], float(size_m[k])) for k in range(3)]
+    return Shape(walls=(*walls, *(HalfSpace(-np.eye(3)[k], 0.0) for k in range(3))))
+
+
+def exact_map(shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> FloatArray:
+    """(H, W, 2) projector pixel that each camera pixel sees; NaN where none lights what it sees."""
+    rays = directions(camera, pixel_grid(camera.shape)).reshape(-1, 3)
+    points = camera.position_m + shape.hit_m(camera.position_m, rays)[:, None] * rays
+    xy = pixels_of(projector, points)
+    height, width = projector.shape
+    # Beyond twice the picture's angle the distortion may fold back into the picture.
+    local = (points - projector.position_m) @ projector.rotation.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slope = np.hypot(local[:, 0], local[:, 1]) / local[:, 2]
+        reach = np.add(np.abs(projector.lens.principal_point_px), (width, height))
+        seen = (xy > -0.5).all(1) & (xy < (width - 0.5, height - 0.5)).all(1)
+        seen &= (local[:, 2] > 0) & (slope < 1.3 * np.hypot(*reach) / projector.lens.focal_px)
+    away = points - projector.position_m
+    distance = np.linalg.norm(away, axis=1)
+    first = shape.hit_m(projector.position_m, away / distance[:, None])
+    seen &= np.abs(first - distance) < 1e-6
+    xy[~seen] = np.nan
+    return np.asarray(xy.reshape(*camera.shape, 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CodeNoise:
+    """How codes are misread."""
+
+    code_px: float = 0.1
+    """Standard deviation of where a code seems to end. [px of the projector]"""
+    lost_share: float = 0.002
+    stray_share: float = 0.0005
+    """Pixels with a code far from the right one."""
+
+
+def measured(exact_xy: FloatArray, projector_shape: tuple[int, int], noise: CodeNoise, seed: int) -> Correspondence:
+    """Whole codes with noise, refined as a session refines them."""
+    random = np.random.default_rng(seed)
+    height, width = projector_shape
+    codes = np.rint(exact_xy + random.normal(0, noise.code_px, exact_xy.shape))
+    stray = random.random(exact_xy.shape[:2]) < noise.stray_share
+    codes[stray] += np.rint(random.uniform(-30, 30, (int(stray.sum()), 2)))
+    with np.errstate(invalid="ignore"):
+        valid = ((codes >= 0) & (codes < (width, height))).all(axis=2)
+    valid &= random.random(valid.shape) >= noise.lost_share
+    codes[~valid] = np.nan
+    reason = np.where(valid, PixelReason.VALID, PixelReason.DARK).astype(np.uint8)
+    return refine_subpixel(Correspondence(codes.astype(np.float32), reason, projector_shape))

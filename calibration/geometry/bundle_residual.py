@@ -1,0 +1,149 @@
+"""Where camera pixels land in the projector if their points lie on given walls, and the derivative of that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from calibration.arrays import FloatArray, IntArray
+from calibration.geometry.bundle_unknowns import (
+    CAMERA,
+    PROJECTOR,
+    ROTATION,
+    TRANSLATION,
+    TURN,
+    devices_of,
+    planes_of,
+)
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import PinholeModel, bearings, distort, distortion_slopes, project, rotation_of
+from calibration.geometry.planes import Axes
+
+_STEP = 1e-6
+"""Of the differences that stand for the derivatives of a rotation and of the planes: half of float64's digits."""
+_FAR_PX = 1e4
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LandingError:
+    """Residuals (N, 2) of points on walls, a function of the unknowns, with its derivative."""
+
+    x1: FloatArray
+    """(N, 2) camera pixels. [px]"""
+    x2: FloatArray
+    """(N, 2) projector pixels. [px]"""
+    label: IntArray
+    """(N,) wall of each point."""
+    axes: Axes
+    nominal: NominalIntrinsics
+
+    @cached_property
+    def _kept(self) -> dict[bytes, FloatArray]:
+        """Rays of the last lens: a step that is tried and then taken needs them twice."""
+        return {}
+
+    def __call__(self, z: FloatArray) -> FloatArray:
+        """(N, 2) predicted minus measured projector pixel. [px]."""
+        camera, projector = devices_of(z, self.nominal)
+        rays = self._rays(camera, z)
+        along = (rays * planes_of(z, self.axes)[self.label]).sum(1)
+        return np.asarray(np.clip(landed(projector, rays, along) - self.x2, -_FAR_PX, _FAR_PX))
+
+    def _rays(self, camera: PinholeModel, z: FloatArray) -> FloatArray:
+        key = z[CAMERA].tobytes()
+        if key not in self._kept:
+            self._kept.clear()
+            self._kept[key] = rays_of(camera, self.x1)
+        return self._kept[key]
+
+    def jacobian(self, z: FloatArray) -> FloatArray:
+        """(n, N, 2) derivative by each unknown."""
+        camera, projector = devices_of(z, self.nominal)
+        rays = self._rays(camera, z)
+        planes = planes_of(z, self.axes)[self.label]
+        along = (rays * planes).sum(1)
+        along = np.where(np.abs(along) > 1e-9, along, 1e-9)[:, None]
+        points = rays / along
+        result = np.zeros((len(z), len(rays), 2))
+        by_local = self._by_projector(z, projector, points, result)
+        by_point = by_local @ projector.rotation
+        by_plane = -(by_point @ points[:, :, None]) * points[:, None, :]
+        self._by_planes(z, by_plane, result)
+        by_ray = (by_point + by_plane_to_ray(by_point, points, planes)) / along[:, :, None]
+        self._by_camera(camera, rays, by_ray[:, :, :2], result)
+        return result
+
+    def _by_projector(
+        self, z: FloatArray, projector: PinholeModel, points: FloatArray, result: FloatArray
+    ) -> FloatArray:
+        """Fill in lens and pose of the projector; returns (N, 2, 3), derivative by the point in its frame."""
+        local = points @ projector.rotation.T + projector.translation_m
+        depth = np.where(np.abs(local[:, 2:]) > 1e-9, local[:, 2:], 1e-9)
+        plane = local[:, :2] / depth
+        by_plane, by_terms = distortion_slopes(plane, projector.distortion)
+        f = projector.focal_px[0]
+        _fill_lens(result[PROJECTOR], distort(plane, projector.distortion), f * by_terms, self.nominal_of("projector"))
+        by_local = np.empty((len(points), 2, 3))
+        by_local[:, :, :2] = f * by_plane / depth[:, :, None]
+        by_local[:, :, 2] = -(by_local[:, :, :2] @ plane[:, :, None])[:, :, 0]
+        for k in range(3):
+            moved = z[ROTATION].copy()
+            moved[k] += _STEP
+            turned = points @ ((rotation_of(moved) - projector.rotation) / _STEP).T
+            result[ROTATION][k] = (by_local @ turned[:, :, None])[:, :, 0]
+        t = projector.translation_m
+        across = (np.eye(3) - np.outer(t, t)) / np.linalg.norm(z[TRANSLATION])
+        result[TRANSLATION] = (by_local @ across).transpose(2, 0, 1)
+        return by_local
+
+    def _by_planes(self, z: FloatArray, by_plane: FloatArray, result: FloatArray) -> None:
+        planes = planes_of(z, self.axes)
+        for k in range(TURN.start, len(z)):
+            moved = z.copy()
+            moved[k] += _STEP
+            slope = (planes_of(moved, self.axes) - planes) / _STEP
+            for plane in np.flatnonzero(slope.any(axis=1)):
+                on = np.flatnonzero(self.label == plane)
+                result[k][on] = by_plane[on] @ slope[plane]
+
+    def _by_camera(self, camera: PinholeModel, rays: FloatArray, by_ray: FloatArray, result: FloatArray) -> None:
+        by_plane, by_terms = distortion_slopes(rays[:, :2], camera.distortion)
+        back = by_ray @ np.linalg.inv(by_plane)
+        f = camera.focal_px[0]
+        real = (self.x1 - camera.principal_point_px) / f
+        slopes = np.empty((CAMERA.stop, len(rays), 2))
+        _fill_lens(slopes, real, f * by_terms, self.nominal_of("camera"))
+        result[CAMERA] = -(back[None] @ (slopes / f)[..., None])[..., 0]
+
+    def nominal_of(self, device: str) -> tuple[float, tuple[int, int]]:
+        """Nominal focal length and (height, width) of a device."""
+        if device == "camera":
+            return self.nominal.camera_focal_px, self.nominal.camera_shape
+        return self.nominal.projector_focal_px, self.nominal.projector_shape
+
+
+def by_plane_to_ray(by_point: FloatArray, points: FloatArray, planes: FloatArray) -> FloatArray:
+    """(N, 2, 3) change of a landing because a turned ray meets its plane nearer or further away."""
+    return -(by_point @ points[:, :, None]) * planes[:, None, :]
+
+
+def _fill_lens(
+    result: FloatArray, real: FloatArray, by_terms: FloatArray, nominal: tuple[float, tuple[int, int]]
+) -> None:
+    """(terms, N, 2) derivative of a pixel by the lens unknowns."""
+    focal_px, (height_px, width_px) = nominal
+    result[0] = focal_px * real
+    result[1], result[2] = (width_px, 0), (0, height_px)
+    result[3:] = by_terms.transpose(2, 0, 1)
+
+
+def rays_of(camera: PinholeModel, x1: FloatArray) -> FloatArray:
+    """(N, 3) directions of camera pixels."""
+    return bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+
+
+def landed(projector: PinholeModel, rays: FloatArray, along: FloatArray) -> FloatArray:
+    """(N, 2) projector pixels of points at 1 / along on rays."""
+    return project(projector, rays / np.where(np.abs(along) > 1e-9, along, 1e-9)[:, None])

@@ -1,0 +1,140 @@
+"""The unknowns of the plane-constrained bundle adjustment: both lenses, the relative pose and the walls, as one vector.
+
+Lens terms are shares of what the data sheet says, so all unknowns are of order 1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import PinholeModel, rotation_of, vector_of
+from calibration.geometry.planes import Axes
+from calibration.geometry.robust_fit import Priors
+
+LENS_TERMS = ("f", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
+"""Focal length and principal point as shares of nominal, width and height; distortion in OpenCV's order."""
+FOCAL_SIGMA = 0.05
+"""Standard deviation of a focal length that follows from a data sheet's field of view, as a share of it."""
+_N = len(LENS_TERMS)
+CAMERA, PROJECTOR = slice(0, _N), slice(_N, 2 * _N)
+ROTATION, TRANSLATION = slice(2 * _N, 2 * _N + 3), slice(2 * _N + 3, 2 * _N + 6)
+TURN = slice(2 * _N + 6, 2 * _N + 9)
+PLANES = 2 * _N + 9
+"""Where the planes begin: one unknown of a plane on an axis, three of a free one."""
+_EXPECTED = (1.0, 0.5, 0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
+_CAMERA_CENTRE, _PROJECTOR_CENTRE = (0.03, 0.03), (0.10, 0.40)
+"""What mounting leaves open; the projector's lens may be shifted upwards."""
+_CORNER_SHIFTS = (0.08, 0.05, 0.005, 0.005, 0.03)
+"""By which share of their distance from the middle each term moves the picture's corners, one standard deviation."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlanarScene:
+    """Both devices and the walls that they see: where a fit begins."""
+
+    camera: PinholeModel
+    projector: PinholeModel
+    planes: FloatArray
+    """(K, 3) as normal / offset."""
+    axes: Axes
+
+    @property
+    def devices(self) -> tuple[PinholeModel, PinholeModel]:
+        """Camera and projector."""
+        return self.camera, self.projector
+
+    def with_planes(self, planes: FloatArray, axes: Axes | None = None) -> PlanarScene:
+        """Return the same devices before other planes, which are free unless axes are given."""
+        free = Axes(np.eye(3), np.full(len(planes), -1)) if axes is None else axes
+        return PlanarScene(camera=self.camera, projector=self.projector, planes=planes, axes=free)
+
+
+def unknowns_of(scene: PlanarScene, nominal: NominalIntrinsics) -> FloatArray:
+    """(n,) unknowns of a scene."""
+
+    def lens(model: PinholeModel, focal_px: float) -> list[float]:
+        x, y = model.principal_point_px
+        return [model.focal_px[0] / focal_px, x / model.width_px, y / model.height_px, *model.distortion]
+
+    offsets = [
+        [float(plane @ scene.axes.directions[axis])] if axis >= 0 else plane.tolist()
+        for plane, axis in zip(scene.planes, scene.axes.of_plane, strict=True)
+    ]
+    lenses = [lens(scene.camera, nominal.camera_focal_px), lens(scene.projector, nominal.projector_focal_px)]
+    pose = [vector_of(scene.projector.rotation), scene.projector.translation_m]
+    return np.concatenate([*lenses, *pose, np.zeros(3), *offsets])
+
+
+def scene_of(z: FloatArray, axes: Axes, nominal: NominalIntrinsics) -> PlanarScene:
+    """Scene of a vector of unknowns, which turns the axes that are given."""
+    camera, projector = devices_of(z, nominal)
+    turned = Axes(_directions(z, axes), axes.of_plane)
+    return PlanarScene(camera=camera, projector=projector, planes=planes_of(z, axes), axes=turned)
+
+
+def devices_of(z: FloatArray, nominal: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
+    """Camera and projector of a vector of unknowns; the baseline is 1."""
+    translation = np.asarray(z[TRANSLATION] / np.linalg.norm(z[TRANSLATION]))
+    camera = _lens_model(z[CAMERA], nominal.camera_focal_px, nominal.camera_shape, (np.eye(3), np.zeros(3)))
+    pose = rotation_of(z[ROTATION]), translation
+    return camera, _lens_model(z[PROJECTOR], nominal.projector_focal_px, nominal.projector_shape, pose)
+
+
+def _lens_model(
+    z: FloatArray, focal_px: float, shape: tuple[int, int], pose: tuple[FloatArray, FloatArray]
+) -> PinholeModel:
+    height_px, width_px = shape
+    f = float(z[0] * focal_px)
+    k1, k2, p1, p2, k3 = (float(v) for v in z[3:])
+    return PinholeModel(
+        width_px=width_px,
+        height_px=height_px,
+        focal_px=(f, f),
+        principal_point_px=(float(z[1] * width_px), float(z[2] * height_px)),
+        distortion=(k1, k2, p1, p2, k3),
+        rotation=pose[0],
+        translation_m=pose[1],
+    )
+
+
+def _directions(z: FloatArray, axes: Axes) -> FloatArray:
+    return np.asarray(axes.directions @ rotation_of(z[TURN]).T)
+
+
+def planes_of(z: FloatArray, axes: Axes) -> FloatArray:
+    """(K, 3) planes of a vector of unknowns, as normal / offset."""
+    directions = _directions(z, axes)
+    planes = np.empty((len(axes.of_plane), 3))
+    at = PLANES
+    for k, axis in enumerate(axes.of_plane):
+        planes[k] = z[at] * directions[axis] if axis >= 0 else z[at : at + 3]
+        at += 1 if axis >= 0 else 3
+    return planes
+
+
+def priors_of(n: int, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
+    """What data sheets and mounting say of n unknowns, against points of a variance [px²] that are independent."""
+    expected, sigma = np.zeros(n), np.full(n, np.inf)
+    expected[CAMERA], expected[PROJECTOR] = _EXPECTED, _EXPECTED
+    sigma[CAMERA] = _lens_sigma(nominal.camera_focal_px, nominal.camera_shape, _CAMERA_CENTRE)
+    sigma[PROJECTOR] = _lens_sigma(nominal.projector_focal_px, nominal.projector_shape, _PROJECTOR_CENTRE)
+    return Priors(expected, sigma, variance_px2)
+
+
+def _lens_sigma(focal_px: float, shape: tuple[int, int], centre: tuple[float, float]) -> list[float]:
+    corner = 0.5 * float(np.hypot(*shape)) / focal_px
+    """Slope of the ray through a corner: a term's effect there is what lens makers keep small."""
+    powers = (2, 4, 1, 1, 6)
+    terms = [shift / corner**power for shift, power in zip(_CORNER_SHIFTS, powers, strict=True)]
+    return [FOCAL_SIGMA, *centre, *terms]
+
+
+def lens_units(nominal: NominalIntrinsics) -> FloatArray:
+    """(2 * terms,) what one of each lens unknown is, in pixels or 1."""
+    (h1, w1), (h2, w2) = nominal.camera_shape, nominal.projector_shape
+    ones = [1.0] * (_N - 3)
+    return np.array([nominal.camera_focal_px, w1, h1, *ones, nominal.projector_focal_px, w2, h2, *ones])

@@ -1,0 +1,213 @@
+"""What a fit is held against: flat surfaces, right angles, data sheets. A contradiction is refused, and named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
+from calibration.geometry.noise import covariance, observation_variance, standard_deviations
+from calibration.geometry.plane_bundle import BundleSolution, refit
+from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px
+
+SIGMAS = 4.0
+"""A contradiction: by chance one in 16,000."""
+MOST_MIXED = 0.15
+"""Of the points: along the edges of a room 1 to 3 % have neighbours on another wall."""
+MOST_BEND_PX, MOST_BEND_NOISES = 0.1, 0.5
+"""Flat walls of forty simulated rooms bend by up to 0.05 px and 0.4 of their noise, a cylinder's by 0.2 px and more."""
+_PATIENCE = 5
+"""Fits more, until the angles that are told no longer change: along a long valley steps are short."""
+MOST_DISTANCE_SIGMA = 0.1
+"""Of the walls' distance, in baselines: a room of which a tenth is not known is none."""
+
+
+def check_one_surface(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> None:
+    """Refuse points of different planes that lie among each other in the picture.
+
+    Raises
+    ------
+    CalibrationError
+        If more than 15 % of the points lie among those of another plane.
+    """
+    mixed = mixed_share(x1, exclusive_points(plane_errors_px(solution, x1, x2)))
+    if mixed > MOST_MIXED:
+        raise CalibrationError(
+            f"{100 * mixed:.0f} % of the points lie among points of another plane in the camera's picture, the limit "
+            f"is {100 * MOST_MIXED:.0f} %: these correspondences are of several boards, or something moved while they "
+            "were photographed; give the correspondences of one scene that stands still"
+        )
+
+
+def check_flat(solution: BundleSolution, x1: FloatArray) -> None:
+    """Refuse planes whose points leave them together: curved surfaces.
+
+    Raises
+    ------
+    CalibrationError
+        With the plane, its bend, and where it is.
+    """
+    bends = bends_of(solution, x1)
+    limit = np.maximum(MOST_BEND_PX, MOST_BEND_NOISES * bends.noise_px)
+    worst = int(np.argmax(bends.bend_px / limit))
+    if bends.bend_px[worst] <= limit[worst]:
+        return
+    place = np.median(x1[solution.used[solution.fit_label == worst]], axis=0)
+    raise CalibrationError(
+        f"the surface around camera pixel ({place[0]:.0f}, {place[1]:.0f}) is not flat: its points leave the plane "
+        f"through them together, by {bends.bend_px[worst]:.2f} px rms, the limit is {limit[worst]:.2f} px "
+        f"({100 * (1 - solution.share):.0f} % of all points lie on no plane). Curved surfaces are not modelled: aim at "
+        "flat walls"
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Angle:
+    """Between two planes, by a fit that has them free."""
+
+    planes: tuple[int, int]
+    angle_deg: float
+    """0 to 180, as seen from inside of the room."""
+    sigma_deg: float
+
+
+def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]], x1: FloatArray) -> list[Angle]:
+    """Measure the angles between pairs of planes in a fit that has them free.
+
+    Parameters
+    ----------
+    free : BundleSolution
+        With free planes.
+    pairs : sequence of (int, int)
+        Of planes.
+    x1 : (N, 2)
+        Camera pixels. [px]
+
+    Returns
+    -------
+    list of Angle
+        Standard deviations hold what data sheets leave open.
+    """
+    unknown = covariance(free.fit, observation_variance(free.fit, x1[free.used], free.fit_label))
+
+    def angles(z: FloatArray) -> FloatArray:
+        planes = planes_of(z, free.axes)
+        normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
+        # Normals point out of the room: seen from inside, walls meet at the supplement.
+        return np.array([180 - np.degrees(np.arccos(np.clip(normals[a] @ normals[b], -1, 1))) for a, b in pairs])
+
+    sigma = standard_deviations(angles, free.fit.z, unknown)
+    values = angles(free.fit.z)
+    return [
+        Angle(planes=p, angle_deg=float(v), sigma_deg=float(s)) for p, v, s in zip(pairs, values, sigma, strict=True)
+    ]
+
+
+def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArray) -> None:
+    """Refuse right angles that the points and the data sheets contradict.
+
+    Both fits are of the same points. What the fit without right angles explains better, in units of an independent
+    observation's variance, has the chi-squared distribution of as many unknowns as right angles hold, if they are true.
+
+    Parameters
+    ----------
+    held, free : BundleSolution
+        Fits with right angles and without.
+    x1 : (N, 2)
+        Camera pixels. [px]
+
+    Raises
+    ------
+    CalibrationError
+        With the angle that is furthest off, and its sigma.
+    """
+    variance = observation_variance(free.fit, x1[free.used], free.fit_label)
+    gain = (held.fit.cost - free.fit.cost) / variance
+    sigmas = normal_deviate(gain, len(free.fit.z) - len(held.fit.z))
+    if sigmas <= SIGMAS:
+        return
+    on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()
+    across = [(a, b) for a, b in combinations(on_axes, 2) if held.axes.of_plane[a] != held.axes.of_plane[b]]
+    for _ in range(_PATIENCE):
+        free = refit(free.error, free, variance)
+    worst = max(angles_of(free, across, x1), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
+    a, b = worst.planes
+    raise CalibrationError(
+        f"the walls are not at right angles: a fit without right angles explains the points and hfov_deg better by "
+        f"{sigmas:.0f} sigma, the limit is {SIGMAS:g}; it puts walls {a + 1} and {b + 1} at {worst.angle_deg:.1f} +- "
+        f"{worst.sigma_deg:.1f} degrees. Check hfov_deg of both devices; if it is right and the walls are not square, "
+        "set right_angles = false"
+    )
+
+
+def normal_deviate(chi_squared: float, freedom: int) -> float:
+    """Return a chi-squared variable as one of a standard normal (Wilson and Hilferty, PNAS 17, 1931)."""
+    if freedom < 1:
+        return 0.0
+    spread = 2 / (9 * freedom)
+    return float((np.cbrt(chi_squared / freedom) - (1 - spread)) / np.sqrt(spread))
+
+
+def check_data_sheets(solution: BundleSolution, sigma: FloatArray) -> None:
+    """Refuse focal lengths that the fields of view of the data sheets contradict.
+
+    Parameters
+    ----------
+    solution : BundleSolution
+        A fit.
+    sigma : (n,)
+        Standard deviations of its unknowns.
+
+    Raises
+    ------
+    CalibrationError
+        With the device, both focal lengths, and their sigmas.
+    """
+    found = solution.fit.z[[CAMERA.start, PROJECTOR.start]]
+    own = sigma[[CAMERA.start, PROJECTOR.start]]
+    off = (found - 1) / np.hypot(FOCAL_SIGMA, own)
+    together = abs(float(found.mean()) - 1) / np.hypot(FOCAL_SIGMA / np.sqrt(2), float(own.mean()))
+    if max(*np.abs(off), together) <= SIGMAS:
+        return
+    worst = int(np.argmax(np.abs(off)))
+    name = ("camera", "projector")[worst]
+    raise CalibrationError(
+        f"the {name}'s focal length comes out {found[worst]:.2f} +- {own[worst]:.2f} times, that of the other device "
+        f"{found[1 - worst]:.2f} +- {own[1 - worst]:.2f} times what hfov_deg says, which is taken to be true to "
+        f"{100 * FOCAL_SIGMA:g} %: {max(*np.abs(off), together):.0f} sigma, the limit is {SIGMAS:g}. Check hfov_deg "
+        "(zoom, crop, horizontal or diagonal); if it is right, the walls are not at right angles (right_angles = false)"
+    )
+
+
+def check_determined(solution: BundleSolution, unknown: FloatArray) -> None:
+    """Refuse a fit whose distances the points leave open.
+
+    Parameters
+    ----------
+    solution : BundleSolution
+        A fit.
+    unknown : (n, n)
+        Covariance of its unknowns.
+
+    Raises
+    ------
+    CalibrationError
+        With the standard deviation of the ratio of distance and baseline, and its limit.
+    """
+
+    def distances(z: FloatArray) -> FloatArray:
+        return np.asarray(-np.log(np.linalg.norm(planes_of(z, solution.axes), axis=1)))
+
+    sigma = standard_deviations(distances, solution.fit.z, unknown)
+    nearest = int(np.argmin(sigma))
+    if sigma[nearest] > MOST_DISTANCE_SIGMA:
+        raise CalibrationError(
+            f"the walls' distance is {np.exp(distances(solution.fit.z)[nearest]):.1f} baselines +- "
+            f"{100 * sigma[nearest]:.0f} %, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} %: too little parallax; move "
+            "the camera further aside, and see more walls or the floor"
+        )

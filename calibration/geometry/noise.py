@@ -1,0 +1,99 @@
+"""How certain a fit's unknowns are, where the errors of neighbouring points are not independent."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from calibration.arrays import FloatArray, IntArray
+from calibration.geometry.robust_fit import Fit
+
+_BLOCKS_PX = (12, 24, 48, 96)
+"""Sides of the camera's squares whose points are taken together: from the window of the refinement on."""
+_LEAST_BLOCKS = 1.5
+"""Sums of blocks per unknown: below, the fit has bent itself to most of them and they tell too little."""
+
+
+_STEP = 1e-6
+"""Of a forward difference: unknowns are of order 1."""
+
+
+def observation_variance(fit: Fit, x1: FloatArray, label: IntArray) -> float:
+    """Estimate the variance of an independent observation: that of a residual, times how many share one error.
+
+    Points are summed over squares of the camera's picture on one wall. The sum of n independent errors has n times
+    the variance of one; where neighbours share their error it has more, and that excess is what a square's points
+    count less. The larger the squares, the longer the waves of error that are seen; the largest excess is taken. What
+    the fit has taken out of the sums for its unknowns is put back.
+
+    Parameters
+    ----------
+    fit : Fit
+        A solution.
+    x1 : (N, 2)
+        Camera pixels of its points. [px]
+    label : (N,)
+        Their walls.
+
+    Returns
+    -------
+    float
+        [px²]
+    """
+    weighted = fit.residual * fit.weight[:, None]
+    own = float((weighted**2).mean())
+    unknowns = effective_unknowns(fit)
+    found = [own]
+    for side in _BLOCKS_PX:
+        cell = (x1 // side).astype(np.int64)
+        _, index = np.unique((cell[:, 0] * 10_000 + cell[:, 1]) * 64 + label, return_inverse=True)
+        index = index.ravel()
+        sums = np.stack([np.bincount(index, column) for column in weighted.T])
+        # Squares with few points say little, and there are many at the rims.
+        free = sums.size - unknowns
+        if sums.size > _LEAST_BLOCKS * unknowns:
+            found.append(float((sums**2).sum()) / len(x1) / fit.residual.shape[1] * sums.size / free)
+    return max(found)
+
+
+def effective_unknowns(fit: Fit) -> float:
+    """Return how many unknowns the points determine, not the priors."""
+    priors = fit.priors.weight / fit.priors.sigma**2
+    return float(len(fit.z) - np.trace(priors[:, None] * covariance(fit, 1.0)))
+
+
+def covariance(fit: Fit, variance_px2: float) -> FloatArray:
+    """Return the covariance of a solution from the curvature of its cost, priors included.
+
+    Parameters
+    ----------
+    fit : Fit
+        A solution, whose priors were weighed by that variance.
+    variance_px2 : float
+        Of an independent observation. [px²]
+
+    Returns
+    -------
+    (n, n)
+        Covariance of the unknowns; a direction that changes nothing (the length of the translation) has none.
+    """
+    scale = 1 / np.sqrt(np.maximum(np.diag(fit.hessian), 1e-300))
+    values, vectors = np.linalg.eigh(fit.hessian * np.outer(scale, scale))
+    # The length of the translation changes nothing: one eigenvalue is zero but for rounding.
+    inverse = np.where(values > 1e-12 * values.max(), 1 / np.maximum(values, 1e-300), 0.0)
+    found = (vectors * inverse) @ vectors.T * np.outer(scale, scale)
+    return np.asarray(variance_px2 * found)
+
+
+def standard_deviations(
+    figures: Callable[[FloatArray], FloatArray], unknowns: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Carry the covariance of unknowns (n, n) into figures (m,) that follow from them: (m,) standard deviations."""
+    value = figures(unknowns)
+    slope = np.empty((len(value), len(unknowns)))
+    for k in range(len(unknowns)):
+        moved = unknowns.copy()
+        moved[k] += _STEP
+        slope[:, k] = (figures(moved) - value) / _STEP
+    return np.asarray(np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", slope, covariance, slope), 0)))

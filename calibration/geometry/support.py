@@ -1,0 +1,135 @@
+"""Which points stand behind each plane: alone, together in the picture, and without a bend."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.arrays import BoolArray, FloatArray
+from calibration.geometry.bundle_residual import rays_of
+from calibration.geometry.bundle_unknowns import PlanarScene
+from calibration.geometry.plane_bundle import BundleSolution, transfer_of
+
+_LIMIT_SCALES, _LEAST_LIMIT_PX, _LARGEST_LIMIT_PX = 4.0, 0.3, 1.5
+"""A plane explains a point within four times the median error, which four in a hundred good points exceed."""
+_APART = 3.0
+"""No other plane explains it: none comes nearer than so many of these limits."""
+_LEAST_SHARE, _LEAST_POINTS = 0.02, 30
+"""Of the points, and points, that only this plane explains, side by side; less is furniture, noise, or a phantom."""
+_POINTS_A_CELL = 4.0
+_CELLS = 8
+"""Squares along the picture's longer side in which a bend is looked for."""
+_LEAST_IN_CELL = 12
+
+
+def plane_errors_px(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """(K, N) distance of each point's projector pixel from where each plane would have it. [px]."""
+    rays, transfer = rays_of(scene.camera, x1), transfer_of(scene.projector)
+    return np.stack([np.linalg.norm(transfer(rays, plane) - x2, axis=1) for plane in scene.planes])
+
+
+def standing_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolArray:
+    """Find the planes that stand for points which no other plane explains, and which lie side by side.
+
+    A wall that is found twice, or a plane between two walls, explains points; but others explain them, too, or they
+    are scattered. Of several such the one with least goes first, so that of two alike one stays.
+
+    Parameters
+    ----------
+    scene : PlanarScene
+        With K planes.
+    x1, x2 : (N, 2)
+        Corresponding pixels. [px]
+
+    Returns
+    -------
+    (K,) bool
+        True for planes that stay.
+    """
+    errors = plane_errors_px(scene, x1, x2)
+    standing = np.ones(len(errors), dtype=bool)
+    enough = max(_LEAST_SHARE * len(x1), _LEAST_POINTS)
+    while standing.any():
+        kept = np.flatnonzero(standing)
+        counts = [_side_by_side(x1, own) for own in exclusive_points(errors[kept])]
+        if min(counts) >= enough:
+            break
+        standing[kept[int(np.argmin(counts))]] = False
+    return standing
+
+
+def exclusive_points(errors_px: FloatArray) -> BoolArray:
+    """(K, N) points that a plane explains and no other comes near to, of errors (K, N)."""
+    best = errors_px.min(axis=0)
+    limit = float(np.clip(_LIMIT_SCALES * np.median(best), _LEAST_LIMIT_PX, _LARGEST_LIMIT_PX))
+    if len(errors_px) == 1:
+        return errors_px <= limit
+    second = np.partition(errors_px, 1, axis=0)[1]
+    nearest = errors_px.argmin(axis=0)
+    alone = (best <= limit) & (second > _APART * limit)
+    return np.asarray((nearest[None] == np.arange(len(errors_px))[:, None]) & alone)
+
+
+def _side_by_side(x1: FloatArray, own: BoolArray) -> int:
+    """How many of a plane's points lie in one connected piece of the camera's picture."""
+    low, high = x1.min(axis=0), x1.max(axis=0)
+    side = float(np.sqrt(np.prod(high - low + 1) * _POINTS_A_CELL / len(x1)))
+    cell = ((x1 - low) // side).astype(np.int64)
+    columns, rows = cell.max(axis=0) + 1
+    index = cell[:, 1] * columns + cell[:, 0]
+    all_, mine = (np.bincount(index[which], minlength=rows * columns) for which in (slice(None), own))
+    filled = ((mine * 2 > all_) & (all_ > 0)).astype(np.uint8).reshape(rows, columns)
+    _, piece = cv2.connectedComponents(filled, connectivity=8)
+    of_point = np.asarray(piece).ravel()[index[own]]
+    return int(np.bincount(of_point[of_point > 0], minlength=1).max())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Bends:
+    """By how much the points of each plane leave it together, over areas far larger than a point's noise reaches."""
+
+    bend_px: FloatArray
+    """(K,) root mean square over the areas, what noise explains taken off. [px]"""
+    noise_px: FloatArray
+    """(K,) of single points. [px]"""
+
+
+def bends_of(solution: BundleSolution, x1: FloatArray) -> Bends:
+    """Take the mean residual of each plane over squares of an eighth of the picture."""
+    residual, label = solution.fit.residual, solution.fit_label
+    place = x1[solution.used]
+    side = max(solution.camera.width_px, solution.camera.height_px) / _CELLS
+    cell = (place // side).astype(np.int64)
+    bends, noises = [], []
+    for plane in range(len(solution.planes)):
+        on = label == plane
+        if not on.any():
+            bends.append(0.0)
+            noises.append(0.0)
+            continue
+        _, index = np.unique(cell[on, 0] * 1000 + cell[on, 1], return_inverse=True)
+        index = index.ravel()
+        count = np.bincount(index)
+        means = np.stack([np.bincount(index, r) / count for r in residual[on].T], axis=1)
+        noise = residual[on] - means[index]
+        variance = float((noise**2).sum(1).mean())
+        many = count >= _LEAST_IN_CELL
+        square = (means[many] ** 2).sum(axis=1)
+        bends.append(float(np.sqrt(np.average(square, weights=count[many])) if many.any() else 0.0))
+        noises.append(float(np.sqrt(variance)))
+    return Bends(bend_px=np.array(bends), noise_px=np.array(noises))
+
+
+def mixed_share(x1: FloatArray, own: BoolArray) -> float:
+    """Share of the exclusively explained points (K, N) whose neighbours in the picture mostly lie on other planes."""
+    rows = np.flatnonzero(own.any(axis=0))
+    label = own[:, rows].argmax(axis=0)
+    low = x1.min(axis=0)
+    side = float(np.sqrt(np.prod(np.ptp(x1, axis=0) + 1) * 3 * _POINTS_A_CELL / len(x1)))
+    cell = ((x1[rows] - low) // side).astype(np.int64)
+    _, index = np.unique(cell[:, 0] * 100_000 + cell[:, 1], return_inverse=True)
+    counts = np.zeros((int(index.max(initial=0)) + 1, len(own)), dtype=np.int64)
+    np.add.at(counts, (index.ravel(), label), 1)
+    return float(1 - counts.max(axis=1).sum() / max(len(rows), 1))
