@@ -10,7 +10,7 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.lenses.bundle import adjust_bundle, by_device, residuals, weights_of
-from calibration.lenses.choice import ModelScore, choose_model, folds_of, left_out_squares
+from calibration.lenses.choice import ModelScore, choose_model, left_out_squares
 from calibration.lenses.fit import Settled, free_shared, settle
 from calibration.lenses.lens import TERMS, Lens, project_points
 from calibration.lenses.records import BoardSightings, LensCalibration, RigState
@@ -169,17 +169,11 @@ def _flex_helps(sightings: BoardSightings, model: str, fit: Settled) -> bool:
     """Whether left-out views are predicted better by a bent board."""
     squares = []
     for flex in (False, True):
-        free = free_shared(model, None, flex=flex)
         state = fit.state if flex else replace(fit.state, flex_m=np.zeros(2))
-        found = np.full(sightings.views, np.nan)
-        for views in folds_of(sightings.views):
-            rest = np.setdiff1d(np.arange(sightings.views), views)
-            fitted = settle(sightings.of_views(rest), state.of_views(rest), free, least_gain=_FAIR)
-            noise = float(fit.noise_px[0])
-            found[views] = left_out_squares(fitted, sightings, fit.state, views=views, device=0, noise=noise)
-        squares.append(found)
+        again = settle(sightings, state, free_shared(model, None, flex=flex), least_gain=_FAIR)
+        squares.append(left_out_squares(sightings, again, device=0))
     gain = squares[0] - squares[1]
-    return bool(gain.mean() > _SURE * gain.std(ddof=1) / np.sqrt(len(gain)))
+    return bool(np.nanmean(gain) > _SURE * np.nanstd(gain, ddof=1) / np.sqrt(len(gain)))
 
 
 def _all_views(sightings: BoardSightings, known: IntArray, state: RigState) -> RigState:

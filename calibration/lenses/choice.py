@@ -1,4 +1,8 @@
-"""How many terms of distortion a lens needs: as many as predict views that were left out of the fit."""
+"""How many terms of distortion a lens needs: judged on views that were left out of the fit.
+
+A model that is too rich follows the noise; one that is too lean is sure of what it does not know (its sigmas hold only
+if the terms that it lacks are exactly zero). So the usual four terms are taken unless left-out views speak against them.
+"""
 
 from __future__ import annotations
 
@@ -9,17 +13,20 @@ import numpy as np
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.lenses.bundle import SHARED, adjust_bundle, by_device, residuals, row_slices, weights_of
-from calibration.lenses.fit import Settled, in_noise
+from calibration.lenses.fit import CAUCHY, Settled, in_noise
 from calibration.lenses.lens import TERMS
 from calibration.lenses.records import BoardSightings, RigState
 
 _FOLDS = 5
 _FOLDED_VIEWS = 20
 """With more views than this, two folds tell as much as five."""
-_CLIP = 5.0
+_CLIP = 7.0
 """Standard deviations at which a left-out residual stops counting more: a mistake is no lens."""
-_SURE = 1.0
-"""Standard errors by which a richer model has to predict better than a leaner one."""
+_USUAL = "k1k2p1p2"
+_SURE = 2.0
+"""Standard errors by which another model has to predict better than the usual one."""
+_FAIR = 1e-5
+"""Share of the cost below which a step no longer decides between models."""
 
 Attempt = Callable[[str, BoardSightings, RigState | None], Settled]
 """Fits a model to sightings, from a state of the same views or from none."""
@@ -43,7 +50,7 @@ def choose_model(
     *,
     device: int = 0,
 ) -> tuple[str, Settled, tuple[ModelScore, ...]]:
-    """Choose the leanest distortion model that predicts left-out views as well as the best.
+    """Choose the usual distortion model, or another that predicts left-out views clearly better.
 
     Parameters
     ----------
@@ -66,14 +73,15 @@ def choose_model(
     for model in models:
         fits[model] = attempt(model, sightings, start)
         start = fits[model].state
-        scores.append(_score(model, sightings, fits[model], attempt=attempt, device=device))
+        scores.append(_score(model, sightings, fits[model], device=device))
     best = min(scores, key=lambda score: float(np.nanmean(score.of_views)))
-    chosen = next(score.model for score in scores if score is best or _as_good(score, best))
-    return chosen, fits[chosen], tuple(scores)
+    usual = next((score for score in scores if score.model == _USUAL), best)
+    chosen = usual if _as_good(usual, best) else next(score for score in scores if _as_good(score, best))
+    return chosen.model, fits[chosen.model], tuple(scores)
 
 
-def _as_good(lean: ModelScore, best: ModelScore) -> bool:
-    worse = lean.of_views - best.of_views
+def _as_good(score: ModelScore, best: ModelScore) -> bool:
+    worse = score.of_views - best.of_views
     worse = worse[np.isfinite(worse)]
     error = float(worse.std(ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else 0.0
     return bool(float(worse.mean()) <= _SURE * error)
@@ -85,32 +93,41 @@ def folds_of(views: int) -> list[IntArray]:
     return [np.arange(k, views, count) for k in range(count)]
 
 
-def _score(model: str, sightings: BoardSightings, fit: Settled, *, attempt: Attempt, device: int) -> ModelScore:
-    squares = np.full(sightings.views, np.nan)
-    noise = float(fit.noise_px[device])
-    for left_out in folds_of(sightings.views):
-        rest = np.setdiff1d(np.arange(sightings.views), left_out)
-        fitted = attempt(model, sightings.of_views(rest), fit.state.of_views(rest))
-        squares[left_out] = left_out_squares(fitted, sightings, fit.state, views=left_out, device=device, noise=noise)
+def _score(model: str, sightings: BoardSightings, fit: Settled, *, device: int) -> ModelScore:
+    squares = left_out_squares(sightings, fit, device=device)
     return ModelScore(model, float(np.sqrt(np.nanmean(squares))), squares)
 
 
-def left_out_squares(
-    fitted: Settled, sightings: BoardSightings, near: RigState, *, views: IntArray, device: int, noise: float
-) -> FloatArray:
-    """(len(views),) mean square residual of views whose poses alone are fitted, mistakes clipped. [px²]"""
-    rows = sightings.of_views(views)
-    start = with_poses(fitted.state, near.of_views(views))
-    weighed = in_noise(rows, fitted.noise_px)
-    scales = np.full(len(fitted.noise_px), 2.4)
-    state = adjust_bundle(weighed, start, np.zeros(SHARED, dtype=bool), scales_px=scales, steps=15, least_gain=1e-5).state
+def left_out_squares(sightings: BoardSightings, fit: Settled, *, device: int) -> FloatArray:
+    """(V,) mean square residual of each view while it only gives its pose, mistakes clipped. [px²]
+
+    Parameters
+    ----------
+    sightings : BoardSightings
+        All rows, with their own weights.
+    fit : Settled
+        To all of them.
+    device : int
+        Whose residuals: 0 the camera, 1 the projector.
+    """
+    squares = np.full(sightings.views, np.nan)
+    for left_out in folds_of(sightings.views):
+        rest = np.setdiff1d(np.arange(sightings.views), left_out)
+        others = fit.sightings.of_views(rest)
+        lenses = adjust_bundle(others, fit.state.of_views(rest), fit.free, least_gain=_FAIR).state
+        squares[left_out] = _squares(sightings.of_views(left_out), lenses, fit, views=left_out, device=device)
+    return squares
+
+
+def _squares(rows: BoardSightings, lenses: RigState, fit: Settled, *, views: IntArray, device: int) -> FloatArray:
+    near = fit.state.of_views(views)
+    start = replace(lenses, rotations=near.rotations, translations_m=near.translations_m)
+    scales = np.full(len(fit.noise_px), CAUCHY)
+    poses_only = np.zeros(SHARED, dtype=bool)
+    weighed = in_noise(rows, fit.noise_px)
+    state = adjust_bundle(weighed, start, poses_only, scales_px=scales, steps=15, least_gain=_FAIR).state
     length = np.linalg.norm(by_device(residuals(rows, state)), axis=2)[:, device]
-    squares = np.minimum(length, _CLIP * 1.4 * noise) ** 2
+    squares = np.minimum(length, _CLIP * float(fit.noise_px[device])) ** 2
     there = weights_of(rows)[:, device] > 0
     means = [squares[r][there[r]].mean() if there[r].any() else np.nan for _, r in row_slices(rows.view, rows.views)]
     return np.asarray(means)
-
-
-def with_poses(lenses: RigState, poses: RigState) -> RigState:
-    """Return the lenses of one state with the poses of another."""
-    return replace(lenses, rotations=poses.rotations, translations_m=poses.translations_m)

@@ -27,7 +27,7 @@ from calibration.lenses.bundle import (
 from calibration.lenses.lens import free_parameters
 from calibration.lenses.records import POSE, BoardSightings, RigState
 
-_CAUCHY = 2.4
+CAUCHY = 2.4
 """Scale of the robust loss in standard deviations: Cauchy's loss keeps 95 % of its efficiency on normal noise."""
 _OUTLIER = 4.5
 """Length of a residual in standard deviations of one coordinate: exceeded by 4 in 100,000 corners of normal noise."""
@@ -110,7 +110,7 @@ def settle(
     Settled
     """
     state = start
-    weighed, scale = sightings, np.full(2 if sightings.has_projector else 1, _CAUCHY)
+    weighed, scale = sightings, np.full(2 if sightings.has_projector else 1, CAUCHY)
     for _ in range(_ROBUST_ROUNDS):
         weighed = in_noise(sightings, _robust_noise(sightings, state))
         state = adjust_bundle(weighed, state, free, scales_px=scale, steps=25, least_gain=_ROUGH).state
@@ -125,11 +125,6 @@ def settle(
     final = in_noise(_without(sightings, kept), noise)
     bundle = adjust_bundle(final, state, free, least_gain=least_gain)
     return Settled(bundle=bundle, sightings=final, noise_px=noise, free=free)
-
-
-def refit(settled: Settled, sightings: BoardSightings, state: RigState) -> Bundle:
-    """Fit other rows, weighed already, with the same unknowns and no search for mistakes."""
-    return adjust_bundle(sightings, state, settled.free)
 
 
 def in_noise(sightings: BoardSightings, noise_px: FloatArray) -> BoardSightings:
