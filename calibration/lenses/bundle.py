@@ -125,7 +125,7 @@ def _projector_rows(
 
 
 def residuals(sightings: BoardSightings, state: RigState) -> FloatArray:
-    """(N, 2) or (N, 4) modelled minus seen, as :func:`linearise` gives them. [px]"""
+    """Return modelled minus seen, (N, 2) or (N, 4), in pixels, as :func:`linearise` gives them."""
     seen = camera_points(sightings, state)
     camera = projection_only(state.camera, seen) - sightings.camera_xy_px
     if not sightings.has_projector:
@@ -190,7 +190,7 @@ class NormalEquations:
         back = np.linalg.solve(poses, np.swapaxes(self.mixed, 1, 2))
         lean = self.of_views - self.mixed @ back
         slope = self.slope_of_views - np.einsum("vki,vk->vi", back, self.pose_slope)
-        return lean, slope, back
+        return np.asarray(lean), np.asarray(slope), np.asarray(back)
 
 
 def normal_equations(lines: Linearised, weight: FloatArray, view: IntArray, views: int) -> NormalEquations:
@@ -268,7 +268,6 @@ class Bundle:
     residual: FloatArray
     """(N, d) modelled minus seen. [px]"""
     cost: float
-    steps: int
 
 
 def adjust_bundle(
@@ -304,8 +303,7 @@ def adjust_bundle(
     state, damping = start, 1e-4
     base = weights_of(sightings)
     cost = _cost(residuals(sightings, state), base, scales_px)
-    done = 0
-    for done in range(1, steps + 1):
+    for _ in range(steps):
         lines = only(linearise(sightings, state), free)
         weight = base * _robust(lines.residual, base, scales_px)
         equations = normal_equations(lines, weight, sightings.view, sightings.views)
@@ -315,7 +313,7 @@ def adjust_bundle(
         cost -= gain
         if gain <= least_gain * cost:
             break
-    return Bundle(state=state, residual=residuals(sightings, state), cost=cost, steps=done)
+    return Bundle(state=state, residual=residuals(sightings, state), cost=cost)
 
 
 def _improved(

@@ -12,7 +12,7 @@ from calibration.errors import CalibrationError
 from calibration.lenses.bundle import adjust_bundle, by_device, residuals, weights_of
 from calibration.lenses.choice import ModelScore, choose_model, left_out_squares
 from calibration.lenses.fit import Settled, free_shared, settle
-from calibration.lenses.lens import TERMS, Lens, project_points
+from calibration.lenses.lens import TERMS, Lens, ideal_coordinates, project_points
 from calibration.lenses.records import BoardSightings, LensCalibration, RigState
 from calibration.lenses.start import camera_guesses, guess_poses, moved_projector, with_projector
 from calibration.lenses.uncertainty import Confidence, confidence_of, pixel_grid
@@ -103,7 +103,8 @@ def calibrate_lenses(
     model, flex, fit, scores = _camera_alone(sightings.of_views(some).camera_only(), request)
     on_step(1, 4)
     state = _all_views(sightings, some, fit.state)
-    projector, projector_scores = None, ()
+    projector: str | None = None
+    projector_scores: tuple[ModelScore, ...] = ()
     if sightings.has_projector:
         projector, state, projector_scores = _projector_too(sightings, state, request, model=model, flex=flex)
     on_step(2, 4)
@@ -136,9 +137,7 @@ def _spread_views(views: int, count: int) -> IntArray:
     return np.unique(np.linspace(0, views - 1, min(views, count)).round().astype(np.int64))
 
 
-def _camera_alone(
-    sightings: BoardSightings, request: LensRequest
-) -> tuple[str, bool, Settled, tuple[ModelScore, ...]]:
+def _camera_alone(sightings: BoardSightings, request: LensRequest) -> tuple[str, bool, Settled, tuple[ModelScore, ...]]:
     """Distortion model, whether the board is bent, the fit, and the scores of all models."""
     flex = request.flex is not False and sightings.views >= _FLEX_VIEWS
 
@@ -240,8 +239,6 @@ def _model_of(free: BoolArray) -> str:
 
 def _apart_px(first: RigState, second: RigState, request: LensRequest) -> float:
     """Largest distance of the pixels that two states' lenses give to one ideal point, over the pictures."""
-    from calibration.lenses.lens import ideal_coordinates
-
     worst = 0.0
     for size, a, b in (
         (request.camera_size_px, first.camera, second.camera),

@@ -1,7 +1,7 @@
 """How many terms of distortion a lens needs: judged on views that were left out of the fit.
 
-A model that is too rich follows the noise; one that is too lean is sure of what it does not know (its sigmas hold only
-if the terms that it lacks are exactly zero). So the usual four terms are taken unless left-out views speak against them.
+A model that is too rich follows the noise; one that is too lean is sure of what it does not know (its sigmas hold
+only if the terms that it lacks are zero). So the usual four terms are taken unless left-out views speak against them.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _score(model: str, sightings: BoardSightings, fit: Settled, *, device: int) 
 
 
 def left_out_squares(sightings: BoardSightings, fit: Settled, *, device: int) -> FloatArray:
-    """(V,) mean square residual of each view while it only gives its pose, mistakes clipped. [px²]
+    """Return the mean square residual (V,) of each view while it only gives its pose, mistakes clipped.
 
     Parameters
     ----------

@@ -90,9 +90,7 @@ def free_shared(camera: str, projector: str | None, *, flex: bool) -> BoolArray:
     return free
 
 
-def settle(
-    sightings: BoardSightings, start: RigState, free: BoolArray, *, least_gain: float = LEAST_GAIN
-) -> Settled:
+def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least_gain: float = LEAST_GAIN) -> Settled:
     """Fit until noise, mistakes and lenses agree.
 
     Parameters
@@ -192,4 +190,4 @@ def _noise(kept: BoardSightings, bundle: Bundle, free: BoolArray) -> FloatArray:
     lens = [int(free[: PROJECTOR.start].sum() + free[BEND].sum()), int(free[PROJECTOR].sum() + free[RELATIVE].sum())]
     poses = POSE * kept.views * counts / max(int(counts.sum()), 1)
     freedom = np.maximum(counts - poses - lens[: len(counts)], 1)
-    return np.maximum(np.sqrt(squares / freedom), _LEAST_NOISE_PX)
+    return np.asarray(np.maximum(np.sqrt(squares / freedom), _LEAST_NOISE_PX))

@@ -110,7 +110,5 @@ def compare_halves(
     there = np.isfinite(points).all(axis=1)
     difference = np.full(xy_px.shape, np.nan)
     difference[there] = pixels_of(other, moved[there], in_projector=in_projector) - xy_px[there]
-    both = projection_covariance(
-        anchor, covariances[0] + covariances[1], xy_px, distance_m, in_projector=in_projector
-    )
+    both = projection_covariance(anchor, covariances[0] + covariances[1], xy_px, distance_m, in_projector=in_projector)
     return HalvesDifference(difference_px=difference, expected_px=np.sqrt(both[:, 0, 0] + both[:, 1, 1]))

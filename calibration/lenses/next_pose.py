@@ -137,8 +137,8 @@ def _information_of(
     ideal, there = ideal_coordinates(camera.vector, pixel)
     if not there[0]:
         return None
-    turn = np.asarray(cv2.Rodrigues(np.radians([tilt[0], 0.0, 0.0]))[0])
-    turn = np.asarray(cv2.Rodrigues(np.radians([0.0, tilt[1], 0.0]))[0]) @ turn
+    about_x, about_y = (cv2.Rodrigues(np.radians(v))[0] for v in ([tilt[0], 0.0, 0.0], [0.0, tilt[1], 0.0]))
+    turn: FloatArray = np.asarray(about_y @ about_x, dtype=np.float64)
     ray = np.array([*ideal[0], 1.0])
     centre = np.array([*board.half_size_m, 0.0])
     state = replace(
@@ -178,4 +178,3 @@ def _whole_board(sightings: BoardSightings) -> BoardSightings:
     corners = np.unique(sightings.board_m.round(9), axis=0)
     whole = BoardSightings.of_camera(np.zeros(len(corners), dtype=np.int64), corners, np.zeros((len(corners), 2)))
     return replace(whole, half_size_m=sightings.half_size_m)
-

@@ -14,7 +14,7 @@ from calibration.lenses.uncertainty import Confidence
 _FOCAL_LIMIT = 0.05
 """Of a focal length: one whose sigma is larger is no measurement; data sheets are as good."""
 _ONE_TILT_DEG = 8.0
-"""Between the two most unlike normals of the boards: below, they are one tilt, and distance can be had for focal length."""
+"""Between the two most unlike normals of the boards: below, they are one tilt, and distance stands for focal length."""
 
 
 def refuse_undetermined(settled: Settled, confidence: Confidence, names: tuple[str, ...]) -> None:
