@@ -40,6 +40,8 @@ _MEDIAN_LENGTH = 1.1774
 _LEAST_NOISE_PX = 1e-3
 _ROUGH, _FAIR = 1e-3, 1e-6
 """Gains at which a fit ends while mistakes are looked for."""
+_DOUBTFUL = 1.5
+"""Residual of a view over the median of all: above, its other pose is tried."""
 _ROBUST_ROUNDS, _CLEAN_ROUNDS = 3, 3
 
 
@@ -112,6 +114,7 @@ def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least
     for _ in range(_ROBUST_ROUNDS):
         weighed = in_noise(sightings, _robust_noise(sightings, state))
         state = adjust_bundle(weighed, state, free, scales_px=scale, steps=25, least_gain=_ROUGH).state
+    state = turned_over(weighed, state)
     noise, kept = _robust_noise(sightings, state), weights_of(sightings) > 0
     for _ in range(_CLEAN_ROUNDS):
         kept = _belonging(sightings, state, noise)
@@ -123,6 +126,49 @@ def settle(sightings: BoardSightings, start: RigState, free: BoolArray, *, least
     final = in_noise(_without(sightings, kept), noise)
     bundle = adjust_bundle(final, state, free, least_gain=least_gain)
     return Settled(bundle=bundle, sightings=final, noise_px=noise, free=free)
+
+
+def turned_over(sightings: BoardSightings, state: RigState) -> RigState:
+    """Return the state with views whose board leans the other way, where that fits better.
+
+    A small or distant board looks nearly the same when its tilt is mirrored along the line of sight, so a pose may have
+    settled in the wrong one of two minima: D. Oberkampf et al., Computer Vision and Image Understanding 63 (1996).
+
+    Parameters
+    ----------
+    sightings : BoardSightings
+        Weights in units of the noise.
+    state : RigState
+    """
+    rms = _view_miss(sightings, state)
+    doubtful = np.flatnonzero(rms > _DOUBTFUL * np.nanmedian(rms))
+    if not len(doubtful):
+        return state
+    part = sightings.of_views(doubtful)
+    start = _leaning_back(part, state.of_views(doubtful))
+    scale = np.full(2 if part.has_projector else 1, CAUCHY)
+    other = adjust_bundle(part, start, np.zeros(SHARED, dtype=bool), scales_px=scale, steps=30, least_gain=_FAIR).state
+    better = _view_miss(part, other) < rms[doubtful]
+    rotations, places = state.rotations.copy(), state.translations_m.copy()
+    rotations[doubtful[better]], places[doubtful[better]] = other.rotations[better], other.translations_m[better]
+    return replace(state, rotations=rotations, translations_m=places)
+
+
+def _leaning_back(sightings: BoardSightings, state: RigState) -> RigState:
+    """Mirror each board along the line of sight to its middle."""
+    middle = np.array([*sightings.half_size_m, 0.0])
+    centre = state.rotations @ middle + state.translations_m
+    sight = centre / np.linalg.norm(centre, axis=1, keepdims=True)
+    mirror = np.eye(3) - 2 * sight[:, :, None] * sight[:, None, :]
+    rotations = mirror @ state.rotations @ np.diag([1.0, 1.0, -1.0])
+    return replace(state, rotations=rotations, translations_m=centre - rotations @ middle)
+
+
+def _view_miss(sightings: BoardSightings, state: RigState) -> FloatArray:
+    """(V,) median length of a view's residuals, in units of the noise."""
+    length, there = _lengths(sightings, state)[:, 0], weights_of(sightings)[:, 0] > 0
+    rows = [r for _, r in row_slices(sightings.view, sightings.views)]
+    return np.array([np.median(length[r][there[r]]) if there[r].any() else np.nan for r in rows])
 
 
 def in_noise(sightings: BoardSightings, noise_px: FloatArray) -> BoardSightings:

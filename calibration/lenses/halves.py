@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arrays import FloatArray
+from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 from calibration.lenses.bundle import adjust_bundle, linearise, normal_equations, only, weights_of
 from calibration.lenses.fit import Settled
@@ -32,6 +32,10 @@ class HalvesDifference:
     """(N, 2) of the second half minus the first, a motion of the rig taken off; NaN where a lens sees nothing."""
     expected_px: FloatArray
     """(N,) root of the sum of both halves' variances in x and y."""
+
+    def rows(self, chosen: BoolArray) -> HalvesDifference:
+        """Return some of the pixels."""
+        return HalvesDifference(difference_px=self.difference_px[chosen], expected_px=self.expected_px[chosen])
 
     @property
     def rms_px(self) -> float:

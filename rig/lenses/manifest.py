@@ -189,7 +189,7 @@ def _in_sequence(view: ViewTable, shape: tuple[int, int]) -> dict[str, str]:
     if len(view.sequence) not in (len(names), len(names) + 2):
         raise ProfileError(
             f"view.{view.name}.sequence: names {len(view.sequence)} photographs; a projector of {shape[1]} × "
-            f"{shape[0]} steps needs {len(names)} (each bit and its inverse, columns before rows), or {len(names) + 2} with white "
-            "and black at the end"
+            f"{shape[0]} steps needs {len(names)} (each bit and its inverse, columns before rows), or {len(names) + 2} "
+            "with white and black at the end"
         )
     return dict(zip((*names, "white", "black"), view.sequence, strict=False))

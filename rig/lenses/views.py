@@ -228,7 +228,7 @@ def _seen(view: ViewTable, found: Detection, board: Board) -> SeenView:
     return SeenView(
         name=view.name,
         board_m=board.points_m[found.ids],
-        camera_xy_px=found.xy_px + (view.crop.left_px, view.crop.top_px),
+        camera_xy_px=found.xy_px + np.array([view.crop.left_px, view.crop.top_px]),
         camera_weight=np.ones(n),
         projector_xy_px=np.full((n, 2), np.nan),
         projector_by_camera=np.zeros((n, 2, 2)),

@@ -116,31 +116,34 @@ def printed(board: Board, pixels: int = 60) -> Rendered:
     return Rendered(picture, pixels / board.square_m, (2.0 * pixels, 2.0 * pixels))
 
 
-def photograph(
-    state: RigState,
-    view: int,
-    rendered: Rendered,
-    shown: np.ndarray | None = None,
-    *,
-    seed: int = 0,
-    light: float = 200.0,
-    blur_px: float = 0.7,
-) -> np.ndarray:
-    """The camera's picture of a board, lit by the projector's picture if there is one, by the room otherwise."""
-    fine = 3
+@dataclass(frozen=True)
+class Stand:
+    """What each sample of the camera's picture meets on a board at one pose: made once for all that is shown on it."""
+
+    light: np.ndarray
+    """(h, w) reflectance of the board, what lies beside it 0.4; finer than the picture."""
+    pixel: np.ndarray
+    """(h, w, 2) projector pixel."""
+
+
+def stand(state: RigState, view: int, rendered: Rendered, fine: int = 3) -> Stand:
     width, height = CAMERA_SIZE
     x, y = np.meshgrid((np.arange(width * fine) + 0.5) / fine - 0.5, (np.arange(height * fine) + 0.5) / fine - 0.5)
     points, on_board = _on_board(state, view, np.column_stack([x.ravel(), y.ravel()]))
     texel = (on_board * rendered.per_m + rendered.corner).astype(np.float32).reshape(*x.shape, 2)
-    light_there = cv2.remap(rendered.texture.astype(np.float32), texel, None, cv2.INTER_LINEAR, borderValue=0.4)
+    light = cv2.remap(rendered.texture.astype(np.float32), texel, None, cv2.INTER_LINEAR, borderValue=0.4)
+    pixel = project_points(state.projector, projector_points(points, state))
+    return Stand(light, pixel.astype(np.float32).reshape(*x.shape, 2))
+
+
+def photograph(
+    place: Stand, shown: np.ndarray | None = None, *, seed: int = 0, light: float = 200.0, blur_px: float = 0.7
+) -> np.ndarray:
+    """The camera's picture of a board, lit by the projector's picture if there is one, by the room otherwise."""
+    there = place.light
     if shown is not None:
-        pixel = project_points(state.projector, projector_points(points, state))
-        pixel = pixel.astype(np.float32).reshape(*x.shape, 2)
-        light_there = light_there * cv2.remap(
-            shown.astype(np.float32) / 255, pixel, None, cv2.INTER_NEAREST, borderValue=0.0
-        )
-    sharp = cv2.resize(light_there, (width, height), interpolation=cv2.INTER_AREA)
-    soft = cv2.GaussianBlur(sharp, (0, 0), blur_px)
+        there = there * cv2.remap(shown.astype(np.float32) / 255, place.pixel, None, cv2.INTER_NEAREST, borderValue=0)
+    soft = cv2.GaussianBlur(cv2.resize(there, CAMERA_SIZE, interpolation=cv2.INTER_AREA), (0, 0), blur_px)
     noise = np.random.default_rng(seed).normal(0, 1.0, soft.shape)
     return np.clip(np.rint(8 + light * soft + noise), 0, 255).astype(np.uint8)
 
