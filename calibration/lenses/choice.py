@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.stats import t
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.lenses.bundle import SHARED, adjust_bundle, by_device, residuals, row_slices, weights_of
@@ -23,8 +24,8 @@ _FOLDED_VIEWS = 20
 _CLIP = 7.0
 """Standard deviations at which a left-out residual stops counting more: a mistake is no lens."""
 _USUAL = "k1k2p1p2"
-_SURE = 2.0
-"""Standard errors by which another model has to predict better than the usual one."""
+_SURE = 0.99
+"""Probability with which another model has to predict better than the usual one (Student's t over the views)."""
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 
@@ -83,8 +84,10 @@ def choose_model(
 def _as_good(score: ModelScore, best: ModelScore) -> bool:
     worse = score.of_views - best.of_views
     worse = worse[np.isfinite(worse)]
-    error = float(worse.std(ddof=1)) / np.sqrt(len(worse)) if len(worse) > 1 else 0.0
-    return bool(float(worse.mean()) <= _SURE * error)
+    if len(worse) < 2:
+        return True
+    error = float(worse.std(ddof=1)) / np.sqrt(len(worse))
+    return bool(float(worse.mean()) <= float(t.ppf(_SURE, len(worse) - 1)) * error)
 
 
 def folds_of(views: int) -> list[IntArray]:

@@ -211,10 +211,10 @@ def ideal_coordinates(vector: FloatArray, xy_px: FloatArray) -> tuple[FloatArray
         step = np.column_stack([step_x, step_y])
         size = np.maximum(np.abs(step).max(axis=1) / (0.3 + 0.5 * np.abs(ideal).max(axis=1)), 1)
         ideal = ideal - step / size[:, None]
-    return ideal, (miss < 1e-6) & (determinant_of(vector, ideal) > 0)
+    return ideal, (miss < 1e-6) & (pixel_area(vector, ideal) > 0)
 
 
-def determinant_of(vector: FloatArray, plane: FloatArray) -> FloatArray:
+def pixel_area(vector: FloatArray, plane: FloatArray) -> FloatArray:
     """(N,) how much the distortion enlarges an area at ideal coordinates; not above 0 where it folds."""
     slopes = _real_by_ideal(vector, plane)[1]
     return np.asarray(slopes[:, 0, 0] * slopes[:, 1, 1] - slopes[:, 0, 1] * slopes[:, 1, 0])

@@ -12,13 +12,17 @@ from calibration.lenses.records import BoardSightings, RigState
 
 CAMERA_SIZE, PROJECTOR_SIZE = (640, 480), (512, 384)
 CAMERA = np.array([700.0, 702.0, 325.0, 236.0, -0.12, 0.08, 0.0005, -0.0004, 0, 0, 0, 0])
-PROJECTOR = np.array([900.0, 902.0, 250.0, 427.0, -0.04, 0.02, 0.0003, -0.0006, 0, 0, 0, 0])
+PROJECTOR = np.array([560.0, 561.0, 250.0, 427.0, -0.04, 0.02, 0.0003, -0.0006, 0, 0, 0, 0])
 """Its principal point lies below its picture: lens shift."""
 BOARD = Board(kind="chessboard", columns=9, rows=6, square_m=0.03)
 
 
 def rotation(*vector: float) -> np.ndarray:
     return cv2.Rodrigues(np.array(vector, dtype=np.float64).reshape(3, 1))[0]
+
+
+TURN = rotation(0.15, 0.22, 0.02)
+"""Of the projector, which stands so that it lights what the camera sees 0.6 m away."""
 
 
 def poses(count: int, board: Board, seed: int, tilt: float = 0.6) -> tuple[np.ndarray, np.ndarray]:
@@ -28,7 +32,7 @@ def poses(count: int, board: Board, seed: int, tilt: float = 0.6) -> tuple[np.nd
     rotations, translations = [], []
     while len(rotations) < count:
         turn = rotation(rng.uniform(-tilt, tilt), rng.uniform(-tilt, tilt), rng.uniform(-0.3, 0.3))
-        middle = np.array([rng.uniform(-0.12, 0.12), rng.uniform(-0.1, 0.1), rng.uniform(0.45, 0.75)])
+        middle = np.array([rng.uniform(-0.1, 0.1), rng.uniform(-0.08, 0.08), rng.uniform(0.5, 0.7)])
         place = middle - turn @ half
         xy = project_points(CAMERA, board.points_m @ turn[:, :2].T + place)
         if ((xy > 25) & (xy < np.array(CAMERA_SIZE) - 26)).all():
@@ -42,8 +46,8 @@ def truth(count: int, seed: int = 0, board: Board = BOARD, tilt: float = 0.6) ->
     return RigState(
         camera=CAMERA,
         projector=PROJECTOR,
-        projector_rotation=rotation(0.15, 0.22, 0.02),
-        projector_translation_m=np.array([-0.15, 0.06, 0.03]),
+        projector_rotation=TURN,
+        projector_translation_m=np.array([0.007, -0.28, 0.66]) - TURN @ np.array([0.0, 0.0, 0.62]),
         flex_m=np.zeros(2),
         rotations=rotations,
         translations_m=translations,
@@ -126,7 +130,7 @@ class Stand:
     """(h, w, 2) projector pixel."""
 
 
-def stand(state: RigState, view: int, rendered: Rendered, fine: int = 3) -> Stand:
+def stand(state: RigState, view: int, rendered: Rendered, fine: int = 2) -> Stand:
     width, height = CAMERA_SIZE
     x, y = np.meshgrid((np.arange(width * fine) + 0.5) / fine - 0.5, (np.arange(height * fine) + 0.5) / fine - 0.5)
     points, on_board = _on_board(state, view, np.column_stack([x.ravel(), y.ravel()]))
