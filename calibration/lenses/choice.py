@@ -26,6 +26,9 @@ _CLIP = 7.0
 _USUAL = "k1k2p1p2"
 _SURE = 0.99
 """Probability with which another model has to predict better than the usual one (Student's t over the views)."""
+_HARM = 1.05
+"""How much worse the usual model has to predict before a leaner one is taken: what three needless terms cost is far less,
+and what their lack does to the sigmas is not (principal points off by three of them)."""
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 
@@ -77,7 +80,9 @@ def choose_model(
         scores.append(_score(model, sightings, fits[model], device=device))
     best = min(scores, key=lambda score: float(np.nanmean(score.of_views)))
     usual = next((score for score in scores if score.model == _USUAL), best)
-    chosen = usual if _as_good(usual, best) else next(score for score in scores if _as_good(score, best))
+    leaner = scores.index(best) < scores.index(usual)
+    kept = _as_good(usual, best) or (leaner and usual.left_out_px < _HARM * best.left_out_px)
+    chosen = usual if kept else next(score for score in scores if _as_good(score, best))
     return chosen.model, fits[chosen.model], tuple(scores)
 
 

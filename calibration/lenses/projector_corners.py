@@ -88,13 +88,17 @@ def _surrounds(x: FloatArray, y: FloatArray) -> bool:
 
 def _robust_fit(terms: FloatArray, codes: FloatArray) -> FloatArray | None:
     """(6, 2) least squares without codes that are wrong; None when most are."""
-    kept = np.abs(codes - np.median(codes, axis=0)).max(axis=1) < np.inf
-    fit = np.linalg.lstsq(terms, codes, rcond=None)[0]
+    kept, fit = np.ones(len(codes), dtype=bool), _least_squares(terms, codes)
     for limit in (6 * _MOST_PX, 2 * _MOST_PX, _MOST_PX):
         off = np.abs(terms @ fit - codes).max(axis=1)
         kept = off < max(limit, float(np.median(off)))
         if kept.sum() < _LEAST_PIXELS:
             return None
-        fit = np.linalg.lstsq(terms[kept], codes[kept], rcond=None)[0]
+        fit = _least_squares(terms[kept], codes[kept])
     misfit = float(np.sqrt(((terms[kept] @ fit - codes[kept]) ** 2).mean()))
-    return np.asarray(fit) if misfit < _LARGEST_MISFIT_PX and kept.mean() > 0.5 else None
+    return fit if misfit < _LARGEST_MISFIT_PX and kept.mean() > 0.5 else None
+
+
+def _least_squares(terms: FloatArray, codes: FloatArray) -> FloatArray:
+    """(6, 2) by the normal equations: the terms are of order 1, and there are hundreds of such fits."""
+    return np.asarray(np.linalg.solve(terms.T @ terms + 1e-9 * np.eye(terms.shape[1]), terms.T @ codes))

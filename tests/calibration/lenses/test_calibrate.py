@@ -1,4 +1,4 @@
-"""Lenses from corners of boards: found from every start, sure of what they know, and refused when they cannot be known."""
+"""Lenses from corners of boards: found from every start, true to their sigmas, refused when they cannot be known."""
 
 from dataclasses import replace
 

@@ -135,26 +135,19 @@ def test_photographs_of_a_lit_board_give_both_lenses(photographs: Path) -> None:
     assert result.starts_agree_px < 1e-3
 
 
-def test_a_view_whose_light_changed_is_named(photographs: Path, tmp_path: Path) -> None:
+def test_changed_light_and_another_resolution_are_named_with_the_photograph(photographs: Path, tmp_path: Path) -> None:
     for path in photographs.glob("*.png"):
         (tmp_path / path.name).symlink_to(path)
     brighter = tmp_path / "1-gray-column-05.png"
-    whole = photograph(stand(truth(4, seed=11), 1, printed(BOARD)), light=240.0)
     brighter.unlink()
-    write_png(brighter, whole)
-    (tmp_path / "lenses.toml").write_text((photographs / "lenses.toml").read_text())
-    result = run_lenses(tmp_path / "lenses.toml", tmp_path / "out.toml")
-    (line,) = [line for line in result.warnings if line.startswith("pose-1")]
-    assert "gray-column-05 and its inverse" in line
-    assert "automatics off" in line
-
-
-def test_a_photograph_of_another_resolution_is_named(photographs: Path, tmp_path: Path) -> None:
+    write_png(brighter, photograph(stand(truth(4, seed=11), 1, printed(BOARD)), light=240.0))
     text = (photographs / "lenses.toml").read_text()
-    cut = text.replace("crop = { left_px = 4, top_px = 2 }\n", "").replace('files = "', f'files = "{photographs}/')
-    (tmp_path / "lenses.toml").write_text(cut)
-    result = run_lenses(tmp_path / "lenses.toml", tmp_path / "out.toml")
-    assert any("pose-3: has 636 × 478 px, the camera 640 × 480 px" in line for line in result.warnings)
+    (tmp_path / "lenses.toml").write_text(text.replace("crop = { left_px = 4, top_px = 2 }\n", ""))
+    with pytest.raises(CalibrationFailed) as refused:
+        run_lenses(tmp_path / "lenses.toml", tmp_path / "out.toml")
+    lines = str(refused.value).splitlines()
+    assert any("pose-1: the light of gray-column-05 and its inverse" in line and "automatics" in line for line in lines)
+    assert any("pose-3: has 636 × 478 px, the camera 640 × 480 px" in line for line in lines)
 
 
 def test_a_view_that_fits_none_is_named(tmp_path: Path, six_views: BoardSightings) -> None:
