@@ -27,8 +27,8 @@ _USUAL = "k1k2p1p2"
 _SURE = 0.99
 """Probability with which another model has to predict better than the usual one (Student's t over the views)."""
 _HARM = 1.05
-"""How much worse the usual model has to predict before a leaner one is taken: what three needless terms cost is far less,
-and what their lack does to the sigmas is not (principal points off by three of them)."""
+"""How much worse the usual model has to predict before a leaner one is taken: three needless terms cost far less, and
+their lack was seen to put principal points off by three of their sigmas."""
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 
@@ -78,12 +78,21 @@ def choose_model(
         fits[model] = attempt(model, sightings, start)
         start = fits[model].state
         scores.append(_score(model, sightings, fits[model], device=device))
+    chosen = _chosen(scores)
+    return chosen.model, fits[chosen.model], tuple(scores)
+
+
+def _chosen(scores: list[ModelScore]) -> ModelScore:
+    """The usual model if it predicts as well as the best; else the leanest that does, on the best one's side of it."""
     best = min(scores, key=lambda score: float(np.nanmean(score.of_views)))
     usual = next((score for score in scores if score.model == _USUAL), best)
-    leaner = scores.index(best) < scores.index(usual)
-    kept = _as_good(usual, best) or (leaner and usual.left_out_px < _HARM * best.left_out_px)
-    chosen = usual if kept else next(score for score in scores if _as_good(score, best))
-    return chosen.model, fits[chosen.model], tuple(scores)
+    if _as_good(usual, best):
+        return usual
+    if scores.index(best) > scores.index(usual):
+        return next(score for score in scores[scores.index(usual) :] if _as_good(score, best))
+    if usual.left_out_px < _HARM * best.left_out_px:
+        return usual
+    return next(score for score in scores if _as_good(score, best))
 
 
 def _as_good(score: ModelScore, best: ModelScore) -> bool:
