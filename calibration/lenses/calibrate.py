@@ -12,7 +12,7 @@ from calibration.errors import CalibrationError
 from calibration.lenses.bundle import adjust_bundle, by_device, residuals, weights_of
 from calibration.lenses.choice import ModelScore, choose_model, left_out_squares
 from calibration.lenses.fit import Settled, free_shared, settle
-from calibration.lenses.lens import TERMS, Lens, ideal_coordinates, project_points
+from calibration.lenses.lens import TERMS, FittedLens, ideal_coordinates, project_points
 from calibration.lenses.records import BoardSightings, LensCalibration, RigState
 from calibration.lenses.start import camera_guesses, guess_poses, moved_projector, with_projector
 from calibration.lenses.uncertainty import Confidence, confidence_of, pixel_grid
@@ -276,9 +276,9 @@ def _finished(
     )
 
 
-def _lens(vector: FloatArray, size_px: tuple[int, int] | None, model: str) -> Lens:
+def _lens(vector: FloatArray, size_px: tuple[int, int] | None, model: str) -> FittedLens:
     width_px, height_px = size_px or (0, 0)
-    return Lens(width_px=width_px, height_px=height_px, vector=vector, model=model)
+    return FittedLens(width_px=width_px, height_px=height_px, vector=vector, model=model)
 
 
 def _all_residuals(sightings: BoardSightings, state: RigState) -> FloatArray:

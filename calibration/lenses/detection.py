@@ -142,7 +142,7 @@ def _refined(shown: NDArray[np.uint8], xy: FloatArray, square_px: float) -> Floa
     half = int(np.clip(0.3 * square_px, 2, 25))
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
     start = np.ascontiguousarray(xy.astype(np.float32).reshape(-1, 1, 2))
-    return points_of(cv2.cornerSubPix(shown, start, (half, half), (-1, -1), criteria))
+    return points_of(cv2.cornerSubPix(shown, start, winSize=(half, half), zeroZone=(-1, -1), criteria=criteria))
 
 
 def _circles(shown: NDArray[np.uint8], board: Board) -> FloatArray:

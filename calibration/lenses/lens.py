@@ -35,7 +35,7 @@ _LEAST_DEPTH = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Lens:
+class FittedLens:
     """Focal lengths, principal point and distortion of a camera or projector of a given size."""
 
     width_px: int
@@ -74,7 +74,7 @@ def free_parameters(model: str) -> BoolArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Projection:
+class ProjectedPoints:
     """Pixels of points, and how they move with the points and with the lens."""
 
     xy_px: FloatArray
@@ -137,7 +137,7 @@ def _real_by_ideal(vector: FloatArray, plane: FloatArray) -> tuple[FloatArray, F
     return real, slopes
 
 
-def projection(vector: FloatArray, points: FloatArray) -> Projection:
+def projection(vector: FloatArray, points: FloatArray) -> ProjectedPoints:
     """Project points with exact derivatives.
 
     Parameters
@@ -149,7 +149,7 @@ def projection(vector: FloatArray, points: FloatArray) -> Projection:
 
     Returns
     -------
-    Projection
+    ProjectedPoints
     """
     depth = np.maximum(points[:, 2], _LEAST_DEPTH)
     plane = points[:, :2] / depth[:, None]
@@ -158,7 +158,7 @@ def projection(vector: FloatArray, points: FloatArray) -> Projection:
     by_point = np.empty((len(points), 2, 3))
     by_point[..., :2] = by_ideal * (focal[:, None] / depth[:, None, None])
     by_point[..., 2] = -np.einsum("nij,nj->ni", by_point[..., :2], plane)
-    return Projection(real * focal + vector[2:4], by_point, _by_lens(vector, plane, real))
+    return ProjectedPoints(real * focal + vector[2:4], by_point, _by_lens(vector, plane, real))
 
 
 def _by_lens(vector: FloatArray, plane: FloatArray, real: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from calibration.lenses.bundle import (
     projector_points,
 )
 from calibration.lenses.fit import Settled
-from calibration.lenses.lens import Lens, ideal_coordinates, project_points
+from calibration.lenses.lens import FittedLens, ideal_coordinates, project_points
 from calibration.lenses.records import BoardSightings, RigState
 from calibration.lenses.uncertainty import FAR_M, Anchor, pixel_grid, point_slopes, points_at, safe_inverse
 
@@ -66,13 +66,13 @@ class NextPose:
         return f"board in the {place} of the camera's picture, {self.distance_m:.2f} m away, {turned}"
 
 
-def suggest_pose(settled: Settled, camera: Lens, projector: Lens | None) -> NextPose | None:
+def suggest_pose(settled: Settled, camera: FittedLens, projector: FittedLens | None) -> NextPose | None:
     """Return the pose that lowers the uncertainty of projection most, both devices together.
 
     Parameters
     ----------
     settled : Settled
-    camera, projector : Lens
+    camera, projector : FittedLens
         Its lenses.
 
     Returns
@@ -102,7 +102,7 @@ def suggest_pose(settled: Settled, camera: Lens, projector: Lens | None) -> Next
     return best
 
 
-def _wanted(settled: Settled, camera: Lens, projector: Lens | None) -> FloatArray:
+def _wanted(settled: Settled, camera: FittedLens, projector: FittedLens | None) -> FloatArray:
     """(M, p) how the pixels of both pictures move with the free unknowns."""
     anchor = Anchor.of(settled.sightings, settled.state)
     motion = anchor.motion_by_shared()
@@ -123,8 +123,8 @@ def _sigma(information: FloatArray, wanted: FloatArray) -> float:
 
 def _information_of(
     settled: Settled,
-    camera: Lens,
-    projector: Lens | None,
+    camera: FittedLens,
+    projector: FittedLens | None,
     *,
     place: tuple[float, float],
     tilt: tuple[float, float],
@@ -150,7 +150,7 @@ def _information_of(
 
 
 def _of_view(
-    settled: Settled, board: BoardSightings, state: RigState, *, camera: Lens, projector: Lens | None
+    settled: Settled, board: BoardSightings, state: RigState, *, camera: FittedLens, projector: FittedLens | None
 ) -> FloatArray:
     points = camera_points(board, state)
     inside = _inside(project_points(camera.vector, points), points, camera)
@@ -168,7 +168,7 @@ def _of_view(
     return np.asarray(normal_equations(lines, weight, shown.view, 1).reduced()[0][0])
 
 
-def _inside(xy_px: FloatArray, points: FloatArray, lens: Lens) -> np.ndarray:
+def _inside(xy_px: FloatArray, points: FloatArray, lens: FittedLens) -> np.ndarray:
     size = np.array([lens.width_px, lens.height_px]) - 1 - _MARGIN_PX
     return np.asarray(((xy_px > _MARGIN_PX) & (xy_px < size)).all(axis=1) & (points[:, 2] > 0))
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
-from calibration.lenses.lens import Lens
+from calibration.lenses.lens import FittedLens
 
 FLEX = 2
 """Parameters of a board's bend: how far its middle stands out along x and along y."""
@@ -140,8 +140,8 @@ class RigState:
 class LensCalibration:
     """Lenses from boards, with what is known of their errors."""
 
-    camera: Lens
-    projector: Lens | None
+    camera: FittedLens
+    projector: FittedLens | None
     state: RigState
     covariance: FloatArray
     """(32, 32) of camera lens (12), projector lens (12), projector_from_camera (6: rotation vector on its left,

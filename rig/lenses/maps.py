@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.lenses.calibrate import LensFit
 from calibration.lenses.halves import HalvesDifference, compare_halves, halves_of
-from calibration.lenses.lens import Lens
+from calibration.lenses.lens import FittedLens
 from calibration.lenses.uncertainty import FAR_M, Anchor, pixel_grid, projection_covariance, worst_sigma
 
 FloatArray = NDArray[np.float64]
@@ -23,7 +23,7 @@ class DeviceMaps:
     """What is drawn of one device, and what its numbers are read from."""
 
     role: str
-    lens: Lens
+    lens: FittedLens
     seen_px: FloatArray
     """(N, 2) corners that the fit rests on."""
     residual_px: FloatArray

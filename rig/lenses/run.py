@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.lenses.bundle import BEND, CAMERA, PROJECTOR, RELATIVE
 from calibration.lenses.calibrate import LEAST_VIEWS, LensFit, LensRequest, calibrate_lenses
-from calibration.lenses.lens import PARAMETERS, Lens
+from calibration.lenses.lens import PARAMETERS, FittedLens
 from calibration.lenses.next_pose import suggest_pose
 from calibration.lenses.records import LensCalibration
 from rig.errors import CalibrationFailed
@@ -128,7 +128,7 @@ def _too_few(views: tuple[SeenView, ...], usable: int) -> str:
     return "\n".join([head + (":" if problems else ": photograph more"), *problems[:_LISTED], *more])
 
 
-def _lenses(calibration: LensCalibration) -> list[tuple[str, Lens, slice]]:
+def _lenses(calibration: LensCalibration) -> list[tuple[str, FittedLens, slice]]:
     found = [("camera", calibration.camera, CAMERA)]
     if calibration.projector is not None:
         found.append(("projector", calibration.projector, PROJECTOR))
@@ -213,7 +213,7 @@ def lens_file_of(measured: Measured) -> LensFile:
     )
 
 
-def _entry(device: DeviceLens, lens: Lens, sigma: FloatArray) -> LensEntry:
+def _entry(device: DeviceLens, lens: FittedLens, sigma: FloatArray) -> LensEntry:
     return LensEntry(
         name=device.name,
         role="projector" if device.role == "projector" else "camera",

@@ -25,8 +25,10 @@ from rig.terminal import OnStep
 FloatArray = NDArray[np.float64]
 _BIT_LIMIT = 4.5 / 255
 """Share of full scale by which a pattern and its inverse have to differ: above the noise of a good JPEG."""
-_SUM_CHANGE = 0.04
+_SUM_CHANGE = 0.1
 """Of the light of a pattern and its inverse together, from pair to pair: more is an exposure that changed."""
+_FINE_BITS = 3
+"""Of a Gray code: a camera's tone curve makes blurred fine stripes brighter than coarse ones, by up to a half."""
 _LEAST_PROJECTOR = 6
 """Corners of a view whose projector pixel was read."""
 
@@ -291,7 +293,8 @@ def _decoded(
 
 def _changed_light(pictures: dict[str, Photograph], found: Detection) -> str:
     """Which pair of a pattern and its inverse has another amount of light than the others."""
-    pairs = [name for name in pictures if f"{name}-inverse" in pictures]
+    fine = tuple(f"gray-{axis}-{bit:02d}" for axis in ("column", "row") for bit in range(_FINE_BITS))
+    pairs = [name for name in pictures if f"{name}-inverse" in pictures and name not in fine]
     if len(pairs) < 3:
         return ""
     left, top = np.maximum(np.floor(found.xy_px.min(axis=0)), 0).astype(int)
