@@ -96,7 +96,8 @@ def _chosen(scores: list[ModelScore]) -> ModelScore:
 
 
 def _as_good(score: ModelScore, best: ModelScore) -> bool:
-    worse = score.of_views - best.of_views
+    with np.errstate(divide="ignore", invalid="ignore"):
+        worse = np.log(score.of_views / best.of_views)  # or a few poor views would hide what all of them say
     worse = worse[np.isfinite(worse)]
     if len(worse) < 2:
         return True

@@ -56,6 +56,11 @@ class BoardSightings:
             Where the camera sees it. [px]
         weight : (N,), optional
             Inverse of each corner's relative standard deviation.
+
+        Returns
+        -------
+        BoardSightings
+            The board's half size is that of its outermost corners seen.
         """
         n = len(view)
         return cls(
@@ -85,7 +90,17 @@ class BoardSightings:
         return np.asarray(self.board_m - np.array(self.half_size_m))
 
     def rows(self, chosen: BoolArray | IntArray) -> BoardSightings:
-        """Return some rows, their views renumbered without gaps."""
+        """Return some rows, their views renumbered without gaps.
+
+        Parameters
+        ----------
+        chosen : (N,) bool, or int
+            Which rows.
+
+        Returns
+        -------
+        BoardSightings
+        """
         _, view = np.unique(self.view[chosen], return_inverse=True)
         return replace(
             self,
@@ -99,11 +114,26 @@ class BoardSightings:
         )
 
     def of_views(self, views: IntArray | list[int]) -> BoardSightings:
-        """Return the rows of some views."""
+        """Return the rows of some views.
+
+        Parameters
+        ----------
+        views : array or list of int
+            Their numbers.
+
+        Returns
+        -------
+        BoardSightings
+        """
         return self.rows(np.isin(self.view, np.asarray(views)))
 
     def camera_only(self) -> BoardSightings:
-        """Return the same without the projector."""
+        """Return the same without the projector.
+
+        Returns
+        -------
+        BoardSightings
+        """
         return replace(self, projector_weight=np.zeros(len(self.view)))
 
 

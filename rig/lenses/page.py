@@ -70,7 +70,8 @@ def _charts(device: DeviceLens, maps: DeviceMaps) -> list[LensChart]:
             f"{device.name}: uncertainty of projection",
             "One standard deviation, in the worst direction, of the pixel at which a fixed point is seen: at the "
             f"boards' distance of {maps.near_m:.2f} m, and far away. It covers the noise of the corners and the "
-            "scatter of the views.",
+            "scatter of the views; outside the corners' outline the lens is extrapolated, and the colours end at 1.5 times "
+            "the worst within it.",
             png_figure(_sigma_figure(maps)),
         ),
     ]
@@ -113,7 +114,7 @@ def _sigma_figure(maps: DeviceMaps) -> Figure:
     pairs = ((maps.sigma_near_px, f"at {maps.near_m:.2f} m"), (maps.sigma_far_px, "far away"))
     for k, (sigma, title) in enumerate(pairs):
         axes = figure.add_subplot(1, 2, k + 1)
-        _map(figure, axes, maps, sigma)
+        _map(figure, axes, maps, sigma, top=1.5 * float(np.nanmax(sigma[maps.inside])))
         axes.set_title(title, fontsize=10, loc="left")
     return figure
 
@@ -122,7 +123,7 @@ def _halves_figure(maps: DeviceMaps) -> Figure:
     figure = Figure(figsize=(12, 4.2))
     if maps.halves is not None:
         pairs = ((np.hypot(*maps.halves.difference_px.T), "difference"), (maps.halves.expected_px, "expected"))
-        top = float(np.nanmax(np.concatenate([pairs[0][0], pairs[1][0]])))
+        top = 1.2 * float(np.nanmax([values[maps.inside] for values, _ in pairs]))
         for k, (values, title) in enumerate(pairs):
             axes = figure.add_subplot(1, 2, k + 1)
             _map(figure, axes, maps, values, top=top)
