@@ -26,6 +26,7 @@ From such correspondences, :func:`calibrate_stereo` finds both lenses, the relat
 (:func:`scale_from_baseline`) gives metres, :func:`room_from_stereo` a room. :func:`fit_camera_response`,
 :func:`fit_projector_response` and :func:`fit_photon_transfer` turn digital numbers into light with its noise,
 :func:`separate` splits light into direct and global, and :func:`estimate_reflectance` finds what the walls reflect.
+:func:`calibrate_lenses` finds the lenses from boards instead.
 
 What cannot be determined raises :class:`CalibrationError`, whose message says what to try.
 """
@@ -38,6 +39,8 @@ from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.room import RoomBox, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline
 from calibration.geometry.triangulation import triangulate
+from calibration.lenses.calibrate import LensRequest, calibrate_lenses
+from calibration.lenses.records import BoardSightings
 from calibration.light.reflectance import estimate_reflectance
 from calibration.light.separation import separate
 from calibration.light.vignetting import fit_vignetting
@@ -53,8 +56,10 @@ __version__ = _version("procam-rig")
 
 __all__ = [
     "CODES",
+    "BoardSightings",
     "CalibrationError",
     "Correspondence",
+    "LensRequest",
     "NominalIntrinsics",
     "Pattern",
     "PinholeModel",
@@ -64,6 +69,7 @@ __all__ = [
     "StereoCalibration",
     "StructuredLightCode",
     "__version__",
+    "calibrate_lenses",
     "calibrate_stereo",
     "checker_patterns",
     "estimate_reflectance",

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rig.emulated.commands import run_emulated
     from rig.errors import RigError
     from rig.inventory.list import list_devices
+    from rig.lenses.run import run_lenses
     from rig.live.plan import LiveRequest, plan_live
     from rig.live.run import run_live
     from rig.offline.scan import run_scan
@@ -69,6 +70,7 @@ _HOMES = {
     "run_bench": "benchmark",
     "run_check": "self_check",
     "run_emulated": "emulated.commands",
+    "run_lenses": "lenses.run",
     "run_live": "live.run",
     "run_paper": "paper.experiments",
     "run_scan": "offline.scan",
@@ -102,6 +104,7 @@ __all__ = [
     "run_bench",
     "run_check",
     "run_emulated",
+    "run_lenses",
     "run_live",
     "run_paper",
     "run_scan",

@@ -9,9 +9,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibration.arrays import Float32Array, FloatArray
+from calibration.lenses.lens import distorted, ideal_coordinates
 
 _WIDEST_DEG = 80
 """From the axis: beyond, the polynomial of a usual lens folds back."""
+_BROWN = 5
+"""Terms of Brown's distortion; the rational model has eight."""
 _UNDISTORTIONS = 8
 """Rounds of the inverse of distortion: 1e-4 px for k1 = 0.1 within a usual picture, enough while a fit goes on."""
 
@@ -26,7 +29,7 @@ class PinholeModel:
     principal_point_px: tuple[float, float]
     """(x, y); pixel centres at integers; may lie outside the image (lens shift)."""
     distortion: tuple[float, float, float, float, float]
-    """k1, k2, p1, p2, k3 (OpenCV's order). [1]"""
+    """k1, k2, p1, p2, k3 (OpenCV's order); of a lens file's rational model also k4, k5, k6. [1]"""
     rotation: FloatArray
     """(3, 3) device_from_world."""
     translation_m: FloatArray
@@ -38,9 +41,16 @@ class PinholeModel:
         return np.asarray(-self.rotation.T @ self.translation_m)
 
 
+def _lens(terms: FloatArray) -> FloatArray:
+    return np.concatenate([[1.0, 1.0, 0.0, 0.0], terms])
+
+
 def distort(plane: FloatArray, distortion: ArrayLike) -> FloatArray:
     """(N, 2) real image coordinates of ideal ones, focal length 1."""
-    k1, k2, p1, p2, k3 = np.asarray(distortion, dtype=np.float64)
+    terms = np.asarray(distortion, dtype=np.float64)
+    if len(terms) > _BROWN:
+        return distorted(_lens(terms), plane)
+    k1, k2, p1, p2, k3 = terms
     x, y = plane[:, 0], plane[:, 1]
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
@@ -72,6 +82,9 @@ def undistort(plane: FloatArray, distortion: ArrayLike, iterations: int = _UNDIS
     Coordinates are kept within 80 degrees of the axis.
     """
     limit = np.tan(np.radians(_WIDEST_DEG))
+    terms = np.asarray(distortion, dtype=np.float64)
+    if len(terms) > _BROWN:  # of wide lenses: a fixed point would not be reached
+        return np.asarray(np.clip(ideal_coordinates(_lens(terms), plane)[0], -limit, limit))
     ideal = np.clip(plane, -limit, limit)
     for _ in range(iterations):
         ideal = np.clip(ideal + plane - distort(ideal, distortion), -limit, limit)

@@ -43,6 +43,7 @@ VERBS: dict[str, Callable[..., int]] = {
     "check": hardware.check,
     "devices": hardware.devices,
     "emulate": hardware.emulate,
+    "lenses": studies.lenses,
     "scan": studies.scan,
     "simulate": studies.simulate,
     "paper": studies.paper,

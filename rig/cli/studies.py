@@ -189,3 +189,27 @@ def scan(
         result = run_scan(manifest, output, on_step=progress)
     print_json(result.as_json()) if as_json else print_scan(result)
     return 0
+
+
+def lenses(
+    manifest: Annotated[Path, Parameter(help="Manifest of photographs of boards (docs/how-to/lenses.md).")],
+    *,
+    output: Annotated[Path, Parameter(name=["--output", "-o"], help="Lens file to write.")] = Path("lenses.toml"),
+    report: Annotated[Path | None, Parameter(help="HTML page to write; default: beside the lens file.")] = None,
+    as_json: Json = False,
+) -> int:
+    """Calibrate a camera's lens, and a projector's, from photographs of boards or lists of their corners.
+
+    Status 1 if a limit is missed or a view had to be left out.
+
+    Example: rig lenses boards/lenses.toml -o lens-file.toml
+    """
+    from rig.lenses.run import run_lenses
+    from rig.lenses.tables import print_lenses
+    from rig.terminal import TerminalProgress
+
+    page = output.with_suffix(".html") if report is None else report
+    with TerminalProgress() as progress:
+        result = run_lenses(manifest, output, page, on_step=progress)
+    print_json(result.as_json()) if as_json else print_lenses(result)
+    return 0 if result.within_limits else 1

@@ -62,6 +62,8 @@ class CameraProfile(Table):
     """Where the search for the reference exposure starts."""
     hfov_deg: FieldOfView
     """Nominal horizontal field of view; calibration finds the real one."""
+    lens: str | None = None
+    """Lens file of `rig lenses`, relative to the profile; its focal length stands for the nominal one."""
     full_well_e: Positive | None = None
     read_noise_e: NotNegative | None = None
 
@@ -120,6 +122,8 @@ class ProjectorProfile(Table):
     latency_s: NotNegative
     """From the display's time stamp to settled light, as `rig check` measured it."""
     hfov_deg: FieldOfView
+    lens: str | None = None
+    """Lens file of `rig lenses`, relative to the profile; its focal length stands for the nominal one."""
     pjlink: PjlinkTable | None = None
     lightcrafter: LightCrafterTable | None = None
 

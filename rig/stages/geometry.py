@@ -14,6 +14,7 @@ from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
+from rig.profile.lenses import hfov_deg_of
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
@@ -116,7 +117,7 @@ def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
     return {
-        "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
+        "hfov_deg": [hfov_deg_of(profile, profile.camera), hfov_deg_of(profile, profile.projector)],
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.box.model_dump(mode="json", exclude={"patch_size_m"}),
     }
@@ -153,8 +154,8 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     nominal = NominalIntrinsics.of(
         camera_shape=profile.camera.shape[:2],
         projector_shape=profile.projector.shape,
-        camera_hfov_deg=profile.camera.hfov_deg,
-        projector_hfov_deg=profile.projector.hfov_deg,
+        camera_hfov_deg=hfov_deg_of(profile, profile.camera),
+        projector_hfov_deg=hfov_deg_of(profile, profile.projector),
     )
     pair = calibrate_stereo(
         np.stack([columns, rows], axis=1).astype(np.float64),

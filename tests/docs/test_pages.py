@@ -16,6 +16,7 @@ from sybil.parsers.markdown import CodeBlockParser
 from rig import open_rig
 from rig.cli.app import run_command
 from rig.devices.replay.photographs import load_manifest
+from rig.lenses.manifest import load_lens_manifest
 from rig.profile.schema import Profile
 
 ROOT = Path(__file__).parents[2]
@@ -146,7 +147,10 @@ def check_toml(example: Example) -> None:
     whole = data if "schema" in data else overlaid(base, data)
     if "schema" in data:
         example.namespace["_whole"] = data
-    if isinstance(whole["projector"], list):
+    if "board" in whole:
+        Path("lenses.toml").write_text(toml_of(whole), encoding="utf-8")
+        load_lens_manifest(Path("lenses.toml"))
+    elif isinstance(whole["projector"], list):
         Profile.parse(toml_of(whole).encode(), ROOT / "hw_profiles" / "page.toml")
     else:
         Path("page.toml").write_text(toml_of(whole), encoding="utf-8")

@@ -17,6 +17,7 @@ TWINS = {
     "check": "run_check",
     "devices": "list_devices",
     "emulate": "run_emulated",
+    "lenses": "run_lenses",
     "scan": "run_scan",
     "simulate": "run_simulate",
     "paper": "run_paper",

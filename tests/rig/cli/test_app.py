@@ -32,6 +32,7 @@ VERBS = (
     ["paper"],
     ["simulate"],
     ["scan"],
+    ["lenses"],
 )
 
 
