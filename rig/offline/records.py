@@ -75,5 +75,9 @@ class ScanResult(Record):
     """Before points beyond the limit were left out."""
     left_out: int
     """Points beyond the epipolar limit, or alone."""
+    mended: tuple[str, ...]
+    """What was wrong with the photographs and could be put right, a sentence each."""
+    warnings: tuple[str, ...]
+    """What is wrong and could not: the cloud may be poor or incomplete."""
     seconds: float
     output: Path

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +21,11 @@ from calibration.geometry.triangulation import (
     triangulate,
 )
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.decode import decode_gray
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.ply import write_ply
+from rig.offline.photograph_order import decode, in_order, with_files
+from rig.offline.photograph_warnings import loss_warnings, refuse_implausible_unit, warnings_of
 from rig.offline.records import ScanResult
 from rig.terminal import OnStep, silent
 
@@ -69,31 +72,97 @@ def run_scan(
     """
     started_s = time.perf_counter()
     manifest = load_manifest(manifest_path)
-    camera, projector = _lenses(manifest)
+    devices = _lenses(manifest)
+    refuse_implausible_unit(manifest)
     frames = load_photographs(manifest, lambda done, total: on_step("read photographs", done, total))
     limit_dn = _BIT_LIMIT * manifest.full_scale_dn if bit_limit_dn is None else bit_limit_dn
     on_step("decode and triangulate", 0, 1)
-    try:
-        correspondence = _decode(manifest, frames, limit_dn)
-        pairs = average_by_projector_pixel(correspondence)
-        found = triangulate(pairs.camera_xy_px, pairs.projector_xy_px, camera, projector)
-    except CalibrationError as error:
-        raise CalibrationFailed(f"{manifest_path}: {error}") from error
-    epipolar_median_px = _agreement_px(manifest_path, found, epipolar_limit_px)
-    kept = _kept(pairs, found, correspondence.projector_shape, epipolar_limit_px)
-    _refuse_nothing(manifest_path, correspondence, kept, limit_dn)
-    points = found.points_m[kept] * _PER_METRE[manifest.unit]
+    scan = scan_photographs(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
+    points = scan.points_m * _PER_METRE[manifest.unit]
     comments = (f"unit {manifest.unit}", _FRAME_COMMENT)
-    write_ply(output_path, points, _colours(manifest, pairs.camera_xy_px[kept]), comments)
+    write_ply(output_path, points, _colours(manifest, scan.camera_xy_px), comments)
     on_step("decode and triangulate", 1, 1)
     return ScanResult(
-        points=int(kept.sum()),
+        points=len(points),
         unit=manifest.unit,
+        valid_share=scan.valid_share,
+        epipolar_median_px=scan.epipolar_median_px,
+        left_out=scan.left_out,
+        mended=scan.mended,
+        warnings=scan.warnings,
+        seconds=time.perf_counter() - started_s,
+        output=output_path,
+    )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scan:
+    """Points of photographs, and how they came about."""
+
+    points_m: FloatArray
+    """(N, 3) in the camera's axes. [m]"""
+    camera_xy_px: FloatArray
+    """(N, 2) where the camera sees them. [px]"""
+    valid_share: float
+    """Share of the camera's pixels that have a code."""
+    epipolar_median_px: float
+    left_out: int
+    mended: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def scan_photographs(
+    manifest: Manifest,
+    frames: Mapping[str, Photograph],
+    devices: tuple[PinholeModel, PinholeModel],
+    *,
+    limit_dn: float,
+    epipolar_limit_px: float,
+) -> Scan:
+    """Find the points that photographs show, and what is wrong with the photographs.
+
+    Parameters
+    ----------
+    manifest : Manifest
+    frames : mapping of pattern name to (H, W)
+        As the manifest names them. [dn]
+    devices : (camera, projector)
+    limit_dn : float
+        By which a pattern and its inverse have to differ.
+    epipolar_limit_px : float
+
+    Returns
+    -------
+    Scan
+
+    Raises
+    ------
+    CalibrationFailed
+        The photographs are not of one still scene and one code, or allow several orders; no point is left, most pixels
+        are beyond the epipolar limit, or camera and projector coincide.
+    """
+    try:
+        ordered = in_order(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
+        correspondence = decode(manifest, ordered.frames, limit_dn)
+        pairs = average_by_projector_pixel(correspondence)
+        found = triangulate(pairs.camera_xy_px, pairs.projector_xy_px, *devices)
+    except CalibrationError as error:
+        raise CalibrationFailed(f"{manifest.path}: {with_files(manifest, str(error))}") from error
+    epipolar_median_px = _agreement_px(manifest.path, found, epipolar_limit_px)
+    kept = _kept(pairs, found, correspondence.projector_shape, epipolar_limit_px)
+    _refuse_nothing(manifest.path, correspondence, kept, limit_dn)
+    return Scan(
+        points_m=found.points_m[kept],
+        camera_xy_px=pairs.camera_xy_px[kept],
         valid_share=float(correspondence.valid.mean()),
         epipolar_median_px=epipolar_median_px,
         left_out=int((~kept).sum()),
-        seconds=time.perf_counter() - started_s,
-        output=output_path,
+        mended=ordered.mended,
+        warnings=(
+            *ordered.warnings,
+            *warnings_of(manifest, frames, correspondence),
+            *loss_warnings(float((~kept).mean()), epipolar_median_px),
+        ),
     )
 
 
@@ -110,18 +179,6 @@ def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:
         lines = [f"{manifest.path}: {name}: missing; a scan needs it" for name in missing]
         raise ProfileError("\n".join(lines))
     return camera, projector
-
-
-def _decode(manifest: Manifest, frames: dict[str, Photograph], limit_dn: float) -> Correspondence:
-    return decode_gray(
-        {name: frame for name, frame in frames.items() if name.startswith("gray-")},
-        manifest.projector_shape,
-        white=frames.get("white"),
-        black=frames.get("black"),
-        contrast_limit=limit_dn,
-        bit_limit=limit_dn,
-        first_code=manifest.first_code,
-    )
 
 
 def _agreement_px(path: Path, found: Triangulation, limit_px: float) -> float:

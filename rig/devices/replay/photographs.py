@@ -123,6 +123,8 @@ class Manifest:
     """(height, width) of the area that the patterns were shown in. [px]"""
     camera: PinholeModel | None
     """In its own frame, which is the world; None when the manifest has no lens."""
+    camera_is_cropped: bool
+    """Whether the manifest says that the photographs are a part of the picture that the lens numbers refer to."""
     projector: PinholeModel | None
     unit: Literal["m", "mm"]
     """Unit of the pose in the file; a point cloud is written in it."""
@@ -150,6 +152,7 @@ def load_manifest(path: Path) -> Manifest:
         black_level_dn=document.camera.black_level_dn,
         projector_shape=(document.projector.height_px, document.projector.width_px),
         camera=_pinhole(document.camera, None),
+        camera_is_cropped=document.camera.crop != _Crop(),
         projector=None if pose is None else _pinhole(document.projector, pose),
         unit="m" if pose is None else pose.unit,
         first_code=(0, 0) if code is None else code.first_code,
