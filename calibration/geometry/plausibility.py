@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from calibration.arrays import BoolArray, Float32Array
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.triangulation import triangulate
-from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.correspondence import Correspondence
 
 _ANOTHER_PX = 0.75
 """Between two readings of a camera pixel: more than the border of two codes."""
@@ -49,21 +49,25 @@ class ReadingView:
 
 def view_of(
     correspondence: Correspondence,
+    lit: BoolArray,
     step_px: int,
+    *,
     devices: tuple[PinholeModel, PinholeModel],
-    epipolar_limit_px: float,
+    limit_px: float,
 ) -> ReadingView:
     """Judge a reading pixel by pixel.
 
     Parameters
     ----------
     correspondence : Correspondence
-        Of every so many-th camera pixel.
+        (H, W), of every so many-th camera pixel.
+    lit : (H, W) bool
+        Pixels that the projector lights.
     step_px : int
         From pixel to pixel. [camera px]
     devices : (camera, projector)
         Poses in one world.
-    epipolar_limit_px : float
+    limit_px : float
         Largest distance of a projector pixel from its epipolar line. [px]
 
     Returns
@@ -75,8 +79,8 @@ def view_of(
     camera_xy = np.column_stack([columns, rows]).astype(np.float64) * step_px
     found = triangulate(camera_xy, xy[rows, columns], *devices)
     possible = np.zeros(valid.shape, dtype=bool)
-    possible[rows, columns] = found.in_front & (found.epipolar_px <= epipolar_limit_px)
-    return ReadingView(xy, np.asarray(correspondence.reason != PixelReason.DARK), possible, _turn(xy))
+    possible[rows, columns] = found.in_front & (found.epipolar_px <= limit_px)
+    return ReadingView(xy, lit, possible & lit, _turn(xy))
 
 
 def _turn(xy: Float32Array) -> NDArray[np.int8]:

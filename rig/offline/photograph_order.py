@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.arrays import BoolArray
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plausibility import rivals, view_of
 from calibration.structured_light.consistency.check import PhotographOrder, check_gray_frames
@@ -20,11 +21,13 @@ _GRID = 8_000
 """Camera pixels at which readings are compared."""
 _LEAST_EXPLAINED = 0.3
 """Share of the lit pixels: lenses that explain fewer are other ones; a right scan of a real object has 0.8."""
+_BRIGHT = 0.3
+"""Of the contrast of bright pixels."""
 _LISTED = 6
 _ISOLATION_PX = 8.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class OrderedPhotographs:
     """Photographs by what they show, and what had to be said about it."""
 
@@ -34,6 +37,10 @@ class OrderedPhotographs:
     """What was put right, a sentence each."""
     warnings: tuple[str, ...]
     """What the photographs leave open."""
+    lit: BoolArray
+    """(h, w) whether the projector lights a pixel, at every so many-th pixel."""
+    grid_px: int
+    """How many-th."""
 
 
 def in_order(
@@ -70,8 +77,9 @@ def in_order(
     checked = check_gray_frames(frames, 2 * limit_dn)
     frames = _evenly_exposed(frames, checked.gains)
     few, step_px = _on_grid(manifest, frames)
+    lit = _lit(few, limit_dn)
     views = [
-        view_of(_read(manifest, few, reading, limit_dn), step_px, devices, epipolar_limit_px)
+        view_of(_read(manifest, few, reading, limit_dn), lit, step_px, devices=devices, limit_px=epipolar_limit_px)
         for reading in checked.readings
     ]
     best, *others = rivals(views)
@@ -90,6 +98,8 @@ def in_order(
         frames=_taken_for(frames, reading),
         mended=(*_mended_order(manifest, changed), *_mended_exposures(manifest, checked.gains)),
         warnings=(*_left_open(len(others)), *_unresolved(manifest, checked)),
+        lit=lit,
+        grid_px=step_px,
     )
 
 
@@ -148,10 +158,21 @@ def decode(
 
 
 def _evenly_exposed(frames: Mapping[str, Photograph], gains: Mapping[str, float]) -> dict[str, Photograph]:
-    return {
-        name: frame.astype(np.float32) / np.float32(gains[name]) if name in gains else frame
-        for name, frame in frames.items()
-    }
+    return {name: _scaled(frame, gains[name]) if name in gains else frame for name, frame in frames.items()}
+
+
+def _scaled(frame: Photograph, gain: float) -> Photograph:
+    most = np.iinfo(frame.dtype).max
+    return np.asarray(np.clip(np.rint(frame / gain), 0, most).astype(frame.dtype))
+
+
+def _lit(frames: Mapping[str, Photograph], limit_dn: float) -> BoolArray:
+    """(H, W) pixels that get light from the projector, not only noise or light from other surfaces."""
+    stack = [frame for name, frame in frames.items() if name.startswith("gray-")]
+    contrast = np.maximum.reduce(stack).astype(np.float32) - np.minimum.reduce(stack)
+    seen = contrast[contrast >= limit_dn]
+    bright = float(np.quantile(seen, 0.95)) if len(seen) else 0.0
+    return np.asarray(contrast >= max(limit_dn, _BRIGHT * bright))
 
 
 def _mended_order(manifest: Manifest, changed: Mapping[str, str]) -> tuple[str, ...]:

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibration.arrays import BoolArray
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from rig.devices.replay.photographs import Manifest, Photograph
 from rig.errors import ProfileError
+from rig.offline.photograph_order import OrderedPhotographs
 
 _LEAST_BASELINE_M, _MOST_BASELINE_M = 3e-3, 30.0
 """No projector fits beside a camera below the first, nor lights a thing that both see from further apart."""
@@ -32,34 +35,31 @@ def refuse_implausible_unit(manifest: Manifest) -> None:
     other = {"m": "mm", "mm": "m"}[manifest.unit]
     raise ProfileError(
         f"{manifest.path}: projector_from_camera.translation: camera and projector are {apart_m:.3g} m apart, the "
-        f'limits are {_LEAST_BASELINE_M:g} and {_MOST_BASELINE_M:g} m; is the unit "{other}" in place of "{manifest.unit}"?'
+        f'limits are {_LEAST_BASELINE_M:g} and {_MOST_BASELINE_M:g} m; is the unit "{other}", not "{manifest.unit}"?'
     )
 
 
-def warnings_of(
-    manifest: Manifest, frames: Mapping[str, Photograph], correspondence: Correspondence
-) -> tuple[str, ...]:
+def warnings_of(manifest: Manifest, photographs: OrderedPhotographs, correspondence: Correspondence) -> tuple[str, ...]:
     """Return what the photographs and the codes read in them say is wrong, a sentence each."""
-    return (*_brightness(manifest, frames, correspondence), *_losses(correspondence), *_principal_point(manifest))
+    grid, lit = slice(None, None, photographs.grid_px), photographs.lit
+    few = {name: frame[grid, grid] for name, frame in photographs.frames.items() if name.startswith("gray-")}
+    losses = _losses(correspondence.reason[grid, grid], lit, correspondence.projector_shape)
+    return (*_brightness(manifest.full_scale_dn, few, lit), *losses, *_principal_point(manifest))
 
 
-def _brightness(
-    manifest: Manifest, frames: Mapping[str, Photograph], correspondence: Correspondence
-) -> tuple[str, ...]:
-    full_dn = manifest.full_scale_dn
+def _brightness(full_scale_dn: int, frames: Mapping[str, Photograph], lit: BoolArray) -> tuple[str, ...]:
     brightest = max(int(frame.max()) for frame in frames.values())
-    if brightest < _LEAST_OF_FULL_SCALE * full_dn:
+    if brightest < _LEAST_OF_FULL_SCALE * full_scale_dn:
         return (
-            f"the brightest value of all photographs is {brightest} dn, {100 * brightest / full_dn:.1f} % of "
-            f"camera.full_scale_dn = {full_dn}: correct it (255 for 8 bits, 4095 for 12), or expose longer",
+            f"the brightest value of the photographs is {brightest} dn, {100 * brightest / full_scale_dn:.1f} % of "
+            f"camera.full_scale_dn = {full_scale_dn}: correct it (255 for 8 bits, 4095 for 12), or expose longer",
         )
-    lit = correspondence.reason != PixelReason.DARK
-    always = [np.asarray(frame)[lit] >= full_dn for name, frame in frames.items() if name.startswith("gray-")]
-    share = float(np.mean(np.mean(always, axis=0) > _CLIPPED_OFTEN)) if lit.any() else 0.0
+    clipped = np.mean([frame >= full_scale_dn for frame in frames.values()], axis=0) > _CLIPPED_OFTEN
+    share = _share(clipped, lit)
     if share > _MOST_SATURATED:
         return (
-            f"{100 * share:.0f} % of the lit pixels are saturated (limit {100 * _MOST_SATURATED:g} %): "
-            "expose the photographs shorter",
+            f"{100 * share:.0f} % of the lit pixels are saturated even where the pattern is dark (limit "
+            f"{100 * _MOST_SATURATED:g} %): expose the photographs shorter",
         )
     return ()
 
@@ -68,11 +68,9 @@ _CLIPPED_OFTEN = 0.6
 """Of the photographs of a pixel: more than those that light it."""
 
 
-def _losses(correspondence: Correspondence) -> tuple[str, ...]:
-    lit = correspondence.reason != PixelReason.DARK
-    outside = _share(correspondence.reason == PixelReason.OUT_OF_RANGE, lit)
-    read = _share(correspondence.valid, lit)
-    height, width = correspondence.projector_shape
+def _losses(reason: NDArray[np.uint8], lit: BoolArray, projector_shape: tuple[int, int]) -> tuple[str, ...]:
+    outside, read = _share(reason == PixelReason.OUT_OF_RANGE, lit), _share(reason == PixelReason.VALID, lit)
+    height, width = projector_shape
     if outside > _MOST_OUTSIDE:
         return (
             f"{100 * outside:.0f} % of the lit pixels read codes outside the projector's {width} × {height} px (limit "
@@ -86,7 +84,7 @@ def _losses(correspondence: Correspondence) -> tuple[str, ...]:
     return ()
 
 
-def _share(of: np.ndarray, among: np.ndarray) -> float:
+def _share(of: BoolArray, among: BoolArray) -> float:
     return float((of & among).sum() / max(int(among.sum()), 1))
 
 

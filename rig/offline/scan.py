@@ -160,7 +160,7 @@ def scan_photographs(
         mended=ordered.mended,
         warnings=(
             *ordered.warnings,
-            *warnings_of(manifest, frames, correspondence),
+            *warnings_of(manifest, ordered, correspondence),
             *loss_warnings(float((~kept).mean()), epipolar_median_px),
         ),
     )
