@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Float32Array, FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.pinhole import PinholeModel, world_rays
+from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.structured_light.correspondence import Correspondence
 
 _LEAST_BASELINE_M = 1e-6
@@ -17,6 +18,11 @@ _LEAST_ANGLE_RAD = 1e-4
 """Between the two rays of a point: below, an error of a tenth of a pixel moves it by more than its distance."""
 _UNDISTORTIONS = 40
 """Rounds of the inverse of distortion: twice what a strong lens (k3 = -1) needs for the last digit."""
+_NEWTON_STEPS, _NEWTON_SHARE = 6, 1e-5
+"""Of the search for a bent column along a ray, and the share of the distance over which its slope is taken: six steps
+reach 1e-6 px behind a strong lens (k1 = -0.3)."""
+_LINE_PX = 0.01
+"""A search that ends further from its column has found nothing."""
 _NEIGHBOURS_PX, _NEIGHBOURS_AGREE = 3, 0.01
 """On a surface that is not seen edge-on some of the 48 pixels around are decoded, at nearly the same distance."""
 
@@ -46,6 +52,17 @@ class Triangulation:
     def in_front(self) -> BoolArray:
         """(N,) points that there are: in front of both devices."""
         return np.asarray(np.isfinite(self.points_m[:, 0]))
+
+
+@dataclass(frozen=True, slots=True)
+class LinePoints:
+    """Points on camera rays where the light of single projector columns, or rows, meets them."""
+
+    points_m: FloatArray
+    """(N, 3) in the world; NaN where there is none in front of both devices, within the projector's picture. [m]"""
+    metres_per_px: FloatArray
+    """(N,) by how much a point moves along its ray for one projector pixel: times that pixel's standard deviation, the
+    point's. Large where the baseline is nearly along the stripes."""
 
 
 def average_by_projector_pixel(correspondence: Correspondence) -> PixelPairs:
@@ -116,13 +133,7 @@ def triangulate(
     ----------
     R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, Cambridge 2004, section 12.2 (the midpoint).
     """
-    baseline = projector.position_m - camera.position_m
-    length_m = float(np.linalg.norm(baseline))
-    if length_m < _LEAST_BASELINE_M:
-        raise CalibrationError(
-            f"camera and projector are {length_m:.2g} m apart, at least {_LEAST_BASELINE_M:g} m are needed: "
-            "no depth can be triangulated; check the translation between them"
-        )
+    baseline = _baseline(camera, projector)
     a = world_rays(camera, camera_xy_px, undistortions)
     b = world_rays(projector, projector_xy_px, undistortions)
     s, t = _nearest(a, b, baseline)
@@ -132,6 +143,105 @@ def triangulate(
         points = camera.position_m + (s[:, None] * a + baseline + t[:, None] * b) / 2
     points[~((s > 0) & (t > 0))] = np.nan
     return Triangulation(points, _epipolar_px(a, b, baseline, projector))
+
+
+def triangulate_lines(
+    camera_xy_px: FloatArray | Float32Array,
+    projector_px: FloatArray | Float32Array,
+    camera: PinholeModel,
+    projector: PinholeModel,
+    *,
+    axis: Literal["column", "row"] = "column",
+) -> LinePoints:
+    """Find the points at which rays of a camera meet the light of single columns, or rows, of a projector.
+
+    With an undistorted lens a column's light is a plane; a lens bends it, so the plane is only where a search along
+    the ray begins, by Newton's method. Rays that run nearly along the plane (as where the baseline is along the
+    stripes) meet it nowhere in particular, and have no point.
+
+    Parameters
+    ----------
+    camera_xy_px : (N, 2)
+        Pixels as photographed, with lens distortion. [px]
+    projector_px : (N,)
+        Column, or row, that each of them sees, with lens distortion. [px]
+    camera, projector : PinholeModel
+        Poses in one world.
+    axis : {"column", "row"}
+        What `projector_px` counts.
+
+    Returns
+    -------
+    LinePoints
+        A point for each ray, or none, and how well the stripes tell it.
+
+    Raises
+    ------
+    CalibrationError
+        If both centres of projection coincide, so that no depth is determined.
+    """
+    baseline = _baseline(camera, projector)
+    k = 0 if axis == "column" else 1
+    wanted = np.asarray(projector_px, dtype=np.float64)
+    rays = world_rays(camera, np.asarray(camera_xy_px, dtype=np.float64))
+    distance_m = _to_planes(rays, baseline, wanted, projector, k)
+    slope = np.full(len(wanted), np.nan)
+    for _ in range(_NEWTON_STEPS):
+        here, ahead = (_seen_by(projector, camera.position_m + d[:, None] * rays) for d in _near(distance_m))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slope = (ahead[:, k] - here[:, k]) / (distance_m * _NEWTON_SHARE)
+            distance_m = distance_m - np.where(np.abs(slope) > 0, (here[:, k] - wanted) / slope, np.nan)
+        distance_m[~(distance_m > 0)] = np.nan
+    points = camera.position_m + distance_m[:, None] * rays
+    seen = _seen_by(projector, points)
+    size = np.array([projector.width_px, projector.height_px])
+    with np.errstate(invalid="ignore"):
+        found = (np.abs(seen[:, k] - wanted) < _LINE_PX) & (seen > -1).all(axis=1) & (seen < size).all(axis=1)
+    points[~found] = np.nan
+    return LinePoints(points, np.where(found, 1 / np.abs(slope), np.nan))
+
+
+def _to_planes(
+    rays: FloatArray, baseline: FloatArray, wanted: FloatArray, projector: PinholeModel, k: int
+) -> FloatArray:
+    """(N,) distances along the rays to the planes of a projector without distortion; NaN where they run along them."""
+    middle = np.full((len(wanted), 2), np.array([projector.width_px - 1, projector.height_px - 1]) / 2)
+    middle[:, k] = wanted
+    line = np.zeros(3)
+    line[1 - k] = 1.0
+    normals = np.cross(world_rays(projector, middle), line @ projector.rotation)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    along = (rays * normals).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance_m = np.where(np.abs(along) > _LEAST_ANGLE_RAD, normals @ baseline / along, np.nan)
+    return np.asarray(np.where(distance_m > 0, distance_m, np.nan))
+
+
+def _near(distance_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    return distance_m, distance_m * (1 + _NEWTON_SHARE)
+
+
+def _seen_by(device: PinholeModel, points_m: FloatArray) -> FloatArray:
+    """(N, 2) pixels of points; NaN behind the device."""
+    pixels = np.full((len(points_m), 2), np.nan)
+    local = points_m @ device.rotation.T + device.translation_m
+    with np.errstate(invalid="ignore"):
+        ahead = local[:, 2] > 0
+    if ahead.any():
+        pixels[ahead] = project(device, points_m[ahead])
+    return pixels
+
+
+def _baseline(camera: PinholeModel, projector: PinholeModel) -> FloatArray:
+    """(3,) from the camera to the projector; refused where they coincide."""
+    baseline = projector.position_m - camera.position_m
+    length_m = float(np.linalg.norm(baseline))
+    if length_m < _LEAST_BASELINE_M:
+        raise CalibrationError(
+            f"camera and projector are {length_m:.2g} m apart, at least {_LEAST_BASELINE_M:g} m are needed: "
+            "no depth can be triangulated; check the translation between them"
+        )
+    return np.asarray(baseline)
 
 
 def _nearest(a: FloatArray, b: FloatArray, baseline: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -7,7 +7,6 @@ its pictures: they are photographed for every code, and handed to :meth:`Structu
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Protocol, runtime_checkable
 
@@ -15,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import Frame
+from calibration.structured_light.binary_code import BinaryCode
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.gray import CodeName, bits_for, gray_code_patterns, pattern_name
 from calibration.structured_light.patterns import Pattern
+from calibration.structured_light.phase.gray_phase import GrayPhaseCode
+from calibration.structured_light.phase.micro_phase import MicroPhaseCode
+from calibration.structured_light.phase.three_frequency import ThreeFrequencyCode
 
 
 @runtime_checkable
@@ -64,7 +65,8 @@ class StructuredLightCode(Protocol):
         Yields
         ------
         Pattern
-            Named and ordered as :meth:`pattern_names` says, codes (H, W) uint8.
+            Named and ordered as :meth:`pattern_names` says, codes (H, W) uint8: linear light, 255 is white. Whoever
+            shows them makes up for the projector's response, so that 128 is half of white.
         """
         ...
 
@@ -83,13 +85,13 @@ class StructuredLightCode(Protocol):
         Parameters
         ----------
         frames : mapping of pattern name to (H, W)
-            One frame of each picture, in the order of their names or another. [dn]
+            One frame of each picture, in the order of their names or another; linear in light. [dn]
         projector_shape : (height, width)
             That the pictures were made for. [px]
         white, black : (H, W)
             Frames of projector white and black. [dn]
         noise_limit : float or (H, W)
-            Differences of two frames below this are noise. [dn]
+            Differences of two frames below this are noise: two standard deviations of such a difference. [dn]
         saturation : float, optional
             Values from here on are clipped. [dn]
 
@@ -106,96 +108,22 @@ class StructuredLightCode(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class GrayCode:
-    """A Gray code of columns and rows, each picture followed by its inverse: a :class:`StructuredLightCode`."""
-
-    name: CodeName
-    """`gray` is the binary-reflected code; `long-run` has no wide and no very fine stripes."""
-    version: str = "1"
-
-    def pattern_names(self, projector_shape: tuple[int, int]) -> tuple[str, ...]:
-        """Return the names of the pictures in the order in which they are shown.
-
-        Parameters
-        ----------
-        projector_shape : (height, width)
-            Of the projector. [px]
-
-        Returns
-        -------
-        tuple of str
-            Most significant bit first, columns before rows.
-        """
-        height, width = projector_shape
-        axes = (("column", width), ("row", height))
-        bits = [(axis, bit) for axis, size in axes for bit in reversed(range(bits_for(size)))]
-        planes = [pattern_name(self.name, axis, bit) for axis, bit in bits]
-        return tuple(name + end for name in planes for end in ("", "-inverse"))
-
-    def patterns(self, projector_shape: tuple[int, int]) -> Iterator[Pattern]:
-        """Yield the pictures, one at a time.
-
-        Parameters
-        ----------
-        projector_shape : (height, width)
-            Of the projector. [px]
-
-        Yields
-        ------
-        Pattern
-            Codes (H, W), 0 or 255.
-        """
-        return gray_code_patterns(projector_shape, code=self.name)
-
-    def decode(
-        self,
-        frames: Mapping[str, Frame],
-        projector_shape: tuple[int, int],
-        *,
-        white: Frame,
-        black: Frame,
-        noise_limit: float | NDArray[np.floating],
-        saturation: float | None = None,
-    ) -> Correspondence:
-        """Find the projector pixel that each camera pixel sees.
-
-        Parameters
-        ----------
-        frames : mapping of pattern name to (H, W)
-            One frame of each picture. [dn]
-        projector_shape : (height, width)
-            That the pictures were made for. [px]
-        white, black : (H, W)
-            Frames of projector white and black. [dn]
-        noise_limit : float or (H, W)
-            A pixel is lit, and a bit counts, when two frames differ by at least this. [dn]
-        saturation : float, optional
-            Values from here on are clipped. [dn]
-
-        Returns
-        -------
-        Correspondence
-            Whole projector pixels, halves on the border between two.
-
-        Raises
-        ------
-        CalibrationError
-            If frames are missing or their shapes differ; the message names them.
-        """
-        return decode_gray(
-            frames,
-            projector_shape,
-            white=white,
-            black=black,
-            contrast_limit=noise_limit,
-            bit_limit=noise_limit,
-            saturation=saturation,
-            code=self.name,
-        )
-
-
 CODES: Mapping[str, StructuredLightCode] = MappingProxyType(
-    {code.name: code for code in (GrayCode("long-run"), GrayCode("gray"))}
+    {
+        code.name: code
+        for code in (
+            BinaryCode(name="long-run", words="long-run"),
+            BinaryCode(name="gray", words="gray", version="2"),
+            BinaryCode(name="gray-plain", words="gray", inverse=False),
+            BinaryCode(name="xor-02", words="xor-02"),
+            BinaryCode(name="xor-04", words="xor-04"),
+            GrayPhaseCode(),
+            ThreeFrequencyCode(),
+            MicroPhaseCode(),
+        )
+    }
 )
-"""The codes of this package by name."""
+"""The codes of this package by name: all of columns and rows, so that a session can use them.
+
+A code of one axis is another object: ``dataclasses.replace(CODES["gray"], axes=("column",))``.
+"""

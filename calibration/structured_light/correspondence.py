@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Float32Array
 
+ROUNDING_PX = 12**-0.5
+"""Standard deviation of a coordinate of which the whole pixel is known."""
+
 
 class PixelReason(IntEnum):
     """Why a camera pixel has, or has not, a projector pixel (one code a pixel)."""
@@ -25,6 +28,10 @@ class PixelReason(IntEnum):
     """The decoded code is outside the projector."""
     ISOLATED = 5
     """The code does not fit its neighbours'."""
+    AMBIGUOUS = 6
+    """The frames fit several projector pixels about equally well, or none of them."""
+    WASHED_OUT = 7
+    """Stripes have too little contrast here, by blur or by global light, for a coordinate within its limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +39,14 @@ class Correspondence:
     """Which projector pixel each camera pixel sees."""
 
     projector_xy_px: Float32Array
-    """(H, W, 2) projector column and row, sub-pixel where refined; NaN where not valid, in pixels."""
+    """(H, W, 2) projector column and row, sub-pixel where refined; NaN where not valid, and for an axis that was not
+    coded, in pixels."""
     reason: NDArray[np.uint8]
     """(H, W) PixelReason codes."""
     projector_shape: tuple[int, int]
     """(height, width) of the projector, in pixels."""
+    sigma_px: Float32Array | None = None
+    """(H, W, 2) standard deviations of column and row, of meaning where valid; None: not known. [px]"""
 
     @property
     def valid(self) -> BoolArray:

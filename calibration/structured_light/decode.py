@@ -1,22 +1,28 @@
-"""Gray code frames to a correspondence map, with a reason for every pixel that has none."""
+"""Frames of a binary code to a correspondence map, with a reason for every pixel that has none."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import BoolArray, Float32Array, Frame
+from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
-from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.gray import CodeName, bits_for, pattern_name, positions
+from calibration.structured_light.bits import Limit, difference, limit_of_kind, middle, read_positions
+from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence, PixelReason
+from calibration.structured_light.frames import extreme, is_dark, mark, part, refuse_unequal
+from calibration.structured_light.gray import BOTH_AXES, Axis, CodeName, Words, bits_for, pattern_name, positions
+from calibration.structured_light.neighbours import isolated
+from calibration.structured_light.strips import for_each_strip
 
-_WINDOW_PX, _ENOUGH_NEIGHBOURS, _LEAST_NEIGHBOURS = 5, 13, 4
-"""The median of 5 × 5 codes speaks for the place if more than half of them are valid; fewer than 4 valid ones, itself
-included, are what chance leaves in the dark."""
+_WIDE_BIT = 5
+"""From this bit on stripes are 64 px wide and wider, and light different parts of a room."""
+_OWN_LIGHT_BITS = (2, 3, 4)
+"""Stripes of 8 to 32 px: wide enough for blur, fine enough that both frames put the same light on other walls."""
 
 
 def decode_gray(
@@ -25,19 +31,22 @@ def decode_gray(
     *,
     white: Frame | None = None,
     black: Frame | None = None,
-    contrast_limit: float | NDArray[np.floating],
-    bit_limit: float | NDArray[np.floating],
+    contrast_limit: Limit,
+    bit_limit: Limit,
     saturation: float | None = None,
     code: CodeName = "gray",
     first_code: tuple[int, int] = (0, 0),
     isolation_px: float = 8.0,
+    axes: Sequence[Axis] = BOTH_AXES,
+    finest_bit: int = 0,
+    own_light: bool = False,
 ) -> Correspondence:
-    """Find which projector pixel each camera pixel sees, from frames of a Gray code.
+    """Find which projector pixel each camera pixel sees, from frames of a binary code.
 
     Parameters
     ----------
     frames : mapping of pattern name to (H, W)
-        Gray code frames as :func:`~calibration.structured_light.gray.gray_code_patterns` names them. [dn]
+        Frames as :func:`~calibration.structured_light.gray.gray_code_patterns` names them. [dn]
         Without inverses a bit is compared with the mean of white and black.
     projector_shape : (height, width)
     white, black : (H, W), optional
@@ -46,11 +55,20 @@ def decode_gray(
         Least white minus black, and least difference of a pattern and its inverse, in the frames' unit.
     saturation : float, optional
         Values from here on are clipped.
-    code : {"gray", "long-run"}
+    code : {"gray", "long-run", "xor-02", "xor-04"}
     first_code : (column, row)
         Code that is shown at the projector's first pixel.
     isolation_px : float
         A code further than this from the median of its neighbours is ISOLATED.
+    axes : sequence of {"column", "row"}
+        What was coded; the other coordinate is NaN.
+    finest_bit : int
+        Bits below this one were not shown, which only `gray` can do without: coordinates are the middles of
+        2**finest_bit pixels.
+    own_light : bool
+        Of `gray` with inverses: a bit of wide stripes counts only where the darker of its two frames has less light
+        than the pixel's own, which its fine stripes tell. Where both have more, light from other walls can have made
+        either the brighter one, and no difference between them is proof.
 
     Returns
     -------
@@ -62,127 +80,188 @@ def decode_gray(
     CalibrationError
         If frames are missing, or their shapes differ.
     """
-    _refuse_unequal({**frames, "white": white, "black": black})
-    bright = white if white is not None else _extreme(frames, np.maximum)
-    dark = black if black is not None else _extreme(frames, np.minimum)
-    threshold: Frame | None = None
-    if not any(name.endswith("-inverse") for name in frames):
-        threshold = (bright.astype(np.float32) + dark.astype(np.float32)) * np.float32(0.5)
-    height, width = projector_shape
-    column_bits = _Bits(code, "column", _bits_shown(frames, code, "column", bits_for(width + first_code[0])))
-    row_bits = _Bits(code, "row", _bits_shown(frames, code, "row", bits_for(height + first_code[1])))
-    column, weak_column = _decode_axis(frames, column_bits, bit_limit, threshold)
-    row, weak_row = _decode_axis(frames, row_bits, bit_limit, threshold)
-    xy = np.stack([column, row], axis=-1).astype(np.float32) - np.array(first_code, dtype=np.float32)
-    reason = np.zeros(column.shape, dtype=np.uint8)
-    outside = ((xy < 0) | (xy >= (width, height))).any(axis=-1)
-    reason[outside] = PixelReason.OUT_OF_RANGE
-    reason[weak_column | weak_row] = PixelReason.UNCERTAIN_BIT
-    reason[bright.astype(np.float32) - dark < contrast_limit] = PixelReason.DARK
-    if saturation is not None:
-        clipped = _extreme(frames, np.maximum) >= saturation
-        reason[clipped & (reason != PixelReason.DARK)] = PixelReason.SATURATED
-    reason[(reason == 0) & isolated(xy, reason == 0, isolation_px)] = PixelReason.ISOLATED
-    xy[reason != PixelReason.VALID] = np.nan
-    return Correspondence(xy, reason, projector_shape)
-
-
-def _refuse_unequal(frames: Mapping[str, Frame | None]) -> None:
-    shapes = {name: frame.shape for name, frame in frames.items() if frame is not None}
-    if not shapes:
-        raise CalibrationError("no frames: photograph the patterns")
-    first, shape = next(iter(shapes.items()))
-    other = next((name for name in shapes if shapes[name] != shape or len(shape) != 2), None)
-    if other is not None:
-        raise CalibrationError(
-            f"frame {other} has the shape {shapes[other]}, frame {first} has {shape}: all frames have to be (height, "
-            "width) of one camera, colours summed"
+    refuse_unequal({**frames, "white": white, "black": black})
+    bright = white if white is not None else extreme(frames, np.maximum)
+    dark = black if black is not None else extreme(frames, np.minimum)
+    threshold = None if any(name.endswith("-inverse") for name in frames) else middle(bright, dark)
+    height, width = bright.shape
+    read = [
+        _AxisReading.of(
+            frames,
+            _Bits.of(frames, axis, projector_shape, code=code, first=first_code, finest_bit=finest_bit),
+            bit_limit=bit_limit,
+            threshold=threshold,
+            black=dark if own_light else None,
         )
+        for axis in axes
+    ]
+    reason = np.empty((height, width), dtype=np.uint8)
+    limits = (np.asarray(contrast_limit), np.asarray(np.inf if saturation is None else saturation))
+    for_each_strip(partial(_read_strip, read, (bright, dark), limits, reason), reason.shape)
+    lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
+    reason[lonely & (reason == PixelReason.VALID)] = PixelReason.ISOLATED
+    return _correspondence(read, reason, projector_shape)
 
 
-def _extreme(frames: Mapping[str, Frame], choose: np.ufunc) -> Frame:
-    values = iter(frames.values())
-    result = next(values).copy()
-    for frame in values:
-        choose(result, frame, out=result)
-    return result
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Bits:
     """The pictures of one axis."""
 
     code: CodeName
-    axis: str
+    axis: Axis
     count: int
+    finest: int
+    first_code: int
+    size: int
+    """Of the projector along the axis. [px]"""
+
+    @classmethod
+    def of(
+        cls,
+        frames: Mapping[str, Frame],
+        axis: Axis,
+        projector_shape: tuple[int, int],
+        *,
+        code: CodeName,
+        first: tuple[int, int],
+        finest_bit: int,
+    ) -> _Bits:
+        """Say which bits an axis has; the common Gray code may have been shown with more than the projector needs."""
+        number = 0 if axis == "column" else 1
+        size = projector_shape[1 - number]
+        count = bits_for(size + first[number])
+        while code == "gray" and pattern_name(code, axis, count) in frames:
+            count += 1
+        finest = min(finest_bit, count - 1)
+        if finest and code != "gray":
+            raise CalibrationError(
+                f"{code} code of the {axis}s without its {finest} finest bits: only the code 'gray' can be read so"
+            )
+        return cls(code=code, axis=axis, count=count, finest=finest, first_code=first[number], size=size)
 
     @property
     def names(self) -> list[str]:
         """Names of the pictures, the most significant bit first."""
-        return [pattern_name(self.code, self.axis, bit) for bit in reversed(range(self.count))]
+        return [pattern_name(self.code, self.axis, bit) for bit in reversed(range(self.finest, self.count))]
+
+    def pairs(self, frames: Mapping[str, Frame], threshold: Frame | None) -> list[tuple[Frame, Frame]]:
+        """Return each picture's frame, and the frame that it has to be brighter than."""
+        missing = [name for name in self.names if name not in frames]
+        if missing:
+            raise CalibrationError(
+                f"{self.code} code of the {self.axis}s: {len(missing)} of {len(self.names)} bits have no frame "
+                f"({', '.join(missing)}); photograph them, or give the size of the area that the patterns were shown in"
+            )
+        pairs = []
+        for name in self.names:
+            other = frames.get(f"{name}-inverse", threshold)
+            if other is None:
+                raise CalibrationError(f"{name}-inverse has no frame, but other bits have theirs: photograph it")
+            pairs.append((frames[name], other))
+        return pairs
 
 
-def _decode_axis(
-    frames: Mapping[str, Frame], bits: _Bits, bit_limit: float | NDArray[np.floating], threshold: Frame | None
-) -> tuple[Float32Array, BoolArray]:
-    """(H, W) position, and pixels that some bit leaves open.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _AxisReading:
+    """One axis while it is read, some rows at a time."""
 
-    One open bit is no harm if both its values give neighbouring positions: the pixel lies on the border
-    between them, and that border is its position.
-    """
-    names = bits.names
-    missing = [name for name in names if name not in frames]
-    if missing:
-        raise CalibrationError(
-            f"{bits.code} code of the {bits.axis}s: {len(missing)} of {bits.count} bits have no frame "
-            f"({', '.join(missing)}); photograph them, or give the size of the area "
-            "that the patterns were shown in"
+    bits: _Bits
+    pairs: list[tuple[Frame, Frame]]
+    limit: NDArray[Any]
+    """Of the difference of a pair, as a number of the frames' kind."""
+    table: Words
+    """Position of each word of the bits that were shown."""
+    twice: NDArray[np.uint16]
+    """(H, W) twice the position, in steps of the finest bit: a whole number on borders, too."""
+    black: Frame | None
+    """Given where wide stripes have to be told by the pixel's own light."""
+
+    @classmethod
+    def of(
+        cls,
+        frames: Mapping[str, Frame],
+        bits: _Bits,
+        *,
+        bit_limit: Limit,
+        threshold: Frame | None,
+        black: Frame | None,
+    ) -> _AxisReading:
+        """Prepare to read an axis."""
+        pairs = bits.pairs(frames, threshold)
+        return cls(
+            bits=bits,
+            pairs=pairs,
+            limit=limit_of_kind(bit_limit, pairs[0][0].dtype),
+            table=positions(bits.code, bits.count - bits.finest),
+            twice=np.empty(pairs[0][0].shape, dtype=np.uint16),
+            black=black,
         )
-    word = np.zeros(frames[names[0]].shape, dtype=np.uint16)
-    open_bits = np.zeros(word.shape, dtype=np.uint16)
-    for name in names:
-        lit, other = frames[name], frames.get(f"{name}-inverse", threshold)
-        if other is None:
-            raise CalibrationError(f"{name}-inverse has no frame, but other bits have theirs: photograph it")
-        word <<= 1
-        word |= lit > other
-        open_bits <<= 1
-        open_bits |= _difference(lit, other) < bit_limit
-    table = positions(bits.code, bits.count)
-    position, other_position = table[word].astype(np.float32), table[word ^ open_bits].astype(np.float32)
-    several = (open_bits & (open_bits - 1)) != 0
-    return (position + other_position) / 2, several | (np.abs(position - other_position) > 1)
+
+    def read(self, rows: slice, brightest: Frame) -> BoolArray:
+        """Find the positions of some rows, and the pixels that some bit leaves open; note the largest values."""
+        self.twice[rows], weak = read_positions(self.pairs, self.limit, self.table, rows=rows, brightest=brightest)
+        return weak if self.black is None else weak | self._outshone(rows, self.black[rows])
+
+    def _outshone(self, rows: slice, black: Frame) -> BoolArray:
+        """Tell which pixels of some rows get more light from elsewhere than from the projector in a coarse bit."""
+        wide = self.pairs[: max(self.bits.count - _WIDE_BIT, 0)]
+        fine = [self.pairs[self.bits.count - 1 - bit] for bit in _OWN_LIGHT_BITS if self.bits.finest <= bit]
+        found = np.zeros(black.shape, dtype=bool)
+        if not wide or len(fine) < len(_OWN_LIGHT_BITS):
+            return found
+        a, b, c = (difference(lit[rows], other[rows]) for lit, other in fine)
+        own = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c)) + black
+        for lit, other in wide:
+            found |= np.minimum(lit[rows], other[rows]) >= own
+        return found
+
+    def outside(self, rows: slice) -> BoolArray:
+        """Tell which pixels of some rows have a code that the projector does not show."""
+        step = 1 << self.bits.finest
+        first, end = self.bits.first_code, self.bits.first_code + self.bits.size
+        return np.asarray((self.twice[rows] < -(-2 * first // step)) | (self.twice[rows] >= -(-2 * end // step)))
+
+    def coordinate_px(self, rows: slice) -> NDArray[np.float32]:
+        """Projector coordinates of some rows: of the middle of the finest stripe, where bits are left out."""
+        step = np.float32(1 << self.bits.finest)
+        found = self.twice[rows] * (step / 2) + ((step - 1) / 2 - self.bits.first_code)
+        return np.asarray(np.minimum(found, self.bits.size - 1) if self.bits.finest else found, dtype=np.float32)
 
 
-def _bits_shown(frames: Mapping[str, Frame], code: CodeName, axis: str, needed: int) -> int:
-    """Return the number of bits; the common Gray code may have been shown with more than the projector needs."""
-    bits = needed
-    while code == "gray" and pattern_name(code, axis, bits) in frames:
-        bits += 1
-    return bits
+def _read_strip(
+    read: Sequence[_AxisReading],
+    flats: tuple[Frame, Frame],
+    limits: tuple[NDArray[Any], NDArray[Any]],
+    reason: NDArray[np.uint8],
+    rows: slice,
+) -> None:
+    """Read some rows of all axes, and say why pixels have no position; the last reason that fits counts."""
+    here = reason[rows]
+    here[...] = PixelReason.VALID
+    brightest = read[0].pairs[0][0][rows].copy()
+    weak = [axis.read(rows, brightest) for axis in read]
+    for axis in read:
+        mark(here, PixelReason.OUT_OF_RANGE, axis.outside(rows))
+    for each in weak:
+        mark(here, PixelReason.UNCERTAIN_BIT, each)
+    contrast_limit, saturation = limits
+    if np.isfinite(saturation):
+        mark(here, PixelReason.SATURATED, brightest >= saturation)
+    bright, dark = (each[rows] for each in flats)
+    mark(here, PixelReason.DARK, is_dark(bright, dark, part(contrast_limit, rows)))
 
 
-def _difference(lit: Frame, other: Frame) -> Frame:
-    if lit.dtype in (np.uint8, np.uint16) and other.dtype == lit.dtype:
-        return np.asarray(cv2.absdiff(lit, other))
-    return np.asarray(np.abs(lit.astype(np.float32) - other))
+def _correspondence(
+    read: Sequence[_AxisReading], reason: NDArray[np.uint8], projector_shape: tuple[int, int]
+) -> Correspondence:
+    xy = np.empty((*reason.shape, 2), dtype=np.float32)
+    by_axis = {axis.bits.axis: axis for axis in read}
 
+    def strip(rows: slice) -> None:
+        for k, axis in enumerate(BOTH_AXES):
+            xy[rows, :, k] = by_axis[axis].coordinate_px(rows) if axis in by_axis else np.nan
+        xy[rows][reason[rows] != PixelReason.VALID] = np.nan
 
-def isolated(xy: Float32Array, valid: BoolArray, limit_px: float) -> BoolArray:
-    """Find pixels whose code is further than the limit from the median of the 5 × 5 around, or that stand alone.
-
-    The median is taken over all codes there, so a pixel among invalid ones is judged by what little there is.
-    """
-    filled = np.where(valid[..., None], xy, -1e4).astype(np.float32)
-    far = np.zeros(valid.shape, dtype=bool)
-    neighbours = cv2.boxFilter(
-        valid.astype(np.float32), -1, (_WINDOW_PX, _WINDOW_PX), normalize=False, borderType=cv2.BORDER_CONSTANT
-    )
-    for k in (0, 1):
-        # Two filters, one filled low and one filled high: inside a lit area both agree with the true median.
-        low = cv2.medianBlur(np.ascontiguousarray(filled[..., k]), _WINDOW_PX)
-        high = cv2.medianBlur(np.ascontiguousarray(np.where(valid, xy[..., k], 1e5).astype(np.float32)), _WINDOW_PX)
-        distance = np.minimum(np.abs(filled[..., k] - low), np.abs(filled[..., k] - high))
-        enough = neighbours >= _ENOUGH_NEIGHBOURS
-        far |= enough & (distance > limit_px)
-    return np.asarray(far | (neighbours < _LEAST_NEIGHBOURS))
+    for_each_strip(strip, reason.shape)
+    sigmas = [ROUNDING_PX * 2 ** by_axis[axis].bits.finest if axis in by_axis else np.nan for axis in BOTH_AXES]
+    return Correspondence(xy, reason, projector_shape, np.broadcast_to(np.array(sigmas, np.float32), xy.shape))

@@ -7,13 +7,17 @@ its inverse put the same global light everywhere and differ by direct light alon
 few pixels. (Long-run Gray codes: L. Goddyn and P. Gvozdjak, Binary gray codes with long bit runs, Electron.
 J. Combin. 10, 2003; their use against interreflection: M. Gupta et al., Structured light 3D scanning in the
 presence of global illumination, CVPR 2011.)
+
+The *XOR* codes of the same paper show one fine plane of the binary-reflected code as it is, and every coarser plane
+combined with it by exclusive or: only narrow stripes are projected, and the coarse planes are found by combining once
+more. In `xor-02` that plane is the finest one, whose stripes are two pixels wide, in `xor-04` the next.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +25,13 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.structured_light.patterns import WHITE, Pattern
 
-CodeName = Literal["gray", "long-run"]
+CodeName = Literal["gray", "long-run", "xor-02", "xor-04"]
+Axis = Literal["column", "row"]
 Words = NDArray[np.uint16]
+
+BOTH_AXES: tuple[Axis, ...] = ("column", "row")
+_BASE_BIT: Mapping[str, int] = {"xor-02": 0, "xor-04": 1}
+"""Of an XOR code: the plane that all coarser ones are combined with."""
 
 MAX_BITS = 14
 _SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
@@ -39,8 +48,15 @@ def pattern_name(code: CodeName, axis: str, bit: int) -> str:
     return f"{code}-{axis}-{bit:02d}"
 
 
-def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeName = "gray") -> Iterator[Pattern]:
-    """Yield a Gray code of the columns, then of the rows, most significant bit first.
+def gray_code_patterns(
+    shape: tuple[int, int],
+    inverse: bool = True,
+    code: CodeName = "gray",
+    *,
+    axes: Sequence[Axis] = BOTH_AXES,
+    finest_bit: int = 0,
+) -> Iterator[Pattern]:
+    """Yield a binary code of the columns, then of the rows, most significant bit first.
 
     Parameters
     ----------
@@ -48,17 +64,22 @@ def gray_code_patterns(shape: tuple[int, int], inverse: bool = True, code: CodeN
         Of the projector. [px]
     inverse : bool
         After each picture also its complement.
-    code : {"gray", "long-run"}
-        Which Gray code.
+    code : {"gray", "long-run", "xor-02", "xor-04"}
+        Which one.
+    axes : sequence of {"column", "row"}
+        What is coded.
+    finest_bit : int
+        Bits below this one are left out.
 
     Yields
     ------
     Pattern
         `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …, codes (H, W); the number is the bit.
     """
-    for axis, size in (("column", shape[1]), ("row", shape[0])):
+    for axis in axes:
+        size = shape[1] if axis == "column" else shape[0]
         word = words(code, bits_for(size))[:size]
-        for bit in reversed(range(bits_for(size))):
+        for bit in reversed(range(min(finest_bit, bits_for(size) - 1), bits_for(size))):
             stripe = ((word >> bit) & 1).astype(np.uint8) * WHITE
             codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape)
             yield Pattern(pattern_name(code, axis, bit), codes.copy())
@@ -81,7 +102,19 @@ def words(code: CodeName, bits: int) -> Words:
         return np.asarray(position ^ (position >> 1), dtype=np.uint16)
     if code == "long-run":
         return np.array(_long_run(bits), dtype=np.uint16)
-    raise CalibrationError(f"unknown code {code!r}; there are 'gray' and 'long-run'")
+    if code in _BASE_BIT:
+        return _combined(words("gray", bits), _BASE_BIT[code])
+    raise CalibrationError(f"unknown code {code!r}; there are {', '.join(repr(name) for name in get_args(CodeName))}")
+
+
+def _combined(word: Words, base_bit: int) -> Words:
+    """Words whose bits above the base are combined with it by exclusive or.
+
+    But for the next one: its stripes are only twice as wide as the base's, and combined they would be half as wide.
+    """
+    base = (word >> base_bit) & 1
+    coarser = np.uint16(0xFFFF << (base_bit + 2) & 0xFFFF)
+    return np.asarray(np.where(base > 0, word ^ coarser, word) & np.uint16(len(word) - 1), dtype=np.uint16)
 
 
 def positions(code: CodeName, bits: int) -> Words:

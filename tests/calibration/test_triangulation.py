@@ -1,12 +1,14 @@
 """Triangulation of points that were projected by OpenCV, not by our own camera model."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate
+from calibration.geometry.triangulation import average_by_projector_pixel, stands_alone, triangulate, triangulate_lines
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 
 
@@ -117,3 +119,45 @@ def test_a_point_far_from_its_neighbours_stands_alone() -> None:
     alone = stands_alone(xy, distance_m, (6, 10))
     assert np.flatnonzero(alone).tolist() == [23]
     assert stands_alone(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([2.0, 2.0]), (6, 10)).all()
+
+
+@pytest.mark.parametrize(("axis", "k"), [("column", 0), ("row", 1)])
+def test_columns_or_rows_alone_give_the_points_behind_strong_lenses(axis: str, k: int, points_m: np.ndarray) -> None:
+    high = replace(PROJECTOR, translation_m=np.array([-0.1, 0.45, 0.05]), principal_point_px=(620.0, 100.0))
+    pixels, shown = seen_by(CAMERA, points_m), seen_by(high, points_m)
+    inside = ((shown > 0) & (shown < (high.width_px - 1, high.height_px - 1))).all(axis=1)
+    found = triangulate_lines(pixels, shown[:, k], CAMERA, high, axis=axis)  # type: ignore[arg-type]
+    assert inside.sum() > 30
+    assert np.abs(found.points_m - points_m)[inside].max() < 1e-6
+
+
+def test_a_line_says_how_far_a_pixel_moves_its_point(points_m: np.ndarray) -> None:
+    camera, projector = (device((0, 0, 0), (x, 0, 0), principal_point_px=(620.0, 400.0)) for x in (0, -0.1))
+    pixels, column = seen_by(camera, points_m), seen_by(projector, points_m)[:, 0]
+    found, moved = (triangulate_lines(pixels, column + shift, camera, projector) for shift in (0.0, 0.1))
+    apart = np.linalg.norm(moved.points_m - found.points_m, axis=1)
+    seen = np.isfinite(apart)
+    assert seen.mean() > 0.5
+    assert apart[seen] / 0.1 == pytest.approx(found.metres_per_px[seen], rel=0.02)
+
+
+def test_a_column_that_a_ray_runs_along_gives_no_point() -> None:
+    plain = {"distortion": (0.0,) * 5, "principal_point_px": (620.0, 400.0)}
+    camera, projector = (device((0.0, 0.0, 0.0), (x, 0.0, 0.0), **plain) for x in (0.0, -0.2))
+    above = device((0.0, 0.0, 0.0), (0.0, -0.2, 0.0), **plain)
+    point = np.array([[0.05, 0.1, 2.0]])
+    pixel = seen_by(camera, point)
+    assert np.isnan(triangulate_lines(pixel, seen_by(above, point)[:, 0], camera, above).points_m).all()
+    assert triangulate_lines(pixel, seen_by(projector, point)[:, 0], camera, projector).points_m == pytest.approx(point)
+
+
+def test_a_column_behind_the_devices_gives_no_point() -> None:
+    pixels = np.array([[600.0, 400.0]])
+    shown = seen_by(PROJECTOR, np.array([[0.0, 0.0, 3.0]]))[:, 0]
+    near = triangulate_lines(pixels, shown + np.array([-4000.0]), CAMERA, PROJECTOR)
+    assert np.isnan(near.points_m).all()
+
+
+def test_columns_need_a_baseline_too() -> None:
+    with pytest.raises(CalibrationError, match="no depth"):
+        triangulate_lines(np.zeros((1, 2)), np.zeros(1), CAMERA, CAMERA)

@@ -1,0 +1,120 @@
+"""Pixels whose coordinates do not fit those of the pixels around."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arrays import BoolArray, Float32Array
+from calibration.structured_light.strips import for_each_strip
+
+_REACH_PX = 2
+_WINDOW_PX = 2 * _REACH_PX + 1
+_ENOUGH_NEIGHBOURS, _LEAST_NEIGHBOURS = 13, 4
+"""The median of 5 × 5 codes speaks for the place if more than half of them are valid; fewer than 4 valid ones, itself
+included, are what chance leaves in the dark."""
+_FEW = 0.1
+"""Up to this share of pixels, the medians of single pixels cost less than that of a whole picture."""
+
+_BORDER_PX, _BORDER_SIGMA_PX = 2.0, 1.0
+"""What a camera pixel beyond the projector's picture gets of it by blur has the coordinate of the picture's last
+pixels: in the simulated rooms up to 2.5 px off."""
+
+Coordinate = NDArray[Any]
+"""(H, W) uint16 or float32; anything where not valid."""
+
+
+def isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float) -> BoolArray:
+    """Find pixels that are further than a limit from the median of the 5 × 5 around, or that stand alone.
+
+    The median is taken over all that are valid there, so a pixel among invalid ones is judged by what little there is.
+
+    Parameters
+    ----------
+    coordinates : sequence of (H, W) uint16 or float32
+        Of each axis that is coded.
+    valid : (H, W) bool
+    limit : float
+        In the unit of the coordinates.
+
+    Returns
+    -------
+    (H, W) bool
+        Of meaning where valid.
+    """
+    found = np.empty(valid.shape, dtype=bool)
+
+    def strip(rows: slice) -> None:
+        around = slice(max(rows.start - _REACH_PX, 0), rows.stop + _REACH_PX)
+        inner = slice(rows.start - around.start, rows.stop - around.start)
+        found[rows] = _isolated([each[around] for each in coordinates], valid[around], limit)[inner]
+
+    for_each_strip(strip, valid.shape)
+    return found
+
+
+def _isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float) -> BoolArray:
+    window = (_WINDOW_PX, _WINDOW_PX)
+    count = cv2.boxFilter(valid.view(np.uint8), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    judged = valid & (count >= _ENOUGH_NEIGHBOURS)
+    far = np.asarray(count < _LEAST_NEIGHBOURS)
+    for each in coordinates:
+        low, high = _filled(each, valid)
+        square = np.ones(window, np.uint8)
+        spread = cv2.subtract(cv2.dilate(low, square), cv2.erode(high, square))
+        open_ = judged & (spread > limit)
+        if open_.any():
+            far |= open_ & (_distance(low, high, open_) > limit)
+    return far
+
+
+def _filled(coordinate: Coordinate, valid: BoolArray) -> tuple[Coordinate, Coordinate]:
+    """Coordinates with the lowest, and with the highest number where not valid."""
+    lowest, highest = (-1e6, 1e6) if coordinate.dtype.kind == "f" else (0, np.iinfo(coordinate.dtype).max)
+    kind = coordinate.dtype.type
+    return np.where(valid, coordinate, kind(lowest)), np.where(valid, coordinate, kind(highest))
+
+
+def _distance(low: Coordinate, high: Coordinate, open_: BoolArray) -> NDArray[np.float32]:
+    """(H, W) distance from the nearer of two medians, one of what is filled low, one high; 0 where not open.
+
+    Inside of what is valid both are the true one.
+    """
+    distance = np.zeros(open_.shape, dtype=np.float32)
+    rows, columns = np.nonzero(open_)
+    own = low[rows, columns].astype(np.float32)
+    medians = (_medians(each, rows, columns) for each in (low, high))
+    distance[rows, columns] = np.minimum(*(np.abs(own - median) for median in medians))
+    return distance
+
+
+def _medians(picture: Coordinate, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float32]:
+    """(N,) medians of 5 × 5 around some pixels; the border goes on as its last pixel."""
+    if len(rows) > _FEW * picture.size:
+        return np.asarray(cv2.medianBlur(picture, _WINDOW_PX)[rows, columns], dtype=np.float32)
+    wide = np.pad(picture, _REACH_PX, mode="edge")
+    shifts = [(down, right) for down in range(_WINDOW_PX) for right in range(_WINDOW_PX)]
+    around = np.stack([wide[rows + down, columns + right] for down, right in shifts], axis=1)
+    middle = _WINDOW_PX**2 // 2
+    return np.asarray(np.partition(around, middle, axis=1)[:, middle], dtype=np.float32)
+
+
+def widen_at_border(sigma_px: Float32Array, xy_px: Float32Array, projector_shape: tuple[int, int]) -> None:
+    """Let standard deviations say that pixels which see the border of the projector's picture may lie beyond it.
+
+    Parameters
+    ----------
+    sigma_px, xy_px : (H, W, 2)
+        Of column and row; the first is changed. [px]
+    projector_shape : (height, width)
+    """
+    for k, size_px in enumerate(reversed(projector_shape)):
+        coordinate = xy_px[..., k]
+        with np.errstate(invalid="ignore"):
+            near = np.abs(coordinate - (size_px - 1) / 2) > (size_px - 1) / 2 - _BORDER_PX
+        here = sigma_px[..., k]
+        here[near] = np.hypot(here[near], np.float32(_BORDER_SIGMA_PX))

@@ -1,0 +1,1 @@
+"""Codes of sinusoids: a pixel's phase, and which period it is in."""
