@@ -322,6 +322,7 @@ def _manifest(name: str, camera: PinholeModel, projector: PinholeModel, frames: 
         projector=projector,
         unit="m",
         first_code=(0, 0),
+        finest_bit=0,
         frames={pattern: Path(f"{pattern}.png") for pattern in frames},
     )
 

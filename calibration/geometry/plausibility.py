@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import BoolArray, Float32Array
-from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.triangulation import triangulate
+from calibration.arrays import BoolArray, Float32Array, FloatArray
+from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.triangulation import triangulate, triangulate_lines
 from calibration.structured_light.correspondence import Correspondence
 
 _ANOTHER_PX = 0.75
@@ -24,6 +24,8 @@ _MATTERS = 0.01
 """Share of the lit pixels; readings that differ in fewer are one."""
 _RIVAL = 0.5
 """A reading rivals another one when it explains half as many of the pixels in which they differ."""
+_LINE_SIGMA_PX, _LEAST_TOLD = 0.3, 0.01
+"""Whole codes are right to 0.3 px, which may move a point by so much of its distance."""
 _SMOOTH = 4.0
 """Times the median step from pixel to pixel: beyond, the surface ends."""
 
@@ -74,13 +76,53 @@ def view_of(
     -------
     ReadingView
     """
-    xy, valid = correspondence.projector_xy_px, correspondence.valid
+    valid = correspondence.valid
     rows, columns = np.nonzero(valid)
     camera_xy = np.column_stack([columns, rows]).astype(np.float64) * step_px
-    found = triangulate(camera_xy, xy[rows, columns], *devices)
-    possible = np.zeros(valid.shape, dtype=bool)
-    possible[rows, columns] = found.in_front & (found.epipolar_px <= limit_px)
+    points, seen, epipolar_px = points_of(camera_xy, correspondence.projector_xy_px[rows, columns], devices)
+    possible, xy = np.zeros(valid.shape, dtype=bool), np.full((*valid.shape, 2), np.nan, dtype=np.float32)
+    possible[rows, columns] = np.isfinite(points[:, 0]) & ~(epipolar_px > limit_px)
+    xy[rows, columns] = seen
     return ReadingView(xy, lit, possible & lit, _turn(xy))
+
+
+def points_of(
+    camera_xy_px: FloatArray, projector_xy_px: Float32Array | FloatArray, devices: tuple[PinholeModel, PinholeModel]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Triangulate pairs of pixels, or camera pixels with the projector column or row alone.
+
+    Parameters
+    ----------
+    camera_xy_px : (N, 2)
+        Pixels as photographed. [px]
+    projector_xy_px : (N, 2)
+        Pixels as shown; a coordinate that was not coded is NaN everywhere. [px]
+    devices : (camera, projector)
+        Poses in one world.
+
+    Returns
+    -------
+    points_m : (N, 3)
+        NaN where there is none, or where stripes that run along the baseline would tell it to worse than 1 %. [m]
+    projector_xy_px : (N, 2)
+        With the missing coordinate that the point has. [px]
+    epipolar_px : (N,)
+        Distance from the epipolar line; NaN where a coordinate was missing. [px]
+    """
+    xy = np.asarray(projector_xy_px, dtype=np.float64)
+    coded = np.isfinite(xy).any(axis=0)
+    if coded.all() or not len(xy):
+        found = triangulate(camera_xy_px, xy, *devices)
+        return found.points_m, xy, found.epipolar_px
+    k = int(np.argmax(coded))
+    found_m = triangulate_lines(camera_xy_px, xy[:, k], *devices, axis=("column", "row")[k])
+    distance_m = np.linalg.norm(found_m.points_m - devices[0].position_m, axis=1)
+    with np.errstate(invalid="ignore"):
+        told = found_m.metres_per_px * _LINE_SIGMA_PX < _LEAST_TOLD * distance_m
+    points_m = np.where(told[:, None], found_m.points_m, np.nan)
+    filled = xy.copy()
+    filled[:, 1 - k] = project(devices[1], points_m)[:, 1 - k]
+    return points_m, filled, np.full(len(xy), np.nan)
 
 
 def _turn(xy: Float32Array) -> NDArray[np.int8]:

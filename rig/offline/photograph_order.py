@@ -14,6 +14,7 @@ from calibration.geometry.plausibility import rivals, view_of
 from calibration.structured_light.consistency.check import PhotographOrder, check_gray_frames
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.gray import BOTH_AXES, Axis
 from rig.devices.replay.photographs import Manifest, Photograph
 from rig.errors import CalibrationFailed
 
@@ -154,7 +155,14 @@ def decode(
         bit_limit=limit_dn,
         first_code=manifest.first_code,
         isolation_px=isolation_px,
+        axes=axes_of(frames),
+        finest_bit=manifest.finest_bit,
     )
+
+
+def axes_of(frames: Mapping[str, Photograph]) -> tuple[Axis, ...]:
+    """Return what the photographs code."""
+    return tuple(axis for axis in BOTH_AXES if any(name.startswith(f"gray-{axis}-") for name in frames))
 
 
 def _evenly_exposed(frames: Mapping[str, Photograph], gains: Mapping[str, float]) -> dict[str, Photograph]:
@@ -189,7 +197,8 @@ def _told(manifest: Manifest, changed: Mapping[str, str]) -> str:
 
 def _mended_exposures(manifest: Manifest, gains: Mapping[str, float]) -> tuple[str, ...]:
     return tuple(
-        f"{manifest.frames[name].name} is exposed {gain:.2f} times as long as the others and was scaled"
+        f"{manifest.frames[name].name} is {gain:.2f} times as bright as it should be and was scaled: "
+        "was the exposure automatic?"
         for name, gain in gains.items()
     )
 

@@ -101,7 +101,7 @@ def _principal_point(manifest: Manifest) -> tuple[str, ...]:
     )
 
 
-def loss_warnings(left_out_share: float, epipolar_median_px: float) -> tuple[str, ...]:
+def loss_warnings(left_out_share: float, epipolar_median_px: float | None) -> tuple[str, ...]:
     """Return what the points say is wrong, a sentence each."""
     found = []
     if left_out_share > _MOST_LEFT_OUT:
@@ -109,7 +109,7 @@ def loss_warnings(left_out_share: float, epipolar_median_px: float) -> tuple[str
             f"{100 * left_out_share:.0f} % of the points were left out (limit {100 * _MOST_LEFT_OUT:g} %), beyond the "
             "epipolar limit or alone: check that all photographs belong together, the lenses and the crops"
         )
-    if epipolar_median_px > _MOST_EPIPOLAR_PX:
+    if epipolar_median_px is not None and epipolar_median_px > _MOST_EPIPOLAR_PX:
         found.append(
             f"projector pixels lie {epipolar_median_px:.2f} px (median) from their epipolar lines, right numbers give "
             f"less than {_MOST_EPIPOLAR_PX:g}: check lenses, pose, crops and first_code"

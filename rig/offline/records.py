@@ -71,8 +71,8 @@ class ScanResult(Record):
     unit: str
     valid_share: float
     """Share of the camera's pixels that have a code."""
-    epipolar_median_px: float
-    """Before points beyond the limit were left out."""
+    epipolar_median_px: float | None
+    """Before points beyond the limit were left out; None where columns or rows alone were photographed."""
     left_out: int
     """Points beyond the epipolar limit, or alone."""
     mended: tuple[str, ...]

@@ -22,6 +22,10 @@ _EDGE_CONTRAST = 0.15
 _STILL = 3
 """Pictures that may change within two camera pixels; where more do, the surface ends."""
 _LEAST_EDGES = 12
+_TOGETHER = 3
+"""Neighbouring lines that meet the same piece of an edge, and the same noise of JPEG."""
+BLURRED = 0.5
+"""Of white minus mean: stripes of less contrast are compared by their changes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +48,10 @@ class Stripes:
     """(U, K) picture, place: −1 dark … +1 lit."""
     amplitude: FloatArray
     """(U,) mean size of it: how far the stripes are resolved."""
-    edges: FloatArray
-    """(U,) places where the picture changes sides and at most two others do."""
     at_edges: FloatArray
     """(U, U) mean of picture b at the edges of picture a over b's amplitude; NaN where too few edges tell."""
+    sigma: FloatArray
+    """(U, U) standard deviation of that for pictures b that are blurred; 0 for others, whose sides are clear."""
 
 
 def places_on_lines(frames: Sequence[Frame], limit: float) -> LinePlaces:
@@ -127,16 +131,19 @@ def stripes_of(places: LinePlaces, pairs: Sequence[tuple[int, int | None]]) -> S
         One picture a pair.
     """
     left, middle, right = (_differences(z, pairs) for z in (places.left, places.middle, places.right))
-    amplitude = np.abs(middle).mean(axis=1, dtype=np.float64)
+    fine = np.abs(middle).mean(axis=1, keepdims=True) < BLURRED
+    # Fine stripes are dark as often as lit: what is left is an exposure not quite found, or a tone curve.
+    balance = np.where(fine, middle.mean(axis=1, keepdims=True), 0)
+    left, middle, right = left - balance, middle - balance, right - balance
+    amplitude = np.maximum(np.abs(middle).mean(axis=1, dtype=np.float64), 1e-6)
     flips = (left > 0) != (right > 0)
-    still = flips.sum(axis=0) <= _STILL
     clear = (np.abs(left) > _EDGE_CONTRAST) & (np.abs(right) > _EDGE_CONTRAST)
-    edges = flips & clear & still
-    count = edges.sum(axis=1)
-    sums = edges.astype(np.float32) @ middle.T
-    mean = sums / np.maximum(count, 1)[:, None] / np.maximum(amplitude, 1e-6)
+    edges = (flips & clear & (flips.sum(axis=0) <= _STILL)).astype(np.float32)
+    count = edges.sum(axis=1, dtype=np.float64)
+    mean, square = (edges @ values.T / np.maximum(count, 1)[:, None] for values in (middle, middle**2))
+    sigma = np.sqrt(np.maximum(square - mean**2, 0) * _TOGETHER / np.maximum(count, 1)[:, None])
     mean[count < _LEAST_EDGES] = np.nan
-    return Stripes(middle, amplitude, count.astype(np.float64), mean.astype(np.float64))
+    return Stripes(middle, amplitude, mean / amplitude, np.where(fine.T, sigma, 0) / amplitude)
 
 
 def _differences(z: Float32Array, pairs: Sequence[tuple[int, int | None]]) -> Float32Array:

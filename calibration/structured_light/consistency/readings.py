@@ -19,6 +19,7 @@ from calibration.structured_light.consistency.edges import Stripes
 
 _AGREES = 0.3
 """Of the picture's contrast, with the sign of the code: right ones have 0.4 to 1.6, wrong ones 0 or the other sign."""
+_SIGMAS = 4.0
 _ALIKE = 0.992
 """Share of the places at which pictures agree that need not be told apart."""
 _MOST_READINGS = 128
@@ -61,7 +62,7 @@ class Reading:
         return Reading(self.picture, tuple(-s if k in turn else s for k, s in enumerate(self.sign)))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
     """What decides about a reading, gathered once."""
 
@@ -69,6 +70,8 @@ class Evidence:
     expected: FloatArray
     """(U, U) of slots: see :attr:`Slots.expected`."""
     at_edges: FloatArray
+    """(U, U) of pictures: see :class:`~calibration.structured_light.consistency.edges.Stripes`."""
+    sigma: FloatArray
     """(U, U) of pictures: see :class:`~calibration.structured_light.consistency.edges.Stripes`."""
     kind: IntArray
     """(U,) of pictures: those that agree at nearly all places have one number, opposite ones its negative."""
@@ -81,7 +84,8 @@ class Evidence:
 
     def contradictions(self, reading: Reading) -> BoolArray:
         """(U, U) pairs of slots: the second's picture does not show what it should at the edges of the first's."""
-        return np.asarray(self.agreement(reading) < _AGREES)
+        order = np.array(reading.picture)
+        return np.asarray(self.agreement(reading) < _AGREES - _SIGMAS * self.sigma[order[:, None], order])
 
     def consistent(self, reading: Reading) -> bool:
         """Whether no pair of pictures contradicts the code."""
@@ -104,7 +108,13 @@ def evidence_of(stripes: Stripes, slots: Slots) -> Evidence:
     near = np.abs(agree) > 2 * _ALIKE - 1
     first = near.argmax(axis=1)
     kind = (first + 1) * np.sign(agree[np.arange(len(first)), first])
-    return Evidence(slots, np.where(expected == 0, np.nan, expected), stripes.at_edges, kind.astype(np.int64))
+    return Evidence(
+        slots=slots,
+        expected=np.where(expected == 0, np.nan, expected),
+        at_edges=stripes.at_edges,
+        sigma=stripes.sigma,
+        kind=kind.astype(np.int64),
+    )
 
 
 def as_named(slots: Slots) -> Reading:

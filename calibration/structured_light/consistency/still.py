@@ -22,6 +22,8 @@ _LEAST_PEAK = 0.1
 _LEAST_PICTURE = 0.02
 """Of the variation of white plus black: what a photograph has to show to be found elsewhere."""
 _RESOLVED = 0.4
+_DARK = 0.15
+"""Of white plus black; half of it is what stripes have on the mean."""
 _GAINS = (0.3, 3.3)
 _FITS = 0.12
 """Of white minus black: what is left of a pair that is a pair up to its exposures."""
@@ -137,6 +139,7 @@ def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: fl
     plain = float(np.sqrt(np.mean((a + b - total) ** 2)))
     fits = left < _FITS * contrast and left < 0.5 * plain and (share > 0).all()
     gains = 1 / share if fits else np.ones(2)
+    gains = np.where(both.mean(axis=0) > _DARK * total.mean(), gains, 1.0)  # the dark tells nothing of its exposure
     within = (gains > _GAINS[0]) & (gains < _GAINS[1])
     return np.asarray(gains if within.all() else np.ones(2))
 

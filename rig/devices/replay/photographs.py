@@ -26,8 +26,10 @@ _Positive = Annotated[float, Field(gt=0)]
 _FileName = Annotated[str, Field(min_length=1)]
 _PatternName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
 _ROTATION_TOLERANCE = 1e-3
+_FULL_SCALE_OF_8_BITS = 255
 _METRES = {"m": 1.0, "mm": 1e-3}
 _GREY_WEIGHTS = (0.299, 0.587, 0.114)
+_COARSEST_FINEST_BIT = 8
 _LISTED = 12
 """Problems that a message lists."""
 
@@ -73,14 +75,17 @@ class _Pose(Table):
 
 
 class _GrayCode(Table):
-    columns: Annotated[tuple[_FileName, ...], Field(min_length=1)]
+    columns: tuple[_FileName, ...] = ()
     columns_inverse: tuple[_FileName, ...] = ()
-    rows: Annotated[tuple[_FileName, ...], Field(min_length=1)]
+    rows: tuple[_FileName, ...] = ()
     rows_inverse: tuple[_FileName, ...] = ()
+    finest_bit: Annotated[int, Field(ge=0, le=_COARSEST_FINEST_BIT)] = 0
     first_code: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] = (0, 0)
 
     @model_validator(mode="after")
     def _has_all_inverses_or_none(self) -> _GrayCode:
+        if not self.columns and not self.rows:
+            raise ValueError("names neither columns nor rows; name the photographs of one of them at least")
         for axis, plain, inverse in self.axes:
             if len(inverse) not in (0, len(plain)):
                 raise ValueError(
@@ -98,7 +103,7 @@ class _GrayCode(Table):
         for axis, plain, inverse in self.axes:
             for names, suffix in ((plain, ""), (inverse, "-inverse")):
                 for bit, file in zip(reversed(range(len(names))), names, strict=True):
-                    yield f"gray-{axis}-{bit:02d}{suffix}", file
+                    yield f"gray-{axis}-{bit + self.finest_bit:02d}{suffix}", file
 
 
 class _Document(Table):
@@ -130,6 +135,8 @@ class Manifest:
     """Unit of the pose in the file; a point cloud is written in it."""
     first_code: tuple[int, int]
     """(column, row) code shown at the projector's first pixel."""
+    finest_bit: int
+    """Bit of the finest stripes that were shown; 0 when none is missing."""
     frames: Mapping[str, Path]
     """Photograph of each pattern, by the pattern's name; Gray code and all others."""
 
@@ -156,6 +163,7 @@ def load_manifest(path: Path) -> Manifest:
         projector=None if pose is None else _pinhole(document.projector, pose),
         unit="m" if pose is None else pose.unit,
         first_code=(0, 0) if code is None else code.first_code,
+        finest_bit=0 if code is None else code.finest_bit,
         frames={name: path.parent / file for name, file in _named(document).items()},
     )
 
@@ -189,15 +197,18 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
     coded = ("gray-column-", "gray-row-")
     problems = [f"frames.{n}: belongs into [gray_code]" for n in frames if code and n.startswith(coded)]
     first = code.get("first_code", (0, 0))
+    finest = code.get("finest_bit", 0)
+    missing = finest if isinstance(finest, int) else 0
     offsets = first if isinstance(first, (list, tuple)) and len(first) == 2 else (0, 0)
     for axis, size, offset in (("columns", "width_px", offsets[0]), ("rows", "height_px", offsets[1])):
         files, size_px = code.get(axis), projector.get(size)
         if isinstance(files, list) and isinstance(size_px, int) and isinstance(offset, int) and size_px > 0:
-            needed = bits_for(size_px + max(offset, 0))
+            needed = max(1, bits_for(size_px + max(offset, 0)) - missing)
             if 0 < len(files) < needed:
                 problems.append(
                     f"gray_code.{axis}: names {len(files)} photographs, projector.{size} = {size_px} needs "
-                    f"{needed}; name one for each bit, most significant first"
+                    f"{needed}; name one for each bit, most significant first, or say in gray_code.finest_bit how many "
+                    "of the finest are missing"
                 )
     return problems
 
@@ -295,6 +306,8 @@ def _unfit(pixels: Photograph, manifest: Manifest) -> str:
     height, width = manifest.camera_shape
     if pixels.shape[:2] != (height, width):
         return f"is {pixels.shape[1]} × {pixels.shape[0]} px, the manifest's camera {width} × {height} px"
+    if pixels.dtype == np.uint8 and manifest.full_scale_dn > _FULL_SCALE_OF_8_BITS:
+        return f"has 8 bits, camera.full_scale_dn = {manifest.full_scale_dn} more; for 8 bits it is at most 255"
     brightest = int(pixels.max())
     if brightest > manifest.full_scale_dn:
         return f"has {brightest} dn, above camera.full_scale_dn = {manifest.full_scale_dn}"
