@@ -205,7 +205,7 @@ def vertical_set(camera_shape: tuple[int, int] = (288, 384), seed: int = 3) -> P
     projector = _pinhole(projector_shape, 1.25 * projector_shape[1], np.array([0.02, -0.22, 0.0]), 0.21)
     depth, plate = _cast(camera, _grid(camera_shape, 0.0, 0.0))
     rng = np.random.default_rng(seed)
-    samples = [_sample(camera, projector, (a / 3, b / 3), rng) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+    samples = [_sample(camera, projector, (a / 3, b / 3)) for a in (-1, 0, 1) for b in (-1, 0, 1)]
     frames = {
         pattern.name: _photographed(pattern.codes, samples, camera_shape, rng)
         for pattern in gray_code_patterns(projector_shape)
@@ -257,7 +257,7 @@ def _cast(camera: PinholeModel, xy_px: FloatArray) -> tuple[FloatArray, NDArray[
     rays = world_rays(camera, xy_px)
     slope = rays[:, :2] / rays[:, 2:]
     depth = np.ones(len(rays))
-    for _ in range(40):
+    for _ in range(15):
         depth = _wall_m(slope[:, 0] * depth, slope[:, 1] * depth)
     on_plate = _inside_plate(slope * _PLATE_M[4])
     return np.where(on_plate, _PLATE_M[4], depth), on_plate
@@ -281,10 +281,7 @@ class _Sample:
     """(N,) what is seen without."""
 
 
-def _sample(
-    camera: PinholeModel, projector: PinholeModel, offset_px: tuple[float, float], rng: np.random.Generator
-) -> _Sample:
-    del rng
+def _sample(camera: PinholeModel, projector: PinholeModel, offset_px: tuple[float, float]) -> _Sample:
     xy = _grid((camera.height_px, camera.width_px), *offset_px)
     depth, on_plate = _cast(camera, xy)
     rays = world_rays(camera, xy)

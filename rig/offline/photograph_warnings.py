@@ -15,6 +15,7 @@ from rig.offline.photograph_order import OrderedPhotographs
 
 _LEAST_BASELINE_M, _MOST_BASELINE_M = 3e-3, 30.0
 """No projector fits beside a camera below the first, nor lights a thing that both see from further apart."""
+_FULL_SCALE_OF_8_BITS = 255
 _LEAST_OF_FULL_SCALE = 1 / 8
 _MOST_SATURATED = 0.1
 _LEAST_READ = 0.5
@@ -37,6 +38,16 @@ def refuse_implausible_unit(manifest: Manifest) -> None:
         f"{manifest.path}: projector_from_camera.translation: camera and projector are {apart_m:.3g} m apart, the "
         f'limits are {_LEAST_BASELINE_M:g} and {_MOST_BASELINE_M:g} m; is the unit "{other}", not "{manifest.unit}"?'
     )
+
+
+def refuse_wrong_full_scale(manifest: Manifest, frames: Mapping[str, Photograph]) -> None:
+    """Raise ProfileError when photographs of 8 bits are given the full scale of more."""
+    coded = [frame for name, frame in frames.items() if name.startswith("gray-")]
+    if manifest.full_scale_dn > _FULL_SCALE_OF_8_BITS and all(frame.dtype == np.uint8 for frame in coded):
+        raise ProfileError(
+            f"{manifest.path}: camera.full_scale_dn: is {manifest.full_scale_dn}, but the photographs have 8 bits; "
+            f"set it to {_FULL_SCALE_OF_8_BITS}"
+        )
 
 
 def warnings_of(manifest: Manifest, photographs: OrderedPhotographs, correspondence: Correspondence) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, 
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.ply import write_ply
 from rig.offline.photograph_order import axes_of, decode, in_order, with_files
-from rig.offline.photograph_warnings import loss_warnings, refuse_implausible_unit, warnings_of
+from rig.offline.photograph_warnings import loss_warnings, refuse_implausible_unit, refuse_wrong_full_scale, warnings_of
 from rig.offline.records import ScanResult
 from rig.terminal import OnStep, silent
 
@@ -75,6 +75,7 @@ def run_scan(
     devices = _lenses(manifest)
     refuse_implausible_unit(manifest)
     frames = load_photographs(manifest, lambda done, total: on_step("read photographs", done, total))
+    refuse_wrong_full_scale(manifest, frames)
     limit_dn = _BIT_LIMIT * manifest.full_scale_dn if bit_limit_dn is None else bit_limit_dn
     on_step("decode and triangulate", 0, 1)
     scan = scan_photographs(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)

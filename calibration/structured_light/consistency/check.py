@@ -26,7 +26,7 @@ from calibration.structured_light.consistency.edges import (
 )
 from calibration.structured_light.consistency.readings import (
     Evidence,
-    Reading,
+    PictureOrder,
     Slots,
     as_named,
     consistent_readings,
@@ -266,7 +266,7 @@ def _likeliest(found: Sequence[Movement]) -> Movement:
     return max(between, key=lambda m: m.step_px) if between else found[-1]
 
 
-def _unexplained(evidence: Evidence, start: Reading, names: Sequence[str]) -> str:
+def _unexplained(evidence: Evidence, start: PictureOrder, names: Sequence[str]) -> str:
     against = evidence.contradictions(start)
     count = against.sum(axis=0) + against.sum(axis=1)
     worst = [names[k] for k in np.argsort(-count)[:2] if count[k]]
@@ -278,7 +278,7 @@ def _unexplained(evidence: Evidence, start: Reading, names: Sequence[str]) -> st
 
 
 def _by_name(
-    reading: Reading, patterns: Sequence[str], pictures: Sequence[tuple[int, int | None]], names: Sequence[str]
+    reading: PictureOrder, patterns: Sequence[str], pictures: Sequence[tuple[int, int | None]], names: Sequence[str]
 ) -> dict[str, str]:
     result = {}
     for pattern, picture, sign in zip(patterns, reading.picture, reading.sign, strict=True):

@@ -22,7 +22,7 @@ _AGREES = 0.3
 _SIGMAS = 4.0
 _ALIKE = 0.992
 """Share of the places at which pictures agree that need not be told apart."""
-_MOST_READINGS = 128
+_MOST_READINGS = 64
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class Slots:
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class PictureOrder:
     """One way to read the pictures: which of them is in which slot, and which way round."""
 
     picture: tuple[int, ...]
@@ -49,17 +49,17 @@ class Reading:
     sign: tuple[int, ...]
     """Of each slot: 1 as given, −1 pattern and inverse exchanged."""
 
-    def exchanged(self, a: int, b: int, signs: tuple[int, int] = (1, 1)) -> Reading:
+    def exchanged(self, a: int, b: int, signs: tuple[int, int] = (1, 1)) -> PictureOrder:
         """Return the reading with the pictures of two slots exchanged, each turned round where its sign is −1."""
         picture, sign = list(self.picture), list(self.sign)
         picture[a], picture[b] = self.picture[b], self.picture[a]
         sign[a], sign[b] = self.sign[b] * signs[0], self.sign[a] * signs[1]
-        return Reading(tuple(picture), tuple(sign))
+        return PictureOrder(tuple(picture), tuple(sign))
 
-    def turned(self, slots: Iterable[int]) -> Reading:
+    def turned(self, slots: Iterable[int]) -> PictureOrder:
         """Return the reading with the pictures of some slots turned round."""
         turn = set(slots)
-        return Reading(self.picture, tuple(-s if k in turn else s for k, s in enumerate(self.sign)))
+        return PictureOrder(self.picture, tuple(-s if k in turn else s for k, s in enumerate(self.sign)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,26 +76,26 @@ class Evidence:
     kind: IntArray
     """(U,) of pictures: those that agree at nearly all places have one number, opposite ones its negative."""
 
-    def agreement(self, reading: Reading) -> FloatArray:
+    def agreement(self, reading: PictureOrder) -> FloatArray:
         """(U, U) of slots: what is seen in the expected direction; NaN where nothing is expected or seen."""
         order = np.array(reading.picture)
         seen = self.at_edges[order[:, None], order] * np.array(reading.sign)
         return np.asarray(seen * self.expected)
 
-    def contradictions(self, reading: Reading) -> BoolArray:
+    def contradictions(self, reading: PictureOrder) -> BoolArray:
         """(U, U) pairs of slots: the second's picture does not show what it should at the edges of the first's."""
         order = np.array(reading.picture)
         return np.asarray(self.agreement(reading) < _AGREES - _SIGMAS * self.sigma[order[:, None], order])
 
-    def consistent(self, reading: Reading) -> bool:
+    def consistent(self, reading: PictureOrder) -> bool:
         """Whether no pair of pictures contradicts the code."""
         return not self.contradictions(reading).any()
 
-    def cost(self, reading: Reading) -> float:
+    def cost(self, reading: PictureOrder) -> float:
         """Grow with each contradiction."""
         return float(np.nansum(np.clip(1 - self.agreement(reading), 0, 2)))
 
-    def what_is_read(self, reading: Reading) -> tuple[int, ...]:
+    def what_is_read(self, reading: PictureOrder) -> tuple[int, ...]:
         """Return the same for readings that give every place the same position."""
         return tuple((self.kind[list(reading.picture)] * reading.sign).tolist())
 
@@ -117,25 +117,25 @@ def evidence_of(stripes: Stripes, slots: Slots) -> Evidence:
     )
 
 
-def as_named(slots: Slots) -> Reading:
+def as_named(slots: Slots) -> PictureOrder:
     """Return the reading that takes every picture for what it is called."""
     count = len(slots.bit)
-    return Reading(tuple(range(count)), (1,) * count)
+    return PictureOrder(tuple(range(count)), (1,) * count)
 
 
-def consistent_readings(evidence: Evidence, start: Reading) -> tuple[Reading, ...]:
+def consistent_readings(evidence: Evidence, start: PictureOrder) -> tuple[PictureOrder, ...]:
     """Find the readings of the pictures that do not contradict the code.
 
     Parameters
     ----------
     evidence : Evidence
-    start : Reading
+    start : PictureOrder
         As the pictures are named; comes first when it is consistent.
 
     Returns
     -------
-    tuple of Reading
-        Those that read some place otherwise than the ones before; at most 128. Empty when none was found: then the
+    tuple of PictureOrder
+        Those that read some place otherwise than the ones before; at most 64. Empty when none was found: then the
         pictures do not belong to one code and one still scene.
     """
     first = start if evidence.consistent(start) else _searched(evidence, start)
@@ -153,24 +153,24 @@ def consistent_readings(evidence: Evidence, start: Reading) -> tuple[Reading, ..
     return tuple(found.values())[:_MOST_READINGS]
 
 
-def _loose_slots(evidence: Evidence, reading: Reading) -> list[int]:
+def _loose_slots(evidence: Evidence, reading: PictureOrder) -> list[int]:
     """Slots whose pictures may be exchanged or turned without a contradiction."""
     moves = [move for move in _moves(reading, range(len(reading.sign))) if evidence.consistent(move)]
     return sorted({k for move in moves for k in range(len(reading.sign)) if _differs(move, reading, k)})
 
 
-def _differs(a: Reading, b: Reading, slot: int) -> bool:
+def _differs(a: PictureOrder, b: PictureOrder, slot: int) -> bool:
     return a.picture[slot] != b.picture[slot] or a.sign[slot] != b.sign[slot]
 
 
-def _moves(reading: Reading, among: Sequence[int]) -> Iterator[Reading]:
+def _moves(reading: PictureOrder, among: Sequence[int]) -> Iterator[PictureOrder]:
     """Single turns and exchanges among slots."""
     yield from (reading.turned([k]) for k in among)
     for a, b in combinations(among, 2):
         yield from (reading.exchanged(a, b, (first, second)) for first, second in product((1, -1), repeat=2))
 
 
-def _axes_exchanged(slots: Slots, reading: Reading) -> Iterator[Reading]:
+def _axes_exchanged(slots: Slots, reading: PictureOrder) -> Iterator[PictureOrder]:
     columns, rows = ([k for k, name in enumerate(slots.axis) if name == axis] for axis in ("column", "row"))
     if len(columns) == len(rows):
         order = np.arange(len(slots.bit))
@@ -178,11 +178,11 @@ def _axes_exchanged(slots: Slots, reading: Reading) -> Iterator[Reading]:
         yield _reordered(reading, order)
 
 
-def _reordered(reading: Reading, order: IntArray) -> Reading:
-    return Reading(tuple(reading.picture[k] for k in order), tuple(reading.sign[k] for k in order))
+def _reordered(reading: PictureOrder, order: IntArray) -> PictureOrder:
+    return PictureOrder(tuple(reading.picture[k] for k in order), tuple(reading.sign[k] for k in order))
 
 
-def _reversed(slots: Slots, reading: Reading) -> Reading:
+def _reversed(slots: Slots, reading: PictureOrder) -> PictureOrder:
     """Each axis with its finest picture first."""
     order = np.arange(len(slots.bit))
     for axis in set(slots.axis):
@@ -191,7 +191,7 @@ def _reversed(slots: Slots, reading: Reading) -> Reading:
     return _reordered(reading, order)
 
 
-def _searched(evidence: Evidence, start: Reading) -> Reading | None:
+def _searched(evidence: Evidence, start: PictureOrder) -> PictureOrder | None:
     """Walk downhill by single exchanges from the names, and from what people get wrong as a whole."""
     whole = (start, *_axes_exchanged(evidence.slots, start), _reversed(evidence.slots, start))
     starts = [*whole, *(reading.turned(range(len(reading.sign))) for reading in whole)]
@@ -202,7 +202,7 @@ def _searched(evidence: Evidence, start: Reading) -> Reading | None:
     return None
 
 
-def _descended(evidence: Evidence, reading: Reading) -> Reading:
+def _descended(evidence: Evidence, reading: PictureOrder) -> PictureOrder:
     cost, everywhere = evidence.cost(reading), range(len(reading.sign))
     while True:
         best = min(_moves(reading, everywhere), key=evidence.cost)

@@ -26,7 +26,6 @@ _Positive = Annotated[float, Field(gt=0)]
 _FileName = Annotated[str, Field(min_length=1)]
 _PatternName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
 _ROTATION_TOLERANCE = 1e-3
-_FULL_SCALE_OF_8_BITS = 255
 _METRES = {"m": 1.0, "mm": 1e-3}
 _GREY_WEIGHTS = (0.299, 0.587, 0.114)
 _COARSEST_FINEST_BIT = 8
@@ -306,8 +305,6 @@ def _unfit(pixels: Photograph, manifest: Manifest) -> str:
     height, width = manifest.camera_shape
     if pixels.shape[:2] != (height, width):
         return f"is {pixels.shape[1]} × {pixels.shape[0]} px, the manifest's camera {width} × {height} px"
-    if pixels.dtype == np.uint8 and manifest.full_scale_dn > _FULL_SCALE_OF_8_BITS:
-        return f"has 8 bits, camera.full_scale_dn = {manifest.full_scale_dn} more; for 8 bits it is at most 255"
     brightest = int(pixels.max())
     if brightest > manifest.full_scale_dn:
         return f"has {brightest} dn, above camera.full_scale_dn = {manifest.full_scale_dn}"

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.devices.replay.photographs import load_manifest, load_photographs
-from rig.errors import CalibrationFailed, DeviceLost, ProfileError
+from rig.devices.replay.photographs import load_manifest
+from rig.errors import CalibrationFailed, ProfileError
 from rig.files.pictures import write_png
 from rig.offline.photograph_order import with_files
 from rig.offline.photograph_warnings import refuse_implausible_unit
@@ -224,8 +224,8 @@ def test_metres_called_millimetres_are_refused(files: Path, relief: Any) -> None
 
 
 def test_eight_bits_with_the_full_scale_of_twelve_are_refused(files: Path, relief: Any) -> None:
-    with pytest.raises(DeviceLost, match=r"gray-column-07\.png: has 8 bits, camera\.full_scale_dn = 4095"):
-        load_photographs(load_manifest(manifest_of(files, relief, full_scale_dn="4095")))
+    with pytest.raises(ProfileError, match=r"camera\.full_scale_dn: is 4095, but the photographs have 8 bits"):
+        run_scan(manifest_of(files, relief, full_scale_dn="4095"), files / "cloud.ply")
 
 
 def test_a_code_of_neither_columns_nor_rows_is_refused(files: Path, relief: Any) -> None:
