@@ -179,6 +179,8 @@ def scan(
 ) -> int:
     """Turn Gray-code photographs and known lenses into a point cloud (.ply).
 
+    Status 1 if something is wrong with the photographs that could not be mended.
+
     Example: rig scan photographs/replay.toml -o cloud.ply
     """
     from rig.offline.scan import run_scan
@@ -213,3 +215,4 @@ def lenses(
         result = run_lenses(manifest, output, page, on_step=progress)
     print_json(result.as_json()) if as_json else print_lenses(result)
     return 0 if result.within_limits else 1
+    return 1 if result.warnings else 0

@@ -71,9 +71,13 @@ class ScanResult(Record):
     unit: str
     valid_share: float
     """Share of the camera's pixels that have a code."""
-    epipolar_median_px: float
-    """Before points beyond the limit were left out."""
+    epipolar_median_px: float | None
+    """Before points beyond the limit were left out; None where columns or rows alone were photographed."""
     left_out: int
     """Points beyond the epipolar limit, or alone."""
+    mended: tuple[str, ...]
+    """What was wrong with the photographs and could be put right, a sentence each."""
+    warnings: tuple[str, ...]
+    """What is wrong and could not: the cloud may be poor or incomplete."""
     seconds: float
     output: Path

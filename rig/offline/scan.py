@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,23 +13,24 @@ from numpy.typing import NDArray
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.plausibility import points_of
 from calibration.geometry.triangulation import (
-    PixelPairs,
-    Triangulation,
     average_by_projector_pixel,
     stands_alone,
-    triangulate,
 )
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.decode import decode_gray
+from calibration.structured_light.subpixel import refine_subpixel
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.ply import write_ply
+from rig.offline.photograph_order import axes_of, decode, in_order, with_files
+from rig.offline.photograph_warnings import loss_warnings, refuse_implausible_unit, refuse_wrong_full_scale, warnings_of
 from rig.offline.records import ScanResult
 from rig.terminal import OnStep, silent
 
 _BIT_LIMIT = 4.5 / 255
 """Share of full scale by which a pattern and its inverse have to differ: above the noise of a good JPEG."""
+_LEAST_TOLD = 0.5
 _PER_METRE = {"m": 1.0, "mm": 1000.0}
 _FRAME_COMMENT = "axes of the camera: x right, y down, z forward"
 
@@ -69,37 +72,108 @@ def run_scan(
     """
     started_s = time.perf_counter()
     manifest = load_manifest(manifest_path)
-    camera, projector = _lenses(manifest)
+    devices = _lenses(manifest)
+    refuse_implausible_unit(manifest)
     frames = load_photographs(manifest, lambda done, total: on_step("read photographs", done, total))
+    refuse_wrong_full_scale(manifest, frames)
     limit_dn = _BIT_LIMIT * manifest.full_scale_dn if bit_limit_dn is None else bit_limit_dn
     on_step("decode and triangulate", 0, 1)
-    try:
-        correspondence = _decode(manifest, frames, limit_dn)
-        pairs = average_by_projector_pixel(correspondence)
-        found = triangulate(pairs.camera_xy_px, pairs.projector_xy_px, camera, projector)
-    except CalibrationError as error:
-        raise CalibrationFailed(f"{manifest_path}: {error}") from error
-    epipolar_median_px = _agreement_px(manifest_path, found, epipolar_limit_px)
-    kept = _kept(pairs, found, correspondence.projector_shape, epipolar_limit_px)
-    _refuse_nothing(manifest_path, correspondence, kept, limit_dn)
-    points = found.points_m[kept] * _PER_METRE[manifest.unit]
+    scan = scan_photographs(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
+    points = scan.points_m * _PER_METRE[manifest.unit]
     comments = (f"unit {manifest.unit}", _FRAME_COMMENT)
-    write_ply(output_path, points, _colours(manifest, pairs.camera_xy_px[kept]), comments)
+    write_ply(output_path, points, _colours(manifest, scan.camera_xy_px), comments)
     on_step("decode and triangulate", 1, 1)
     return ScanResult(
-        points=int(kept.sum()),
+        points=len(points),
         unit=manifest.unit,
-        valid_share=float(correspondence.valid.mean()),
-        epipolar_median_px=epipolar_median_px,
-        left_out=int((~kept).sum()),
+        valid_share=scan.valid_share,
+        epipolar_median_px=scan.epipolar_median_px,
+        left_out=scan.left_out,
+        mended=scan.mended,
+        warnings=scan.warnings,
         seconds=time.perf_counter() - started_s,
         output=output_path,
     )
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Scan:
+    """Points of photographs, and how they came about."""
+
+    points_m: FloatArray
+    """(N, 3) in the camera's axes. [m]"""
+    camera_xy_px: FloatArray
+    """(N, 2) where the camera sees them. [px]"""
+    valid_share: float
+    """Share of the camera's pixels that have a code."""
+    epipolar_median_px: float | None
+    """None where columns or rows alone were photographed. [px]"""
+    left_out: int
+    mended: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def scan_photographs(
+    manifest: Manifest,
+    frames: Mapping[str, Photograph],
+    devices: tuple[PinholeModel, PinholeModel],
+    *,
+    limit_dn: float,
+    epipolar_limit_px: float,
+) -> Scan:
+    """Find the points that photographs show, and what is wrong with the photographs.
+
+    Parameters
+    ----------
+    manifest : Manifest
+    frames : mapping of pattern name to (H, W)
+        As the manifest names them. [dn]
+    devices : (camera, projector)
+    limit_dn : float
+        By which a pattern and its inverse have to differ.
+    epipolar_limit_px : float
+
+    Returns
+    -------
+    Scan
+
+    Raises
+    ------
+    CalibrationFailed
+        The photographs are not of one still scene and one code, or allow several orders; no point is left, most pixels
+        are beyond the epipolar limit, or camera and projector coincide.
+    """
+    try:
+        ordered = in_order(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
+        correspondence = decode(manifest, ordered.frames, limit_dn)
+        found = (
+            _points_by_projector_pixel(manifest, correspondence, devices)
+            if len(axes_of(frames)) == 2
+            else _points_by_camera_pixel(correspondence, devices)
+        )
+    except CalibrationError as error:
+        raise CalibrationFailed(f"{manifest.path}: {with_files(manifest, str(error))}") from error
+    epipolar_median_px = _agreement_px(manifest.path, found.epipolar_px, epipolar_limit_px)
+    kept = _kept(found, epipolar_limit_px)
+    _refuse_nothing(manifest.path, correspondence, kept, limit_dn)
+    return Scan(
+        points_m=found.points_m[kept],
+        camera_xy_px=found.camera_xy_px[kept],
+        valid_share=float(correspondence.valid.mean()),
+        epipolar_median_px=epipolar_median_px,
+        left_out=int((~kept).sum()),
+        mended=ordered.mended,
+        warnings=(
+            *ordered.warnings,
+            *warnings_of(manifest, ordered, correspondence),
+            *loss_warnings(float((~kept).mean()), epipolar_median_px),
+        ),
+    )
+
+
 def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:
     camera, projector = manifest.camera, manifest.projector
-    coded = any(name.startswith("gray-column-") for name in manifest.frames)
+    coded = any(name.startswith("gray-") for name in manifest.frames)
     needs = {
         "camera.lens": camera,
         "projector.lens and projector_from_camera": projector,
@@ -112,23 +186,68 @@ def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:
     return camera, projector
 
 
-def _decode(manifest: Manifest, frames: dict[str, Photograph], limit_dn: float) -> Correspondence:
-    return decode_gray(
-        {name: frame for name, frame in frames.items() if name.startswith("gray-")},
-        manifest.projector_shape,
-        white=frames.get("white"),
-        black=frames.get("black"),
-        contrast_limit=limit_dn,
-        bit_limit=limit_dn,
-        first_code=manifest.first_code,
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Found:
+    """Points before the wrong ones are left out."""
+
+    points_m: FloatArray
+    camera_xy_px: FloatArray
+    epipolar_px: FloatArray
+    """NaN where columns or rows alone were photographed."""
+    cell_xy: FloatArray | None
+    """(N, 2) whole projector pixels, or the stripes of which the code counts them; None where only one is known."""
+    cells: tuple[int, int]
+
+
+def _points_by_projector_pixel(
+    manifest: Manifest, correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]
+) -> _Found:
+    """One point for each projector pixel that is seen, or for each cell of the finest stripes that were shown."""
+    size = 2**manifest.finest_bit
+    first, middle = np.array(manifest.first_code, dtype=np.float32), (size - 1) / 2
+    cells = (correspondence.projector_xy_px + first - middle) / size
+    height, width = (
+        -(-(length + int(offset)) // size) for length, offset in zip(manifest.projector_shape, first[::-1], strict=True)
+    )
+    pairs = average_by_projector_pixel(Correspondence(cells, correspondence.reason, (height, width)))
+    projector_xy_px = pairs.projector_xy_px * size + middle - first
+    points_m, _, epipolar_px = points_of(pairs.camera_xy_px, projector_xy_px, devices)
+    return _Found(
+        points_m=points_m,
+        camera_xy_px=pairs.camera_xy_px,
+        epipolar_px=epipolar_px,
+        cell_xy=pairs.projector_xy_px,
+        cells=(height, width),
     )
 
 
-def _agreement_px(path: Path, found: Triangulation, limit_px: float) -> float:
-    """Median epipolar distance; nan when nothing was seen."""
-    if not len(found.epipolar_px):
-        return float("nan")
-    median_px = float(np.median(found.epipolar_px))
+def _points_by_camera_pixel(correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]) -> _Found:
+    """One point for each camera pixel: columns or rows alone name no projector pixel."""
+    refined = refine_subpixel(correspondence)
+    row, column = np.nonzero(refined.valid)
+    camera_xy_px = np.column_stack([column, row]).astype(np.float64)
+    points_m, _, epipolar_px = points_of(camera_xy_px, refined.projector_xy_px[row, column], devices)
+    told = float(np.isfinite(points_m[:, 0]).mean()) if len(row) else 1.0
+    if told < _LEAST_TOLD:
+        raise CalibrationError(
+            f"columns or rows alone give only {100 * told:.0f} % of their pixels a point (limit "
+            f"{100 * _LEAST_TOLD:g} %): their stripes run along the line from camera to projector; photograph the "
+            "other ones, or both"
+        )
+    return _Found(
+        points_m=points_m,
+        camera_xy_px=camera_xy_px,
+        epipolar_px=epipolar_px,
+        cell_xy=None,
+        cells=correspondence.projector_shape,
+    )
+
+
+def _agreement_px(path: Path, epipolar_px: FloatArray, limit_px: float) -> float | None:
+    """Median epipolar distance; None when nothing was seen, or columns or rows alone were."""
+    if not np.isfinite(epipolar_px).any():
+        return None
+    median_px = float(np.nanmedian(epipolar_px))
     if median_px > limit_px:
         raise CalibrationFailed(
             f"{path}: projector pixels lie {median_px:.1f} px (median) from their epipolar lines, the limit "
@@ -137,12 +256,11 @@ def _agreement_px(path: Path, found: Triangulation, limit_px: float) -> float:
     return median_px
 
 
-def _kept(
-    pairs: PixelPairs, found: Triangulation, projector_shape: tuple[int, int], epipolar_limit_px: float
-) -> NDArray[np.bool_]:
-    kept = np.isfinite(found.points_m).all(axis=1) & (found.epipolar_px <= epipolar_limit_px)
-    distance_m = np.linalg.norm(found.points_m[kept], axis=1)
-    kept[kept] = ~stands_alone(pairs.projector_xy_px[kept], distance_m, projector_shape)
+def _kept(found: _Found, epipolar_limit_px: float) -> NDArray[np.bool_]:
+    kept = np.isfinite(found.points_m).all(axis=1) & ~(found.epipolar_px > epipolar_limit_px)
+    if found.cell_xy is not None:
+        distance_m = np.linalg.norm(found.points_m[kept], axis=1)
+        kept[kept] = ~stands_alone(found.cell_xy[kept], distance_m, found.cells)
     return np.asarray(kept)
 
 
@@ -159,7 +277,8 @@ def _refuse_nothing(path: Path, correspondence: Correspondence, kept: NDArray[np
 
 def _colours(manifest: Manifest, camera_xy_px: FloatArray) -> NDArray[np.uint8]:
     """Colour of the nearest camera pixel: of white, or the larger of a pattern and its inverse."""
-    lit = ("white",) if "white" in manifest.frames else ("gray-column-00", "gray-column-00-inverse")
+    first = next(name for name in manifest.frames if name.startswith("gray-"))
+    lit = ("white",) if "white" in manifest.frames else (first, f"{first}-inverse")
     column, row = np.rint(camera_xy_px).astype(np.int64).T
     seen = [read_photograph(manifest.frames[name])[row, column] for name in lit if name in manifest.frames]
     brightest = np.max(seen, axis=0).astype(np.float64) * (255 / manifest.full_scale_dn)

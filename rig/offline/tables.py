@@ -23,5 +23,10 @@ def print_simulation(result: SimulationResult) -> None:
 
 
 def print_scan(result: ScanResult) -> None:
-    """Print point count, validity and epipolar distance."""
-    print_table("Scan", ["what", "value"], list(result.as_json().items()))
+    """Print point count, validity and epipolar distance, then what was mended and what is wrong."""
+    said = ("mended", "warnings")
+    print_table("Scan", ["what", "value"], [item for item in result.as_json().items() if item[0] not in said])
+    for sentence in result.mended:
+        print(f"mended: {sentence}")
+    for sentence in result.warnings:
+        print(f"warning: {sentence}")

@@ -28,6 +28,7 @@ _PatternName = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]*$")]
 _ROTATION_TOLERANCE = 1e-3
 _METRES = {"m": 1.0, "mm": 1e-3}
 _GREY_WEIGHTS = (0.299, 0.587, 0.114)
+_COARSEST_FINEST_BIT = 8
 _LISTED = 12
 """Problems that a message lists."""
 
@@ -73,14 +74,17 @@ class _Pose(Table):
 
 
 class _GrayCode(Table):
-    columns: Annotated[tuple[_FileName, ...], Field(min_length=1)]
+    columns: tuple[_FileName, ...] = ()
     columns_inverse: tuple[_FileName, ...] = ()
-    rows: Annotated[tuple[_FileName, ...], Field(min_length=1)]
+    rows: tuple[_FileName, ...] = ()
     rows_inverse: tuple[_FileName, ...] = ()
+    finest_bit: Annotated[int, Field(ge=0, le=_COARSEST_FINEST_BIT)] = 0
     first_code: tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]] = (0, 0)
 
     @model_validator(mode="after")
     def _has_all_inverses_or_none(self) -> _GrayCode:
+        if not self.columns and not self.rows:
+            raise ValueError("names neither columns nor rows; name the photographs of one of them at least")
         for axis, plain, inverse in self.axes:
             if len(inverse) not in (0, len(plain)):
                 raise ValueError(
@@ -98,7 +102,7 @@ class _GrayCode(Table):
         for axis, plain, inverse in self.axes:
             for names, suffix in ((plain, ""), (inverse, "-inverse")):
                 for bit, file in zip(reversed(range(len(names))), names, strict=True):
-                    yield f"gray-{axis}-{bit:02d}{suffix}", file
+                    yield f"gray-{axis}-{bit + self.finest_bit:02d}{suffix}", file
 
 
 class _Document(Table):
@@ -123,11 +127,15 @@ class Manifest:
     """(height, width) of the area that the patterns were shown in. [px]"""
     camera: PinholeModel | None
     """In its own frame, which is the world; None when the manifest has no lens."""
+    camera_is_cropped: bool
+    """Whether the manifest says that the photographs are a part of the picture that the lens numbers refer to."""
     projector: PinholeModel | None
     unit: Literal["m", "mm"]
     """Unit of the pose in the file; a point cloud is written in it."""
     first_code: tuple[int, int]
     """(column, row) code shown at the projector's first pixel."""
+    finest_bit: int
+    """Bit of the finest stripes that were shown; 0 when none is missing."""
     frames: Mapping[str, Path]
     """Photograph of each pattern, by the pattern's name; Gray code and all others."""
 
@@ -150,9 +158,11 @@ def load_manifest(path: Path) -> Manifest:
         black_level_dn=document.camera.black_level_dn,
         projector_shape=(document.projector.height_px, document.projector.width_px),
         camera=_pinhole(document.camera, None),
+        camera_is_cropped=document.camera.crop != _Crop(),
         projector=None if pose is None else _pinhole(document.projector, pose),
         unit="m" if pose is None else pose.unit,
         first_code=(0, 0) if code is None else code.first_code,
+        finest_bit=0 if code is None else code.finest_bit,
         frames={name: path.parent / file for name, file in _named(document).items()},
     )
 
@@ -186,15 +196,18 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
     coded = ("gray-column-", "gray-row-")
     problems = [f"frames.{n}: belongs into [gray_code]" for n in frames if code and n.startswith(coded)]
     first = code.get("first_code", (0, 0))
+    finest = code.get("finest_bit", 0)
+    missing = finest if isinstance(finest, int) else 0
     offsets = first if isinstance(first, (list, tuple)) and len(first) == 2 else (0, 0)
     for axis, size, offset in (("columns", "width_px", offsets[0]), ("rows", "height_px", offsets[1])):
         files, size_px = code.get(axis), projector.get(size)
         if isinstance(files, list) and isinstance(size_px, int) and isinstance(offset, int) and size_px > 0:
-            needed = bits_for(size_px + max(offset, 0))
+            needed = max(1, bits_for(size_px + max(offset, 0)) - missing)
             if 0 < len(files) < needed:
                 problems.append(
                     f"gray_code.{axis}: names {len(files)} photographs, projector.{size} = {size_px} needs "
-                    f"{needed}; name one for each bit, most significant first"
+                    f"{needed}; name one for each bit, most significant first, or say in gray_code.finest_bit how many "
+                    "of the finest are missing"
                 )
     return problems
 

@@ -1,0 +1,1 @@
+"""Whether photographs of a code are what they are called, from the photographs themselves."""

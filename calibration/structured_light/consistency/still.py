@@ -1,0 +1,151 @@
+"""Whether camera and scene stood still, and the exposure stayed, from photographs that come in complementary pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.arrays import Float32Array, FloatArray, Frame
+
+_WIDTH_PX = 432
+"""Of the photographs when they are laid over each other: found to a fifth of such a pixel."""
+_LEAST_STEP_PX = 1.5
+_LEAST_STEP = 0.0008
+"""Of the width. On a real scan of 44 photographs of a still object the largest step was 0.3 px of 432."""
+_ALONE = 4.0
+"""A single photograph, which may be dark but for its edges, is found four times less surely than a pair."""
+_LEAST_PEAK = 0.1
+"""Of the phase correlation: 0.13 was seen for photographs that are dark on the whole object, 0.00 for noise."""
+_LEAST_PICTURE = 0.02
+"""Of the variation of white plus black: what a photograph has to show to be found elsewhere."""
+_RESOLVED = 0.4
+_DARK = 0.15
+"""Of white plus black; half of it is what stripes have on the mean."""
+_GAINS = (0.3, 3.3)
+_FITS = 0.12
+"""Of white minus black: what is left of a pair that is a pair up to its exposures."""
+_CHANGED = 0.2
+"""A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than this."""
+
+
+@dataclass(frozen=True, slots=True)
+class Movement:
+    """A place in the sequence at which the picture jumps."""
+
+    before: int
+    after: int
+    """Indices of photographs: the last at the old place, the first at the new one."""
+    step_px: float
+
+
+def movements(pairs: Sequence[tuple[Frame, Frame]]) -> tuple[Movement, ...]:
+    """Find where the camera, or what it sees, moved.
+
+    The sum of a pair is the scene under white light, whatever the stripes; sums are laid over each other by phase
+    correlation, and each photograph over what its complement and the neighbouring sum say it should be.
+
+    Parameters
+    ----------
+    pairs : sequence of ((H, W), (H, W))
+        Pattern and inverse in the order in which they were taken, the finest stripes of an axis last. [dn]
+
+    Returns
+    -------
+    tuple of Movement
+        Photograph 2 k is pattern k, 2 k + 1 its inverse; empty when all stood still.
+    """
+    if len(pairs) < 2:
+        return ()
+    scale = max(1, pairs[0][0].shape[1] // _WIDTH_PX)
+    small = [(_small(a, scale), _small(b, scale)) for a, b in pairs]
+    limit_px = max(_LEAST_STEP_PX, _LEAST_STEP * pairs[0][0].shape[1])
+    sums = [a + b for a, b in small]
+    window = np.asarray(cv2.createHanningWindow(sums[0].shape[::-1], cv2.CV_32F), dtype=np.float32)
+    found = []
+    for k in range(1, len(sums)):
+        step, peak = _shift(sums[k - 1], sums[k], window)
+        if step * scale > limit_px and peak > _LEAST_PEAK:
+            found.append(Movement(2 * k - 1, 2 * k, step * scale))
+    inside = [_within_pair(small, sums, k, window) for k in range(len(sums))]
+    alone = [
+        Movement(2 * k, 2 * k + 1, step * scale) for k, step in enumerate(inside) if step * scale > _ALONE * limit_px
+    ]
+    return tuple(sorted(found + alone, key=lambda movement: movement.after))
+
+
+def _small(frame: Frame, scale: int) -> Float32Array:
+    height, width = frame.shape
+    size = max(2, width // scale), max(2, height // scale)
+    return np.asarray(cv2.resize(frame.astype(np.float32), size, interpolation=cv2.INTER_AREA))
+
+
+def _shift(a: Float32Array, b: Float32Array, window: Float32Array) -> tuple[float, float]:
+    """(length, peak) of the shift that lays b over a."""
+    (right, down), peak = cv2.phaseCorrelate(a.copy(), b.copy(), window)  # it may multiply the window into its inputs
+    return float(np.hypot(right, down)), float(peak)
+
+
+def _within_pair(
+    small: Sequence[tuple[Float32Array, Float32Array]], sums: Sequence[Float32Array], k: int, window: Float32Array
+) -> float:
+    """Largest shift of a photograph of a pair against what the other and the neighbouring sum say."""
+    neighbour = sums[k + 1] if k + 1 < len(sums) else sums[k - 1]
+    white = neighbour * (sums[k].sum() / max(float(neighbour.sum()), 1e-6))
+    most = 0.0
+    for shown, other in (small[k], small[k][::-1]):
+        expected = white - other
+        if expected.std() < _LEAST_PICTURE * white.std():
+            continue
+        step, peak = _shift(expected, shown, window)
+        most = max(most, step if peak > _LEAST_PEAK else 0.0)
+    return most
+
+
+def exposure_gains(values: FloatArray | Float32Array, pairs: Sequence[tuple[int, int]]) -> FloatArray:
+    """Find photographs that were exposed otherwise than the rest.
+
+    Parameters
+    ----------
+    values : (N, K)
+        All photographs at lit places. [dn]
+    pairs : sequence of (photograph, complement)
+        Indices, as the photographs are named; pairs that are none get 1.
+
+    Returns
+    -------
+    (N,) float64
+        Exposure relative to the others'; exactly 1 where it differs by less than a fifth.
+    """
+    gains = np.ones(len(values))
+    total = 2 * values.mean(axis=0, dtype=np.float64)
+    contrast = float((values.max(axis=0).astype(np.float64) - values.min(axis=0)).mean())
+    for a, b in pairs:
+        found = _gains_of_pair(values[a].astype(np.float64), values[b].astype(np.float64), total, contrast)
+        if np.abs(np.log(found)).max() > _CHANGED:
+            gains[[a, b]] = np.where(np.abs(np.log(found)) > _CHANGED, found, 1.0)
+    return gains
+
+
+def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: float) -> FloatArray:
+    """(2,) exposures of two photographs that add up to the total when divided by them; 1 when none do."""
+    if np.abs(a - b).mean() < _RESOLVED * contrast * min(a.mean(), b.mean()) / max(a.mean(), b.mean(), 1e-6):
+        return _gains_of_fine(float(a.mean()), float(b.mean()), float(total.mean()) / 2)
+    both = np.column_stack([a, b])
+    share, *_ = np.linalg.lstsq(both, total, rcond=None)
+    left = float(np.sqrt(np.mean((both @ share - total) ** 2)))
+    plain = float(np.sqrt(np.mean((a + b - total) ** 2)))
+    fits = left < _FITS * contrast and left < 0.5 * plain and (share > 0).all()
+    gains = 1 / share if fits else np.ones(2)
+    gains = np.where(both.mean(axis=0) > _DARK * total.mean(), gains, 1.0)  # the dark tells nothing of its exposure
+    within = (gains > _GAINS[0]) & (gains < _GAINS[1])
+    return np.asarray(gains if within.all() else np.ones(2))
+
+
+def _gains_of_fine(a: float, b: float, usual: float) -> FloatArray:
+    """(2,) exposures of a pair whose stripes are fine, so that both are equally bright but for the exposure."""
+    ratio = max(a, 1e-6) / max(b, 1e-6)
+    a_is_other = abs(np.log(max(a, 1e-6) / usual)) > abs(np.log(max(b, 1e-6) / usual))
+    return np.array([ratio, 1.0]) if a_is_other else np.array([1.0, 1 / ratio])
