@@ -190,7 +190,7 @@ def scan(
     with TerminalProgress() as progress:
         result = run_scan(manifest, output, on_step=progress)
     print_json(result.as_json()) if as_json else print_scan(result)
-    return 0
+    return 1 if result.warnings else 0
 
 
 def lenses(
@@ -215,4 +215,3 @@ def lenses(
         result = run_lenses(manifest, output, page, on_step=progress)
     print_json(result.as_json()) if as_json else print_lenses(result)
     return 0 if result.within_limits else 1
-    return 1 if result.warnings else 0

@@ -171,8 +171,7 @@ def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> C
     code = find_code(session.profile.patterns.code)
     names = code.pattern_names(projector_shape)
     white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
-    limit = _SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
-    limit = NOISE_SIGMAS * np.sqrt(2) * _noise_dn(white, black, radiometric)
+    limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
     saturation: float = radiometric.saturation_dn * white.shape[2]
     read: Callable[[NDArray[np.uint16]], Frame] = partial(_grey, radiometric=radiometric)
     if not _has_inverses(names):

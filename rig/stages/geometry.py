@@ -129,7 +129,6 @@ def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
 
 
 def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnStep) -> GeometryRecord:
-    """Find lenses, poses, walls and metres. Raises CalibrationError with the cause."""
     """Find lenses, poses, walls and metres, and hold them against every length that the profile gives.
 
     Parameters
@@ -164,9 +163,6 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         right_angles=profile.box.right_angles,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
-    pair = _in_metres(pair, profile)
-    box = room_from_stereo(pair, profile.box.size_m, profile.box.closed)
-    return _record(profile, pair, box)
     room = _room(pair, profile, NO_TAPE_ERROR)
     sigmas = _sigmas(pair, profile, room)
     if profile.box.size_m is not None:
