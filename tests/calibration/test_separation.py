@@ -78,9 +78,7 @@ def test_with_a_correspondence_both_parts_are_right_to_half_a_percent_however_bl
 ) -> None:
     """At 1.8 px the blur reaches the middle of every check: means over lit and unlit checks would lose a tenth."""
     true = scene(defocus_px, noise)
-    found = separate_by_pattern(
-        true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32)
-    )
+    found = separate_by_pattern(true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32))
     assert found.valid.mean() > 0.95
     assert abs(bias(found.direct, true.direct, found.valid)) < 0.005
     assert abs(bias(found.global_, true.global_, found.valid)) < 0.008
