@@ -49,9 +49,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _LEAST_DIRECT = 0.05
-"""A pixel is lit when its direct light is above this share of the median of the lit ..."""
 _LEAST_IN_A_BAND = 0.005
-"""... and in each band above this share."""
+"""A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
 _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
 _LEAST_WHITE_SHARE = 0.3
