@@ -171,8 +171,7 @@ def model_settings(session: Session) -> JsonObject:
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
         "blur": "of both lenses",
-        "unseen": "by wall",
-        "edges_px": EDGE_PX,
+        "unseen": ["by wall", EDGE_PX, "flux bears a misfit"],
     }
 
 
@@ -183,7 +182,7 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     bands, valid = _light(session)
     lit = _lit(bands, valid)
     blur = session.finished("separation").load_image("blur")
-    border = np.maximum(blur["white_share"].astype(np.float64), _LEAST_WHITE_SHARE)
+    border = np.maximum(blur["white_share"], np.float32(_LEAST_WHITE_SHARE))
     gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
     on_model = on_the_model(bare.projector, bare.camera_hits, np.stack([blur["column"], blur["row"]], axis=-1))
