@@ -26,6 +26,10 @@ _SAME_WALL_SPREAD, _OTHER_WALL_SPREAD = 0.03, 0.06
 the mean of the others: painted rooms, whose texture is some percent."""
 _COMMON_REFLECTANCE = 0.6
 """Of a painted wall: where an open scene sends little light around, the flux is all but undetermined, so start here."""
+_COMMON_SPREAD = 0.2
+"""Standard deviation of that among painted walls."""
+_COARSE_MISFIT = 0.05
+"""Relative residual of global light that patches a fourteenth of the room wide leave in rooms that are right."""
 _LEAST_TYPICAL = 0.05
 """Of the median lit patch: bounds the flux from above."""
 _UNSEEN_RANGE = (0.05, 0.97)
@@ -176,8 +180,13 @@ class _Room:
         rho, arriving = self.solve(z)
         error = self.global_errors(rho, arriving) / self.global_error
         expected, spread = self.expected_of_unseen(rho)
+        typical = (rho[self.lit].mean() - _COMMON_REFLECTANCE) / _COMMON_SPREAD
         return np.concatenate(
-            [error / np.sqrt(max(self.fitted.sum() / _INDEPENDENT_PATCHES, 1.0)), (z[1:] - expected) / spread]
+            [
+                error / np.sqrt(max(self.fitted.sum() / _INDEPENDENT_PATCHES, 1.0)),
+                (z[1:] - expected) / spread,
+                [typical],
+            ]
         )
 
     def global_errors(self, rho: FloatArray, arriving: FloatArray) -> FloatArray:
@@ -212,6 +221,10 @@ class _Room:
     def fit(self, z: FloatArray, covariance: FloatArray) -> ReflectanceFit:
         """The result, with what the covariance of z makes of every patch."""
         rho, arriving = self.solve(z)
+        rms = float(np.sqrt(np.mean(self.global_errors(rho, arriving) ** 2)))
+        # A misfit beyond that of coarse patches is a wrong room: it does not average out, and the flux bears it.
+        covariance = covariance.copy()
+        covariance[0, 0] += max(rms - _COARSE_MISFIT, 0.0) ** 2
         steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
         moves = np.diag(0.1 * steps)
         turned = np.stack([(self.solve(z + move)[0] - rho) / move.sum() for move in moves])
@@ -226,7 +239,7 @@ class _Room:
             sigma=np.sqrt(variance),
             flux=float(np.exp(z[0])),
             unseen_reflectance=float(rho[unseen].mean()) if unseen.any() else float(rho.mean()),
-            global_rms=float(np.sqrt(np.mean(self.global_errors(rho, arriving) ** 2))),
+            global_rms=rms,
             flux_sigma=float(np.exp(z[0]) * steps[0]),
             unseen_sigma=float(np.sqrt(shares @ covariance[1:, 1:] @ shares)),
         )

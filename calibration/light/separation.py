@@ -43,7 +43,7 @@ _MOST_OF_WHITE = 1.2
 """Direct light above this share of white is a wrong correspondence: noise of a lit pixel is a few percent."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Separation:
     """Light for a white picture, in the unit of the frames."""
 
@@ -116,9 +116,9 @@ def separate(
         scale = np.where(total > 0, white / np.where(total > 0, total, 1), 1)
         direct, global_ = direct * scale, global_ * scale
     return Separation(
-        direct.astype(np.float32),
-        np.maximum(global_, 0).astype(np.float32),
-        valid & (direct >= 0) & (global_ >= 0),
+        direct=direct.astype(np.float32),
+        global_=np.maximum(global_, 0).astype(np.float32),
+        valid=valid & (direct >= 0) & (global_ >= 0),
     )
 
 
@@ -195,9 +195,9 @@ def separate_by_pattern(
     inside = white_share(footprint_map(spread, correspondence), correspondence.projector_shape)
     direct = np.where(valid, direct * inside, 0).astype(np.float32)
     return Separation(
-        direct,
-        np.maximum(white - direct, 0).astype(np.float32),
-        valid,
+        direct=direct,
+        global_=np.maximum(white - direct, 0).astype(np.float32),
+        valid=valid,
         variance=np.where(valid, variance, np.inf).astype(np.float32),
         projector_xy_px=np.where(correspondence.valid[..., None], xy_px, np.nan).astype(np.float32),
     )

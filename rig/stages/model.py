@@ -9,9 +9,9 @@ from functools import lru_cache
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
 
 from calibration.errors import CalibrationError
+from calibration.light.faces import EDGE_PX, PatchCounts, away_from_edges, patch_means, smoothed_along_faces
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import image_of, layers
@@ -32,29 +32,27 @@ from rig.stages.scene_model import (
     box_scene,
     camera_view,
     cast_pixels,
+    face_of_pixels,
+    on_the_model,
     posed_lens,
+    seen_from,
     unit_emission,
+    wall_of_patches,
     white_irradiance,
 )
 from rig.terminal import OnStep
 from sim.form_factors import form_factors
 from sim.geometry.optics import project
 from sim.geometry.scene import Scene
-from sim.light.transport_of_scene import smooth_view
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _LEAST_DIRECT = 0.05
-"""A pixel is lit when its direct light is above this share of the median of the lit ..."""
 _LEAST_IN_A_BAND = 0.005
-"""... and in each band above this share."""
+"""A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
 _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
-_MOST_OFF_PX = 4.0
-"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
-_EDGE_PX = 3
-"""Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 _SMOOTHING_SHARE = 0.003
@@ -173,8 +171,7 @@ def model_settings(session: Session) -> JsonObject:
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
         "blur": "of both lenses",
-        "unseen": "by wall",
-        "edges_px": _EDGE_PX,
+        "unseen": ["by wall", EDGE_PX, "flux bears a misfit"],
     }
 
 
@@ -185,11 +182,11 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     bands, valid = _light(session)
     lit = _lit(bands, valid)
     blur = session.finished("separation").load_image("blur")
-    border = np.maximum(blur["white_share"].astype(np.float64), _LEAST_WHITE_SHARE)
+    border = np.maximum(blur["white_share"], np.float32(_LEAST_WHITE_SHARE))
     gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
-    on_model = _on_the_model(bare, np.stack([blur["column"], blur["row"]], axis=-1))
-    inner = lit & _away_from_edges(bare.camera_hits, lit.shape) & on_model
+    on_model = on_the_model(bare.projector, bare.camera_hits, np.stack([blur["column"], blur["row"]], axis=-1))
+    inner = lit & away_from_edges(face_of_pixels(bare.camera_hits, lit.shape)) & on_model
     vignetting = _fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)
@@ -231,21 +228,6 @@ def _lit(bands: list[_BandLight], valid: BoolArray) -> BoolArray:
     return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
 
 
-def _away_from_edges(camera_hits: PixelHits, shape: tuple[int, ...]) -> BoolArray:
-    """(H, W) pixels into which the lens mixes no light of another wall."""
-    face = camera_hits.hits.face.reshape(shape).astype(np.float32)
-    window = np.ones((2 * _EDGE_PX + 1,) * 2, dtype=np.uint8)
-    return np.asarray(cv2.dilate(face, window) == cv2.erode(face, window))
-
-
-def _on_the_model(geometry: _Geometry, projector_xy_px: NDArray[np.float32]) -> BoolArray:
-    """(H, W) pixels that see in the model what the code says: not a floor that was put where nobody looked."""
-    expected = project(geometry.projector.lens, geometry.projector.pose, geometry.camera_hits.points_m)
-    with np.errstate(invalid="ignore"):
-        off = np.abs(expected.reshape(projector_xy_px.shape) - projector_xy_px).max(axis=-1)
-        return np.asarray(off < _MOST_OFF_PX)
-
-
 def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
     """(H, W) direct light of white, 0 where not lit.
 
@@ -253,29 +235,17 @@ def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> F
     vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
     """
     share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
-    return _smoothed_along_faces(share, lit, camera_hits) * light.white
-
-
-def _smoothed_along_faces(values: FloatArray, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
-    """(H, W) means around each lit pixel over the lit pixels of its face; 0 where not lit."""
-    face = camera_hits.hits.face.reshape(lit.shape)
-    sigma = _SMOOTHING_SHARE * lit.shape[1]
-    smooth = np.zeros(lit.shape)
-    for k in np.unique(face[lit]):
-        on = (lit & (face == k)).astype(np.float64)
-        weight = cv2.GaussianBlur(on, (0, 0), sigma)
-        total = cv2.GaussianBlur(np.where(lit, values, 0.0) * on, (0, 0), sigma)
-        smooth = np.where(on > 0, total / np.maximum(weight, 1e-9), smooth)
-    return smooth
+    return smoothed_along_faces(share, lit, face_of_pixels(camera_hits, lit.shape), _SMOOTHING_SHARE) * light.white
 
 
 def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
     direct_of_white, modelled = _simulated_white(scene_model)
+    face = face_of_pixels(scene_model.camera_hits, lit.shape)
     known = lit & (modelled > 0)
     measured = light.white - direct_of_white
     ratio = np.where(known, measured / np.where(known, modelled, 1.0), 1.0)
-    return np.where(lit, _smoothed_along_faces(ratio, lit, scene_model.camera_hits), 1.0)
+    return np.where(lit, smoothed_along_faces(ratio, lit, face, _SMOOTHING_SHARE), 1.0)
 
 
 def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
@@ -305,45 +275,18 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
     border = cv2.dilate((light.direct > 0.02 * np.median(light.direct[lit])).astype(np.uint8), np.ones((9, 9)))
     dark = (border == 0).ravel() & (hits.patch >= 0)
     global_light = np.where(lit_flat, light.white.ravel() - gain.ravel(), light.white.ravel()) / brightness
-    per_lit = _patch_mean(scene, hits.patch, direct, lit_flat)
-    per_global = _patch_mean(scene, hits.patch, global_light, lit_flat | dark)
+    counts = PatchCounts(scene.n_patches, _LEAST_PIXELS)
+    per_lit = patch_means(direct, hits.patch, lit_flat, counts)
+    per_global = patch_means(global_light, hits.patch, lit_flat | dark, counts)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
     return estimate_reflectance(
         per_lit,
         per_global,
         irradiance,
         form_factors(scene).matrix,
-        wall=_wall_of_patches(scene),
-        seen_from=_seen_from(geometry, lit_flat | dark),
+        wall=wall_of_patches(scene),
+        seen_from=seen_from(scene, hits, lit_flat | dark),
     )
-
-
-def _wall_of_patches(scene: Scene) -> NDArray[np.intp]:
-    wall = np.zeros(scene.n_patches, dtype=np.intp)
-    for k, face in enumerate(scene.faces):
-        wall[face.patches] = k
-    return wall
-
-
-def _seen_from(geometry: _Geometry, chosen: BoolArray) -> csr_array:
-    """(P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
-    bare, hits = geometry.scene, geometry.camera_hits.hits
-    own = np.where(chosen, bare.reflectance[hits.patch], 0.0)
-    weights = smooth_view(bare, hits, own)
-    pixels = np.flatnonzero(chosen)
-    places = (np.ones(len(pixels)), (hits.patch[pixels], pixels))
-    sums = csr_array(csr_array(places, shape=(bare.n_patches, len(own))) @ weights)
-    count = np.maximum(np.bincount(hits.patch[pixels], minlength=bare.n_patches), 1)
-    unseen = csr_array(diags_array((np.bincount(hits.patch[pixels], minlength=bare.n_patches) == 0).astype(float)))
-    return csr_array(diags_array(1 / count) @ sums + unseen)
-
-
-def _patch_mean(scene: Scene, patch: NDArray[np.intp], values: FloatArray, chosen: BoolArray) -> FloatArray:
-    """(P,) mean over each patch's chosen pixels, NaN where they are too few."""
-    index = patch[chosen]
-    count = np.bincount(index, minlength=scene.n_patches)
-    total = np.bincount(index, values[chosen], minlength=scene.n_patches)
-    return np.where(count >= _LEAST_PIXELS, total / np.maximum(count, 1), np.nan)
 
 
 def _band_model(fit: ReflectanceFit, light: _BandLight, lit: BoolArray) -> BandModel:

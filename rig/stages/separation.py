@@ -181,9 +181,9 @@ def _joined(bands: Sequence[Separation]) -> Separation:
     """All bands in one; the places are the first band's."""
     variances = [band.variance for band in bands if band.variance is not None]
     return Separation(
-        np.stack([band.direct for band in bands], axis=-1),
-        np.stack([band.global_ for band in bands], axis=-1),
-        np.stack([band.valid for band in bands], axis=-1),
+        direct=np.stack([band.direct for band in bands], axis=-1),
+        global_=np.stack([band.global_ for band in bands], axis=-1),
+        valid=np.stack([band.valid for band in bands], axis=-1),
         variance=np.stack(variances, axis=-1) if variances else None,
         projector_xy_px=bands[0].projector_xy_px,
     )

@@ -1,0 +1,56 @@
+"""Light along the faces of a room: smoothed within each, taken away from their edges, averaged over patches."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arrays import BoolArray, FloatArray
+
+EDGE_PX = 3
+"""Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
+
+
+class PatchCounts(NamedTuple):
+    """How many patches there are, and how many pixels one needs before its mean counts."""
+
+    n_patches: int
+    least_pixels: int
+
+
+def away_from_edges(face: NDArray[np.integer]) -> BoolArray:
+    """Return (H, W) pixels into which the lens mixes no light of another face, of the face (H, W) that each sees."""
+    window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
+    numbers = face.astype(np.float32)
+    return np.asarray(cv2.dilate(numbers, window) == cv2.erode(numbers, window))
+
+
+def smoothed_along_faces(
+    values: FloatArray, lit: BoolArray, face: NDArray[np.integer], share_of_width: float
+) -> FloatArray:
+    """Return (H, W) means of values around each lit pixel over the lit pixels of its face; 0 where not lit.
+
+    Parameters
+    ----------
+    values, lit, face : (H, W)
+    share_of_width : float
+        Spread of the smoothing, of the picture's width.
+    """
+    smooth = np.zeros(lit.shape)
+    for k in np.unique(face[lit]):
+        on = (lit & (face == k)).astype(np.float64)
+        weight = cv2.GaussianBlur(on, (0, 0), share_of_width * lit.shape[1])
+        total = cv2.GaussianBlur(np.where(lit, values, 0.0) * on, (0, 0), share_of_width * lit.shape[1])
+        smooth = np.where(on > 0, total / np.maximum(weight, 1e-9), smooth)
+    return smooth
+
+
+def patch_means(values: FloatArray, patch: NDArray[np.integer], chosen: BoolArray, counts: PatchCounts) -> FloatArray:
+    """Return (P,) means over each patch's chosen pixels, of values, patches and choice (N,); NaN where too few."""
+    index = patch[chosen]
+    count = np.bincount(index, minlength=counts.n_patches)
+    total = np.bincount(index, values[chosen], minlength=counts.n_patches)
+    return np.where(count >= counts.least_pixels, total / np.maximum(count, 1), np.nan)
