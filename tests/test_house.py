@@ -176,6 +176,7 @@ def test_the_layers_are_kept(copied_tree: Path) -> None:
         ("sim/geometry/surface.py", "import sim.light.radiosity"),
         ("calibration/radiometry/mixing.py", "import calibration.structured_light.decode"),
         ("calibration/geometry/pinhole.py", "import calibration.light.separation"),
+        ("calibration/lenses/lens.py", "import calibration.geometry.pinhole"),
     ],
 )
 def test_a_planted_wrong_import_is_found(copied_tree: Path, file: str, line: str) -> None:

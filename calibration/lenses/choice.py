@@ -29,6 +29,8 @@ _SURE = 0.99
 _HARM = 1.05
 """How much worse the usual model has to predict before a leaner one is taken: three needless terms cost far less, and
 their lack was seen to put principal points off by three of their sigmas."""
+_EQUAL = 1.02
+"""Of the best model's error: richer than the usual one, and no worse than this, the leanest is taken."""
 _FAIR = 1e-5
 """Share of the cost below which a step no longer decides between models."""
 
@@ -89,7 +91,7 @@ def _chosen(scores: list[ModelScore]) -> ModelScore:
     if _as_good(usual, best):
         return usual
     if scores.index(best) > scores.index(usual):
-        return next(score for score in scores[scores.index(usual) :] if _as_good(score, best))
+        return next(score for score in scores[scores.index(usual) :] if score.left_out_px <= _EQUAL * best.left_out_px)
     if usual.left_out_px < _HARM * best.left_out_px:
         return usual
     return next(score for score in scores if _as_good(score, best))

@@ -197,10 +197,12 @@ def _why_not(shown: NDArray[np.uint8], board: Board, corners: int) -> str:
         return "is mirrored: give the photograph as the camera took it"
     other = _other_size(shown, board)
     if other is not None:
+        cut = ", or show all of the board: part of it may lie outside the picture"
+        fewer = other[0] * other[1] < board.columns * board.rows
         return (
             f"shows a board of {other[0]} × {other[1]} inner corners, the manifest says {board.columns} × "
             f"{board.rows}: "
-            "correct [board] columns and rows (corners between squares, not squares)"
+            f"correct [board] columns and rows (corners between squares, not squares){cut if fewer else ''}"
         )
     if _is_blurred(shown):
         return "is blurred: no sharp edge in it; focus on the board, and hold it still"

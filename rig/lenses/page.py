@@ -70,8 +70,8 @@ def _charts(device: DeviceLens, maps: DeviceMaps) -> list[LensChart]:
             f"{device.name}: uncertainty of projection",
             "One standard deviation, in the worst direction, of the pixel at which a fixed point is seen: at the "
             f"boards' distance of {maps.near_m:.2f} m, and far away. It covers the noise of the corners and the "
-            "scatter of the views; outside the corners' outline the lens is extrapolated, and the colours end at 1.5 times "
-            "the worst within it.",
+            "scatter of the views; outside the corners' outline the lens is extrapolated, and the colours end at 1.5 "
+            "times the worst within it.",
             png_figure(_sigma_figure(maps)),
         ),
     ]
