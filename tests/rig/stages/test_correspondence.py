@@ -1,0 +1,50 @@
+"""Step `gray` and `correspondence`: patterns as light, photographs as light, reasons in the report."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration import CODES, Pattern, PixelReason
+from calibration.radiometry.response import Response, linear_from_codes
+from rig.report.pictures import REASONS
+from rig.stages import correspondence
+from rig.stages.correspondence import _as_light, _has_inverses
+
+LEVELS = np.arange(256.0)
+RESPONSES = tuple(Response(LEVELS, (LEVELS / 255) ** gamma, 0.0) for gamma in (1.8, 2.2, 2.6))
+
+
+@pytest.fixture(params=[1, 3])
+def responses(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[Response, ...]:
+    chosen = RESPONSES[: request.param]
+    monkeypatch.setattr(
+        correspondence, "load_radiometric_calibration", lambda session: SimpleNamespace(projector=chosen)
+    )
+    return chosen
+
+
+def test_grey_levels_of_a_code_are_shown_as_light(responses: tuple[Response, ...]) -> None:
+    wanted = next(iter(CODES["three-frequency"].patterns((48, 64))))
+    (shown,) = _as_light([wanted], session=None)  # type: ignore[arg-type]
+    assert shown.name == wanted.name
+    codes = shown.codes.reshape(48, 64, len(responses))
+    for q, response in enumerate(responses):
+        light = linear_from_codes(response, codes[..., q])
+        assert np.abs(light - wanted.codes / 255).max() < 0.006
+
+
+def test_black_and_white_are_shown_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(correspondence, "load_radiometric_calibration", None)
+    pattern = Pattern("gray-column-00", np.array([[0, 255]], np.uint8))
+    assert list(_as_light([pattern], session=None)) == [pattern]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", sorted(CODES))
+def test_codes_without_inverses_are_read_in_light(name: str) -> None:
+    needs_light = name in ("gray-plain", "gray-phase", "three-frequency", "micro-phase")
+    assert _has_inverses(CODES[name].pattern_names((48, 64))) != needs_light
+
+
+def test_the_report_knows_every_reason() -> None:
+    assert [reason.name.lower().replace("_", " ") for reason in PixelReason] == list(REASONS)
