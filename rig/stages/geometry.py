@@ -185,13 +185,13 @@ def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Room:
+class _ScaledRoom:
     pair: StereoCalibration
     """In metres."""
     box: RoomBox
 
 
-def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _Room:
+def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _ScaledRoom:
     """Metres and box, if the scale's length and the room's three were longer by so many of their sigmas, (4,)."""
     longer = 1 + TAPE_SIGMA * tape_errors
     scale, size_m = profile.scale, profile.box.size_m
@@ -201,10 +201,10 @@ def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.flo
         pair = scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0) * longer[0])
     if size_m is not None:
         size_m = (size_m[0] * longer[1], size_m[1] * longer[2], size_m[2] * longer[3])
-    return _Room(pair, room_from_stereo(pair, size_m, profile.box.closed))
+    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.box.closed))
 
 
-def _sigmas(pair: StereoCalibration, profile: Profile, room: _Room) -> dict[str, float]:
+def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
     """Standard deviations of poses and lengths: the fit's, and the tape's."""
 
     def figures(calibration: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,7 +224,7 @@ _FIGURES = (
 )
 
 
-def _figures(room: _Room, nominal: _Room) -> NDArray[np.float64]:
+def _figures(room: _ScaledRoom, nominal: _ScaledRoom) -> NDArray[np.float64]:
     """In the order of the names; rotations are what is left from the nominal ones, about the device's axes."""
     camera, projector = room.box.camera, room.box.projector
     relative = camera.rotation @ (projector.position_m - camera.position_m)
@@ -239,7 +239,7 @@ def _figures(room: _Room, nominal: _Room) -> NDArray[np.float64]:
     return np.concatenate([*lengths, np.degrees(np.concatenate(turns)), [np.linalg.norm(relative)]])
 
 
-def _record(profile: Profile, room: _Room, sigmas: Mapping[str, float]) -> GeometryRecord:
+def _record(profile: Profile, room: _ScaledRoom, sigmas: Mapping[str, float]) -> GeometryRecord:
     pair, box = room.pair, room.box
     return GeometryRecord(
         cameras={profile.camera.name: DeviceGeometry.of(box.camera, pair.camera_rms_px)},
