@@ -109,7 +109,8 @@ class GeometryRecord(Record):
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses, baseline and room, in that unit.
 
-    Positions of the devices are those in the room; `relative` is the projector in the camera's frame."""
+    Positions of the devices are those in the room; `relative` is the projector in the camera's frame. What was guessed,
+    because no wall along an axis was seen, has none."""
 
 
 def geometry_settings(session: Session) -> JsonObject:
@@ -165,7 +166,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     room = _room(pair, profile, NO_TAPE_ERROR)
     sigmas = _sigmas(pair, profile, room)
     if profile.box.size_m is not None:
-        size_sigma_m = np.array([sigmas[f"room_{axis}_m"] for axis in "xyz"])
+        size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
         check_against_tape(room.box, profile.box.size_m, size_sigma_m, TAPE_SIGMA)
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
@@ -214,7 +215,21 @@ def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dic
     value = figures(pair, NO_TAPE_ERROR)
     of_tape = [(figures(pair, _TAPE_STEP * one) - value) / _TAPE_STEP for one in np.eye(len(NO_TAPE_ERROR))]
     together = np.sqrt(of_fit**2 + (np.array(of_tape) ** 2).sum(axis=0))
-    return {name: float(sigma) for name, sigma in zip(_FIGURES, together, strict=True)}
+    guessed = _guessed(profile, room)
+    named = zip(_FIGURES, together, strict=True)
+    return {name: float(sigma) for name, sigma in named if name not in guessed}
+
+
+def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
+    """Names of what nobody measured: along axes of which no face was seen, or one only and no size was given."""
+    found = set()
+    for axis, faces in zip("xyz", (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling")), strict=True):
+        seen = set(faces) & set(room.box.seen)
+        if not seen or (len(seen) == 1 and profile.box.size_m is None):
+            found.add(f"room_{axis}_m")
+        if not seen or (seen == {faces[1]} and profile.box.size_m is None):
+            found |= {f"camera_{axis}_m", f"projector_{axis}_m"}
+    return found
 
 
 _FIGURES = (
