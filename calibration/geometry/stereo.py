@@ -41,6 +41,10 @@ _FEW, _SOME, _MANY = 4000, 3000, 10000
 """Points that tell a flat scene, that the fit without right angles is of, and that the result rests on."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
+_AGREED = 0.5
+"""Share of them that have to lie on one wall."""
+_FAR_REACH_SHARE = 0.25
+"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,14 +58,22 @@ class ExplainedPixels:
 
     def plane_at(self, xy_px: FloatArray) -> IntArray:
         """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
-        reach = _REACH_SHARE * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
+        return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
+
+    def plane_beside(self, xy_px: FloatArray) -> IntArray:
+        """(N,) plane of all nearest points, not further than a quarter of what is lit; -1 where they differ."""
+        return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
+
+    def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
+        reach = reach_share * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
         found = np.full(len(xy_px), -1, dtype=np.int64)
         for k, pixel in enumerate(xy_px):
             away = np.abs(self.projector_xy_px - pixel).max(axis=1)
             near = np.flatnonzero(away <= reach)
             near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
             if len(near) >= _LEAST_NEIGHBOURS:
-                found[k] = np.bincount(self.plane[near]).argmax()
+                votes = np.bincount(self.plane[near])
+                found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
         return found
 
 
@@ -190,10 +202,10 @@ def _held_against_all(
     x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics
 ) -> BundleSolution:
     """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
-    rough = adjust(x1, x2, bundle, nominal, rounds=Rounds(limits_px=(1.0,), iterations=20)) or bundle
+    rough = adjust(x1, x2, bundle, nominal, rounds=Rounds(limits_px=(1.0,), iterations=8)) or bundle
     check_one_surface(rough, x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
-    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=Rounds(limits_px=(2.0, 1.0), iterations=20))
+    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=Rounds(limits_px=(2.0, 1.0), iterations=10))
     check_flat(free or rough, a if free else x1)
     if free is not None:
         _check_angles(rough, free)
@@ -267,7 +279,7 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
         If nothing was measured around a spot, or both are one place.
     """
     pixels = np.asarray(spots_px, dtype=np.float64)
-    unknown = np.flatnonzero(stereo.explained.plane_at(pixels) < 0)
+    unknown = np.flatnonzero(_planes_at(stereo, pixels) < 0)
     if len(unknown):
         named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
         raise CalibrationError(
@@ -294,14 +306,24 @@ def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> 
     Returns
     -------
     (N, 3)
-        In the camera's frame; NaN where nothing was measured around the pixel.
+        In the camera's frame; NaN where nothing that was measured tells the plane.
     """
     origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
-    which = stereo.explained.plane_at(xy_px)
+    which = _planes_at(stereo, xy_px)
     planes = np.where((which >= 0)[:, None], stereo.planes[which], np.nan)
     along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where((along > 0)[:, None], origin + along[:, None] * rays, np.nan))
+
+
+def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:
+    """(N,) plane that projector pixels light: of the points around, or of the nearest if their ray meets it first."""
+    around, beside = stereo.explained.plane_at(xy_px), stereo.explained.plane_beside(xy_px)
+    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
+    with np.errstate(divide="ignore"):
+        along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
+    first = np.where(along > 0, along, np.inf).argmin(axis=1)
+    return np.where(around >= 0, around, np.where(beside == first, beside, -1))
 
 
 def _check_count(n: int) -> None:
