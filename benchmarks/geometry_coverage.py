@@ -135,6 +135,7 @@ def _compared(
             lengths |= {f"{device}_{axis}_m": pair for axis, pair in zip("xyz", pairs, strict=True)}
     extent = float(max(record.surface.size_m))
     sigma = record.sigmas
+    lengths = {key: pair for key, pair in lengths.items() if key in sigma}
     return Outcome(
         name=name,
         refused="",

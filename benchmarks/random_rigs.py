@@ -161,6 +161,9 @@ def _profile(
         "jitter_s": 0.008,
     }
     size_m = room.size_m * (1 + 0.003 * random.normal(size=3))
+    if room.corner[0] != room.corner[1]:
+        # A profile's x ends at the wall on the right of the view: before these corners that is the simulated room's y.
+        size_m[:2] = size_m[1::-1]
     device = {"driver": "simulated", "width_px": CAMERA[1], "height_px": CAMERA[0], "channels": 1, "bit_depth": bits}
     device |= {"frame_rate_hz": 30.0, "exposure_range_s": [1e-4, 2.0], "exposure_s": 0.0166667}
     display = {"driver": "simulated", "width_px": PROJECTOR[1], "height_px": PROJECTOR[0], "bit_depth": 8}

@@ -19,8 +19,10 @@ SIGMAS = 4.0
 """A contradiction: by chance one in 16,000."""
 MOST_MIXED = 0.15
 """Of the points: along the edges of a room 1 to 3 % have neighbours on another wall."""
-MOST_BEND_PX, MOST_BEND_NOISES = 0.1, 0.5
-"""Flat walls of forty simulated rooms bend by up to 0.05 px and 0.4 of their noise, a cylinder's by 0.2 px and more."""
+MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.8
+"""Flat walls of forty simulated rooms bend by up to 0.6 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
+_TELLING = 2.0
+"""Sigmas from a right angle at which an angle is worth telling."""
 _PATIENCE = 5
 """Fits more, until the angles that are told no longer change: along a long valley steps are short."""
 MOST_DISTANCE_SIGMA = 0.1
@@ -136,13 +138,18 @@ def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArra
     for _ in range(_PATIENCE):
         free = refit(free.error, free, variance)
     worst = max(angles_of(free, across, x1), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
-    a, b = worst.planes
     raise CalibrationError(
-        f"the walls are not at right angles: a fit without right angles explains the points and hfov_deg better by "
-        f"{sigmas:.0f} sigma, the limit is {SIGMAS:g}; it puts walls {a + 1} and {b + 1} at {worst.angle_deg:.1f} +- "
-        f"{worst.sigma_deg:.1f} degrees. Check hfov_deg of both devices; if it is right and the walls are not square, "
-        "set right_angles = false"
+        "the walls are not at right angles: a fit without right angles explains the points and hfov_deg better by "
+        f"{sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it is right "
+        "and the walls are not square, set right_angles = false"
     )
+
+
+def _told(angle: Angle) -> str:
+    if abs(angle.angle_deg - 90) < _TELLING * angle.sigma_deg:
+        return "which of the angles it is, the points leave open"
+    a, b = angle.planes
+    return f"it puts walls {a + 1} and {b + 1} at {angle.angle_deg:.1f} +- {angle.sigma_deg:.1f} degrees"
 
 
 def normal_deviate(chi_squared: float, freedom: int) -> float:

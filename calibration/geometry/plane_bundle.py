@@ -84,7 +84,7 @@ class Rounds:
 
 
 def adjust(
-    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, rounds: Rounds
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, *, rounds: Rounds
 ) -> BundleSolution | None:
     """Adjust both lenses, the relative pose and the walls to correspondences on the walls.
 
@@ -109,7 +109,7 @@ def adjust(
     priors = priors_of(len(z), nominal, rounds.variance_px2)
     margin_px = _MARGIN_SHARE * nominal.projector_shape[1]
     for limit_px in rounds.limits_px:
-        label = _label(scene, x1, x2, limit_px, margin_px)
+        label = _label(scene, x1, x2, limit_px=limit_px, margin_px=margin_px)
         used = np.flatnonzero(label >= 0)
         if len(used) < _LEAST_POINTS:
             return None
@@ -122,7 +122,7 @@ def adjust(
         projector=scene.projector,
         planes=scene.planes,
         axes=scene.axes,
-        label=_label(scene, x1, x2, rounds.limits_px[-1], 0.0),
+        label=_label(scene, x1, x2, limit_px=rounds.limits_px[-1], margin_px=0.0),
         fit=fit,
         used=used,
         fit_label=label[used],
@@ -151,7 +151,7 @@ def refit(error: LandingError, start: PlanarScene, variance_px2: float) -> Bundl
     )
 
 
-def _label(scene: PlanarScene, x1: FloatArray, x2: FloatArray, limit_px: float, margin_px: float) -> IntArray:
+def _label(scene: PlanarScene, x1: FloatArray, x2: FloatArray, *, limit_px: float, margin_px: float) -> IntArray:
     rays = rays_of(scene.camera, x1)
     transfer = transfer_of(scene.projector)
     return assign_planes(transfer, rays, x2, scene.planes, limit_px=limit_px, margin_px=margin_px)

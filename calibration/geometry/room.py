@@ -22,6 +22,8 @@ _UNKNOWN_SIZE_M = 4.0
 """Of a room along an axis of which nothing was seen or measured: a usual room's."""
 MOST_OFF_SQUARE_DEG = 2.0
 """How far planes that were fitted without right angles may stand from a box's: 7 cm at the end of a wall of 2 m."""
+MOST_SLANTED = 0.1
+"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out."""
 _PAIRS_NAMED = 6
 _TWO_SURFACES_M = 0.3
 """Parallel planes further apart are two surfaces, not one found twice."""
@@ -138,13 +140,19 @@ def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
         found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
         stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
-    if len(set(stereo.axes) - {-1}) > 1:
+    slanted = [k for k, axis in enumerate(stereo.axes) if axis < 0 and _share(stereo, k) > MOST_SLANTED]
+    if len(set(stereo.axes) - {-1}) > 1 and not slanted:
         return stereo
     raise CalibrationError(
-        f"a session needs a box, and the {len(stereo.axes)} planes that were found make none: {_angles(stereo)}; two "
+        f"a session needs a box, and the {len(stereo.axes)} planes that were found make none: {_angles(stereo)}; all "
         f"have to stand at right angles to within {MOST_OFF_SQUARE_DEG:g} degrees. This version models boxes only: aim "
         "at a corner of the room whose walls, or wall and floor, are square"
     )
+
+
+def _share(stereo: StereoCalibration, plane: int) -> float:
+    """Of the explained points, those on one plane."""
+    return float((stereo.explained.plane == plane).mean()) if len(stereo.explained.plane) else 0.0
 
 
 def _angles(stereo: StereoCalibration) -> str:
@@ -171,7 +179,7 @@ def _check_inside(devices: FloatArray, low: Extents, high: Extents) -> None:
                 if outside > 0:
                     raise CalibrationError(
                         f"the {name} would stand {outside:.2f} m behind wall {face}: [surface] size_m is too small "
-                        f"along {'xyz'[k]} for where devices and walls were measured, or a length of [[scale]] is wrong"
+                        f"along {'xyz'[k]} (x ends at the wall on the right), or a length of [[scale]] is wrong"
                     )
 
 

@@ -9,16 +9,14 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
-from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_units, scene_of
 from calibration.geometry.contradictions import (
     check_data_sheets,
@@ -28,37 +26,25 @@ from calibration.geometry.contradictions import (
     check_right_angles,
 )
 from calibration.geometry.epipolar import (
-    COLUMN_SHARES,
-    UNDISTORTIONS,
     NominalIntrinsics,
     check_not_flat,
-    fit_epipolar,
 )
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
-from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit, transfer_of
-from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
-from calibration.geometry.support import standing_planes
-from calibration.geometry.triangulation import triangulate
+from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
+from calibration.geometry.plane_search import best_bundle
+from calibration.geometry.planes import Axes
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
-LEAST_INLIER_SHARE = 0.5
-"""Of the points on walls: below, most of what was seen is furniture, or the fit is wrong."""
-_GOOD_SHARE = 0.9
-"""A candidate that explains so much needs no rival."""
-_BETTER = 0.98
-"""Planes found anew may lose so little and still be taken: they were found with better lenses."""
 _FEW, _SOME, _MANY = 4000, 3000, 10000
-"""Points that planes are looked for in, that candidates are fitted to, and that the result rests on."""
-_EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
-"""Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
-_ONE_AXIS = 0.5
-"""What a candidate counts that has walls along one direction only: none at right angles."""
+"""Points that tell a flat scene, that the fit without right angles is of, and that the result rests on."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
-_GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
-"""How far a plane may stand from its axis, before and after the lenses are known."""
+_AGREED = 0.5
+"""Share of them that have to lie on one wall."""
+_FAR_REACH_SHARE = 0.25
+"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -72,14 +58,22 @@ class ExplainedPixels:
 
     def plane_at(self, xy_px: FloatArray) -> IntArray:
         """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
-        reach = _REACH_SHARE * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
+        return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
+
+    def plane_beside(self, xy_px: FloatArray) -> IntArray:
+        """(N,) plane of all nearest points, not further than a quarter of what is lit; -1 where they differ."""
+        return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
+
+    def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
+        reach = reach_share * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
         found = np.full(len(xy_px), -1, dtype=np.int64)
         for k, pixel in enumerate(xy_px):
             away = np.abs(self.projector_xy_px - pixel).max(axis=1)
             near = np.flatnonzero(away <= reach)
             near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
             if len(near) >= _LEAST_NEIGHBOURS:
-                found[k] = np.bincount(self.plane[near]).argmax()
+                votes = np.bincount(self.plane[near])
+                found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
         return found
 
 
@@ -197,7 +191,7 @@ def calibrate_stereo(
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
     check_not_flat(x1[:_FEW], x2[:_FEW], nominal)
     report(1, 3)
-    bundle = _best_bundle(x1, x2, nominal, right_angles)
+    bundle = best_bundle(x1, x2, nominal, right_angles=right_angles)
     report(2, 3)
     final = _held_against_all(x1, x2, bundle, nominal)
     report(3, 3)
@@ -208,16 +202,16 @@ def _held_against_all(
     x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics
 ) -> BundleSolution:
     """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
-    rough = adjust(x1, x2, bundle, nominal, Rounds(limits_px=(1.0,), iterations=20)) or bundle
+    rough = adjust(x1, x2, bundle, nominal, rounds=Rounds(limits_px=(1.0,), iterations=8)) or bundle
     check_one_surface(rough, x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
-    free = adjust(a, b, rough.with_planes(rough.planes), nominal, Rounds(limits_px=(2.0, 1.0), iterations=20))
+    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=Rounds(limits_px=(2.0, 1.0), iterations=10))
     check_flat(free or rough, a if free else x1)
     if free is not None:
         _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
-    final = adjust(x1, x2, rough, nominal, rounds) or rough
+    final = adjust(x1, x2, rough, nominal, rounds=rounds) or rough
     unknown = covariance(final.fit, final.fit.priors.weight)
     check_data_sheets(final, np.sqrt(np.diag(unknown)))
     check_determined(final, unknown)
@@ -285,7 +279,7 @@ def scale_from_spots(stereo: StereoCalibration, spots_px: ArrayLike, distance_m:
         If nothing was measured around a spot, or both are one place.
     """
     pixels = np.asarray(spots_px, dtype=np.float64)
-    unknown = np.flatnonzero(stereo.explained.plane_at(pixels) < 0)
+    unknown = np.flatnonzero(_planes_at(stereo, pixels) < 0)
     if len(unknown):
         named = " and ".join(f"({x:g}, {y:g})" for x, y in pixels[unknown])
         raise CalibrationError(
@@ -312,14 +306,24 @@ def points_of_projector_pixels(stereo: StereoCalibration, xy_px: FloatArray) -> 
     Returns
     -------
     (N, 3)
-        In the camera's frame; NaN where nothing was measured around the pixel.
+        In the camera's frame; NaN where nothing that was measured tells the plane.
     """
     origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
-    which = stereo.explained.plane_at(xy_px)
+    which = _planes_at(stereo, xy_px)
     planes = np.where((which >= 0)[:, None], stereo.planes[which], np.nan)
     along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
     with np.errstate(invalid="ignore"):
         return np.asarray(np.where((along > 0)[:, None], origin + along[:, None] * rays, np.nan))
+
+
+def _planes_at(stereo: StereoCalibration, xy_px: FloatArray) -> IntArray:
+    """(N,) plane that projector pixels light: of the points around, or of the nearest if their ray meets it first."""
+    around, beside = stereo.explained.plane_at(xy_px), stereo.explained.plane_beside(xy_px)
+    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, xy_px)
+    with np.errstate(divide="ignore"):
+        along = (1 - stereo.planes @ origin)[None, :] / (rays @ stereo.planes.T)
+    first = np.where(along > 0, along, np.inf).argmin(axis=1)
+    return np.where(around >= 0, around, np.where(beside == first, beside, -1))
 
 
 def _check_count(n: int) -> None:
@@ -328,102 +332,6 @@ def _check_count(n: int) -> None:
             f"{n} correspondences, at least {MIN_POINTS} are needed: look at exposure, focus and how much of "
             "the projector's picture the camera sees"
         )
-
-
-def _best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, right_angles: bool) -> BundleSolution:
-    """First candidate whose planes explain nearly all points, or the one that explains most."""
-    best, best_share = None, 0.0
-    for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], nominal, share) for share in COLUMN_SHARES):
-        planes = _planes_of(candidate, x1, x2)
-        if len(planes) < 2:
-            continue
-        free = Axes(np.eye(3), np.full(len(planes), -1))
-        start = PlanarScene(camera=candidate[0], projector=candidate[1], planes=planes, axes=free)
-        bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
-        if bundle is None:
-            continue
-        share = _merit(bundle, right_angles)
-        if share > best_share:
-            best, best_share = bundle, share
-        if best_share > _GOOD_SHARE:
-            break
-    if best is None or best.share < LEAST_INLIER_SHARE:
-        raise CalibrationError(
-            f"flat walls explain only {100 * (best.share if best else 0):.0f} % of the correspondences, the limit is "
-            f"{100 * LEAST_INLIER_SHARE:.0f} %: check the fields of view in the profile, aim at bare walls"
-        )
-    return best
-
-
-def _planes_of(
-    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float | None = None
-) -> FloatArray:
-    a, b = x1[:_FEW], x2[:_FEW]
-    found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
-    if limit_px is None:
-        limit_px = float(np.clip(_EPIPOLAR_MEDIANS * np.nanmedian(found.epipolar_px), _LEAST_LIMIT_PX, INLIER_PX))
-    seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
-    return segment_planes(seen, transfer_of(devices[1]), found.in_front, limit_px)
-
-
-def _adjusted_twice(
-    x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
-) -> BundleSolution | None:
-    """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
-    first = _without_phantoms(x1, x2, start, nominal, Rounds(limits_px=(4.0, 1.5), iterations=6))
-    if right_angles and first is not None:
-        guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
-        rounds = Rounds(limits_px=(1.5,), iterations=12)
-        fits = [adjust(x1, x2, first.with_planes(first.planes, axes), nominal, rounds) for axes in guesses]
-        first = _likeliest([fit for fit in fits if fit is not None])
-    if first is None:
-        return None
-    planes = _planes_of(first.devices, x1, x2, _limit_after(first))
-    if len(planes) < 2:
-        return first
-    axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else None
-    again = first.with_planes(planes, axes)
-    second = _without_phantoms(x1, x2, again, nominal, Rounds(limits_px=(1.5, 1.0), iterations=8))
-    if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
-        return first
-    return second
-
-
-def _limit_after(fit: BundleSolution) -> float:
-    """Limit at which planes are told apart with the lenses of a fit: some of its median errors."""
-    median_px = float(np.median(np.linalg.norm(fit.fit.residual, axis=1)))
-    return float(np.clip(_MEDIANS * median_px, _LEAST_LIMIT_PX, INLIER_PX))
-
-
-def _likeliest(fits: Sequence[BundleSolution]) -> BundleSolution | None:
-    """Of fits that put nearly as many points on axes as the best, the one with least left over, priors included."""
-    most = max((_merit(fit, True) for fit in fits), default=0.0)
-    able = [fit for fit in fits if _merit(fit, True) >= _BETTER * most]
-    return min(able, key=lambda fit: fit.fit.cost / len(fit.used), default=None)
-
-
-def _without_phantoms(
-    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, rounds: Rounds
-) -> BundleSolution | None:
-    """Fit, take the planes away that stand for no points of their own, and fit again as long as there are any."""
-    solution = adjust(x1, x2, start, nominal, rounds)
-    while solution is not None:
-        stays = standing_planes(solution, x1, x2)
-        if stays.all():
-            break
-        if stays.sum() < 2:
-            return None
-        axes = Axes(solution.axes.directions, solution.axes.of_plane[stays])
-        solution = adjust(x1, x2, solution.with_planes(solution.planes[stays], axes), nominal, rounds)
-    return solution
-
-
-def _merit(bundle: BundleSolution, right_angles: bool) -> float:
-    """Share of the points that it explains, on walls at right angles where these are promised."""
-    if not right_angles:
-        return bundle.share
-    axes = set(bundle.axes.of_plane.tolist()) - {-1}
-    return bundle.share_on_axes if len(axes) > 1 else _ONE_AXIS * bundle.share
 
 
 def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> StereoCalibration:

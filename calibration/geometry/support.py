@@ -19,6 +19,8 @@ _APART = 3.0
 _LEAST_SHARE, _LEAST_POINTS = 0.02, 30
 """Of the points, and points, that only this plane explains, side by side; less is furniture, noise, or a phantom."""
 _POINTS_A_CELL = 4.0
+_LEAST_KNOWN = 0.2
+"""Of the points: where fewer belong to one plane only, planes say nothing of what lies among what."""
 _CELLS = 8
 """Squares along the picture's longer side in which a bend is looked for."""
 _LEAST_IN_CELL = 12
@@ -125,6 +127,8 @@ def bends_of(solution: BundleSolution, x1: FloatArray) -> Bends:
 def mixed_share(x1: FloatArray, own: BoolArray) -> float:
     """Share of the exclusively explained points (K, N) whose neighbours in the picture mostly lie on other planes."""
     rows = np.flatnonzero(own.any(axis=0))
+    if len(rows) < _LEAST_KNOWN * len(x1):
+        return 0.0
     label = own[:, rows].argmax(axis=0)
     low = x1.min(axis=0)
     side = float(np.sqrt(np.prod(np.ptp(x1, axis=0) + 1) * 3 * _POINTS_A_CELL / len(x1)))

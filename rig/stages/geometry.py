@@ -110,7 +110,8 @@ class GeometryRecord(Record):
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses, baseline and room, in that unit.
 
-    Positions of the devices are those in the room; `relative` is the projector in the camera's frame."""
+    Positions of the devices are those in the room; `relative` is the projector in the camera's frame. What was guessed,
+    because no wall along an axis was seen, has none."""
 
 
 def geometry_settings(session: Session) -> JsonObject:
@@ -166,7 +167,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     room = _room(pair, profile, NO_TAPE_ERROR)
     sigmas = _sigmas(pair, profile, room)
     if profile.box.size_m is not None:
-        size_sigma_m = np.array([sigmas[f"room_{axis}_m"] for axis in "xyz"])
+        size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
         check_against_tape(room.box, profile.box.size_m, size_sigma_m, TAPE_SIGMA)
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
@@ -186,13 +187,13 @@ def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Room:
+class _ScaledRoom:
     pair: StereoCalibration
     """In metres."""
     box: RoomBox
 
 
-def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _Room:
+def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _ScaledRoom:
     """Metres and box, if the scale's length and the room's three were longer by so many of their sigmas, (4,)."""
     longer = 1 + TAPE_SIGMA * tape_errors
     scale, size_m = profile.scale, profile.box.size_m
@@ -202,10 +203,10 @@ def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.flo
         pair = scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0) * longer[0])
     if size_m is not None:
         size_m = (size_m[0] * longer[1], size_m[1] * longer[2], size_m[2] * longer[3])
-    return _Room(pair, room_from_stereo(pair, size_m, profile.box.closed))
+    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.box.closed))
 
 
-def _sigmas(pair: StereoCalibration, profile: Profile, room: _Room) -> dict[str, float]:
+def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
     """Standard deviations of poses and lengths: the fit's, and the tape's."""
 
     def figures(calibration: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -215,7 +216,21 @@ def _sigmas(pair: StereoCalibration, profile: Profile, room: _Room) -> dict[str,
     value = figures(pair, NO_TAPE_ERROR)
     of_tape = [(figures(pair, _TAPE_STEP * one) - value) / _TAPE_STEP for one in np.eye(len(NO_TAPE_ERROR))]
     together = np.sqrt(of_fit**2 + (np.array(of_tape) ** 2).sum(axis=0))
-    return {name: float(sigma) for name, sigma in zip(_FIGURES, together, strict=True)}
+    guessed = _guessed(profile, room)
+    named = zip(_FIGURES, together, strict=True)
+    return {name: float(sigma) for name, sigma in named if name not in guessed}
+
+
+def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
+    """Names of what nobody measured: along axes of which no face was seen, or one only and no size was given."""
+    found = set()
+    for axis, faces in zip("xyz", (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling")), strict=True):
+        seen = set(faces) & set(room.box.seen)
+        if not seen or (len(seen) == 1 and profile.box.size_m is None):
+            found.add(f"room_{axis}_m")
+        if not seen or (seen == {faces[1]} and profile.box.size_m is None):
+            found |= {f"camera_{axis}_m", f"projector_{axis}_m"}
+    return found
 
 
 _FIGURES = (
@@ -225,7 +240,7 @@ _FIGURES = (
 )
 
 
-def _figures(room: _Room, nominal: _Room) -> NDArray[np.float64]:
+def _figures(room: _ScaledRoom, nominal: _ScaledRoom) -> NDArray[np.float64]:
     """In the order of the names; rotations are what is left from the nominal ones, about the device's axes."""
     camera, projector = room.box.camera, room.box.projector
     relative = camera.rotation @ (projector.position_m - camera.position_m)
@@ -240,7 +255,7 @@ def _figures(room: _Room, nominal: _Room) -> NDArray[np.float64]:
     return np.concatenate([*lengths, np.degrees(np.concatenate(turns)), [np.linalg.norm(relative)]])
 
 
-def _record(profile: Profile, room: _Room, sigmas: Mapping[str, float]) -> GeometryRecord:
+def _record(profile: Profile, room: _ScaledRoom, sigmas: Mapping[str, float]) -> GeometryRecord:
     pair, box = room.pair, room.box
     return GeometryRecord(
         cameras={profile.camera.name: DeviceGeometry.of(box.camera, pair.camera_rms_px)},

@@ -32,7 +32,7 @@ class GeometryResult(Record):
     room_notes: str
     """What was assumed of the room, in words."""
     sigmas: Mapping[str, float]
-    """Standard deviations of the lens terms. [px or 1]"""
+    """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses and lengths, in that unit."""
     valid_share: float | None = None
     """Of the pixels that the projector lights: have a projector pixel. None before the light is separated."""
 

@@ -124,6 +124,15 @@ def test_free_planes_at_other_angles_make_no_room_and_their_angles_are_told(room
         room_from_stereo(replace(pair, axes=(-1, -1), planes=np.stack([slanted, pair.planes[1]])), SIZE_M)
 
 
+def test_a_wall_that_leans_is_not_left_out_of_the_room_without_a_word(room):
+    pair = true_pair(room, ("x1", "y1", "floor"))
+    leaning = pair.planes[0] * np.cos(np.radians(20)) + pair.planes[2] * np.sin(np.radians(20))
+    seen = ExplainedPixels(projector_xy_px=np.zeros((9, 2)), plane=np.arange(9) % 3)
+    slanted = replace(pair, axes=(-1, 1, 2), planes=np.stack([leaning, *pair.planes[1:]]), explained=seen)
+    with pytest.raises(CalibrationError, match="a session needs a box"):
+        room_from_stereo(slanted, SIZE_M)
+
+
 def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_both(room):
     box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
     check_against_tape(box, (9.9, 4.8, 2.41), np.full(3, 0.01), 0.003)

@@ -1,0 +1,151 @@
+"""The search for the planes and lenses that a fit begins with: several starts, axes and segmentations, the best one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import chain
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.bundle_residual import rays_of
+from calibration.geometry.bundle_unknowns import PlanarScene
+from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalIntrinsics, fit_epipolar
+from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
+from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.support import standing_planes
+from calibration.geometry.triangulation import triangulate
+
+_FEW, _SOME = 4000, 3000
+"""Points that planes are looked for in, and that candidates are fitted to."""
+LEAST_INLIER_SHARE = 0.5
+"""Of the points on walls: below, most of what was seen is furniture, or the fit is wrong."""
+_GOOD_SHARE = 0.9
+"""A candidate that explains so much needs no rival."""
+_BETTER = 0.98
+"""Planes found anew may lose so little and still be taken: they were found with better lenses."""
+_EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
+"""Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
+_ONE_AXIS = 0.5
+"""What a candidate counts that has walls along one direction only: none at right angles."""
+_GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
+"""How far a plane may stand from its axis, before and after the lenses are known."""
+
+
+def best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool) -> BundleSolution:
+    """Find the first candidate whose planes explain nearly all points, or the one that explains most.
+
+    Parameters
+    ----------
+    x1, x2 : (N, 2)
+        Corresponding pixels in an order drawn by chance. [px]
+    nominal : NominalIntrinsics
+        Of both lenses.
+    right_angles : bool
+        Planes that are nearly perpendicular are exactly so.
+
+    Returns
+    -------
+    BundleSolution
+        Of some of the points.
+
+    Raises
+    ------
+    CalibrationError
+        If flat walls explain less than half of the points.
+    """
+    best, best_share = None, 0.0
+    for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], nominal, share) for share in COLUMN_SHARES):
+        planes = _planes_of(candidate, x1, x2)
+        if len(planes) < 2:
+            continue
+        free = Axes(np.eye(3), np.full(len(planes), -1))
+        start = PlanarScene(camera=candidate[0], projector=candidate[1], planes=planes, axes=free)
+        bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
+        if bundle is None:
+            continue
+        share = _merit(bundle, right_angles)
+        if share > best_share:
+            best, best_share = bundle, share
+        if best_share > _GOOD_SHARE:
+            break
+    if best is None or best.share < LEAST_INLIER_SHARE:
+        raise CalibrationError(
+            f"flat walls explain only {100 * (best.share if best else 0):.0f} % of the correspondences, the limit is "
+            f"{100 * LEAST_INLIER_SHARE:.0f} %: most of what is seen is curved or furniture, or the fields of view "
+            "in the profile are wrong; aim at bare, flat walls"
+        )
+    return best
+
+
+def _planes_of(
+    devices: tuple[PinholeModel, PinholeModel], x1: FloatArray, x2: FloatArray, limit_px: float | None = None
+) -> FloatArray:
+    a, b = x1[:_FEW], x2[:_FEW]
+    found = triangulate(a, b, *devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
+    if limit_px is None:
+        limit_px = float(np.clip(_EPIPOLAR_MEDIANS * np.nanmedian(found.epipolar_px), _LEAST_LIMIT_PX, INLIER_PX))
+    seen = ViewedPoints(found.points_m, rays_of(devices[0], a), a, b)
+    return segment_planes(seen, transfer_of(devices[1]), found.in_front, limit_px)
+
+
+def _adjusted_twice(
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
+) -> BundleSolution | None:
+    """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
+    first = _without_phantoms(x1, x2, start, nominal, rounds=Rounds(limits_px=(4.0, 1.5), iterations=6))
+    if right_angles and first is not None:
+        guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
+        rounds = Rounds(limits_px=(1.5,), iterations=12)
+        fits = [adjust(x1, x2, first.with_planes(first.planes, axes), nominal, rounds=rounds) for axes in guesses]
+        first = _likeliest([fit for fit in fits if fit is not None])
+    if first is None:
+        return None
+    planes = _planes_of(first.devices, x1, x2, _limit_after(first))
+    if len(planes) < 2:
+        return first
+    axes = orthogonal_axes(planes, _FITTED_LIMIT_DEG) if right_angles else None
+    again = first.with_planes(planes, axes)
+    second = _without_phantoms(x1, x2, again, nominal, rounds=Rounds(limits_px=(1.5, 1.0), iterations=8))
+    if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
+        return first
+    return second
+
+
+def _limit_after(fit: BundleSolution) -> float:
+    """Limit at which planes are told apart with the lenses of a fit: some of its median errors."""
+    median_px = float(np.median(np.linalg.norm(fit.fit.residual, axis=1)))
+    return float(np.clip(_MEDIANS * median_px, _LEAST_LIMIT_PX, INLIER_PX))
+
+
+def _likeliest(fits: Sequence[BundleSolution]) -> BundleSolution | None:
+    """Of fits that put nearly as many points on axes as the best, the one with least left over, priors included."""
+    most = max((_merit(fit, True) for fit in fits), default=0.0)
+    able = [fit for fit in fits if _merit(fit, True) >= _BETTER * most]
+    return min(able, key=lambda fit: fit.fit.cost / len(fit.used), default=None)
+
+
+def _without_phantoms(
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, *, rounds: Rounds
+) -> BundleSolution | None:
+    """Fit, take the planes away that stand for no points of their own, and fit again as long as there are any."""
+    solution = adjust(x1, x2, start, nominal, rounds=rounds)
+    while solution is not None:
+        stays = standing_planes(solution, x1, x2)
+        if stays.all():
+            break
+        if stays.sum() < 2:
+            return None
+        axes = Axes(solution.axes.directions, solution.axes.of_plane[stays])
+        solution = adjust(x1, x2, solution.with_planes(solution.planes[stays], axes), nominal, rounds=rounds)
+    return solution
+
+
+def _merit(bundle: BundleSolution, right_angles: bool) -> float:
+    """Share of the points that it explains, on walls at right angles where these are promised."""
+    if not right_angles:
+        return bundle.share
+    axes = set(bundle.axes.of_plane.tolist()) - {-1}
+    return bundle.share_on_axes if len(axes) > 1 else _ONE_AXIS * bundle.share

@@ -1,0 +1,196 @@
+"""What self-calibration refuses, and why; and planes that stand for no points of their own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError
+from calibration.geometry.bundle_residual import LandingError, rays_of
+from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScene
+from calibration.geometry.contradictions import check_data_sheets, check_flat, normal_deviate
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.noise import covariance, observation_variance
+from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.plane_bundle import refit, transfer_of
+from calibration.geometry.planes import Axes
+from calibration.geometry.robust_fit import Priors, robust_fit
+from calibration.geometry.stereo import ExplainedPixels, StereoCalibration, scale_from_spots
+from calibration.geometry.support import exclusive_points, mixed_share, plane_errors_px, standing_planes
+
+
+def nominal(room):
+    return NominalIntrinsics.of(
+        camera_shape=room.camera.shape,
+        projector_shape=room.projector.shape,
+        camera_hfov_deg=room.camera_hfov_deg,
+        projector_hfov_deg=room.projector_hfov_deg,
+    )
+
+
+WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
+FACES = ("x1", "y1", "floor")
+
+
+def model(device, rotation, translation):
+    height, width = device.shape
+    return PinholeModel(
+        width_px=width,
+        height_px=height,
+        focal_px=(device.focal_px, device.focal_px),
+        principal_point_px=device.principal_point_px,
+        distortion=tuple(device.distortion),
+        rotation=rotation,
+        translation_m=translation,
+    )
+
+
+def true_scene(room):
+    """The room's devices and three of its walls, in the camera's frame; the baseline is 1."""
+    turn, at = room.camera.rotation, np.array(room.camera.position_m)
+    away = room.projector.rotation @ (at - room.projector.position_m)
+    baseline = np.linalg.norm(away)
+    planes = []
+    for face in FACES:
+        normal = np.eye(3)[WALLS[face]]
+        position = 0.0 if face in ("x0", "y0", "floor") else room.size_m[WALLS[face]]
+        planes.append(baseline * (turn @ normal) / (position - normal @ at))
+    return PlanarScene(
+        camera=model(room.camera, np.eye(3), np.zeros(3)),
+        projector=model(room.projector, room.projector.rotation @ turn.T, away / baseline),
+        planes=np.array(planes),
+        axes=Axes(np.eye(3), np.full(len(planes), -1)),
+    )
+
+
+@pytest.fixture(scope="module")
+def corner(room):
+    """A room's corner as it is, with correspondences of it."""
+    x1, x2 = room.changed(faces=FACES).correspondences(28)
+    return true_scene(room), x1, x2
+
+
+def fitted(room, corner, bend_px):
+    """A fit of free planes to the corner, on whose first wall points leave a plane by up to so much."""
+    scene, x1, x2 = corner
+    label = plane_errors_px(scene, x1, x2).argmin(axis=0)
+    near = plane_errors_px(scene, x1, x2).min(axis=0) < 1
+    bent = x2 + bend_px * np.where(label == 0, np.sin(x1[:, 0] / 60) * np.sin(x1[:, 1] / 50), 0.0)[:, None]
+    error = LandingError(x1=x1[near], x2=bent[near], label=label[near], axes=scene.axes, nominal=nominal(room))
+    return refit(error, scene, 0.02), x1[near]
+
+
+def test_a_wall_that_bends_is_refused_with_its_place_and_by_how_much(room, corner):
+    solution, x1 = fitted(room, corner, bend_px=0.6)
+    with pytest.raises(CalibrationError, match=r"camera pixel \(\d+, \d+\) is not flat: .* px rms, the limit is"):
+        check_flat(solution, x1)
+
+
+def test_flat_walls_with_the_noise_of_codes_are_not_refused(room, corner):
+    solution, x1 = fitted(room, corner, bend_px=0.0)
+    check_flat(solution, x1)
+
+
+def test_focal_lengths_that_the_data_sheets_contradict_are_refused_with_both(room, corner):
+    solution, _ = fitted(room, corner, bend_px=0.0)
+    sigma = np.sqrt(np.diag(covariance(solution.fit, 0.02)))
+    check_data_sheets(solution, sigma)
+    longer = solution.fit.z.copy()
+    longer[[0, 8]] += 0.3
+    with pytest.raises(CalibrationError, match=r"focal length comes out 1\.\d+ \+- .* what hfov_deg says"):
+        check_data_sheets(replace(solution, fit=replace(solution.fit, z=longer)), sigma)
+
+
+def test_a_phantom_plane_before_a_wall_does_not_stand(corner):
+    scene, x1, x2 = corner
+    phantom = scene.with_planes(np.vstack([scene.planes, 1.3 * scene.planes[0]]))
+    assert standing_planes(phantom, x1, x2).tolist() == [True, True, True, False]
+
+
+def test_of_a_wall_that_is_found_twice_one_stays(corner):
+    scene, x1, x2 = corner
+    twice = scene.with_planes(np.vstack([scene.planes, 1.0002 * scene.planes[1]]))
+    stands = standing_planes(twice, x1, x2)
+    assert stands.sum() == 3
+    assert stands[[0, 2]].all()
+
+
+def test_points_of_several_boards_lie_among_each_other_and_those_of_a_room_do_not(corner):
+    scene, x1, x2 = corner
+    assert mixed_share(x1, exclusive_points(plane_errors_px(scene, x1, x2))) < 0.06
+    # Every other point as if it were of a picture in which a board stood before the walls.
+    board = 1.5 * scene.planes[:2].mean(axis=0)
+    near = scene.with_planes(np.vstack([scene.planes, board]))
+    both = x2.copy()
+    both[::2] = transfer_of(near.projector)(rays_of(near.camera, x1[::2]), board)
+    assert mixed_share(x1, exclusive_points(plane_errors_px(near, x1, both))) > 0.15
+
+
+def test_the_derivative_of_landings_is_that_of_differences(room, corner):
+    _, x1, x2 = corner
+    axes = Axes(np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0], np.array([0, -1, 2]))
+    error = LandingError(x1=x1[::9], x2=x2[::9], label=np.arange(len(x1[::9])) % 3, axes=axes, nominal=nominal(room))
+    z = np.random.default_rng(2).normal(0, 0.01, PLANES + 5)
+    z[[0, 8]] += 1
+    z[[1, 2, 9, 10]] += 0.5
+    z[TRANSLATION] += (-0.9, -0.3, 0.05)
+    z[PLANES:] += (0.1, 0.02, 0.02, 0.15, 0.12)
+    jacobian, step = error.jacobian(z), 1e-6
+    inside = np.abs(error(z)).max(axis=1) < 3000
+    for k in range(len(z)):
+        low, high = z.copy(), z.copy()
+        low[k], high[k] = low[k] - step, high[k] + step
+        difference = (error(high) - error(low)) / (2 * step)
+        assert np.allclose(jacobian[k][inside], difference[inside], rtol=1e-3, atol=1e-2), k
+
+
+def test_sigmas_are_true_where_neighbours_share_their_error():
+    """A straight line through points in blocks of one error: errors of the slope over their sigma have rms 1."""
+    random = np.random.default_rng(8)
+    x1 = np.stack(np.meshgrid(np.arange(0, 480, 4.0), np.arange(0, 360, 4.0)), -1).reshape(-1, 2)
+    block = (x1 // 8).astype(int)
+    design = np.column_stack([x1[:, 0] / 480, x1[:, 1] / 360, np.ones(len(x1))])
+    truth, ratios = np.array([1.0, 2.0, 3.0]), []
+    for _ in range(25):
+        shared = random.normal(0, 0.1, (90, 120, 2))[block[:, 1], block[:, 0]]
+        noise = 0.1 * random.normal(0, 0.3, shared.shape) + shared
+
+        def residual(z, noise=noise):
+            return np.stack([design @ z[:3], design @ z[3:]], axis=1) - (design @ truth)[:, None] - noise
+
+        nothing = Priors(np.zeros(6), np.full(6, np.inf), 1.0)
+        fit = robust_fit(residual, np.zeros(6), nothing, iterations=5, least_scale_px=1)
+        variance = observation_variance(fit, x1, np.zeros(len(x1), dtype=np.int64))
+        ratios.append((fit.z - np.tile(truth, 2)) / np.sqrt(np.diag(covariance(fit, variance))))
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.15
+
+
+def test_a_spot_that_nothing_was_measured_around_is_refused_by_name(corner):
+    scene, _, _ = corner
+    around = np.stack(np.meshgrid(np.arange(800.0, 900), np.arange(250.0, 350)), -1).reshape(-1, 2)
+    stereo = StereoCalibration(
+        camera=scene.camera,
+        projector=scene.projector,
+        planes=scene.planes,
+        axes=(0, 1, 2),
+        room_axes=np.eye(3),
+        rms_px=0.1,
+        camera_rms_px=0.1,
+        projector_rms_px=0.1,
+        sigmas={},
+        inlier_share=1.0,
+        explained=ExplainedPixels(projector_xy_px=around, plane=np.zeros(len(around), dtype=np.int64)),
+    )
+    with pytest.raises(CalibrationError, match=r"spot \(150, 300\) px of .* no measured wall around it"):
+        scale_from_spots(stereo, [[150, 300], [870, 300]], 1.0)
+
+
+def test_a_spot_lies_on_the_plane_of_its_neighbourhood():
+    xy = np.stack(np.meshgrid(np.arange(0.0, 100, 2), np.arange(0.0, 80, 2)), -1).reshape(-1, 2)
+    explained = ExplainedPixels(projector_xy_px=xy, plane=(xy[:, 0] > 50).astype(np.int64))
+    assert explained.plane_at(np.array([[20.0, 40.0], [80.0, 40.0], [300.0, 40.0]])).tolist() == [0, 1, -1]
+
+
+@pytest.mark.parametrize(("chi_squared", "freedom", "sigmas"), [(5.0, 5, 0.1), (20.5, 5, 3.1)])
+def test_a_chi_squared_sum_is_told_in_sigmas(chi_squared, freedom, sigmas):
+    assert normal_deviate(chi_squared, freedom) == pytest.approx(sigmas, rel=0.2, abs=0.3)
