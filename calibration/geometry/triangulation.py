@@ -23,8 +23,9 @@ _NEWTON_STEPS, _NEWTON_SHARE = 6, 1e-5
 reach 1e-6 px behind a strong lens (k1 = -0.3)."""
 _LINE_PX = 0.01
 """A search that ends further from its column has found nothing."""
-_NEIGHBOURS_PX, _NEIGHBOURS_AGREE = 3, 0.01
-"""On a surface that is not seen edge-on some of the 48 pixels around are decoded, at nearly the same distance."""
+_NEIGHBOURS_PX, _NEIGHBOURS_AGREE = 5, 0.01
+"""On a surface that is not seen edge-on some of the 120 pixels around are decoded, at nearly the same distance.
+On a published scan 3 px left out 0.2 % of its author's points, 5 px leave out next to none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,7 +270,7 @@ def _epipolar_px(a: FloatArray, b: FloatArray, baseline: FloatArray, projector: 
 
 
 def stands_alone(projector_xy_px: FloatArray, distance_m: FloatArray, projector_shape: tuple[int, int]) -> BoolArray:
-    """Find points without any neighbour within 3 projector pixels whose distance agrees within 1 %.
+    """Find points without any neighbour within 5 projector pixels whose distance agrees within 1 %.
 
     Parameters
     ----------

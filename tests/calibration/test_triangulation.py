@@ -118,7 +118,7 @@ def test_a_point_far_from_its_neighbours_stands_alone() -> None:
     distance_m[23] = 2.1
     alone = stands_alone(xy, distance_m, (6, 10))
     assert np.flatnonzero(alone).tolist() == [23]
-    assert stands_alone(np.array([[0.0, 0.0], [5.0, 5.0]]), np.array([2.0, 2.0]), (6, 10)).all()
+    assert stands_alone(np.array([[0.0, 0.0], [8.0, 5.0]]), np.array([2.0, 2.0]), (6, 10)).all()
 
 
 @pytest.mark.parametrize(("axis", "k"), [("column", 0), ("row", 1)])

@@ -42,7 +42,7 @@ _BLURRED_PAIR, _BLURRED_LEAD = -0.1, 0.05
 """Correlation of the changes of blurred fine stripes with those of their inverse, and its lead over any other
 photograph's; on a real scan −0.5 and 0.4."""
 _REPEATED = 0.02
-_SAME_CHANGES = 0.3
+_SAME_CHANGES, _COPY = 0.3, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +90,7 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
         return _nothing_to_tell(names)
     named: list[tuple[int, int | None]] = [(index[name], index.get(name + _INVERSE)) for name in patterns]
     pairs = [(a, b) for a, b in named if b is not None]
-    gains = exposure_gains(places.middle, pairs) if complete else np.ones(len(names))
+    gains = _gains(places, pairs) if complete else np.ones(len(names))
     seen = normalised(places, gains, complete=complete)
     if complete:
         pairs = _matched(seen, pairs, [frames[name] for name in names], names)
@@ -150,6 +150,15 @@ def refuse_stale_frames(frames: Mapping[str, Frame], limit: float) -> None:
 def _nothing_to_tell(names: Sequence[str]) -> PhotographOrder:
     """For photographs in which nothing is lit: what follows will say so."""
     return PhotographOrder(True, ({name: name for name in names},), {}, ())
+
+
+def _gains(places: LinePlaces, pairs: Sequence[tuple[int, int]]) -> FloatArray:
+    """(N,) exposures; 1 for copies of other photographs, which are not the pattern at any exposure."""
+    gains = exposure_gains(places.middle, pairs)
+    if (gains != 1).any():
+        together = fine_correlation(places) - np.eye(len(gains))
+        gains[together.max(axis=1) > _COPY] = 1
+    return gains
 
 
 def _evidence(

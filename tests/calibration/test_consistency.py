@@ -1,0 +1,116 @@
+"""Frames that are not what they are called, on arrays: which pictures a check finds, and what it says."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from calibration.errors import CalibrationError
+from calibration.structured_light.consistency.check import check_gray_frames, refuse_stale_frames
+from calibration.structured_light.consistency.readings import Slots
+from calibration.structured_light.consistency.still import exposure_gains, movements
+from calibration.structured_light.gray import CodeName, gray_code_patterns
+
+SHAPE = (48, 64)
+SCALE = 5
+"""Camera pixels along a projector pixel."""
+
+
+def frames_of(code: CodeName = "gray", seed: int = 1) -> dict[str, np.ndarray]:
+    """A textured wall, lit by a code, with noise."""
+    rng = np.random.default_rng(seed)
+    row, column = np.mgrid[: SHAPE[0] * SCALE, : SHAPE[1] * SCALE]
+    texture = 1 + 0.3 * np.sin(column / 17) * np.sin(row / 11) + 0.2 * (np.hypot(row - 90, column - 200) < 40)
+    return {
+        pattern.name: (
+            texture * (12 + 0.4 * np.kron(pattern.codes, np.ones((SCALE, SCALE)))) + rng.normal(0, 1, row.shape)
+        )
+        .clip(0, 255)
+        .astype(np.uint8)
+        for pattern in gray_code_patterns(SHAPE, code=code)
+    }
+
+
+@pytest.fixture(scope="module")
+def frames() -> dict[str, np.ndarray]:
+    return frames_of()
+
+
+def test_right_frames_may_be_what_they_are_called(frames: dict[str, np.ndarray]) -> None:
+    order = check_gray_frames(frames, 10)
+    assert order.as_named
+    assert all(name == given for name, given in order.readings[0].items())
+    assert order.gains == {}
+    assert order.unresolved == ()
+
+
+def test_what_the_pictures_leave_open_is_the_coarsest_sides_and_the_axes(frames: dict[str, np.ndarray]) -> None:
+    """Eight readings: columns and rows exchanged, either of them mirrored."""
+    order = check_gray_frames(frames, 10)
+    assert len(order.readings) == 8
+    finest = {reading["gray-column-00"] for reading in order.readings}
+    assert finest == {"gray-column-00", "gray-row-00"}
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        ("gray-column-04", "gray-column-02"),
+        ("gray-row-01", "gray-row-00"),
+        ("gray-row-02-inverse", "gray-column-03"),
+        ("gray-column-01", "gray-column-01-inverse"),
+    ],
+)
+def test_exchanged_frames_are_found_by_what_they_show(frames: dict[str, np.ndarray], a: str, b: str) -> None:
+    order = check_gray_frames({**frames, a: frames[b], b: frames[a]}, 10)
+    changed = {name: given for name, given in order.readings[0].items() if name != given}
+    assert not order.as_named
+    assert changed == {a: b, b: a}
+
+
+def test_frames_of_another_code_are_refused() -> None:
+    frames = {name.replace("long-run", "gray"): frame for name, frame in frames_of("long-run").items()}
+    with pytest.raises(CalibrationError, match="no order of the photographs explains their stripes"):
+        check_gray_frames(frames, 10)
+
+
+def test_dark_frames_tell_nothing_and_are_left_to_the_decoder(frames: dict[str, np.ndarray]) -> None:
+    dark = {name: np.full_like(frame, 12) for name, frame in frames.items()}
+    assert check_gray_frames(dark, 10).as_named
+
+
+@pytest.mark.parametrize("late", [1, 6, 13, 23])
+def test_a_jump_of_the_picture_is_found_and_measured(frames: dict[str, np.ndarray], late: int) -> None:
+    moved = [np.roll(f, 20, axis=1) if k >= late else f for k, f in enumerate(frames.values())]
+    found = movements([(moved[k], moved[k + 1]) for k in range(0, len(moved), 2)])
+    assert found
+    assert max(m.step_px for m in found) == pytest.approx(20, abs=3)
+    assert min(abs(m.after - late) for m in found) <= 1
+
+
+def test_a_still_picture_does_not_jump(frames: dict[str, np.ndarray]) -> None:
+    still = list(frames.values())
+    assert movements([(still[k], still[k + 1]) for k in range(0, len(still), 2)]) == ()
+
+
+def test_the_exposure_of_one_frame_is_found_from_what_its_pair_lacks(frames: dict[str, np.ndarray]) -> None:
+    values = np.stack([frame.ravel()[::7] for frame in frames.values()]).astype(np.float64)
+    values[5] *= 0.5
+    gains = exposure_gains(values, [(k, k + 1) for k in range(0, len(values), 2)])
+    assert gains[5] == pytest.approx(0.5, abs=0.05)
+    assert (np.delete(gains, 5) == 1).all()
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run"])
+def test_stale_frames_of_a_session_are_refused_by_name(code: CodeName) -> None:
+    frames = frames_of(code)
+    refuse_stale_frames(frames, 10)
+    names = list(frames)
+    for before, name in list(pairwise(names))[::3]:
+        with pytest.raises(CalibrationError, match=name.removesuffix("-inverse")):
+            refuse_stale_frames({**frames, name: frames[before]}, 10)
+
+
+def test_edges_of_a_coarse_stripe_lie_where_only_the_next_finer_picture_is_lit() -> None:
+    slots = Slots(("column",) * 3 + ("row",), (2, 1, 0, 0))
+    assert slots.expected.tolist() == [[0, 1, -1, 0], [0, 0, 1, 0], [0, 0, 0, 0], [0, 0, 0, 0]]
