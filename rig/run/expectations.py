@@ -83,7 +83,7 @@ def map_noise_px(projector_xy_px: NDArray[np.floating]) -> float:
 def _whole_parts(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     """(N, pixels, 2) square parts of the map in which every pixel has a partner."""
     rows, columns = (n // _PART_PX for n in xy.shape[:2])
-    cut = xy[: rows * _PART_PX, : columns * _PART_PX].reshape(rows, _PART_PX, columns, _PART_PX, 2)
+    cut = xy[: rows * _PART_PX, : columns * _PART_PX].reshape((rows, _PART_PX, columns, _PART_PX, 2))
     parts = cut.swapaxes(1, 2).reshape(rows * columns, _PART_PX**2, 2)
     return np.asarray(parts[np.isfinite(parts).all(axis=(1, 2))])
 

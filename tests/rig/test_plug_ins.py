@@ -86,7 +86,7 @@ def test_a_rig_of_its_devices_is_opened_and_shoots(wired: Callable[..., Profile]
 
 @pytest.mark.usefixtures("acme")
 def test_its_settings_are_checked_by_the_driver(wired: Callable[..., Profile]) -> None:
-    with pytest.raises(ProfileError, match=r"camera: options\.wire: missing; name the wire"):
+    with pytest.raises(ProfileError, match=r"projector: options\.wire: missing; name the wire"):
         open_rig(wired(options="speed = 3"))
 
 
@@ -164,7 +164,7 @@ def test_one_that_cannot_be_imported_is_refused_with_the_reason(install: Install
     [
         ("math:pi", "gives float, not a function of settings and clock; tell its author"),
         ("builtins:divmod", r"'wire' of odd-rig 1 fails \(builtins:divmod\): TypeError: unsupported"),
-        ("operator:is_", r"gives bool, not Camera \(rig\.devices\.protocols\)"),
+        ("operator:is_", r"gives bool, not Projector \(rig\.devices\.protocols\)"),
     ],
 )
 def test_a_driver_that_is_none_is_refused(
