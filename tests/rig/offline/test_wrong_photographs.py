@@ -6,7 +6,7 @@ every exchange, inversion, stale frame and bump on it and on a published scan, t
 
 import os
 import runpy
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -28,8 +28,10 @@ Change = Callable[[dict[str, Any]], dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def bench() -> SimpleNamespace:
-    return SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "wrong_photographs.py")))
+def bench() -> Iterator[SimpleNamespace]:
+    with pytest.MonkeyPatch.context() as patched:
+        patched.syspath_prepend(ROOT / "benchmarks")
+        yield SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "wrong_photographs.py")))
 
 
 @pytest.fixture(scope="module")
