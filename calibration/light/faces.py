@@ -9,9 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, FloatArray
+from calibration.errors import CalibrationError
 
 EDGE_PX = 3
 """Camera pixels beside the edge of a wall that do not tell its reflectance: a blur of 1.2 px reaches so far."""
+
+
+_LEAST_ON_MODEL = 0.3
+"""Of the lit pixels: random rooms of which only two walls were seen had 0.58 and more."""
 
 
 class PatchCounts(NamedTuple):
@@ -26,6 +31,24 @@ def away_from_edges(face: NDArray[np.integer]) -> BoolArray:
     window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
     numbers = face.astype(np.float32)
     return np.asarray(cv2.dilate(numbers, window) == cv2.erode(numbers, window))
+
+
+def on_model_of(lit: BoolArray, on_model: BoolArray) -> BoolArray:
+    """Return the lit pixels (H, W) that see in the model what their code says; a model with few of them is refused.
+
+    Raises
+    ------
+    CalibrationError
+        With their share, and what may be wrong.
+    """
+    share = float(on_model[lit].mean()) if lit.any() else 0.0
+    if not share >= _LEAST_ON_MODEL:
+        raise CalibrationError(
+            f"only {100 * share:.0f} % of the lit pixels see in the model of the room what their code says, at least "
+            f"{100 * _LEAST_ON_MODEL:.0f} % are needed: walls stand in it where no wall is; check surface.size_m, "
+            "remove what stands before the walls, or show more of them"
+        )
+    return np.asarray(lit & on_model)
 
 
 def smoothed_along_faces(

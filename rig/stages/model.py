@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.light.faces import EDGE_PX, PatchCounts, away_from_edges, patch_means, smoothed_along_faces
+from calibration.light import faces as walls
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import image_of, layers
@@ -171,7 +171,7 @@ def model_settings(session: Session) -> JsonObject:
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
         "blur": "of both lenses",
-        "unseen": ["by wall", EDGE_PX, "flux bears a misfit"],
+        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit"],
     }
 
 
@@ -186,7 +186,7 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
     on_model = on_the_model(bare.projector, bare.camera_hits, np.stack([blur["column"], blur["row"]], axis=-1))
-    inner = lit & away_from_edges(face_of_pixels(bare.camera_hits, lit.shape)) & on_model
+    inner = walls.on_model_of(lit, on_model) & walls.away_from_edges(face_of_pixels(bare.camera_hits, lit.shape))
     vignetting = _fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)
@@ -235,7 +235,8 @@ def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> F
     vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
     """
     share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
-    return smoothed_along_faces(share, lit, face_of_pixels(camera_hits, lit.shape), _SMOOTHING_SHARE) * light.white
+    face = face_of_pixels(camera_hits, lit.shape)
+    return walls.smoothed_along_faces(share, lit, face, _SMOOTHING_SHARE) * light.white
 
 
 def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
@@ -245,7 +246,7 @@ def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> 
     known = lit & (modelled > 0)
     measured = light.white - direct_of_white
     ratio = np.where(known, measured / np.where(known, modelled, 1.0), 1.0)
-    return np.where(lit, smoothed_along_faces(ratio, lit, face, _SMOOTHING_SHARE), 1.0)
+    return np.where(lit, walls.smoothed_along_faces(ratio, lit, face, _SMOOTHING_SHARE), 1.0)
 
 
 def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
@@ -275,9 +276,9 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
     border = cv2.dilate((light.direct > 0.02 * np.median(light.direct[lit])).astype(np.uint8), np.ones((9, 9)))
     dark = (border == 0).ravel() & (hits.patch >= 0)
     global_light = np.where(lit_flat, light.white.ravel() - gain.ravel(), light.white.ravel()) / brightness
-    counts = PatchCounts(scene.n_patches, _LEAST_PIXELS)
-    per_lit = patch_means(direct, hits.patch, lit_flat, counts)
-    per_global = patch_means(global_light, hits.patch, lit_flat | dark, counts)
+    counts = walls.PatchCounts(scene.n_patches, _LEAST_PIXELS)
+    per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
+    per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
     return estimate_reflectance(
         per_lit,

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
+from calibration.light.faces import on_model_of
 from calibration.light.reflectance import ReflectanceSource, estimate_reflectance
 from calibration.light.vignetting import fit_vignetting
 
@@ -198,3 +199,11 @@ def test_both_lenses_vignetting_is_told_apart():
     for found, truth in ((fit.camera, (-0.22, 0.03)), (fit.projector, (-0.15, 0.0))):
         difference = (found[0] - truth[0]) * r**2 + (found[1] - truth[1]) * r**4
         assert np.abs(difference).max() < 0.03
+
+
+def test_a_model_in_which_pixels_see_other_places_than_their_code_says_is_refused() -> None:
+    lit, on_model = np.ones((4, 5), bool), np.zeros((4, 5), bool)
+    on_model[0] = True
+    with pytest.raises(CalibrationError, match=r"only 25 % of the lit pixels .* at least 30 %"):
+        on_model_of(lit, on_model)
+    assert on_model_of(lit, lit).all()
