@@ -27,9 +27,15 @@ _START_PX2 = 0.4
 """Variance of each lens at the start: a blur of 0.6 px."""
 _SAMPLES = 5000
 """Camera pixels that the fit looks at: the widths are known to 1 % from a tenth of them."""
-_ITERATIONS = 10
+_ITERATIONS = 20
 _SETTLED_PX2 = 1e-3
 _MOST_SHIFT_PX = 0.3
+_MOST_STEP_PX2 = 0.25
+"""Of a lens's variance in one step of the fit: far from its end the problem is not linear."""
+_PLACE_SIGMA_PX = 0.3
+"""Of a place before the fit: what codes leave at worst. It decides where no edge of a check comes near."""
+_LEAST_SCATTER = 3e-3
+"""Of the light of a pixel, as a share of its direct light: no camera is better, however few pictures there are."""
 _EDGES = 2
 """Nearest edges on each side that reach a pixel: with checks of 4 blurs or more the third does not."""
 _SQRT_HALF, _SQRT_2_PI = np.sqrt(0.5), np.sqrt(2 * np.pi)
@@ -260,6 +266,13 @@ def fit_point_spread(
     )
 
 
+def _held(z: FloatArray, step: FloatArray) -> FloatArray:
+    """The step of the coefficients, cut to what its linear problem holds for; no lens gets sharper than 0."""
+    cut = step * min(1.0, _MOST_STEP_PX2 / max(float(np.abs(step[[0, 4]]).max()), 1e-12))
+    cut[[0, 4]] = np.maximum(cut[[0, 4]], -z[[0, 4]])
+    return np.asarray(cut)
+
+
 def _problem(
     frames: Sequence[Float32Array],
     pictures: Sequence[TwoLevelPicture],
@@ -322,21 +335,24 @@ class _BlurProblem:
         own = np.concatenate([regressors[:3], np.ones_like(regressors[:1])]).transpose(2, 1, 0)
         widths = regressors[3:].transpose(2, 1, 0)
         light = self.light.T[..., None]
-        gram = own.transpose(0, 2, 1) @ own + 1e-9 * np.eye(4)
+        known = (_LEAST_SCATTER / _PLACE_SIGMA_PX) ** 2
+        gram = own.transpose(0, 2, 1) @ own + np.diag([1e-9, known, known, 1e-9])
         found = np.linalg.solve(gram, own.transpose(0, 2, 1) @ np.concatenate([light, widths], axis=2))
         rest = np.concatenate([light, widths], axis=2) - own @ found
         direct = found[:, 0, 0]
         residual, slopes = rest[..., 0], rest[..., 1:] * direct[:, None, None]
         jacobian = np.einsum("nka,anz->nkz", slopes, self.basis)
         scatter = np.sqrt((residual**2).sum(axis=1) / (len(self.pictures) - 4))
-        typical = np.median(scatter / np.maximum(direct, 1e-9))
+        typical = max(float(np.median(scatter / np.maximum(direct, 1e-9))), _LEAST_SCATTER)
         weight = np.where(direct > 0, 1 / np.maximum(scatter, typical * direct), 0.0) ** 2
         weight *= 1 / (1 + (scatter / np.maximum(2 * typical * direct, 1e-12)) ** 2)
         information = np.einsum("nkz,nky,n->zy", jacobian, jacobian, weight) + np.diag(_PRIOR_INFORMATION)
         right = np.einsum("nkz,nk,n->z", jacobian, residual, weight) - _PRIOR_INFORMATION * z
+        step = _held(z, np.linalg.solve(information, right))
         shift = found[:, 1:3, 0] / np.where(direct > 0, direct, np.inf)[:, None]
+        shift -= np.einsum("nka,an->nk", found[:, 1:3, 1:], self.basis @ step)
         shift_px = np.clip(shift, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
-        return np.linalg.solve(information, right), shift_px, information, float(typical)
+        return step, shift_px, information, float(typical)
 
 
 def shares_and_slopes(pictures: Sequence[TwoLevelPicture], seen: Footprint, order: int = 1) -> FloatArray:

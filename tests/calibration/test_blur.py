@@ -22,10 +22,10 @@ def places(fine: int = 1) -> np.ndarray:
     return np.stack(np.broadcast_arrays(column, row), axis=-1).astype(np.float32)
 
 
-def photographs(projector_px: float, camera_px: float, noise: float = 0.003) -> list[np.ndarray]:
+def photographs(projector_px: float, camera_px: float, noise: float = 0.003, shifts: int = 25) -> list[np.ndarray]:
     random = np.random.default_rng(5)
     frames = []
-    for pattern in checker_patterns(PROJECTOR):
+    for pattern in checker_patterns(PROJECTOR, 8, shifts):
         squares = np.repeat(np.repeat(pattern.codes / 255, FINE, axis=0), FINE, axis=1).astype(np.float32)
         sharp = cv2.GaussianBlur(squares, (0, 0), projector_px * FINE)
         at = (places(FINE) + 0.5) * FINE - 0.5
@@ -52,6 +52,17 @@ def test_both_lenses_blur_is_found_and_told_apart(projector_px: float, camera_px
     middle = [np.array([(n - 1) / 2 for n in shape[::-1]]) for shape in (PROJECTOR, CAMERA)]
     assert found.projector.sigma_px(middle[0]) == pytest.approx(projector_px, rel=0.08)
     assert found.camera.sigma_px(middle[1]) == pytest.approx(camera_px, rel=0.12)
+
+
+@pytest.mark.parametrize("noise", [0.002, 0.01])
+def test_few_noisy_pictures_through_sharp_lenses_do_not_lead_the_fit_astray(noise: float) -> None:
+    few = [pattern.codes for pattern in checker_patterns(PROJECTOR, 8, 16)]
+    lit = np.ones(CAMERA, bool)
+    found = fit_point_spread(photographs(0.5, 0.4, noise, shifts=16), few, correspondence(), lit)
+    seen = footprint_map(found, correspondence(0.0))
+    expected = 0.5**2 + (0.4**2 + 1 / 12) * (0.45 + 0.0036 * 110) ** 2
+    assert seen.variance_px2[75, 110, 0] == pytest.approx(expected, rel=0.25)
+    assert found.rms < 4 * noise
 
 
 def test_what_a_pixel_is_lit_with_is_known_to_a_hundredth_from_the_blur_that_was_found() -> None:

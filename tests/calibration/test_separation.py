@@ -108,7 +108,7 @@ def test_a_place_that_the_code_has_a_third_of_a_pixel_off_is_mended_by_the_check
     found = separate_by_pattern(true.checkers(), patterns(), off, white=true.white.astype(np.float32))
     assert found.projector_xy_px is not None
     error = (found.projector_xy_px - true.xy)[20:-20, 20:-20]
-    assert np.median(np.abs(error)) < 0.03
+    assert np.median(np.abs(error)) < 0.3 / 8
     assert abs(bias(found.direct, true.direct, found.valid)) < 0.005
 
 
