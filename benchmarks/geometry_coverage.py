@@ -23,6 +23,7 @@ from geometry_worlds import CodeNoise, HalfSpace, Round, Shape, box, exact_map, 
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.geometry.pinhole import PinholeModel, vector_of
 from rig.devices.simulated.optics import SimulatedOptics, make_optics
 from rig.profile.schema import Profile, load_profile
 from rig.stages.geometry import GeometryRecord, geometry_of
@@ -73,9 +74,8 @@ def cases(rigs: int, tiny: int, seed: int, shapes: bool) -> Iterator[Case]:
     noises = list(NOISE)
     for k in range(tiny):
         yield Case(name=f"tiny {seed + k}", profile=profile, shape=None, noise=noises[k % 2], seed=seed + k)
-    random_rigs.CAMERA, random_rigs.PROJECTOR = (240, 320), (192, 256)
     for k in range(rigs):
-        text = random_rigs.rig_of(seed + k)
+        text = random_rigs.rig_of(seed + k, shapes=random_rigs.SMALL)
         rig = Profile.parse(text.encode(), Path(f"random-{seed + k}.toml"))
         yield Case(name=f"random {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
     if shapes:
@@ -101,10 +101,10 @@ def outcome_of(case: Case) -> Outcome:
     except CalibrationError as error:
         return Outcome(name=case.name, refused=str(error), sigmas_off={}, share_off=0.0, share_sigma=0.0)
     size = np.array(settings.size_m) if case.shape is None or case.shape.is_box else None
-    return _compared(case.name, record, (camera, projector), size)
+    return compared(case.name, record, (camera, projector), size)
 
 
-def _compared(
+def compared(
     name: str, record: GeometryRecord, devices: tuple[SimulatedOptics, SimulatedOptics], size_m: FloatArray | None
 ) -> Outcome:
     """Errors of lenses and relative pose, and in a box of its size and the devices' places."""
@@ -123,12 +123,18 @@ def _compared(
     lengths |= {
         f"relative_{axis}_m": pair for axis, pair in zip("xyz", zip(relative, truth_m, strict=True), strict=True)
     }
+    turns = {
+        f"relative_rotation_{axis}_deg": (float(value), 0.0)
+        for axis, value in zip("xyz", _turn_deg(_relative(*found), _relative(*devices)), strict=True)
+    }
     if size_m is not None:
         # The room that is found is turned by quarters: its x is the wall on the right.
         turn = np.rint(found[0].rotation.T @ camera.rotation)
         size = np.abs(turn @ size_m)
         lengths |= {f"room_{a}_m": p for a, p in zip("xyz", zip(record.surface.size_m, size, strict=True), strict=True)}
         for device, model, optics in zip(("camera", "projector"), found, devices, strict=True):
+            off = _turn_deg(model.rotation, optics.rotation @ turn.T)
+            turns |= {f"{device}_rotation_{a}_deg": (float(v), 0.0) for a, v in zip("xyz", off, strict=True)}
             there = turn @ optics.position_m
             there = np.where(turn.sum(axis=1) < 0, size + there, there)
             pairs = zip(model.position_m, there, strict=True)
@@ -139,10 +145,20 @@ def _compared(
     return Outcome(
         name=name,
         refused="",
-        sigmas_off={key: (a - b) / max(sigma[key], 1e-12) for key, (a, b) in (values | lengths).items()},
+        sigmas_off={key: (a - b) / max(sigma[key], 1e-12) for key, (a, b) in (values | lengths | turns).items()},
         share_off=max(abs(a - b) for a, b in lengths.values()) / extent,
         share_sigma=max(sigma[key] for key in lengths) / extent,
     )
+
+
+def _relative(camera: PinholeModel | SimulatedOptics, projector: PinholeModel | SimulatedOptics) -> FloatArray:
+    """(3, 3) from the camera's axes to the projector's."""
+    return np.asarray(projector.rotation @ camera.rotation.T)
+
+
+def _turn_deg(found: FloatArray, true: FloatArray) -> FloatArray:
+    """(3,) about the device's axes."""
+    return np.degrees(vector_of(found @ true.T))
 
 
 def _corner(angle_deg: float) -> Shape:

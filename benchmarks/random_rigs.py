@@ -1,7 +1,10 @@
 """Whole sessions on random simulated rigs: how far from the truth calibration ends, as a distribution.
 
     python benchmarks/random_rigs.py --rigs 40 --seed 1 --jobs 2
+    python benchmarks/random_rigs.py --kind tiny --rigs 100       # ci-tiny with other noise, 8 and 12 bits in turn
+    python benchmarks/random_rigs.py --kind small --rigs 100      # random, camera 320x240, projector 256x192
     python benchmarks/random_rigs.py --write FOLDER --rigs 5      # only the profiles, e.g. for `rig run`
+    python benchmarks/session_coverage.py FOLDER                  # of sessions that were kept: are their sigmas true?
 
 Rooms of 2.5 to 7 m, reflectance 0.3 to 0.85, fields of view of 45 to 100 degrees, blur of 0.2 to 1.2 px, contrast of
 200 to 5000, 8 to 12 bits, posters, room light up to 0.05 that may flicker, lens shift up to 0.6 of the height, a tape
@@ -12,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -30,12 +34,23 @@ from rig.devices.simulated.settings import SimulatedLensSettings
 
 FloatArray = NDArray[np.float64]
 
-CAMERA, PROJECTOR = (480, 640), (384, 512)
-"""(height, width) of the pictures, in pixels."""
+KINDS = ("random", "small", "tiny")
+TINY = Path(__file__).parents[1] / "hw_profiles" / "ci-tiny.toml"
 EFFECTS = ("corner-blur", "lamp", "tone", "8-bit")
 _LATENCY_S = 0.046
 _CORNER_MARGIN = 0.12
 """Of the room's length and width: nearer to a wall no device stands."""
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """(height, width) of the pictures, in pixels."""
+
+    camera: tuple[int, int] = (480, 640)
+    projector: tuple[int, int] = (384, 512)
+
+
+SMALL = Shapes((240, 320), (192, 256))
 
 
 @dataclass(frozen=True)
@@ -52,15 +67,15 @@ class Room:
         return np.asarray(self.corner * self.size_m[:2])
 
 
-def rig_of(seed: int, effects: Sequence[str] = ()) -> str:
+def rig_of(seed: int, effects: Sequence[str] = (), shapes: Shapes = Shapes()) -> str:
     """Return the profile of a random rig, as TOML."""
     random = np.random.default_rng([seed, 4096])
     room = Room(np.append(random.uniform(2.5, 7.0, 2), random.uniform(2.3, 3.6)), random.integers(0, 2, 2))
-    projector = _lens(random, "projector", PROJECTOR, shift=random.uniform(0, 0.6))
-    camera = _lens(random, "camera", CAMERA, shift=random.normal(0, 0.01))
+    projector = _lens(random, "projector", shapes.projector, shift=random.uniform(0, 0.6))
+    camera = _lens(random, "camera", shapes.camera, shift=random.normal(0, 0.01))
     target = np.append(room.edge_m, room.size_m[2] * random.uniform(0.35, 0.65))
     projector["position_m"], camera["position_m"] = _places(random, room)
-    for lens, shape in ((projector, PROJECTOR), (camera, CAMERA)):
+    for lens, shape in ((projector, shapes.projector), (camera, shapes.camera)):
         lens["look_at_m"] = _aim(lens, shape, target + random.normal(0, 0.04, 3) * room.size_m)
         lens["position_m"] = [float(x) for x in lens["position_m"]]
     if "corner-blur" in effects:
@@ -72,7 +87,7 @@ def rig_of(seed: int, effects: Sequence[str] = ()) -> str:
         camera["tone"] = ["srgb", float(random.uniform(1.8, 2.4))][random.integers(2)]
     bits = 8 if "8-bit" in effects else int(random.choice([8, 10, 12]))
     camera["black_level_dn"] = float(random.uniform(0.01, 0.03) * 2**bits)
-    return _profile(random, seed, room, (camera, projector), bits)
+    return _profile(random, seed, room, (camera, projector), bits, shapes)
 
 
 def _lens(random: np.random.Generator, name: str, shape: tuple[int, int], shift: float) -> dict[str, Any]:
@@ -130,19 +145,25 @@ def _meets(room: Room, optics: SimulatedOptics, xy_px: FloatArray) -> FloatArray
 
 
 def _profile(
-    random: np.random.Generator, seed: int, room: Room, lenses: tuple[dict[str, Any], dict[str, Any]], bits: int
+    random: np.random.Generator,
+    seed: int,
+    room: Room,
+    lenses: tuple[dict[str, Any], dict[str, Any]],
+    bits: int,
+    shapes: Shapes,
 ) -> str:
     camera, projector = lenses
-    optics = make_optics(SimulatedLensSettings(**_tuples(projector, SimulatedLensSettings)), PROJECTOR)
+    (camera_height_px, camera_width_px), (height_px, width_px) = shapes.camera, shapes.projector
+    optics = make_optics(SimulatedLensSettings(**_tuples(projector, SimulatedLensSettings)), shapes.projector)
     spots = [
-        [round(PROJECTOR[1] * 0.2), round(PROJECTOR[0] * 0.5)],
-        [round(PROJECTOR[1] * 0.8), round(PROJECTOR[0] * 0.5)],
+        [round(width_px * 0.2), round(height_px * 0.5)],
+        [round(width_px * 0.8), round(height_px * 0.5)],
     ]
     ends = _meets(room, optics, np.array(spots, dtype=np.float64))
     tape_m = float(np.linalg.norm(ends[1] - ends[0]) * (1 + 0.003 * random.normal()))
     hfov = {
         lens["name"]: float(2 * np.degrees(np.arctan(shape[1] / 2 / lens["focal_px"])) * random.uniform(0.97, 1.03))
-        for lens, shape in ((camera, CAMERA), (projector, PROJECTOR))
+        for lens, shape in ((camera, shapes.camera), (projector, shapes.projector))
     }
     ambient = float(random.uniform(0, 0.05) * random.integers(0, 2))
     camera |= {
@@ -164,9 +185,9 @@ def _profile(
     if room.corner[0] != room.corner[1]:
         # A profile's x ends at the wall on the right of the view: before these corners that is the simulated room's y.
         size_m[:2] = size_m[1::-1]
-    device = {"driver": "simulated", "width_px": CAMERA[1], "height_px": CAMERA[0], "channels": 1, "bit_depth": bits}
-    device |= {"frame_rate_hz": 30.0, "exposure_range_s": [1e-4, 2.0], "exposure_s": 0.0166667}
-    display = {"driver": "simulated", "width_px": PROJECTOR[1], "height_px": PROJECTOR[0], "bit_depth": 8}
+    device = {"driver": "simulated", "width_px": camera_width_px, "height_px": camera_height_px, "bit_depth": bits}
+    device |= {"channels": 1, "frame_rate_hz": 30.0, "exposure_range_s": [1e-4, 2.0], "exposure_s": 0.0166667}
+    display = {"driver": "simulated", "width_px": width_px, "height_px": height_px, "bit_depth": 8}
     display |= {"refresh_rate_hz": 60.0, "latency_s": 0.06}
     wall = random.uniform(0.3, 0.85)
     reflectance = {
@@ -234,15 +255,29 @@ def _table(name: str, values: Mapping[str, Any]) -> str:
     return "\n".join([head, *lines] if head else lines)
 
 
-def run(seed: int, folder: Path, effects: Sequence[str], strategies: Sequence[str]) -> dict[str, Any]:
+def tiny(seed: int) -> str:
+    """Return ci-tiny with other noise, its camera of 12 bits where the seed is even and of 8 where it is odd."""
+    text = re.sub(r"(?m)^seed = \d+", f"seed = {seed}", TINY.read_text(encoding="utf-8"))
+    if seed % 2 == 0:
+        return text
+    # Of the 12-bit camera's 64 of 4095 remain 4 of 255.
+    return text.replace("bit_depth = 12", "bit_depth = 8").replace("black_level_dn = 64.0", "black_level_dn = 4.0")
+
+
+def profile_of(kind: str, seed: int, effects: Sequence[str]) -> str:
+    """Return the profile of one of :data:`KINDS`, as TOML."""
+    if kind == "tiny":
+        return tiny(seed)
+    return rig_of(seed, effects, SMALL if kind == "small" else Shapes())
+
+
+def run(profile: Path, session: Path, strategies: Sequence[str]) -> dict[str, Any]:
     """Run a session on one rig; what `rig run --json` says, or how it was refused."""
-    profile = folder / f"random-{seed}.toml"
-    profile.write_text(rig_of(seed, effects), encoding="utf-8")
     started_s = time.monotonic()
     shown = ["--strategies", ",".join(strategies)]
-    command = [sys.executable, "-m", "rig", "run", str(folder / f"s{seed}"), "-p", str(profile), "--json", *shown]
+    command = [sys.executable, "-m", "rig", "run", str(session), "-p", str(profile), "--json", *shown]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    found: dict[str, Any] = {"seed": seed, "status": done.returncode, "seconds": time.monotonic() - started_s}
+    found: dict[str, Any] = {"rig": profile.stem, "status": done.returncode, "seconds": time.monotonic() - started_s}
     if done.stdout.strip().startswith("{"):
         found |= {"result": json.loads(done.stdout)}
     return found | {"said": done.stderr.strip().splitlines()[-1:] if done.returncode else []}
@@ -266,7 +301,7 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
     """Median, 90th percentile and largest of what ended; refusals in their own words."""
     ended = [one["result"] for one in found if "comparison" in one.get("result", {})]
     lines = [f"{len(ended)} of {len(found)} ended, {sum(one['within_limits'] for one in ended)} within their limits"]
-    lines += [f"  rig {one['seed']}: exit {one['status']}: {' '.join(one['said'])}" for one in found if one["said"]]
+    lines += [f"  {one['rig']}: exit {one['status']}: {' '.join(one['said'])}" for one in found if one["said"]]
     for name, (part, key) in FIGURES.items():
         values = np.abs([one[part][key] for one in ended])
         if len(values):
@@ -278,6 +313,7 @@ def table(found: Sequence[Mapping[str, Any]]) -> str:
 def main() -> int:
     """Write profiles, or run them and print the distributions."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kind", choices=KINDS, default="random")
     parser.add_argument("--rigs", type=int, default=40)
     parser.add_argument("--seed", type=int, default=1, help="of the first rig; the others follow")
     parser.add_argument("--jobs", type=int, default=2)
@@ -287,16 +323,16 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, help="keep the sessions there")
     parser.add_argument("--json", type=Path, help="all results")
     wanted = parser.parse_args()
-    seeds = range(wanted.seed, wanted.seed + wanted.rigs)
-    if wanted.write:
-        wanted.write.mkdir(parents=True, exist_ok=True)
-        for seed in seeds:
-            (wanted.write / f"random-{seed}.toml").write_text(rig_of(seed, wanted.effects), encoding="utf-8")
-        return 0
     with tempfile.TemporaryDirectory() as scratch, ThreadPoolExecutor(wanted.jobs) as executor:
-        folder = wanted.keep or Path(scratch)
+        folder = wanted.write or wanted.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
-        found = list(executor.map(lambda seed: run(seed, folder, wanted.effects, wanted.strategies), seeds))
+        profiles = []
+        for seed in range(wanted.seed, wanted.seed + wanted.rigs):
+            profiles.append(folder / f"{wanted.kind}-{seed}.toml")
+            profiles[-1].write_text(profile_of(wanted.kind, seed, wanted.effects), encoding="utf-8")
+        if wanted.write:
+            return 0
+        found = list(executor.map(lambda path: run(path, path.with_suffix(""), wanted.strategies), profiles))
     if wanted.json:
         wanted.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
     print(table(found))

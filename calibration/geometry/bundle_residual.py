@@ -38,6 +38,8 @@ class LandingError:
     """(N,) wall of each point."""
     axes: Axes
     nominal: NominalIntrinsics
+    weight: FloatArray | float = 1.0
+    """(N, 2) by which a residual counts: 1, and less where a coordinate is less certain than usual."""
 
     @cached_property
     def _kept(self) -> dict[bytes, FloatArray]:
@@ -45,11 +47,11 @@ class LandingError:
         return {}
 
     def __call__(self, z: FloatArray) -> FloatArray:
-        """(N, 2) predicted minus measured projector pixel. [px]."""
+        """(N, 2) predicted minus measured projector pixel, weighted. [px]."""
         camera, projector = devices_of(z, self.nominal)
         rays = self._rays(camera, z)
         along = (rays * planes_of(z, self.axes)[self.label]).sum(1)
-        return np.asarray(np.clip(landed(projector, rays, along) - self.x2, -_FAR_PX, _FAR_PX))
+        return np.asarray(self.weight * np.clip(landed(projector, rays, along) - self.x2, -_FAR_PX, _FAR_PX))
 
     def _rays(self, camera: PinholeModel, z: FloatArray) -> FloatArray:
         key = z[CAMERA].tobytes()
@@ -59,7 +61,7 @@ class LandingError:
         return self._kept[key]
 
     def jacobian(self, z: FloatArray) -> FloatArray:
-        """(n, N, 2) derivative by each unknown."""
+        """(n, N, 2) derivative of the weighted residuals by each unknown."""
         camera, projector = devices_of(z, self.nominal)
         rays = self._rays(camera, z)
         planes = planes_of(z, self.axes)[self.label]
@@ -73,7 +75,7 @@ class LandingError:
         self._by_planes(z, by_plane, result)
         by_ray = (by_point + by_plane_to_ray(by_point, points, planes)) / along[:, :, None]
         self._by_camera(camera, rays, by_ray[:, :, :2], result)
-        return result
+        return result * self.weight
 
     def _by_projector(
         self, z: FloatArray, projector: PinholeModel, points: FloatArray, result: FloatArray

@@ -86,6 +86,31 @@ def covariance(fit: Fit, variance_px2: float) -> FloatArray:
     return np.asarray(variance_px2 * found)
 
 
+def common_covariance(fit: Fit, label: IntArray, weight: FloatArray | float, sigma_px: float) -> FloatArray:
+    """Return the covariance that errors bring which all points of a wall share.
+
+    Parameters
+    ----------
+    fit : Fit
+        A solution.
+    label : (N,)
+        Walls of its points.
+    weight : (N, 2) or float
+        By which the points' residuals are multiplied.
+    sigma_px : float
+        Of the shared error of each coordinate on each wall. [px]
+
+    Returns
+    -------
+    (n, n)
+        Of the unknowns.
+    """
+    pull = fit.jacobian * (fit.weight[:, None] * weight)
+    walls = np.stack([pull[:, label == wall].sum(axis=1) for wall in np.unique(label)], axis=1)
+    moved = covariance(fit, 1.0) @ walls.reshape(len(fit.z), -1)
+    return np.asarray(sigma_px**2 * moved @ moved.T)
+
+
 def standard_deviations(
     figures: Callable[[FloatArray], FloatArray], unknowns: FloatArray, covariance: FloatArray
 ) -> FloatArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation
 
 from calibration.arrays import Float32Array, FloatArray
 from calibration.lenses.lens import distorted, ideal_coordinates
@@ -134,5 +135,5 @@ def rotation_of(vector: ArrayLike) -> FloatArray:
 
 
 def vector_of(rotation: FloatArray) -> FloatArray:
-    """(3,) Rodrigues vector of a rotation, in radians."""
-    return np.asarray(cv2.Rodrigues(rotation)[0], dtype=np.float64).ravel()
+    """(3,) Rodrigues vector of a rotation, in radians; tiny turns too, which cv2.Rodrigues takes for none."""
+    return np.asarray(Rotation.from_matrix(rotation).as_rotvec(), dtype=np.float64)

@@ -7,6 +7,7 @@ correspondence and no unknown of its own. Walls at right angles fix the focal le
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from calibration.arrays import FloatArray, IntArray
 from calibration.geometry.bundle_residual import LandingError, landed, rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene, priors_of, scene_of, unknowns_of
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.noise import common_covariance, covariance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import Axes, Transfer, assign_planes
 from calibration.geometry.robust_fit import Fit, robust_fit
@@ -26,6 +28,8 @@ _LEAST_POINTS = 200
 """Correspondences for some forty unknowns."""
 _LEAST_SCALE_PX = 0.3
 """Of the robust fit: twice the noise of a sub-pixel correspondence."""
+_COMMON_PX = 0.01
+"""By which all of a wall's coordinates are off together (blur on a slanting wall is lopsided), on forty random rigs."""
 _REFIT = 20
 """Iterations of a fit that begins near its end."""
 _NOWHERE_PX = -1e6
@@ -45,6 +49,12 @@ class BundleSolution(PlanarScene):
     start_axes: Axes
     """Those that the fit's unknowns turn."""
     error: LandingError
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """(n, n) of the unknowns: from noise, and from what all points of a wall are off together."""
+        noise = covariance(self.fit, self.fit.priors.weight)
+        return noise + common_covariance(self.fit, self.fit_label, self.error.weight, _COMMON_PX)
 
     @property
     def share(self) -> float:
@@ -84,7 +94,13 @@ class Rounds:
 
 
 def adjust(
-    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, *, rounds: Rounds
+    x1: FloatArray,
+    x2: FloatArray,
+    start: PlanarScene,
+    nominal: NominalIntrinsics,
+    *,
+    rounds: Rounds,
+    weight: FloatArray | None = None,
 ) -> BundleSolution | None:
     """Adjust both lenses, the relative pose and the walls to correspondences on the walls.
 
@@ -98,6 +114,8 @@ def adjust(
         Of both lenses.
     rounds : Rounds
         Limits and iterations.
+    weight : (N, 2), optional
+        By which each coordinate of the projector counts, at most 1.
 
     Returns
     -------
@@ -108,12 +126,15 @@ def adjust(
     z = unknowns_of(start, nominal)
     priors = priors_of(len(z), nominal, rounds.variance_px2)
     margin_px = _MARGIN_SHARE * nominal.projector_shape[1]
+    weight = np.ones_like(x2) if weight is None else weight
     for limit_px in rounds.limits_px:
         label = _label(scene, x1, x2, limit_px=limit_px, margin_px=margin_px)
         used = np.flatnonzero(label >= 0)
         if len(used) < _LEAST_POINTS:
             return None
-        error = LandingError(x1=x1[used], x2=x2[used], label=label[used], axes=axes, nominal=nominal)
+        error = LandingError(
+            x1=x1[used], x2=x2[used], label=label[used], axes=axes, nominal=nominal, weight=weight[used]
+        )
         fit = robust_fit(error, z, priors, iterations=rounds.iterations, least_scale_px=_LEAST_SCALE_PX)
         z = fit.z
         scene = scene_of(z, axes, nominal)

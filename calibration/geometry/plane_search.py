@@ -30,6 +30,7 @@ _EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
 """Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 _ONE_AXIS = 0.5
 """What a candidate counts that has walls along one direction only: none at right angles."""
+_FEWER_PLANES = (3, 2)
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
@@ -95,7 +96,7 @@ def _adjusted_twice(
     x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
 ) -> BundleSolution | None:
     """Fit with free planes, then at right angles; find the planes again with these lenses, and fit again."""
-    first = _without_phantoms(x1, x2, start, nominal, rounds=Rounds(limits_px=(4.0, 1.5), iterations=6))
+    first = _first_fit(x1, x2, start, nominal)
     if right_angles and first is not None:
         guesses = axis_hypotheses(first.planes, orthogonal_axes(first.planes, _GUESSED_LIMIT_DEG))
         rounds = Rounds(limits_px=(1.5,), iterations=12)
@@ -112,6 +113,30 @@ def _adjusted_twice(
     if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
         return first
     return second
+
+
+def _first_fit(
+    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics
+) -> BundleSolution | None:
+    """Fit with free planes; where they take each other's points, with fewer, those that stand most apart.
+
+    With one device before the other, rough lenses make several planes of one wall.
+    """
+    rounds = Rounds(limits_px=(4.0, 1.5), iterations=6)
+    fit = _without_phantoms(x1, x2, start, nominal, rounds=rounds)
+    for count in _FEWER_PLANES:
+        if fit is None and len(start.planes) > count:
+            fit = _without_phantoms(x1, x2, start.with_planes(_apart(start.planes, count)), nominal, rounds=rounds)
+    return fit
+
+
+def _apart(planes: FloatArray, count: int) -> FloatArray:
+    """(count, 3) the first plane, and one after the other that which stands furthest from those chosen."""
+    normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
+    chosen = [0]
+    while len(chosen) < count:
+        chosen.append(int(np.abs(normals @ normals[chosen].T).max(axis=1).argmin()))
+    return planes[sorted(chosen)]
 
 
 def _limit_after(fit: BundleSolution) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,6 +15,13 @@ Residual = Callable[[FloatArray], FloatArray]
 
 _STEP = 1e-6
 """Of a forward difference: unknowns are of order 1, so half of float64's digits are left for the slope."""
+_LEAST_DAMPING = 1e-13
+"""Of the unknowns' own curvature. Where two walls are all that is seen, focal lengths and distances lie in a valley
+whose curvature is 1e-9 of theirs: damped by as much, each step goes half of the way that is left, or less."""
+_SECOND_STEP = 0.1
+"""Of a step, over which the residuals' second derivative along it is taken."""
+_MOST_BENT = 0.375
+"""Of the straight step's length: beyond, the second order is no small correction (2 |a| / |v| < 0.75 in the paper)."""
 _LARGEST_DAMPING = 1e8
 """Beyond, a step no longer changes anything: the fit is at its end."""
 
@@ -69,28 +76,75 @@ def robust_fit(residual: Residual, start: FloatArray, priors: Priors, *, iterati
     """Minimise Σ s² log(1 + |r|²/s²) + priors; s follows the median residual down to `least_scale_px`.
 
     The scale that follows keeps a bad start from being taken for outliers. Cauchy's loss and Levenberg-Marquardt as
-    in B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
+    in B. Triggs et al., Bundle adjustment - a modern synthesis, 1999. Where two walls are all that is seen, focal
+    lengths and distances lie along a bent valley, in which straight steps stay short: half the steps bend with it
+    (M. Transtrum and J. Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885, 2012).
     """
     z, damping = start, 1e-3
     error = residual(z)
     for _ in range(iterations):
         scale = _scale(error, least_scale_px)
-        jacobian = _jacobian(residual, z, error)
-        hessian, gradient = _normal_equations(jacobian, error, _weight(error, scale), z=z, priors=priors)
+        at = _Slope.at(residual, z, error, priors=priors, scale=scale)
         cost = _cost(error, scale) + priors.cost(z)
         improved = False
         while not improved and damping < _LARGEST_DAMPING:
-            step = _solve(hessian, gradient, damping)
-            trial = residual(z - step)
-            gain = cost - _cost(trial, scale) - priors.cost(z - step)
-            improved = gain > 0
-            damping = max(damping / 10, 1e-9) if improved else damping * 10
+            for step in at.steps(damping):
+                trial = residual(z - step)
+                gain = cost - _cost(trial, scale) - priors.cost(z - step)
+                improved = gain > 0
+                if improved:
+                    break
+            damping = max(damping / 10, _LEAST_DAMPING) if improved else damping * 10
         if not improved:
             break
         z, error = z - step, trial
         if gain < 1e-9 * cost:
             break
     return Fit(z=z, residual=error, priors=priors, function=residual, least_scale_px=least_scale_px)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Slope:
+    """The problem around one place, from which steps of any damping follow."""
+
+    residual: Residual
+    z: FloatArray
+    error: FloatArray
+    jacobian: FloatArray
+    weight: FloatArray
+    hessian: FloatArray
+    gradient: FloatArray
+
+    @classmethod
+    def at(cls, residual: Residual, z: FloatArray, error: FloatArray, *, priors: Priors, scale: float) -> _Slope:
+        jacobian, weight = _jacobian(residual, z, error), _weight(error, scale)
+        hessian, gradient = _normal_equations(jacobian, error, weight, z=z, priors=priors)
+        return cls(
+            residual=residual,
+            z=z,
+            error=error,
+            jacobian=jacobian,
+            weight=weight,
+            hessian=hessian,
+            gradient=gradient,
+        )
+
+    def steps(self, damping: float) -> Iterator[FloatArray]:
+        """Yield the step that bends with the residuals, unless it bends too much, then the straight one."""
+        straight = _solve(self.hessian, self.gradient, damping)
+        moved = self.residual(self.z - _SECOND_STEP * straight)
+        by_step = np.tensordot(straight, self.jacobian, 1)
+        second = 2 / _SECOND_STEP * ((moved - self.error) / _SECOND_STEP + by_step)
+        pull = (self.jacobian * self.weight[:, None]).reshape(len(self.z), -1) @ second.ravel()
+        bend = 0.5 * _solve(self.hessian, pull, damping)
+        if _size(self.hessian, bend) < _MOST_BENT * _size(self.hessian, straight):
+            yield straight + bend
+        yield straight
+
+
+def _size(hessian: FloatArray, step: FloatArray) -> float:
+    """Length of a step, each unknown measured by its own curvature."""
+    return float(np.sqrt((np.diag(hessian) * step**2).sum()))
 
 
 def _scale(error: FloatArray, least_px: float) -> float:
@@ -130,6 +184,6 @@ def _normal_equations(
 
 
 def _solve(hessian: FloatArray, gradient: FloatArray, damping: float) -> FloatArray:
-    diagonal = np.diag(hessian)
-    damped = hessian + np.diag(damping * diagonal + 1e-12 * diagonal.max())
-    return np.asarray(np.linalg.solve(damped, gradient))
+    scale = 1 / np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    damped = hessian * np.outer(scale, scale) + damping * np.eye(len(scale))
+    return np.asarray(scale * np.linalg.solve(damped, scale * gradient))

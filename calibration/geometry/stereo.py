@@ -29,7 +29,7 @@ from calibration.geometry.epipolar import (
     NominalIntrinsics,
     check_not_flat,
 )
-from calibration.geometry.noise import covariance, observation_variance, standard_deviations
+from calibration.geometry.noise import observation_variance, standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
 from calibration.geometry.plane_search import best_bundle
@@ -155,6 +155,7 @@ def calibrate_stereo(
     nominal: NominalIntrinsics,
     *,
     right_angles: bool = True,
+    sigma_px: FloatArray | None = None,
     on_step: Callable[[int, int], None] | None = None,
 ) -> StereoCalibration:
     """Find lenses, relative pose and planes from correspondences; the unit of length is the baseline.
@@ -167,6 +168,8 @@ def calibrate_stereo(
         Of both lenses.
     right_angles : bool
         Planes that are nearly perpendicular are exactly so.
+    sigma_px : (N, 2), optional
+        Standard deviation of the projector's pixels: those that are less certain than most count less. [px]
     on_step : callable, optional
         Called with the steps done and all steps.
 
@@ -189,32 +192,44 @@ def calibrate_stereo(
     _check_count(len(camera_xy_px))
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
+    weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
     check_not_flat(x1[:_FEW], x2[:_FEW], nominal)
     report(1, 3)
     bundle = best_bundle(x1, x2, nominal, right_angles=right_angles)
     report(2, 3)
-    final = _held_against_all(x1, x2, bundle, nominal)
+    final = _held_against_all(x1, x2, weight, bundle, nominal)
     report(3, 3)
     return _finished(final, x1, x2, nominal)
 
 
+def _weight(sigma_px: FloatArray) -> FloatArray:
+    """(N, 2) by which residuals count, so that uncertain ones come to the scatter of those of the better half.
+
+    Where a stripe's edge falls on the same place of many neighbouring camera pixels, their codes are rounded alike, and
+    no window averages that out: a tenth of a picture may be off by five times the noise of the rest, in waves.
+    """
+    usual = float(np.nanmedian(sigma_px.min(axis=1)))
+    return np.asarray(usual / np.fmax(sigma_px, usual))
+
+
 def _held_against_all(
-    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics
+    x1: FloatArray, x2: FloatArray, weight: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics
 ) -> BundleSolution:
     """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
-    rough = adjust(x1, x2, bundle, nominal, rounds=Rounds(limits_px=(1.0,), iterations=8)) or bundle
+    rounds = Rounds(limits_px=(1.0,), iterations=8)
+    rough = adjust(x1, x2, bundle, nominal, rounds=rounds, weight=weight) or bundle
     check_one_surface(rough, x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
-    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=Rounds(limits_px=(2.0, 1.0), iterations=10))
+    rounds = Rounds(limits_px=(2.0, 1.0), iterations=10)
+    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
     check_flat(free or rough, a if free else x1)
     if free is not None:
         _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
-    final = adjust(x1, x2, rough, nominal, rounds=rounds) or rough
-    unknown = covariance(final.fit, final.fit.priors.weight)
-    check_data_sheets(final, np.sqrt(np.diag(unknown)))
-    check_determined(final, unknown)
+    final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
+    check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
+    check_determined(final, final.covariance)
     return final
 
 
@@ -340,7 +355,6 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
     camera, projector = bundle.camera, bundle.projector
     projector_rms = _rms(project(projector, _points_on_planes(camera, x1[used], planes)) - x2[used])
     camera_rms = _rms(project(camera, _points_on_planes(projector, x2[used], planes)) - x1[used])
-    unknown = covariance(bundle.fit, bundle.fit.priors.weight)
     return StereoCalibration(
         camera=camera,
         projector=projector,
@@ -350,10 +364,12 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
         rms_px=float(np.sqrt((camera_rms**2 + projector_rms**2) / 2)),
         camera_rms_px=camera_rms,
         projector_rms_px=projector_rms,
-        sigmas=_lens_sigmas(unknown, nominal),
+        sigmas=_lens_sigmas(bundle.covariance, nominal),
         inlier_share=float(used.mean()),
         explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used]),
-        uncertainty=Uncertainty(unknowns=bundle.fit.z, covariance=unknown, axes=bundle.start_axes, nominal=nominal),
+        uncertainty=Uncertainty(
+            unknowns=bundle.fit.z, covariance=bundle.covariance, axes=bundle.start_axes, nominal=nominal
+        ),
     )
 
 

@@ -157,11 +157,13 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         camera_hfov_deg=hfov_deg_of(profile, profile.camera),
         projector_hfov_deg=hfov_deg_of(profile, profile.projector),
     )
+    sigma = correspondence.sigma_px
     pair = calibrate_stereo(
         np.stack([columns, rows], axis=1).astype(np.float64),
         correspondence.projector_xy_px[rows, columns].astype(np.float64),
         nominal,
         right_angles=profile.box.right_angles,
+        sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rig.capture.rig import Rig
 from rig.devices.simulated.devices import SimulatedCamera, simulated_worlds_of
@@ -96,14 +96,14 @@ def _pose_errors(world: SimulatedWorld, camera: PosedLens, projector: PosedLens)
     true_rotation = world.projector.rotation @ world.camera.rotation.T
     found = projector.pose.rotation @ (camera.pose.position_m - projector.pose.position_m)
     true = world.projector.rotation @ (world.camera.position_m - world.projector.position_m)
-    turn = cv2.Rodrigues(found_rotation @ true_rotation.T)[0]
+    turn = Rotation.from_matrix(found_rotation @ true_rotation.T).magnitude()
     focal = [
         abs(camera.lens.focal_px[0] / world.settings.camera.focal_px - 1),
         abs(projector.lens.focal_px[0] / world.settings.projector.focal_px - 1),
     ]
     return _PoseErrors(
         position_mm=1000 * float(np.linalg.norm(found - true)),
-        rotation_deg=float(np.degrees(np.linalg.norm(turn))),
+        rotation_deg=float(np.degrees(turn)),
         focal_percent=100 * max(focal),
     )
 

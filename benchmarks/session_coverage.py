@@ -1,0 +1,94 @@
+"""Whether whole sessions are ever wrong in silence, and whether what they state as sigma is true.
+
+    python benchmarks/random_rigs.py --rigs 40 --seed 1 --keep FOLDER
+    python benchmarks/session_coverage.py FOLDER
+
+Reads what random_rigs.py kept: of every session that ended, each term of both lenses, the relative pose, the room, the
+places of the devices, the camera's response and the projector's, against the truth of its profile.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from geometry_coverage import Outcome, compared, report
+from response_coverage import judged
+
+from rig.devices.simulated.optics import make_optics
+from rig.errors import RigError
+from rig.profile.schema import Profile
+from rig.run.results import SessionResult
+from rig.session import Session
+from rig.stages.geometry import load_geometry
+from rig.stages.radiometry import load_radiometric_calibration
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """One session: its geometry, its response, and whether it called itself within limits."""
+
+    geometry: Outcome
+    response_sigmas: Sequence[float]
+    """Error of the camera's light over its sigma, at the levels of response_coverage.py."""
+    within_limits: bool
+
+
+def judgement(folder: Path) -> Judgement:
+    """Compare one finished session with the truth of its profile."""
+    profile = Profile.parse((folder / "profile.toml").read_bytes(), folder / "profile.toml")
+    session = Session.read(folder, profile)
+    settings = profile.simulation
+    if settings is None:
+        raise ValueError(f"{folder}: not a simulated rig")
+    camera = make_optics(settings.camera, profile.camera.shape[:2])
+    projector = make_optics(settings.projector, profile.projector.shape)
+    outcome = compared(folder.name, load_geometry(session), (camera, projector), np.array(settings.size_m))
+    response = judged(profile, load_radiometric_calibration(session))
+    within = session.read_metrics(SessionResult).within_limits
+    return Judgement(outcome, [float(score) for score in response.score], within)
+
+
+def table(found: Mapping[str, Judgement], unfinished: Mapping[str, str]) -> str:
+    """The distributions, and each session that was wrong although it said nothing."""
+    ended = list(found.values())
+    silent = [one.geometry for one in ended if one.within_limits]
+    response = np.abs([one.response_sigmas for one in ended])
+    lines = [f"{len(ended)} sessions ended, {len(silent)} within their limits; {len(unfinished)} refused"]
+    lines += [f"  {name}: {why}" for name, why in unfinished.items()]
+    lines += ["of those within limits:", report(silent), "of all that ended:", report([one.geometry for one in ended])]
+    scores = np.abs([q for one in ended for q in one.geometry.sigmas_off.values()])
+    if len(ended):
+        lines += [
+            f"all terms within 3 sigma: {(scores < 3).mean():.3f}, error over sigma {_typical(scores):.2f} (by median)",
+            f"light of the camera within 3 sigma: {(response < 3).mean():.3f}, {_typical(response):.2f} (by median)",
+        ]
+    return "\n".join(lines)
+
+
+def _typical(scores: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> float:
+    """Standard deviation of a normal distribution with the same median of its size."""
+    return float(np.median(scores)) / 0.6745
+
+
+def main() -> int:
+    """Read a folder of sessions and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, nargs="+", help="that random_rigs.py --keep filled")
+    wanted = parser.parse_args()
+    found, unfinished = {}, {}
+    for path in sorted(path.parent for folder in wanted.folder for path in folder.glob("*/session.json")):
+        try:
+            found[path.name] = judgement(path)
+        except RigError as error:
+            unfinished[path.name] = str(error)
+    print(table(found, unfinished))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
