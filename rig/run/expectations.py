@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -42,16 +44,19 @@ def expected_figures(
         Of the strategy that stands for 'compensated'.
     """
     return (
-        _reprojection(geometry, load_correspondence(session).projector_xy_px),
+        *_reprojection(geometry, load_correspondence(session).projector_xy_px),
         _model_error(comparison),
         _within(comparison),
         _compensated(best, comparison),
     )
 
 
-def _reprojection(geometry: GeometryResult, projector_xy_px: NDArray[np.floating]) -> ExpectedFigure:
+def _reprojection(geometry: GeometryResult, projector_xy_px: NDArray[np.floating]) -> Iterator[ExpectedFigure]:
+    """One figure; none of a map so full of holes that nothing tells its noise."""
     noise_px = map_noise_px(projector_xy_px)
-    return ExpectedFigure(
+    if not np.isfinite(noise_px):
+        return
+    yield ExpectedFigure(
         what="reprojection error of the projector, rms",
         value=geometry.projector_rms_px,
         low=_SPREAD[0] * noise_px,

@@ -50,6 +50,12 @@ def test_the_brightest_channel_counts_and_glints_do_not() -> None:
     assert brightest_share(pixels, 4095) == pytest.approx(2000 / 4095)
 
 
+def test_a_small_glare_may_clip_so_that_the_rest_can_be_decoded() -> None:
+    pixels = np.full((100, 100, 1), 90, np.uint16)
+    pixels[:2, :25] = 255
+    assert brightest_share(pixels, 255) == pytest.approx(1.3 * 90 / 255)
+
+
 def test_a_projector_whose_light_does_not_arrive_is_refused() -> None:
     black = np.full((20, 20, 1), 64, np.uint16)
     with pytest.raises(CalibrationError, match=r"only 10\.0 dn brighter.*the limit is 41 dn"):
