@@ -23,8 +23,6 @@ MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.8
 """Flat walls of forty simulated rooms bend by up to 0.6 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
 _TELLING = 2.0
 """Sigmas from a right angle at which an angle is worth telling."""
-_PATIENCE = 5
-"""Fits more, until the angles that are told no longer change: along a long valley steps are short."""
 MOST_DISTANCE_SIGMA = 0.1
 """Of the walls' distance, in baselines: a room of which a tenth is not known is none."""
 
@@ -135,8 +133,7 @@ def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArra
         return
     on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()
     across = [(a, b) for a, b in combinations(on_axes, 2) if held.axes.of_plane[a] != held.axes.of_plane[b]]
-    for _ in range(_PATIENCE):
-        free = refit(free.error, free, variance)
+    free = refit(free.error, free, variance)
     worst = max(angles_of(free, across, x1), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
     raise CalibrationError(
         "the walls are not at right angles: a fit without right angles explains the points and hfov_deg better by "

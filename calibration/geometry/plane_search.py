@@ -115,9 +115,7 @@ def _adjusted_twice(
     return second
 
 
-def _first_fit(
-    x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics
-) -> BundleSolution | None:
+def _first_fit(x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics) -> BundleSolution | None:
     """Fit with free planes; where they take each other's points, with fewer, those that stand most apart.
 
     With one device before the other, rough lenses make several planes of one wall.

@@ -77,7 +77,7 @@ def robust_fit(residual: Residual, start: FloatArray, priors: Priors, *, iterati
 
     The scale that follows keeps a bad start from being taken for outliers. Cauchy's loss and Levenberg-Marquardt as
     in B. Triggs et al., Bundle adjustment - a modern synthesis, 1999. Where two walls are all that is seen, focal
-    lengths and distances lie along a bent valley, in which straight steps stay short: half the steps bend with it
+    lengths and distances lie along a bent valley, in which straight steps stay short: these bend with it
     (M. Transtrum and J. Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885, 2012).
     """
     z, damping = start, 1e-3

@@ -50,7 +50,11 @@ class RoomBox:
 
 
 def room_from_stereo(
-    stereo: StereoCalibration, size_m: tuple[float, float, float] | None = None, closed: bool = True
+    stereo: StereoCalibration,
+    size_m: tuple[float, float, float] | None = None,
+    closed: bool = True,
+    *,
+    lens_height_m: float | None = None,
 ) -> RoomBox:
     """Turn the planes of a scaled calibration into a room.
 
@@ -66,6 +70,8 @@ def room_from_stereo(
         By tape measure. [m]
     closed : bool
         All six faces are there, seen or not.
+    lens_height_m : float, optional
+        Of the projector's lens above a floor that nobody sees, by tape measure. [m]
 
     Returns
     -------
@@ -82,7 +88,11 @@ def room_from_stereo(
     frame = _room_directions(stereo)
     low, high, seen = _extents(stereo, frame)
     devices = np.stack([frame @ stereo.camera.position_m, frame @ stereo.projector.position_m])
+    if lens_height_m is not None and low[2] is None:
+        low[2] = float(devices[1, 2]) - lens_height_m
     notes = _close(devices, low, high, size_m)
+    if lens_height_m is not None and "floor" not in seen:
+        notes += f" The floor is {lens_height_m:g} m below the projector's lens, by tape."
     _check_inside(devices, low, high)
     origin = np.array([value for value in low if value is not None])
     size = np.array([b - a for a, b in zip(low, high, strict=True) if a is not None and b is not None])

@@ -175,6 +175,8 @@ class Box(Table):
     """Six faces; else only those that were seen."""
     size_m: tuple[Positive, Positive, Positive] | None = None
     """Inner size by tape; places only walls that nobody sees."""
+    lens_height_m: Positive | None = None
+    """Of the projector's lens above the floor, by tape; places only a floor that nobody sees."""
     patch_size_m: Positive = 0.3
     right_angles: bool = True
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rig.files.channels import image_of
-from rig.profile.tables import Limits
+from rig.profile.schema import Profile
 from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
 from rig.run.lamp import lamp_change
@@ -60,7 +60,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     geometry, comparison = _geometry(session, is_separated=True), _comparison(session)
     strategies, best = _strategies(session), load_compensation(session).best
     model = _model(session)
-    limits = (*_verdicts(geometry, model, comparison, session.profile.limits), _lamp_verdict(session))
+    limits = (*_verdicts(geometry, model, comparison, session.profile), _lamp_verdict(session))
     return SessionResult(
         geometry=geometry,
         separation=_separation(session),
@@ -193,9 +193,15 @@ def _length_sigma_percent(geometry: GeometryResult) -> float:
     return max(100 * sigma / length for sigma, length in zip(sigmas_m, geometry.room_size_m, strict=True))
 
 
+def _guessed_directions(geometry: GeometryResult) -> int:
+    """Those along which no wall was seen or measured: a device's place there has no sigma."""
+    return sum(f"projector_{axis}_m" not in geometry.sigmas for axis in "xyz")
+
+
 def _verdicts(
-    geometry: GeometryResult, model: ModelResult, comparison: ModelComparison, limits: Limits
+    geometry: GeometryResult, model: ModelResult, comparison: ModelComparison, profile: Profile
 ) -> tuple[Verdict, ...]:
+    limits = profile.limits
     return (
         Verdict(
             what="geometry: reprojection rms",
@@ -211,6 +217,14 @@ def _verdicts(
             unit="%",
             advice="what is lit and seen tells the lengths badly: show three surfaces, move the camera away from the "
             "projector, or give both devices a lens file (rig lenses)",
+        ),
+        Verdict(
+            what="geometry: directions in which no wall was measured",
+            value=_guessed_directions(geometry) if profile.box.closed else 0,
+            limit=0,
+            unit="",
+            advice="nobody knows where the floor and the ceiling (or both walls of a side) are: show one of them, or "
+            "give surface.lens_height_m, the projector's lens above the floor by tape",
         ),
         Verdict(
             what="valid share of the lit pixels",

@@ -28,7 +28,7 @@ _LEAST_INSIDE = 0.2
 
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
-NO_TAPE_ERROR = np.zeros(4)
+NO_TAPE_ERROR = np.zeros(5)
 _TAPE_STEP = 1e-4
 
 Point = tuple[float, float, float]
@@ -117,10 +117,11 @@ class GeometryRecord(Record):
 def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
+    unused = {"patch_size_m"} | ({"lens_height_m"} if profile.box.lens_height_m is None else set())
     return {
         "hfov_deg": [hfov_deg_of(profile, profile.camera), hfov_deg_of(profile, profile.projector)],
         "scale": profile.scale.model_dump(mode="json"),
-        "box": profile.box.model_dump(mode="json", exclude={"patch_size_m"}),
+        "box": profile.box.model_dump(mode="json", exclude=unused),
     }
 
 
@@ -196,7 +197,7 @@ class _ScaledRoom:
 
 
 def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _ScaledRoom:
-    """Metres and box, if the scale's length and the room's three were longer by so many of their sigmas, (4,)."""
+    """Metres and box, if lengths by tape (scale, room's three, lens height) were so many sigmas longer, (5,)."""
     longer = 1 + TAPE_SIGMA * tape_errors
     scale, size_m = profile.scale, profile.box.size_m
     if scale.baseline_m is not None:
@@ -205,7 +206,9 @@ def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.flo
         pair = scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0) * longer[0])
     if size_m is not None:
         size_m = (size_m[0] * longer[1], size_m[1] * longer[2], size_m[2] * longer[3])
-    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.box.closed))
+    height_m = profile.box.lens_height_m
+    height_m = None if height_m is None else height_m * longer[4]
+    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.box.closed, lens_height_m=height_m))
 
 
 def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
@@ -228,6 +231,8 @@ def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
     found = set()
     for axis, faces in zip("xyz", (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling")), strict=True):
         seen = set(faces) & set(room.box.seen)
+        if axis == "z" and profile.box.lens_height_m is not None:
+            seen.add("floor")
         if not seen or (len(seen) == 1 and profile.box.size_m is None):
             found.add(f"room_{axis}_m")
         if not seen or (seen == {faces[1]} and profile.box.size_m is None):

@@ -81,6 +81,21 @@ def test_without_a_tape_measure_unseen_walls_stand_half_a_metre_behind(room):
     assert "x0" in box.notes
 
 
+def test_a_floor_that_nobody_sees_lies_the_lens_height_below_the_projector(room):
+    pair = true_pair(room, ("x1", "y1"))
+    box = room_from_stereo(pair, SIZE_M, lens_height_m=room.projector.position_m[2])
+    assert box.camera.position_m == pytest.approx(room.camera.position_m)
+    assert "below the projector's lens" in box.notes
+    guessed = room_from_stereo(pair, SIZE_M)
+    assert abs(guessed.camera.position_m[2] - room.camera.position_m[2]) > 0.3
+
+
+def test_a_floor_that_is_seen_stands_where_it_was_measured_whatever_the_lens_height_says(room):
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor")), SIZE_M, lens_height_m=9.0)
+    assert box.camera.position_m[2] == pytest.approx(room.camera.position_m[2])
+    assert "lens" not in box.notes
+
+
 def test_an_open_room_has_only_the_faces_that_were_seen(room):
     box = room_from_stereo(true_pair(room, ("x1", "y1", "floor")), SIZE_M, closed=False)
     assert box.faces == box.seen == ("x1", "y1", "floor")

@@ -1,0 +1,79 @@
+"""Fits along bent valleys, points that are less certain than others, and one device before the other."""
+
+import numpy as np
+import pytest
+
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.pinhole import rotation_of, vector_of
+from calibration.geometry.robust_fit import Priors, robust_fit
+from calibration.geometry.stereo import calibrate_stereo
+
+
+def valley(z):
+    """Rosenbrock's function as residuals of two points: a bent valley, a hundred times steeper across than along."""
+    return np.array([[10 * (z[1] - z[0] ** 2), 0.1 * (1 - z[0])], [0.0, 0.0]])
+
+
+def test_a_fit_walks_along_a_bent_valley_to_its_end():
+    priors = Priors(np.zeros(2), np.full(2, np.inf), 1.0)
+    fit = robust_fit(valley, np.array([-1.2, 1.44]), priors, iterations=40, least_scale_px=1.0)
+    assert fit.z == pytest.approx([1.0, 1.0], abs=1e-3)  # straight steps are 1.2 away then
+
+
+@pytest.mark.parametrize("angle_rad", [1e-9, 1e-6, 1e-3, 1.0, 3.0])
+def test_a_rotation_however_small_comes_back_as_its_vector(angle_rad):
+    vector = angle_rad * np.array([0.6, -0.48, 0.64])
+    assert vector_of(rotation_of(vector)) == pytest.approx(vector, rel=1e-6, abs=1e-15)
+
+
+def nominal(room):
+    return NominalIntrinsics.of(
+        camera_shape=room.camera.shape,
+        projector_shape=room.projector.shape,
+        camera_hfov_deg=room.camera_hfov_deg,
+        projector_hfov_deg=room.projector_hfov_deg,
+    )
+
+
+def focal_error(room, pair):
+    return max(
+        abs(pair.camera.focal_px[0] / room.camera.focal_px - 1),
+        abs(pair.projector.focal_px[0] / room.projector.focal_px - 1),
+    )
+
+
+@pytest.fixture(scope="module")
+def rounded_alike(room):
+    """Correspondences a third of which are off together, in waves, as where codes are rounded alike."""
+    x1, x2 = room.changed(outlier_share=0.0, noise_px=0.02).correspondences(6)
+    off = x1[:, 1] > np.quantile(x1[:, 1], 0.67)
+    x2[off] += 0.3 * np.sin(x1[off, :1] / 25) * [1.0, 0.5]
+    sigma = np.where(off[:, None], 0.25, 0.02) * np.ones(2)
+    return x1, x2, sigma
+
+
+def test_points_that_say_how_uncertain_they_are_do_less_harm(room, rounded_alike):
+    x1, x2, sigma = rounded_alike
+    told = calibrate_stereo(x1, x2, nominal(room), sigma_px=sigma)
+    untold = calibrate_stereo(x1, x2, nominal(room))
+    assert focal_error(room, told) < 0.5 * focal_error(room, untold)
+    assert told.sigmas["camera_f"] < untold.sigmas["camera_f"]
+
+
+def test_the_same_sigma_everywhere_changes_nothing(room):
+    x1, x2 = room.correspondences(8)
+    plain = calibrate_stereo(x1, x2, nominal(room))
+    told = calibrate_stereo(x1, x2, nominal(room), sigma_px=np.full_like(x2, 0.1))
+    assert told.camera.focal_px == plain.camera.focal_px
+    assert told.sigmas == plain.sigmas
+
+
+def test_a_camera_before_the_projector_is_found(room):
+    """All epipolar lines meet inside of both pictures."""
+    axis = np.subtract((4.8, 4.72, 1.2), room.projector.position_m)
+    ahead = room.projector.position_m + 0.54 * axis / np.linalg.norm(axis) + [0.02, -0.01, 0.06]
+    other = room.changed(camera={"position_m": tuple(ahead)})
+    pair = calibrate_stereo(*other.correspondences(5), nominal(other))
+    assert focal_error(other, pair) < 0.02
+    relative = other.camera.rotation @ np.subtract(other.projector.position_m, other.camera.position_m)
+    assert pair.projector.position_m == pytest.approx(relative / np.linalg.norm(relative), abs=0.03)
