@@ -197,7 +197,7 @@ def calibrate_stereo(
     report(1, 3)
     bundle = best_bundle(x1, x2, nominal, right_angles=right_angles)
     report(2, 3)
-    final = _held_against_all(x1, x2, weight, bundle, nominal)
+    final = _held_against_all(x1, x2, bundle, nominal, weight=weight)
     report(3, 3)
     return _finished(final, x1, x2, nominal)
 
@@ -213,7 +213,7 @@ def _weight(sigma_px: FloatArray) -> FloatArray:
 
 
 def _held_against_all(
-    x1: FloatArray, x2: FloatArray, weight: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics
+    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
 ) -> BundleSolution:
     """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
     rounds = Rounds(limits_px=(1.0,), iterations=8)

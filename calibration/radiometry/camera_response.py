@@ -34,7 +34,7 @@ _LIGHT_CHANGE = (1e-4, 3e-3)
 """Least, and first guess, of the standard deviation of a frame's change of light."""
 _SCATTER_OVER_STATED = 1.25
 """By which errors scatter more than such a fit says: curves are no straight pieces between knots, and noise is not
-quite independent. From 24 straight and 20 toned random rigs (benchmarks/response_coverage.py)."""
+quite independent. From 24 straight and 20 toned random rigs (benchmarks/calibration/response_coverage.py)."""
 _USUAL_CHANGE = 0.01
 """Of light between frames: how probable larger ones are held to be falls by e with each step of this size."""
 _MOST_CHANGE = 0.10

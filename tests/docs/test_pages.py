@@ -200,7 +200,7 @@ def toml_value(value: Any) -> str:
 
 
 def test_the_long_run_code_is_misread_far_less_often_as_its_page_says() -> None:
-    benchmark = runpy.run_path(str(ROOT / "benchmarks" / "gray_codes.py"))
+    benchmark = runpy.run_path(str(ROOT / "benchmarks" / "calibration" / "gray_codes.py"))
     with open_rig("ci-tiny") as rig:
         benchmark["expose"](rig)
         wrong = {code: benchmark["read_code"](rig, code).wrong_share for code in ("gray", "long-run")}

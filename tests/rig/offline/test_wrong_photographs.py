@@ -1,7 +1,8 @@
 """Photographs that are not what a manifest calls them: found from the pictures, mended or refused, never a wrong cloud.
 
-The scene is a simulated relief whose projector stands above the camera; `benchmarks/wrong_photographs.py` goes through
-every exchange, inversion, stale frame and bump on it and on a published scan, this through a few.
+The scene is a simulated relief whose projector stands above the camera;
+`benchmarks/calibration/wrong_photographs.py` goes through every exchange, inversion, stale frame and bump on it and on a
+published scan, this through a few.
 """
 
 import os
@@ -30,8 +31,8 @@ Change = Callable[[dict[str, Any]], dict[str, Any]]
 @pytest.fixture(scope="module")
 def bench() -> Iterator[SimpleNamespace]:
     with pytest.MonkeyPatch.context() as patched:
-        patched.syspath_prepend(ROOT / "benchmarks")
-        yield SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "wrong_photographs.py")))
+        patched.syspath_prepend(ROOT / "benchmarks" / "calibration")
+        yield SimpleNamespace(**runpy.run_path(str(ROOT / "benchmarks" / "calibration" / "wrong_photographs.py")))
 
 
 @pytest.fixture(scope="module")

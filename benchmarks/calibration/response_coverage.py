@@ -1,6 +1,6 @@
 """Radiometric calibration of random simulated rigs against the truth: refusals, errors, and whether sigmas are true.
 
-    python benchmarks/response_coverage.py --rigs 40 --seed 1 --effects tone 8-bit lamp
+    python benchmarks/calibration/response_coverage.py --rigs 40 --seed 1 --effects tone 8-bit lamp
 
 Only the first two steps of a session are run. A curve is judged at levels from 2 to 90 % of full scale's light; its
 score is error over stated standard error.

@@ -1,4 +1,6 @@
-"""What a scan makes of photographs that are not what they are called: python benchmarks/wrong_photographs.py.
+"""What a scan makes of photographs that are not what they are called.
+
+    python benchmarks/calibration/wrong_photographs.py
 
 Every exchange of two photographs, every pattern taken for its inverse, every stale frame, a camera bumped by 20 px from
 each photograph on, and some that have to pass: the photographs as they are, cut out, saved as poor JPEG, one of them

@@ -1,6 +1,6 @@
 """Whether the sigmas of `rig lenses` are true: many synthetic sets of boards, errors over their stated sigmas.
 
-    python benchmarks/lens_coverage.py --sets 40 --seed 1
+    python benchmarks/calibration/lens_coverage.py --sets 40 --seed 1
 
 Each set draws lenses, noise, poses, bend and the number of views; the truth has terms that the fit may leave out.
 """

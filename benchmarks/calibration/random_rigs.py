@@ -1,10 +1,10 @@
 """Whole sessions on random simulated rigs: how far from the truth calibration ends, as a distribution.
 
-    python benchmarks/random_rigs.py --rigs 40 --seed 1 --jobs 2
-    python benchmarks/random_rigs.py --kind tiny --rigs 100       # ci-tiny with other noise, 8 and 12 bits in turn
-    python benchmarks/random_rigs.py --kind small --rigs 100      # random, camera 320x240, projector 256x192
-    python benchmarks/random_rigs.py --write FOLDER --rigs 5      # only the profiles, e.g. for `rig run`
-    python benchmarks/session_coverage.py FOLDER                  # of sessions that were kept: are their sigmas true?
+    python benchmarks/calibration/random_rigs.py --rigs 40 --seed 1 --jobs 2
+    python benchmarks/calibration/random_rigs.py --kind tiny --rigs 100    # ci-tiny, other noise, 8 or 12 bits
+    python benchmarks/calibration/random_rigs.py --kind small --rigs 100   # camera 320x240, projector 256x192
+    python benchmarks/calibration/random_rigs.py --write FOLDER --rigs 5   # only the profiles, for `rig run`
+    python benchmarks/calibration/session_coverage.py FOLDER             # of kept sessions: are their sigmas true?
 
 Rooms of 2.5 to 7 m, reflectance 0.3 to 0.85, fields of view of 45 to 100 degrees, blur of 0.2 to 1.2 px, contrast of
 200 to 5000, 8 to 12 bits, posters, room light up to 0.05 that may flicker, lens shift up to 0.6 of the height, a tape
@@ -35,7 +35,7 @@ from rig.devices.simulated.settings import SimulatedLensSettings
 FloatArray = NDArray[np.float64]
 
 KINDS = ("random", "small", "tiny")
-TINY = Path(__file__).parents[1] / "hw_profiles" / "ci-tiny.toml"
+TINY = Path(__file__).parents[2] / "hw_profiles" / "ci-tiny.toml"
 EFFECTS = ("corner-blur", "lamp", "tone", "8-bit")
 _LATENCY_S = 0.046
 _CORNER_MARGIN = 0.12

@@ -1,7 +1,7 @@
 """Whether whole sessions are ever wrong in silence, and whether what they state as sigma is true.
 
-    python benchmarks/random_rigs.py --rigs 40 --seed 1 --keep FOLDER
-    python benchmarks/session_coverage.py FOLDER
+    python benchmarks/calibration/random_rigs.py --rigs 40 --seed 1 --keep FOLDER
+    python benchmarks/calibration/session_coverage.py FOLDER
 
 Reads what random_rigs.py kept: of every session that ended, each term of both lenses, the relative pose, the room, the
 places of the devices, the camera's response and the projector's, against the truth of its profile.

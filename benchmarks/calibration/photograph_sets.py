@@ -197,7 +197,7 @@ def _manifest(name: str, camera: PinholeModel, projector: PinholeModel, frames: 
 
 def published_folder() -> Path:
     """Where the published scan may be."""
-    data = os.environ.get("PROCAM_RIG_DATA", str(Path(__file__).parents[2] / "shared" / "data"))
+    data = os.environ.get("PROCAM_RIG_DATA", str(Path(__file__).parents[3] / "shared" / "data"))
     return Path(data) / "graycode_scan_published_cloud"
 
 

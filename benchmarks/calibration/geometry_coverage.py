@@ -1,6 +1,6 @@
 """Whether calibration without a board is ever wrong in silence, and whether its sigmas are true.
 
-    python benchmarks/geometry_coverage.py --rigs 40 --seed 1 --jobs 2
+    python benchmarks/calibration/geometry_coverage.py --rigs 40 --seed 1 --jobs 2
 
 Rigs: ci-tiny with other noise (`--tiny`), and random rigs (random_rigs.py) with a camera of 320 x 240 and a projector
 of 256 x 192. Correspondences are cast exactly, read as whole codes with the noise of 12 or of 8 bits, and refined

@@ -1,4 +1,6 @@
-"""How often each Gray code is misread in the closed, bright simulated room: python benchmarks/gray_codes.py [PROFILE].
+"""How often each Gray code is misread in the closed, bright simulated room.
+
+    python benchmarks/calibration/gray_codes.py [PROFILE]
 
 Both codes are photographed on the same simulated rig (noise, blur, interreflection) and decoded with the same
 limits; every pixel that the decoder calls valid is compared with the projector pixel that the
