@@ -1,8 +1,8 @@
 """Photographs that are not what a manifest calls them: found from the pictures, mended or refused, never a wrong cloud.
 
 The scene is a simulated relief whose projector stands above the camera;
-`benchmarks/calibration/wrong_photographs.py` goes through every exchange, inversion, stale frame and bump on it and on a
-published scan, this through a few.
+`benchmarks/calibration/wrong_photographs.py` goes through every exchange, inversion, stale frame and bump on it and on
+a published scan, this through a few.
 """
 
 import os
