@@ -13,7 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.plane_bundle import BundleSolution, refit
-from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px
+from calibration.geometry.support import Bends, bends_of, exclusive_points, mixed_share, plane_errors_px
 
 SIGMAS = 4.0
 """A contradiction: by chance one in 16,000."""
@@ -53,7 +53,7 @@ def check_flat(solution: BundleSolution, x1: FloatArray) -> None:
         With the plane, its bend, and where it is.
     """
     bends = bends_of(solution, x1)
-    limit = np.maximum(MOST_BEND_PX, MOST_BEND_NOISES * bends.noise_px)
+    limit = _most_bend_px(bends)
     worst = int(np.argmax(bends.bend_px / limit))
     if bends.bend_px[worst] <= limit[worst]:
         return
@@ -64,6 +64,16 @@ def check_flat(solution: BundleSolution, x1: FloatArray) -> None:
         f"({100 * (1 - solution.share):.0f} % of all points lie on no plane). Curved surfaces are not modelled: aim at "
         "flat walls"
     )
+
+
+def is_flat(solution: BundleSolution, x1: FloatArray) -> bool:
+    """Tell whether no plane's points leave it together by more than :func:`check_flat` allows."""
+    bends = bends_of(solution, x1)
+    return bool((bends.bend_px <= _most_bend_px(bends)).all())
+
+
+def _most_bend_px(bends: Bends) -> FloatArray:
+    return np.maximum(MOST_BEND_PX, MOST_BEND_NOISES * bends.noise_px)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -23,10 +23,13 @@ _ROW_SHARES = (0.5, 0.75, 1.0, 0.25)
 """Where the projector's principal point may be, as shares of width and height: lens shift is mostly vertical."""
 _FIT_POINTS = 1000
 """Of a start: its fit takes a second, and more points move it by less than the next stage does."""
-_FLAT_SHARE, _FLAT_PX = 0.97, 1.0
+FLAT_SHARE, _FLAT_PX = 0.97, 1.0
 """So many so near to one plane's homography leave nothing that would tell the lenses; whole codes are so near."""
 _RANSAC_PX, _HOMOGRAPHY_PX = 5, 20
 """Inlier limits before the lenses are known: distortion moves points by some pixels, at a flat scene's rim by more."""
+_MOST_PULL = 16.0
+"""Chi-squared of the lenses' eight terms, which one pair of lenses in twenty-four exceeds: beyond, a pure rotation needs
+lenses that are not these. Simulated rotations had 3 to 5, rigs with a baseline of a quarter of the distance 11 to 180."""
 _IN_FRONT = 0.98
 """Share of the points: a start with fewer in front of both devices is a mirrored one."""
 _SAME_POSE = 0.01
@@ -216,23 +219,31 @@ def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Resi
     return residual
 
 
-def check_not_flat(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> None:
-    """Fit one plane's homography between both pictures, with distortion: it must leave points over.
+def nominal_unknowns() -> FloatArray:
+    """Unknowns of lenses as the data sheets say, of a projector one baseline ahead that is not turned."""
+    return np.append(_EXPECTED[:-1], 1.0)
+
+
+def flat_share(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, one_wall: bool) -> float:
+    """Return the share of the points that one plane's homography between both pictures, with distortion, explains.
+
+    Above 97 % the scene is flat: nothing is left that would tell the lenses.
 
     Raises
     ------
     CalibrationError
-        If it explains 97 % of the points to within 1 px. A flat scene does so, and any scene without a baseline: the
-        parallax that is left over a pure rotation tells which is said.
+        If it is flat because there is no baseline: a pure rotation leaves too little parallax over. Before a wall that
+        may be all there is, only if it does so with lenses that the data sheets allow: a baseline along a wall is like
+        a lens shift.
     """
-    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
+    camera, projector = models_of(nominal_unknowns(), nominal)
     x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
     a = bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
     b = bearings(x2, projector.focal_px[0], projector.principal_point_px, projector.distortion)
     cv2.setRNGSeed(0)
     homography, _ = cv2.findHomography(a[:, :2], b[:, :2], cv2.RANSAC, _HOMOGRAPHY_PX / projector.focal_px[0])
     if np.size(homography) != 9:
-        return
+        return 0.0
 
     def residual(z: FloatArray) -> FloatArray:
         rays = bearings(x1, camera.focal_px[0], camera.principal_point_px, [z[8], z[9], 0, 0, 0])
@@ -244,18 +255,15 @@ def check_not_flat(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -
     priors = _priors(start, np.array([np.inf] * 8 + [0.05, 0.02] * 2), len(x1))
     fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
     explained = float((np.linalg.norm(fit.residual, axis=1) < _FLAT_PX).mean())
-    if explained > _FLAT_SHARE:
-        parallax_px = _parallax_px(x1, x2, nominal)
-        if parallax_px < MIN_PARALLAX_PX:
+    if explained > FLAT_SHARE:
+        parallax_px, pull = _parallax_px(x1, x2, nominal)
+        if parallax_px < MIN_PARALLAX_PX and not (one_wall and pull > _MOST_PULL):
             raise CalibrationError(_no_parallax(parallax_px))
-        raise CalibrationError(
-            f"one plane explains {100 * explained:.1f} % of the correspondences: a flat scene does not determine "
-            "the lenses; aim at a corner, so that at least two walls are lit and seen"
-        )
+    return explained
 
 
-def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> float:
-    """Median of what a pure rotation between the devices leaves over."""
+def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> tuple[float, float]:
+    """Median of what a pure rotation between the devices leaves over, and chi-squared of its lenses."""
     free = np.r_[0:_POSE, _POSE : _POSE + 3]
     x1, x2 = x1[:_FIT_POINTS], x2[:_FIT_POINTS]
 
@@ -266,12 +274,12 @@ def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> 
         error = image_of(turned, projector.focal_px[0], projector.principal_point_px, projector.distortion) - x2
         return np.asarray(np.clip(error, -1e4, 1e4))
 
-    camera, projector = models_of(np.append(_EXPECTED[:-1], 1.0), nominal)
+    camera, projector = models_of(nominal_unknowns(), nominal)
     u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
     start = np.concatenate([_EXPECTED[:_POSE], vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)])
     priors = _priors(_EXPECTED[free], _SIGMA[free], len(x1))
     fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
-    return float(np.median(np.linalg.norm(fit.residual, axis=1)))
+    return float(np.median(np.linalg.norm(fit.residual, axis=1))), priors.cost(fit.z) / priors.weight
 
 
 def _no_parallax(parallax_px: float) -> str:

@@ -49,11 +49,13 @@ class BundleSolution(PlanarScene):
     start_axes: Axes
     """Those that the fit's unknowns turn."""
     error: LandingError
+    bend: FloatArray | float = 0.0
+    """(n, n) mean square by which the unknowns leave their tangent where they are free to move far."""
 
     @cached_property
     def covariance(self) -> FloatArray:
-        """(n, n) of the unknowns: from noise, and from what all points of a wall are off together."""
-        noise = covariance(self.fit, self.fit.priors.weight)
+        """(n, n) of the unknowns: from noise, from what all points of a wall are off together, from the bend."""
+        noise = covariance(self.fit, self.fit.priors.weight) + self.bend
         return noise + common_covariance(self.fit, self.fit_label, self.error.weight, _COMMON_PX)
 
     @property

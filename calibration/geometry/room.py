@@ -10,7 +10,7 @@ import numpy as np
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import SIGMAS
-from calibration.geometry.pinhole import PinholeModel
+from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.planes import orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
 
@@ -25,6 +25,10 @@ MOST_OFF_SQUARE_DEG = 2.0
 MOST_SLANTED = 0.1
 """Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out."""
 _PAIRS_NAMED = 6
+_WALL_MARGIN = 0.1
+"""Of the lit piece of a wall that stands alone, on each side: pixels at its rim do not enter the geometry."""
+_MOSTLY = 0.9
+"""Cosine from which on a direction counts as along another one."""
 _TWO_SURFACES_M = 0.3
 """Parallel planes further apart are two surfaces, not one found twice."""
 
@@ -62,6 +66,8 @@ def room_from_stereo(
     view, y to the left or ahead, so that x, y, z are right-handed. A seen wall stands where it was measured; one that
     nobody sees stands `size_m` away from the one opposite, or, without a size, 0.5 m behind the rearmost device.
 
+    Of one wall alone that wall becomes `x0`, as far as it is lit and seen: x points from it to the devices, z up it.
+
     Parameters
     ----------
     stereo : StereoCalibration
@@ -83,6 +89,8 @@ def room_from_stereo(
     CalibrationError
         If the planes make no box, with their angles; or a wall that nobody saw would stand before a device.
     """
+    if len(stereo.planes) == 1 and not closed:
+        return _wall_alone(stereo)
     stereo = _on_axes(stereo)
     on_axis = [k for k, axis in enumerate(stereo.axes) if axis >= 0]
     frame = _room_directions(stereo)
@@ -108,6 +116,43 @@ def room_from_stereo(
         angle_error_deg=angle,
         notes=notes,
     )
+
+
+def _wall_alone(stereo: StereoCalibration) -> RoomBox:
+    """One face with a margin around what is lit and seen; the depth of the box reaches behind the rearmost device."""
+    frame = _wall_directions(stereo)
+    points = _lit_points(stereo) @ frame.T
+    low, high = points.min(axis=0), points.max(axis=0)
+    margin = _WALL_MARGIN * (high - low)
+    devices = np.stack([frame @ stereo.camera.position_m, frame @ stereo.projector.position_m])
+    size = np.append(devices[:, 0].max() + _BEHIND_M - low[0], (high - low + 2 * margin)[1:])
+    origin = np.append(low[0], (low - margin)[1:])
+    return RoomBox(
+        size_m=(float(size[0]), float(size[1]), float(size[2])),
+        seen=FACES[:1],
+        faces=FACES[:1],
+        camera=_moved(stereo.camera, frame, origin),
+        projector=_moved(stereo.projector, frame, origin),
+        angle_error_deg=0.0,
+        notes=stereo.notes,
+    )
+
+
+def _wall_directions(stereo: StereoCalibration) -> FloatArray:
+    """(3, 3) rows: off the wall, along it to the right of who faces it, up it; in the camera's frame."""
+    off = -stereo.planes[0] / np.linalg.norm(stereo.planes[0])
+    # A camera that looks along the wall's up has its own up off the wall: then up is ahead of it.
+    up = np.array([0.0, -1.0, 0.0]) if abs(off[1]) < _MOSTLY else np.array([0.0, 0.0, 1.0])
+    up = up - (up @ off) * off
+    up /= np.linalg.norm(up)
+    return np.stack([off, np.cross(up, off), up])
+
+
+def _lit_points(stereo: StereoCalibration) -> FloatArray:
+    """(M, 3) what the correspondences on the only plane light."""
+    origin, rays = stereo.projector.position_m, world_rays(stereo.projector, stereo.explained.projector_xy_px)
+    along = (1 - stereo.planes[0] @ origin) / (rays @ stereo.planes[0])
+    return np.asarray(origin + along[:, None] * rays)
 
 
 def check_against_tape(

@@ -25,10 +25,8 @@ from calibration.geometry.contradictions import (
     check_one_surface,
     check_right_angles,
 )
-from calibration.geometry.epipolar import (
-    NominalIntrinsics,
-    check_not_flat,
-)
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.flat.one_wall import fit_where_flat
 from calibration.geometry.noise import observation_variance, standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
@@ -37,8 +35,8 @@ from calibration.geometry.planes import Axes
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
-_FEW, _SOME, _MANY = 4000, 3000, 10000
-"""Points that tell a flat scene, that the fit without right angles is of, and that the result rests on."""
+_SOME, _MANY = 3000, 10000
+"""Points that the fit without right angles is of, and that the result rests on."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
 _AGREED = 0.5
@@ -115,6 +113,8 @@ class StereoCalibration:
     """The projector's pixels whose plane is known."""
     uncertainty: Uncertainty | None = None
     """Of everything together; None of a calibration that was not fitted."""
+    notes: str = ""
+    """What it rests on beside the points, in words."""
 
     @property
     def baseline(self) -> float:
@@ -155,6 +155,7 @@ def calibrate_stereo(
     nominal: NominalIntrinsics,
     *,
     right_angles: bool = True,
+    one_wall: bool = False,
     sigma_px: FloatArray | None = None,
     on_step: Callable[[int, int], None] | None = None,
 ) -> StereoCalibration:
@@ -168,6 +169,8 @@ def calibrate_stereo(
         Of both lenses.
     right_angles : bool
         Planes that are nearly perpendicular are exactly so.
+    one_wall : bool
+        One flat wall may be all that there is: lenses then rest on the data sheets.
     sigma_px : (N, 2), optional
         Standard deviation of the projector's pixels: those that are less certain than most count less. [px]
     on_step : callable, optional
@@ -181,7 +184,7 @@ def calibrate_stereo(
     Raises
     ------
     CalibrationError
-        Too few points, too little parallax, one plane only, or no planes that explain the points.
+        Too few points, too little parallax, one plane that may not be all, or no planes that explain the points.
 
     References
     ----------
@@ -193,7 +196,9 @@ def calibrate_stereo(
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
     weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
-    check_not_flat(x1[:_FEW], x2[:_FEW], nominal)
+    flat = fit_where_flat(x1, x2, nominal, weight=weight, one_wall=one_wall)
+    if flat is not None:
+        return replace(_finished(flat.solution, x1, x2, nominal), notes=flat.notes)
     report(1, 3)
     bundle = best_bundle(x1, x2, nominal, right_angles=right_angles)
     report(2, 3)

@@ -164,6 +164,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         correspondence.projector_xy_px[rows, columns].astype(np.float64),
         nominal,
         right_angles=profile.box.right_angles,
+        one_wall=not profile.box.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
@@ -229,13 +230,16 @@ def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dic
 def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
     """Names of what nobody measured: along axes of which no face was seen, or one only and no size was given."""
     found = set()
+    # Before one wall alone, neither size_m nor lens_height_m says anything of the piece that is lit.
+    is_alone = len(room.box.faces) == 1
+    size_m, height_m = (None, None) if is_alone else (profile.box.size_m, profile.box.lens_height_m)
     for axis, faces in zip("xyz", (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling")), strict=True):
         seen = set(faces) & set(room.box.seen)
-        if axis == "z" and profile.box.lens_height_m is not None:
+        if axis == "z" and height_m is not None:
             seen.add("floor")
-        if not seen or (len(seen) == 1 and profile.box.size_m is None):
+        if not seen or (len(seen) == 1 and size_m is None):
             found.add(f"room_{axis}_m")
-        if not seen or (seen == {faces[1]} and profile.box.size_m is None):
+        if not seen or (seen == {faces[1]} and size_m is None):
             found |= {f"camera_{axis}_m", f"projector_{axis}_m"}
     return found
 
