@@ -28,8 +28,8 @@ FLAT_SHARE, _FLAT_PX = 0.97, 1.0
 _RANSAC_PX, _HOMOGRAPHY_PX = 5, 20
 """Inlier limits before the lenses are known: distortion moves points by some pixels, at a flat scene's rim by more."""
 _MOST_PULL = 16.0
-"""Chi-squared of the lenses' eight terms, which one pair of lenses in twenty-four exceeds: beyond, a pure rotation needs
-lenses that are not these. Simulated rotations had 3 to 5, rigs with a baseline of a quarter of the distance 11 to 180."""
+"""Chi-squared of the lenses' eight terms, which one pair of lenses in twenty-four exceeds: beyond, a pure rotation
+needs other lenses. Simulated rotations had 3 to 5, baselines of a quarter of the distance 11 to 180."""
 _IN_FRONT = 0.98
 """Share of the points: a start with fewer in front of both devices is a mirrored one."""
 _SAME_POSE = 0.01

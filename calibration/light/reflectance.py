@@ -24,9 +24,9 @@ LEAST_REFLECTANCE, MOST_REFLECTANCE = 0.02, 0.98
 _SAME_WALL_SPREAD, _OTHER_WALL_SPREAD = 0.03, 0.06
 """Standard deviations by which the unseen part of a wall differs from its seen part, and a wall that nobody sees from
 the mean of the others: painted rooms, whose texture is some percent."""
-_COMMON_REFLECTANCE = 0.6
+COMMON_REFLECTANCE = 0.6
 """Of a painted wall: where an open scene sends little light around, the flux is all but undetermined, so start here."""
-_COMMON_SPREAD = 0.2
+COMMON_SPREAD = 0.2
 """Standard deviation of that among painted walls."""
 _COARSE_MISFIT = 0.05
 """Relative residual of global light that patches a fourteenth of the room wide leave in rooms that are right."""
@@ -74,6 +74,8 @@ class ReflectanceFit:
     """Relative residual of the global light over lit, seen patches."""
     flux_sigma: float
     unseen_sigma: float
+    returned_share: float = 0.0
+    """Of a lone wall's mean radiosity, what arrives at it again, evenly, from surfaces that the model has not."""
 
 
 def estimate_reflectance(
@@ -138,7 +140,7 @@ def estimate_reflectance(
     typical = float(np.median(direct_over_irradiance[lit]))
     lower = np.concatenate([[np.log(typical / MOST_REFLECTANCE)], np.full(problem.n_walls, _UNSEEN_RANGE[0])])
     upper = np.concatenate([[np.log(typical / _LEAST_TYPICAL)], np.full(problem.n_walls, _UNSEEN_RANGE[1])])
-    start = np.concatenate([[np.log(typical / _COMMON_REFLECTANCE)], np.full(problem.n_walls, _COMMON_REFLECTANCE)])
+    start = np.concatenate([[np.log(typical / COMMON_REFLECTANCE)], np.full(problem.n_walls, COMMON_REFLECTANCE)])
     for _ in range(_REFITS):
         result = least_squares(problem.residual, start, bounds=(lower, upper), loss="soft_l1", diff_step=1e-3)
         found = problem.fit(result.x, np.asarray(np.linalg.pinv(result.jac.T @ result.jac)))
@@ -180,7 +182,7 @@ class _Room:
         rho, arriving = self.solve(z)
         error = self.global_errors(rho, arriving) / self.global_error
         expected, spread = self.expected_of_unseen(rho)
-        typical = (rho[self.lit].mean() - _COMMON_REFLECTANCE) / _COMMON_SPREAD
+        typical = (rho[self.lit].mean() - COMMON_REFLECTANCE) / COMMON_SPREAD
         return np.concatenate(
             [
                 error / np.sqrt(max(self.fitted.sum() / _INDEPENDENT_PATCHES, 1.0)),

@@ -16,6 +16,8 @@ _PRIOR = np.array([-0.15, 0.0, -0.15, 0.0])
 _PRIOR_WEIGHT = np.array([0.04, 0.2, 0.04, 0.2])
 """Of (v2, v4) of both lenses, a coefficient of 1 against the samples: lenses darken by some tens of percent towards
 their corners, nearly as r². It decides only where the samples say nothing."""
+_ONE_WALL_WEIGHT = 0.5
+"""Of all four where only one wall is seen: there both radii grow together, and a wrong distance looks like a lens."""
 _LEAST_ILLUMINATION = 0.05
 """Below, a trial of the fit is no lens."""
 
@@ -60,11 +62,12 @@ def fit_vignetting(
     """
     _, group = np.unique(face, return_inverse=True)
     ratio = np.log(gain / irradiance)
+    weight = _PRIOR_WEIGHT if group.max() > 0 else np.full(4, _ONE_WALL_WEIGHT)
     levels = np.array([np.median(ratio[group == k]) for k in range(group.max() + 1)])
 
     def residual(z: FloatArray) -> FloatArray:
         fit = z[4:][group] + np.log(_illumination(z[:2], camera_r)) + np.log(_illumination(z[2:4], projector_r))
-        return np.concatenate([ratio - fit, np.sqrt(len(ratio)) * _PRIOR_WEIGHT * (z[:4] - _PRIOR)])
+        return np.concatenate([ratio - fit, np.sqrt(len(ratio)) * weight * (z[:4] - _PRIOR)])
 
     start = least_squares(residual, np.concatenate([_PRIOR, levels]), loss="soft_l1", f_scale=_OUTLIER).x
     # A poster is no wall with a trend: what lies far off does not count at all.

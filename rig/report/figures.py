@@ -84,6 +84,7 @@ def room_figure(scene_model: SceneModel) -> str:
 def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
     low, high = scene_model.scene.vertices.min(axis=(0, 1)), scene_model.scene.vertices.max(axis=(0, 1))
     axes.plot([low[0], high[0], high[0], low[0], low[0]], [low[1], low[1], high[1], high[1], low[1]], color=_INK, lw=2)
+    low, high = _extent(scene_model)
     for name, device, colour in (
         ("camera", scene_model.camera, _CAMERA),
         ("projector", scene_model.projector, _PROJECTOR),
@@ -105,6 +106,13 @@ def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
     style(axes, "x, m", "y, m")
 
 
+def _extent(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
+    """(3,) lowest and highest coordinates of walls and devices: before one wall, the devices stand outside of it."""
+    devices = [device.pose.position_m for device in (scene_model.camera, scene_model.projector)]
+    places = np.concatenate([scene_model.scene.vertices.reshape(-1, 3), np.stack(devices)])
+    return places.min(axis=0), places.max(axis=0)
+
+
 def _edge_ray(device: PosedLens, x_px: float) -> FloatArray:
     middle = np.array([[x_px, (device.lens.height_px - 1) / 2]])
     return np.asarray(rays_at(device.lens, device.pose, middle)[0])
@@ -123,6 +131,7 @@ def _draw_view(axes: Axes3D, scene_model: SceneModel) -> None:
     colours = colormaps["viridis"](scale(reflectance))
     # Faces that look towards the viewer would hide the room.
     behind = scene_model.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
+    behind |= len(scene_model.scene.faces) == 1
     axes.add_collection3d(
         Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4)
     )
@@ -134,7 +143,7 @@ def _draw_view(axes: Axes3D, scene_model: SceneModel) -> None:
             axes.plot(*np.stack([position, a]).T, color=colour, lw=1, zorder=10)
             axes.plot(*np.stack([a, b]).T, color=colour, lw=1.4, zorder=10)
         axes.scatter(*position, color=colour, s=36, zorder=11)
-    low, high = vertices.min(axis=(0, 1)), vertices.max(axis=(0, 1))
+    low, high = _extent(scene_model)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect(high - low, zoom=1.12)
     axes.view_init(elev=28, azim=-133)

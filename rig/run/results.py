@@ -39,6 +39,10 @@ _OF_NOISE = 1.25
 """Of the noise part: a camera of few electrons is no worse a model."""
 _UNEXPLAINED_GLOBAL = 0.12
 """Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
+_ADVICE_ONE_WALL = (
+    "the rest of the room, which the model has not, sends light back to the wall unevenly: show a corner, so that the "
+    "surfaces near by are modelled, or cover what is bright beside the wall"
+)
 _LEAST_DIRECT = 0.05
 """A pixel counts as lit when its direct light is above this share of the median of the valid ones."""
 
@@ -188,7 +192,12 @@ def _lamp_verdict(session: Session) -> Verdict:
 
 
 def _length_sigma_percent(geometry: GeometryResult) -> float:
-    """Largest standard deviation of a length of the room that was measured, tape included, as a share of it."""
+    """Largest standard deviation of a length of the room that was measured, tape included, as a share of it.
+
+    A wall alone has no size: before it the lengths are those between wall, camera and projector.
+    """
+    if len(geometry.faces_seen) == 1:
+        return 100 * geometry.sigmas["baseline_m"] / geometry.baseline_m
     sigmas_m = [geometry.sigmas.get(f"room_{axis}_m", 0.0) for axis in "xyz"]
     return max(100 * sigma / length for sigma, length in zip(sigmas_m, geometry.room_size_m, strict=True))
 
@@ -238,7 +247,9 @@ def _verdicts(
             value=max(model.global_rms) if isinstance(model.global_rms, tuple) else model.global_rms,
             limit=_UNEXPLAINED_GLOBAL,
             unit="",
-            advice="no reflectance explains the light between the walls: check surface.size_m of walls that nobody "
+            advice=_ADVICE_ONE_WALL
+            if len(geometry.faces_seen) == 1
+            else "no reflectance explains the light between the walls: check surface.size_m of walls that nobody "
             "sees, show the floor or the ceiling, and look for things that are no walls",
         ),
         Verdict(

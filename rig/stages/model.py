@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.light import faces as walls
+from calibration.light.open_wall import ANOTHER_PICTURE, estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import image_of, layers
@@ -39,6 +40,7 @@ from rig.stages.scene_model import (
     unit_emission,
     wall_of_patches,
     white_irradiance,
+    with_even_return,
 )
 from rig.terminal import OnStep
 from sim.form_factors import form_factors
@@ -77,6 +79,8 @@ class BandModel(Record):
     """Of projector white over the lit pixels."""
     global_share_mean: float
     """Mean share of global light in it."""
+    returned_share: float = 0.0
+    """Of one wall's mean radiosity, what an open room sends back, evenly; 0 where walls light each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -192,12 +196,11 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("build model", 2, 4)
     fits = [_fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
-    surfaces = [(fit.reflectance, fit.flux) for fit in fits]
-    models = _scene_models(session, geometry, surfaces, gains)
+    band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
+    models = _scene_models(session, geometry, band_models, [fit.flux for fit in fits], gains)
     ratios = [_global_gain(scene_model, light, lit) for scene_model, light in zip(models, bands, strict=True)]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
-    band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
     step.save_record("model", _record(session.profile, vignetting, fits, bands=band_models, lit=lit))
     on_step("build model", 4, 4)
 
@@ -244,8 +247,7 @@ def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> 
     direct_of_white, modelled = _simulated_white(scene_model)
     face = face_of_pixels(scene_model.camera_hits, lit.shape)
     known = lit & (modelled > 0)
-    measured = light.white - direct_of_white
-    ratio = np.where(known, measured / np.where(known, modelled, 1.0), 1.0)
+    ratio = np.where(known, (light.white - direct_of_white) / np.where(known, modelled, 1.0), 1.0)
     return np.where(lit, walls.smoothed_along_faces(ratio, lit, face, _SMOOTHING_SHARE), 1.0)
 
 
@@ -280,6 +282,8 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
     per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
     per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
+    if len(scene.faces) == 1:
+        return estimate_open_wall(per_lit, per_global, irradiance, scene.areas)
     return estimate_reflectance(
         per_lit,
         per_global,
@@ -291,7 +295,6 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
 
 
 def _band_model(fit: ReflectanceFit, light: _BandLight, lit: BoolArray) -> BandModel:
-    white = np.maximum(light.white[lit], 1e-9)
     return BandModel(
         reflectance=tuple(fit.reflectance.tolist()),
         source=tuple(int(source) for source in fit.source),
@@ -299,7 +302,8 @@ def _band_model(fit: ReflectanceFit, light: _BandLight, lit: BoolArray) -> BandM
         unseen_sigma=fit.unseen_sigma,
         global_rms=fit.global_rms,
         white_median=float(np.median(light.white[lit])),
-        global_share_mean=float((light.global_[lit] / white).mean()),
+        global_share_mean=float((light.global_[lit] / np.maximum(light.white[lit], 1e-9)).mean()),
+        returned_share=fit.returned_share,
     )
 
 
@@ -337,10 +341,7 @@ def _simulated_white(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _scene_models(
-    session: Session,
-    geometry: _Geometry,
-    surfaces: Sequence[tuple[FloatArray, float]],
-    gains: Sequence[FloatArray],
+    session: Session, geometry: _Geometry, bands: Sequence[BandModel], fluxes: Sequence[float], gains: list[FloatArray]
 ) -> list[SceneModel]:
     """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     pair, scene = pair_of(session.profile), geometry.scene
@@ -351,13 +352,13 @@ def _scene_models(
     hits = cast_pixels(scene, geometry.projector)
     return [
         SceneModel(
-            scene=scene.with_reflectance(reflectance),
-            form_factors=factors,
+            scene=scene.with_reflectance(np.array(band.reflectance)),
+            form_factors=with_even_return(factors, band.returned_share),
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
             projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
-        for (reflectance, flux), gain in zip(surfaces, gains, strict=True)
+        for band, flux, gain in zip(bands, fluxes, gains, strict=True)
     ]
 
 
@@ -384,7 +385,7 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         lit=maps["lit"] > 0,
         white=image_of(light, "white").astype(np.float64),
         white_variance=image_of(light, "white_variance").astype(np.float64),
-        global_error=max(band.global_rms for band in record.bands),
+        global_error=max(float(np.hypot(b.global_rms, ANOTHER_PICTURE * (b.returned_share > 0))) for b in record.bands),
     )
 
 
@@ -396,5 +397,4 @@ def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatA
     camera, projector = only(record.cameras), only(record.projectors)
     vignetting = Vignetting(camera.vignetting, projector.vignetting, record.vignetting_rms)
     geometry = _bare_geometry(load_geometry(session), record.patch_size_m).with_vignetting(vignetting)
-    reflectance = [np.array(band.reflectance) for band in record.bands]
-    return _scene_models(session, geometry, list(zip(reflectance, projector.flux, strict=True)), gains)
+    return _scene_models(session, geometry, record.bands, projector.flux, gains)

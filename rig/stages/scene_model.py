@@ -133,6 +133,17 @@ def wall_of_patches(scene: Scene) -> NDArray[np.intp]:
     return wall
 
 
+def with_even_return(factors: FormFactors, share: float) -> FormFactors:
+    """Return the factors of patches that do not see each other, of whose light so large a share comes back evenly.
+
+    Patch i sends it to all patches by their areas, F_ij = s A_j / ΣA: what arrives is s times the mean radiosity.
+    """
+    if share == 0:
+        return factors
+    matrix = np.repeat(share * factors.areas[None] / factors.areas.sum(), len(factors.areas), axis=0)
+    return replace(factors, matrix=matrix, row_sums=np.full(len(factors.areas), share), method="even return")
+
+
 def seen_from(scene: Scene, hits: Hits, chosen: BoolArray) -> csr_array:
     """Return (P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
     weights = smooth_view(scene, hits, np.where(chosen, scene.reflectance[hits.patch], 0.0))

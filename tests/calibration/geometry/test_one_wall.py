@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.errors import CalibrationError
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel, project, rotation_of, vector_of, world_rays
-from calibration.geometry.room import room_from_stereo
-from calibration.geometry.stereo import calibrate_stereo, scale_from_baseline
+from calibration.geometry.stereo import calibrate_stereo
 
 NOMINAL = NominalIntrinsics.of(
     camera_shape=(960, 1280), projector_shape=(768, 1024), camera_hfov_deg=70.0, projector_hfov_deg=50.0
@@ -32,7 +30,7 @@ def device(random, shape, focal_px, centre_sigma, pose):
 
 
 def scene(seed, baseline=(-0.5, 0.1, 0.1)):
-    """Camera and projector side by side, 2 m before a wall that is turned by some degrees; (camera, projector, plane)."""
+    """Camera, projector and plane: devices side by side, 2 m before a wall that is turned by some degrees."""
     random = np.random.default_rng(seed)
     camera = device(random, NOMINAL.camera_shape, NOMINAL.camera_focal_px, (0.02, 0.02), (np.eye(3), np.zeros(3)))
     rotation = rotation_of([0.05 * random.normal(), 0.1 * random.normal(), 0.03 * random.normal()])
