@@ -14,7 +14,9 @@ class CheckLimits:
     sharpness: float = 0.4
     """Contrast of a session's checks, median over the lit pixels: blur of about a quarter of their side."""
     walls: int = 2
-    """One flat wall leaves lenses and depth undetermined."""
+    """Of a closed room: one flat wall leaves lenses and depth undetermined, and tells nothing of the others."""
+    walls_of_open_scene: int = 1
+    """Where `[surface] closed = false`: lenses may rest on data sheets, and the sigmas say so."""
     signal_share: float = 0.05
     """White over black, at least this share of full scale: below, a dark wall has fewer steps than the display."""
     clipped_share: float = 0.002

@@ -40,6 +40,9 @@ _NEARLY_FLAT = 0.8
 """Lenses far off their data sheets leave up to a tenth of a flat wall's points over a homography with distortion."""
 _ITERATIONS = 200
 """Of the last fit: along a valley that only data sheets close, steps are short."""
+_MOST_DISTANCE_SIGMA = 0.6
+"""Of its logarithm. Simulated walls with a baseline of a quarter of their distance had 0.1 to 0.5, pure rotations that
+lenses far off their data sheets hid had 0.8 and 1.2."""
 _RANSAC_PX = 20.0
 """Before the lenses are known, distortion moves points at a wall's rim by so much."""
 _IN_FRONT = 0.98
@@ -85,9 +88,10 @@ def fit_where_flat(
     Raises
     ------
     CalibrationError
-        Without parallax; before one wall where it may not be all; where no pose explains it; where it is curved.
+        Without parallax; before one wall where it may not be all; where no pose explains it; where it is curved; where
+        the data sheets leave its distance open.
     """
-    share = flat_share(x1[:_FEW], x2[:_FEW], nominal, one_wall=one_wall)
+    share = flat_share(x1[:_FEW], x2[:_FEW], nominal)
     if share <= (_NEARLY_FLAT if one_wall else FLAT_SHARE):
         return None
     if not one_wall:
@@ -115,6 +119,7 @@ def _fit(x1: FloatArray, x2: FloatArray, rough: list[BundleSolution], weight: Fl
     check_flat(able[0], x1)
     check_data_sheets(able[0], np.sqrt(np.diag(able[0].covariance)))
     best = replace(able[0], bend=_bend(able[0]))
+    _check_distance(best)
     return OneWall(best, _notes([best, *able[1:]]))
 
 
@@ -138,7 +143,7 @@ def _starts(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> list[
     for rotation, translation, normal in zip(rotations, translations, normals, strict=True):
         t, n = np.ravel(translation).astype(np.float64), np.ravel(normal).astype(np.float64)
         length = float(np.linalg.norm(t))
-        if length == 0 or not _all_in_front(a, rotation, t, n):
+        if length == 0 or not _all_in_front(a, np.asarray(rotation, dtype=np.float64), t, n):
             continue
         pose = replace(projector, rotation=np.asarray(rotation), translation_m=t / length)
         if all(np.abs(other.projector.rotation - rotation).max() > _SAME_TURN for other in starts):
@@ -215,15 +220,30 @@ def _tilts_deg(scene: PlanarScene) -> tuple[float, float]:
     return first, second
 
 
-def _notes(fits: list[BundleSolution]) -> str:
-    fit = fits[0]
+def _figures(fit: BundleSolution) -> tuple[FloatArray, FloatArray]:
+    """Logarithm of the wall's distance in baselines, its tilts to both devices in degrees; and their sigmas."""
 
     def figures(z: FloatArray) -> FloatArray:
         distance = -np.log(np.linalg.norm(planes_of(z, fit.start_axes)[0]))
         return np.array([distance, *_tilts_deg(scene_of(z, fit.start_axes, fit.error.nominal))])
 
-    sigma, z = standard_deviations(figures, fit.fit.z, fit.covariance), fit.fit.z
-    values, focal = figures(z), 100 * np.sqrt(np.diag(fit.covariance))[[CAMERA.start, PROJECTOR.start]]
+    return figures(fit.fit.z), standard_deviations(figures, fit.fit.z, fit.covariance)
+
+
+def _check_distance(fit: BundleSolution) -> None:
+    values, sigma = _figures(fit)
+    if sigma[0] > _MOST_DISTANCE_SIGMA:
+        raise CalibrationError(
+            f"the wall is {np.exp(values[0]):.1f} baselines away +- {100 * sigma[0]:.0f} %, the limit is "
+            f"{100 * _MOST_DISTANCE_SIGMA:.0f} %: what the lenses may be off their data sheets explains the parallax, "
+            "and the baseline may be zero. Move the camera aside by 0.3 m or more, or aim at a corner"
+        )
+
+
+def _notes(fits: list[BundleSolution]) -> str:
+    fit = fits[0]
+    values, sigma = _figures(fit)
+    focal = 100 * np.sqrt(np.diag(fit.covariance))[[CAMERA.start, PROJECTOR.start]]
     said = (
         f"One flat wall: the lenses rest on hfov_deg, taken to be true to {100 * FOCAL_SIGMA:g} % (focal lengths +- "
         f"{focal[0]:.1f} and {focal[1]:.1f} %), and the pose on them: the wall is {np.exp(values[0]):.2f} baselines "

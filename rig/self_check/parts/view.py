@@ -56,6 +56,8 @@ class View(Record):
     geometry_rms_px: float | None
     geometry: str
     """Why there is none, in the words of a session; empty where there is one."""
+    notes: str
+    """What geometry assumed and rests on, in the words of a session."""
 
 
 def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartResult[View]:
@@ -75,6 +77,7 @@ def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartRe
         baseline_m=geometry.baseline_m if geometry else None,
         geometry_rms_px=geometry.rms_px if geometry else None,
         geometry=reason,
+        notes=geometry.surface.notes if geometry else "",
     )
     return PartResult(verdicts=_verdicts(tested, view), numbers=view)
 
@@ -109,7 +112,7 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
         Verdict(
             what="walls that are told apart",
             value=float(len(view.walls)),
-            limit=float(limits.walls),
+            limit=float(limits.walls if tested.rig.profile.box.closed else limits.walls_of_open_scene),
             at_least=True,
             advice=view.geometry or "aim both at an edge between two walls",
         ),
@@ -121,7 +124,7 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
             advice=view.geometry
             or "nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
         ),
-        Verdict(what="distance of camera and projector", value=view.baseline_m, unit="m"),
+        Verdict(what="distance of camera and projector", value=view.baseline_m, unit="m", advice=view.notes),
     )
 
 
