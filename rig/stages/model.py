@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -197,7 +197,7 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     fits = [_fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
     band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
-    models = _scene_models(session, geometry, band_models, [fit.flux for fit in fits], gains)
+    models = _scene_models(session, geometry, zip(band_models, [fit.flux for fit in fits], strict=True), gains)
     ratios = [_global_gain(scene_model, light, lit) for scene_model, light in zip(models, bands, strict=True)]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
@@ -341,7 +341,7 @@ def _simulated_white(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _scene_models(
-    session: Session, geometry: _Geometry, bands: Sequence[BandModel], fluxes: Sequence[float], gains: list[FloatArray]
+    session: Session, geometry: _Geometry, surfaces: Iterable[tuple[BandModel, float]], gains: list[FloatArray]
 ) -> list[SceneModel]:
     """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     pair, scene = pair_of(session.profile), geometry.scene
@@ -358,7 +358,7 @@ def _scene_models(
             projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
-        for band, flux, gain in zip(bands, fluxes, gains, strict=True)
+        for (band, flux), gain in zip(surfaces, gains, strict=True)
     ]
 
 
@@ -397,4 +397,4 @@ def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatA
     camera, projector = only(record.cameras), only(record.projectors)
     vignetting = Vignetting(camera.vignetting, projector.vignetting, record.vignetting_rms)
     geometry = _bare_geometry(load_geometry(session), record.patch_size_m).with_vignetting(vignetting)
-    return _scene_models(session, geometry, record.bands, projector.flux, gains)
+    return _scene_models(session, geometry, zip(record.bands, projector.flux, strict=True), gains)

@@ -13,6 +13,7 @@ from rig.devices.simulated.devices import simulated_world_of
 from rig.profile.schema import load_profile
 from rig.run.request import SessionRequest
 from rig.run.session import run_session
+from rig.self_check import run_check
 from rig.session import Session
 from rig.stages.correspondence import load_correspondence
 from rig.stages.geometry import geometry_of
@@ -121,3 +122,14 @@ def test_a_closed_room_is_not_modelled_from_one_wall(wall: OneWall, tmp_path: Pa
         correspondence = load_correspondence(session)
     with pytest.raises(CalibrationError, match=r"aim at a corner.* set closed = false in \[surface\]"):
         geometry_of(correspondence, closed, silent)
+
+
+@pytest.mark.parametrize("is_closed", [True, False])
+def test_rig_check_wants_two_walls_of_a_closed_room_only(tmp_path: Path, is_closed: bool) -> None:
+    changes = {"closed = false": "closed = true"} if is_closed else {}
+    result = run_check(str(profile_file(tmp_path, **changes)), silent, only=["view"])
+    rows = {row.what: row for _, row in result.rows}
+    walls, distance = rows["walls that are told apart"], rows["distance of camera and projector"]
+    assert walls.met is not is_closed
+    assert ("closed = false" in walls.advice) is is_closed
+    assert ("One flat wall: the lenses rest on hfov_deg" in distance.advice) is not is_closed
