@@ -15,7 +15,16 @@ from calibration.errors import CalibrationError
 from calibration.structured_light.bits import Limit, difference, limit_of_kind, middle, read_positions
 from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence, PixelReason
 from calibration.structured_light.frames import extreme, is_dark, mark, part, refuse_unequal
-from calibration.structured_light.gray import BOTH_AXES, Axis, CodeName, Words, bits_for, pattern_name, positions
+from calibration.structured_light.gray import (
+    BOTH_AXES,
+    Axis,
+    CodeName,
+    Words,
+    bits_for,
+    pattern_name,
+    positions,
+    size_along,
+)
 from calibration.structured_light.neighbours import isolated
 from calibration.structured_light.strips import for_each_strip
 
@@ -130,9 +139,8 @@ class _Bits:
         finest_bit: int,
     ) -> _Bits:
         """Say which bits an axis has; the common Gray code may have been shown with more than the projector needs."""
-        number = 0 if axis == "column" else 1
-        size = projector_shape[1 - number]
-        count = bits_for(size + first[number])
+        size, first_code = size_along(projector_shape, axis), first[BOTH_AXES.index(axis)]
+        count = bits_for(size + first_code)
         while code == "gray" and pattern_name(code, axis, count) in frames:
             count += 1
         finest = min(finest_bit, count - 1)
@@ -140,7 +148,7 @@ class _Bits:
             raise CalibrationError(
                 f"{code} code of the {axis}s without its {finest} finest bits: only the code 'gray' can be read so"
             )
-        return cls(code=code, axis=axis, count=count, finest=finest, first_code=first[number], size=size)
+        return cls(code=code, axis=axis, count=count, finest=finest, first_code=first_code, size=size)
 
     @property
     def names(self) -> list[str]:

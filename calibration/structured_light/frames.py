@@ -40,8 +40,22 @@ def refuse_unequal(frames: Mapping[str, Frame | None]) -> None:
         )
 
 
-def refuse_missing(frames: Mapping[str, Frame], names: Sequence[str], code: str) -> None:
-    """Raise CalibrationError with the names of the frames of a code that are not there."""
+def frames_of(
+    code: str, frames: Mapping[str, Frame], names: Sequence[str], *, white: Frame, black: Frame
+) -> dict[str, Frame]:
+    """Return the frames of a code in the order of its names.
+
+    Raises
+    ------
+    CalibrationError
+        If frames are missing, or the shapes of all, white and black among them, differ; the message names them.
+    """
+    _refuse_missing(frames, names, code)
+    refuse_unequal({**frames, "white": white, "black": black})
+    return {name: frames[name] for name in names}
+
+
+def _refuse_missing(frames: Mapping[str, Frame], names: Sequence[str], code: str) -> None:
     if not frames:
         raise CalibrationError("no frames: photograph the patterns")
     missing = [name for name in names if name not in frames]

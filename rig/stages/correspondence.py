@@ -15,9 +15,10 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import StructuredLightCode
 from calibration.arrays import Frame
 from calibration.errors import CalibrationError
-from calibration.radiometry.response import codes_from_linear
+from calibration.radiometry.response import Response
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
@@ -30,7 +31,7 @@ from rig.plug_ins import code_version, find_code
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.linear_light import Float32Array, RadiometricCalibration
+from rig.stages.linear_light import Codes, Float32Array, RadiometricCalibration, channel_codes
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
@@ -118,15 +119,20 @@ def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep
 
 def _as_light(patterns: Iterable[Pattern], session: Session) -> Iterator[Pattern]:
     """Yield patterns in the codes that make their light on this projector: a code's grey levels are linear light."""
+    table: Codes | None = None
     for pattern in patterns:
         if np.isin(pattern.codes, _EXTREMES).all():
             yield pattern
             continue
-        levels = np.arange(256) / 255
-        tables = [codes_from_linear(one, levels) for one in load_radiometric_calibration(session).projector]
-        channels = np.broadcast_to(pattern.codes.reshape(*pattern.codes.shape[:2], -1), (*pattern.codes.shape[:2], 3))
-        shown = np.stack([table[channels[..., q]] for q, table in enumerate(tables)], axis=-1)
-        yield Pattern(pattern.name, one_or_all(shown))
+        if table is None:
+            table = _code_of_light(load_radiometric_calibration(session).projector)
+        yield Pattern(pattern.name, one_or_all(table[np.atleast_3d(pattern.codes), np.arange(table.shape[1])]))
+
+
+def _code_of_light(projector: Sequence[Response]) -> Codes:
+    """(256, channels) codes that make 0 … 255 parts of white's light."""
+    levels = np.broadcast_to(np.arange(256)[:, None, None] / 255, (256, 1, len(projector)))
+    return channel_codes(projector, levels, seed=None).reshape(256, -1)
 
 
 def _gray_bracket(session: Session) -> ExposureBracket:
@@ -142,7 +148,13 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `correspondence`: which projector pixel each camera pixel sees, and why some see none."""
     on_step("decode", 0, 2)
     profile = session.profile
-    correspondence = _decode(session.finished("gray"), session, profile.projector.shape)
+    gray, code = session.finished("gray"), find_code(profile.patterns.code)
+    correspondence = read_code(
+        code,
+        lambda name: gray.load_frame(frame_name(name)).pixels,
+        profile.projector.shape,
+        load_radiometric_calibration(session),
+    )
     valid_share = float(correspondence.valid.mean())
     if valid_share < _LEAST_VALID_SHARE:
         raise CalibrationError(
@@ -166,11 +178,32 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("decode", 2, 2)
 
 
-def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
-    radiometric = load_radiometric_calibration(session)
-    code = find_code(session.profile.patterns.code)
+def read_code(
+    code: StructuredLightCode,
+    frame: Callable[[str], NDArray[np.uint16]],
+    projector_shape: tuple[int, int],
+    radiometric: RadiometricCalibration,
+) -> Correspondence:
+    """Find the projector pixel that each camera pixel sees, to whole pixels where the code is one of whole pixels.
+
+    Parameters
+    ----------
+    code
+        That was shown.
+    frame
+        Gives the (H, W, B) frame of a pattern, of `white` and of `black`. [dn]
+    projector_shape
+        (height, width) that the patterns were made for. [px]
+    radiometric
+        Noise, saturation and response of the camera.
+
+    Raises
+    ------
+    CalibrationError
+        If frames are missing or their shapes differ.
+    """
     names = code.pattern_names(projector_shape)
-    white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
+    white, black = frame("white"), frame("black")
     limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
     saturation: float = radiometric.saturation_dn * white.shape[2]
     read: Callable[[NDArray[np.uint16]], Frame] = partial(_grey, radiometric=radiometric)
@@ -180,7 +213,7 @@ def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> C
         limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
         saturation = float(table[radiometric.saturation_dn]) * white.shape[2]
     return code.decode(
-        {name: read(gray.load_frame(frame_name(name)).pixels) for name in names},
+        {name: read(frame(name)) for name in names},
         projector_shape,
         white=read(white),
         black=read(black),

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
-from calibration.structured_light.gray import BOTH_AXES, Axis
+from calibration.structured_light.frames import frames_of, noise_dn, part
+from calibration.structured_light.gray import BOTH_AXES, Axis, size_along
 from calibration.structured_light.patterns import Pattern
 from calibration.structured_light.phase.sinusoids import PhaseReading, decode_phases, sinusoid
 
@@ -121,14 +121,12 @@ class MicroPhaseCode:
         CalibrationError
             If frames are missing or their shapes differ; the message names them.
         """
-        names = self.pattern_names(projector_shape)
-        refuse_missing(frames, names, self.name)
-        refuse_unequal({**frames, "white": white, "black": black})
+        own = frames_of(self.name, frames, self.pattern_names(projector_shape), white=white, black=black)
         read = {
             axis: _MicroPhaseAxis(
                 shown=tuple(self._shown()),
-                size_px=projector_shape[1 if axis == "column" else 0],
-                frames=tuple(frames[name] for name in self._names(axis)),
+                size_px=size_along(projector_shape, axis),
+                frames=tuple(own[name] for name in self._names(axis)),
                 noise_dn=noise_dn(noise_limit),
             )
             for axis in self.axes
@@ -136,7 +134,7 @@ class MicroPhaseCode:
         return decode_phases(
             read,
             projector_shape,
-            frames=[frames[name] for name in names],
+            frames=list(own.values()),
             white=white,
             black=black,
             contrast_limit=np.asarray(noise_limit),

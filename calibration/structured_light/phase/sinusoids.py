@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration.arrays import BoolArray, Codes, Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import is_dark, mark, part
-from calibration.structured_light.gray import BOTH_AXES, Axis
+from calibration.structured_light.gray import BOTH_AXES, Axis, across, size_along
 from calibration.structured_light.neighbours import isolated, widen_at_border
 from calibration.structured_light.strips import for_each_strip
 
@@ -57,10 +57,10 @@ class PhaseAxis(Protocol):
 
 def sinusoid(shape: tuple[int, int], axis: Axis, period_px: float, shift_cycles: float = 0.0) -> Codes:
     """(H, W) codes: linear light that swings between black and white along an axis, white at pixel shift × period."""
-    position = np.arange(shape[1] if axis == "column" else shape[0])
+    position = np.arange(size_along(shape, axis))
     light = 0.5 + 0.5 * np.cos(2 * np.pi * (position / period_px - shift_cycles))
     stripe = np.rint(255 * light).astype(np.uint8)
-    return np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape).copy()
+    return across(stripe, shape, axis)
 
 
 def steps(shape: tuple[int, int], axis: Axis, period_px: float) -> Iterator[Codes]:

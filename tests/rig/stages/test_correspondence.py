@@ -40,6 +40,18 @@ def test_black_and_white_are_shown_as_they_are(monkeypatch: pytest.MonkeyPatch) 
     assert list(_as_light([pattern], session=None)) == [pattern]  # type: ignore[arg-type]
 
 
+def test_the_response_is_looked_up_once_for_all_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def load(session: object) -> SimpleNamespace:
+        asked.append(session)
+        return SimpleNamespace(projector=RESPONSES)
+
+    monkeypatch.setattr(correspondence, "load_radiometric_calibration", load)
+    assert len(list(_as_light(CODES["three-frequency"].patterns((48, 64)), session=None))) == 24  # type: ignore[arg-type]
+    assert len(asked) == 1
+
+
 @pytest.mark.parametrize("name", sorted(CODES))
 def test_codes_without_inverses_are_read_in_light(name: str) -> None:
     needs_light = name in ("gray-plain", "gray-phase", "three-frequency", "micro-phase")
