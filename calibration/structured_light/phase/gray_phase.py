@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import Frame
-from calibration.structured_light.bits import limit_of_kind, middle, read_positions
+from calibration.structured_light.bits import middle, read_positions
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.frames import frames_of, noise_dn, part
+from calibration.structured_light.frames import frames_of, limit_of_kind, noise_dn, part
 from calibration.structured_light.gray import BOTH_AXES, Axis, Words, across, bits_for, positions, size_along, words
 from calibration.structured_light.patterns import WHITE, Pattern
 from calibration.structured_light.phase.sinusoids import (
@@ -173,8 +173,7 @@ class _GrayPhaseAxis:
 
     def read(self, rows: slice) -> PhaseReading:
         """Find the coordinates of some rows."""
-        brightest = self.pairs[0][0][rows].copy()
-        twice, weak = read_positions(self.pairs, self.bit_limit, self.table, rows=rows, brightest=brightest)
+        twice, weak = read_positions(self.pairs, self.bit_limit, self.table, rows=rows)
         half_px = self.period_px / 2
         middle_px = twice * np.float32(half_px / 2) + np.float32((half_px - 1) / 2)
         cycles, twice_amplitude = phase(self.phases, rows)
