@@ -91,7 +91,7 @@ class Clipping:
     """(H, W)"""
 
     @classmethod
-    def of(cls, saturation: float | None, shape: tuple[int, int]) -> Clipping | None:
+    def of(cls, saturation: float | None, shape: tuple[int, ...]) -> Clipping | None:
         """Return a record without any clipped pixel; None where no value is known to be clipped."""
         return None if saturation is None else cls(saturation, np.zeros(shape, dtype=bool))
 

@@ -201,12 +201,14 @@ class _BeatAxis:
 
 
 def _fraction(cycles: Float32Array) -> Float32Array:
-    return np.asarray(cycles - np.floor(cycles))
+    whole = np.floor(cycles)
+    return np.subtract(cycles, whole, out=whole)
 
 
 def _counted(fraction: Float32Array, about: Float32Array) -> Float32Array:
     """Cycles of which the fraction is known, and the whole number about."""
-    return np.asarray(fraction + np.rint(about - fraction))
+    whole = np.subtract(about, fraction)
+    return np.add(fraction, np.rint(whole, out=whole), out=whole)
 
 
 def _unwrapped(fraction: Float32Array, about_px: Float32Array, period_px: np.float32) -> Float32Array:
