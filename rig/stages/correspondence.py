@@ -19,6 +19,7 @@ from calibration import StructuredLightCode
 from calibration.arrays import Frame
 from calibration.errors import CalibrationError
 from calibration.radiometry.response import Response
+from calibration.structured_light.consistency.complements import refuse_stale_frames
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
@@ -41,6 +42,9 @@ Value = TypeVar("Value")
 
 _LEAST_VALID_SHARE = 0.01
 """Of the camera's pixels; with fewer there is nothing to fit lenses to."""
+_INVERSE = "-inverse"
+_ROWS_HELD = 120
+"""About so many rows, and columns as far apart, are held against stale frames."""
 _EXTREMES = (0, 255)
 """Codes that are shown as they are: black and white."""
 
@@ -200,32 +204,75 @@ def read_code(
     Raises
     ------
     CalibrationError
-        If frames are missing or their shapes differ.
+        If frames are missing or their shapes differ, or one is stale: it shows another picture than it should.
     """
     names = code.pattern_names(projector_shape)
-    white, black = frame("white"), frame("black")
-    limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
-    saturation: float = radiometric.saturation_dn * white.shape[2]
-    read: Callable[[NDArray[np.uint16]], Frame] = partial(_grey, radiometric=radiometric)
+    flats = frame("white"), frame("black")
+    table = radiometric.table()
+    in_light = _Reading.of(flats, partial(_light, table=table), radiometric, table)
     if not _has_inverses(names):
-        table = radiometric.table()
-        read = partial(_light, table=table)
-        limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
-        saturation = float(table[radiometric.saturation_dn]) * white.shape[2]
-    return code.decode(
-        {name: read(frame(name)) for name in names},
-        projector_shape,
-        white=read(white),
-        black=read(black),
-        noise_limit=limit,
-        saturation=saturation,
-    )
+        return in_light.decode(code, {name: in_light.read(frame(name)) for name in names}, projector_shape)
+    in_dn = _Reading.of(flats, partial(_grey, radiometric=radiometric), radiometric)
+    some = (slice(None, None, max(1, flats[0].shape[0] // _ROWS_HELD)),) * 2
+    frames, thinned = dict[str, Frame](), {"white": in_light.white[some], "black": in_light.black[some]}
+    for name in names:
+        pixels = frame(name)
+        frames[name], thinned[name] = in_dn.read(pixels), in_light.read(pixels[some])
+    refuse_stale_frames(thinned, in_light.noise_limit[some], in_light.saturation)
+    return in_dn.decode(code, frames, projector_shape)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Reading:
+    """Frames (H, W, B) as a decoder takes them, (H, W), in a unit."""
+
+    read: Callable[[NDArray[np.uint16]], Frame]
+    white: Frame
+    black: Frame
+    noise_limit: NDArray[np.float64]
+    saturation: float
+
+    @classmethod
+    def of(
+        cls,
+        flats: tuple[NDArray[np.uint16], NDArray[np.uint16]],
+        read: Callable[[NDArray[np.uint16]], Frame],
+        radiometric: RadiometricCalibration,
+        table: Float32Array | None = None,
+    ) -> _Reading:
+        """Return how frames are read: in digital numbers, or in the light that a table gives for each."""
+        white, black = flats
+        limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
+        saturation: float = radiometric.saturation_dn
+        if table is not None:
+            limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
+            saturation = float(table[radiometric.saturation_dn])
+        return cls(
+            read=read,
+            white=read(white),
+            black=read(black),
+            noise_limit=limit,
+            saturation=saturation * white.shape[2],
+        )
+
+    def decode(
+        self, code: StructuredLightCode, frames: Mapping[str, Frame], projector_shape: tuple[int, int]
+    ) -> Correspondence:
+        """Decode frames that were read so."""
+        return code.decode(
+            frames,
+            projector_shape,
+            white=self.white,
+            black=self.black,
+            noise_limit=self.noise_limit,
+            saturation=self.saturation,
+        )
 
 
 def _has_inverses(names: Sequence[str]) -> bool:
     """Tell whether each picture is held against its inverse, so that any response of the camera will do."""
     known = set(names)
-    return all(name.endswith("-inverse") or f"{name}-inverse" in known for name in names)
+    return all(name.endswith(_INVERSE) or f"{name}{_INVERSE}" in known for name in names)
 
 
 def _light(pixels: NDArray[np.uint16], table: Float32Array) -> Float32Array:
