@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -40,11 +41,13 @@ from rig.stages.scene_model import (
     wall_of_patches,
     white_irradiance,
 )
+from rig.stages.separation import projector_blur_px2
 from rig.terminal import OnStep
 from sim.form_factors import form_factors
 from sim.geometry.optics import project
 from sim.geometry.scene import Scene
 
+Float = TypeVar("Float", np.float32, np.float64)
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
@@ -210,7 +213,7 @@ def _light(session: Session) -> tuple[list[_BandLight], BoolArray]:
     return bands, load_correspondence(session).valid & (image["valid"] > 0)
 
 
-def _by_band(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
+def _by_band(image: NDArray[Float]) -> list[NDArray[Float]]:
     return [np.ascontiguousarray(image[..., b]) for b in range(image.shape[-1])]
 
 
@@ -348,13 +351,13 @@ def _scene_models(
     xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
     factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
-    hits = cast_pixels(scene, geometry.projector)
+    hits, own_blur_px2 = cast_pixels(scene, geometry.projector), projector_blur_px2(session)
     return [
         SceneModel(
             scene=scene.with_reflectance(reflectance),
             form_factors=factors,
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
-            projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
+            projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission, own_blur_px2)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
         for (reflectance, flux), gain in zip(surfaces, gains, strict=True)
@@ -375,7 +378,7 @@ def load_model_record(session: Session) -> ModelRecord:
 def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
     record, maps = load_model_record(session), session.finished("model").load_image("direct-gain")
     light = session.finished("separation").load_image("separation")
-    gains, ratios = (_exact_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))
+    gains, ratios = (_by_band(image_of(maps, name).astype(np.float64)) for name in ("gain", "global_gain"))
     models = _read_scene_models(session, record, gains)
     bands = tuple(model.with_global_gain(ratio) for model, ratio in zip(models, ratios, strict=True))
     return FittedScene(
@@ -386,10 +389,6 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         white_variance=image_of(light, "white_variance").astype(np.float64),
         global_error=max(band.global_rms for band in record.bands),
     )
-
-
-def _exact_by_band(image: NDArray[np.float32]) -> list[FloatArray]:
-    return [image[..., b].astype(np.float64, order="C") for b in range(image.shape[-1])]
 
 
 def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatArray]) -> list[SceneModel]:

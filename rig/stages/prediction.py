@@ -13,8 +13,8 @@ from calibration.radiometry.response import Response
 from rig.files.channels import image_of, layers
 from rig.session import Step
 from rig.stages.linear_light import channel_light
+from rig.stages.maps.sampling import sample, sample_bands
 from rig.stages.model import FittedScene
-from rig.stages.scene_model import sample, sample_bands
 from rig.stages.target import Target
 
 BoolArray = NDArray[np.bool_]
@@ -37,7 +37,7 @@ class JudgedPixels:
     mask: BoolArray
     """(H, W) camera pixels over which errors are taken: lit, valid, and not at the picture's edge."""
     target: FloatArray
-    """(H, W, B) grey levels wanted at each camera pixel; NaN outside the mask."""
+    """(H, W, B) grey levels that each camera pixel would see of the target sharp on the wall; NaN outside the mask."""
 
 
 def wanted_light(model: FittedScene, target: Target) -> FloatArray:
@@ -116,11 +116,14 @@ def _edges(model: FittedScene, band: int, light: FloatArray) -> tuple[FloatArray
 
 def judged_pixels(model: FittedScene, step: Step) -> JudgedPixels:
     """Return where errors are taken, and the target there."""
-    grey = image_of(step.load_image("target"), "grey").astype(np.float64)
+    room, grey = model.room, image_of(step.load_image("target"), "grey").astype(np.float64)
+    # The picture is wanted on the wall: what the camera's own blur makes of it is no error of it.
+    on_wall = np.zeros((room.active.size, model.channels))
+    on_wall[room.active] = room.through_camera(grey.reshape(-1, model.channels)[room.active])
     xy = model.scene_model.light.projector_xy_px.reshape(-1, 2)
     shape = model.scene_model.camera.lens.shape
-    active = np.where(model.room.active.reshape(grey.shape[:2]), 1.0, 0.0)
+    active = np.where(room.active.reshape(grey.shape[:2]), 1.0, 0.0)
     mask = np.isfinite(sample(active, xy)).reshape(shape) & model.lit
     # Grey level 0 is a wish like any other: shift so that `sample` does not take it for missing.
-    wanted = sample_bands(grey + 1.0, xy).reshape(*shape, model.channels) - 1.0
+    wanted = sample_bands(on_wall.reshape(grey.shape) + 1.0, xy).reshape(*shape, model.channels) - 1.0
     return JudgedPixels(mask, np.where(mask[..., None], wanted, np.nan))

@@ -17,7 +17,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import BoolArray, Float32Array, LightImage, merge_exposures
+from rig.stages.linear_light import BoolArray, Float32Array, FloatArray, LightImage, merge_exposures
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
@@ -187,3 +187,16 @@ def _joined(bands: Sequence[Separation]) -> Separation:
         variance=np.stack(variances, axis=-1) if variances else None,
         projector_xy_px=bands[0].projector_xy_px,
     )
+
+
+def load_separation_record(session: Session) -> SeparationRecord:
+    """Return the numbers of the finished step `separation`."""
+    return session.finished("separation").load_record("separation", SeparationRecord)
+
+
+def projector_blur_px2(session: Session) -> FloatArray:
+    """Return (height, width) the variance of the projector's own blur at its pixels, as `separation` found it."""
+    height, width = shape = session.profile.projector.shape
+    blur = LensBlur(shape, load_separation_record(session).projector_blur.variance_px2)
+    xy_px = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float64)
+    return np.maximum(blur.variance_px2(xy_px), 0.0)

@@ -17,12 +17,12 @@ from rig.run.session import OpenSession
 from rig.session import Session, Step
 from rig.stages.compensation import measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
+from rig.stages.maps.sampling import sample_bands
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
 from rig.stages.prediction import JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
-from rig.stages.scene_model import sample_bands
 from rig.stages.target import Target, check_strategies
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
@@ -240,7 +240,8 @@ def _by_image(room: ControlledScene, _strategy: str, image: FloatArray, seen: Ca
     References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
     imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
     """
-    residual = np.where(np.isfinite(seen.light), room.wanted - seen.light, 0.0)
+    wanted = room.model.room.through_camera(room.wanted)
+    residual = np.where(np.isfinite(seen.light), wanted - seen.light, 0.0)
     return np.asarray(np.clip(image + room.operator.divide_by_direct(room.damping * residual), 0.0, 1.0))
 
 
@@ -249,7 +250,7 @@ def _by_model(room: ControlledScene, strategy: str, _image: FloatArray, seen: Ca
 
     What the range clips is predicted as clipped, so it is no error of the model and does not wind up.
     """
-    expected = room.transport.forward(seen.projected)
+    expected = room.model.room.through_camera(room.transport.forward(seen.projected))
     error = trusted(room, seen.light - expected, seen.variance)
     return room.solved(strategy, room.wanted - error).projector_image
 

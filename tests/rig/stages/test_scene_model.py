@@ -10,6 +10,7 @@ from calibration.geometry.pinhole import PinholeModel
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
 from rig.stages.correspondence import DevicePair
+from rig.stages.maps.sampling import sample
 from rig.stages.scene_model import (
     MeasuredLight,
     PosedCamera,
@@ -21,7 +22,6 @@ from rig.stages.scene_model import (
     cast_pixels,
     posed_lens,
     projector_view,
-    sample,
     unit_emission,
 )
 from rig.truth.scores import ground_truth_reflectance
