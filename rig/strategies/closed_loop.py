@@ -21,7 +21,7 @@ from rig.stages.maps.sampling import sample_bands
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
-from rig.stages.prediction import JudgedPixels, judged_pixels, wanted_light, whole_picture
+from rig.stages.prediction import JUDGED, JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.stages.target import Target, check_strategies
 from rig.strategies.records import ClosedLoop, JudgedErrors
@@ -157,6 +157,7 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
         "rule": loop.rule,
         "captures": loop.captures,
         "target_sha256": target.sha256,
+        "judged": JUDGED,
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
     }
