@@ -220,7 +220,9 @@ def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen
     left = np.einsum("kn,kn->n", centred, centred) - a * xl - b * yl - direct**2 * own
     scatter = np.maximum(left, 0) / np.maximum(count - 4, 1)
     safe = np.where(np.abs(direct) > 0, direct, np.inf)
-    place = np.minimum(scatter * (xx + yy) / (2 * determinant * safe**2), _MOST_SHIFT_PX**2)
+    # Weights are not those of noise: what has a small weight adds less noise than its part of the sums.
+    noise = [np.einsum("kn,kn,kn->n", weight, each, each) / total**2 for each, total in ((x, xx), (y, yy))]
+    place = np.minimum(scatter * (noise[0] + noise[1]) / (2 * safe**2), _MOST_SHIFT_PX**2)
     return np.stack([direct, scatter / own, np.sqrt(own / count), place, a / safe - u, b / safe - v])
 
 

@@ -290,8 +290,8 @@ def _check_words(session: Session) -> str:
     if record.stripes_blur_px is None or record.checker_size_px == asked_px:
         return ""
     return (
-        f" Checks of {record.checker_size_px} px were shown in place of {asked_px} px: by the code's finest stripes "
-        f"the picture is blurred by {record.stripes_blur_px:.1f} px. Focusing both lenses brings the smaller ones back."
+        f" Checks of {record.checker_size_px} px were shown in place of {asked_px} px: by the code's stripes the "
+        f"picture is blurred by {record.stripes_blur_px:.1f} px. Focusing both lenses brings the smaller ones back."
     )
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, variance_sigma_map
-from calibration.light.check_size import blur_of_picture_px, check_size_px, finest_stripes
+from calibration.light.check_size import blur_of_picture_px, check_size_px, stripes_that_tell
 from calibration.light.separation import Separation, separate, separate_by_pattern
 from calibration.light.two_level import white_share
 from calibration.structured_light.correspondence import Correspondence
@@ -54,7 +54,7 @@ class SeparationRecord(Record):
     checker_size_px: int
     """Of the checks that were shown: what the profile says, unless that is too fine for the blur."""
     stripes_blur_px: float | None
-    """By the finest stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
+    """By stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
     None for a code without such stripes."""
     blur_rms: float
     """What the blurred pattern leaves of a pixel's light, as a share of its direct light."""
@@ -99,8 +99,10 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
 
 
 def _blur_of_stripes(session: Session) -> float | None:
-    """How blurred the finest stripes of the code are; None where it has none along both axes."""
-    stripes = finest_stripes(list(find_code(session.profile.patterns.code).patterns(session.profile.projector.shape)))
+    """How blurred stripes of the code are; None where it has none along both axes."""
+    stripes = stripes_that_tell(
+        list(find_code(session.profile.patterns.code).patterns(session.profile.projector.shape))
+    )
     if not stripes:
         return None
     gray, radiometric = session.finished("gray"), load_radiometric_calibration(session)
