@@ -344,14 +344,20 @@ def _scene_models(
     blur = session.finished("separation").load_image("blur")
     xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
-    factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
-    hits, own_blur_px2 = cast_pixels(scene, geometry.projector), projector_blur_px2(session)
+    factors = form_factors(scene)
+    projector = PosedProjector(
+        device=geometry.projector,
+        hits=cast_pixels(scene, geometry.projector),
+        flux=1.0,
+        unit_emission=unit_emission(scene, geometry.projector),
+        blur_variance_px2=projector_blur_px2(session),
+    )
     return [
         SceneModel(
             scene=scene.with_reflectance(reflectance),
             form_factors=factors,
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
-            projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission, own_blur_px2)},
+            projectors={pair.projector: replace(projector, flux=flux)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
         for (reflectance, flux), gain in zip(surfaces, gains, strict=True)

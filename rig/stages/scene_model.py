@@ -159,7 +159,7 @@ class PosedCamera:
     hits: PixelHits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PosedProjector:
     """A projector in the scene."""
 

@@ -22,7 +22,7 @@ Transport = LightTransport | ColourTransport
 """What every strategy takes; its bands are square with diagonal direct light (the projector's view)."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SplitTransport:
     """T p = D W K p + V H S K p, band by band; a grey transport has one band and K = 1, a sharp one W = 1.
 
@@ -114,7 +114,8 @@ def split_transport_of(transport: Transport) -> SplitTransport:
     bands = transport.bands if isinstance(transport, ColourTransport) else (transport,)
     mixing = transport.mixing if colour else np.eye(1)
     diagonal = np.stack([diagonal_of(band) for band in bands]).T
-    return SplitTransport(bands, mixing, diagonal, tuple(band.interreflection for band in bands))
+    interreflections = tuple(band.interreflection for band in bands)
+    return SplitTransport(bands=bands, mixing=mixing, diagonal=diagonal, interreflections=interreflections)
 
 
 def as_shown(transport: SplitTransport) -> SplitTransport:

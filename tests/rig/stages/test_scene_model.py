@@ -71,12 +71,13 @@ def scene_model(world: SimulatedWorld) -> SceneModel:
     gain[~inside.reshape(gain.shape)] = 0
     flux = settings.projector.flux / (height * width) * settings.projector.focal_px**2
     emission = unit_emission(scene, projector)
+    own = PosedProjector(device=projector, hits=cast_pixels(scene, projector), flux=flux, unit_emission=emission)
     xy = np.where(inside[:, None], xy, np.nan).reshape(*gain.shape, 2)
     return SceneModel(
         scene=scene,
         form_factors=form_factors(scene),
         cameras={"camera": PosedCamera(camera, seen)},
-        projectors={"projector": PosedProjector(projector, cast_pixels(scene, projector), flux, emission)},
+        projectors={"projector": own},
         measured={DevicePair("camera", "projector"): MeasuredLight(gain, xy)},
     )
 
