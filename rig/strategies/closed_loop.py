@@ -40,6 +40,8 @@ NEIGHBOURHOOD_PX = 9
 """Side of the square over which a residual is held against its noise."""
 SIGMAS = 2.0
 """The error has fallen when it is lower by so many standard deviations of its noise."""
+_NO_BETTER = ("no better than capture {}", "better than capture {} by less than its noise")
+"""Why a loop ends: the last capture was not lower than the best before, or was, by little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,11 +197,14 @@ def _closed(
         photograph(work.rig(), work.session, step, [pattern], bracket=shot, n_patterns=1, on_step=silent)
         light = merge_exposures(step, pattern.name, shot, room.radiometric)
         errors.append(room.judged_light(light))
-        if not _falls(errors, best):
-            stopped = f"capture {number} was no better than capture {best + 1}"
+        before, goes_on = best, _falls(errors, best)
+        if number == 1 or errors[-1].mean < errors[best].mean:
+            best = number - 1
+            _keep(step, codes, image, room=room, light=light)
+        if not goes_on:
+            by_little = best > before
+            stopped = f"capture {number} was {_NO_BETTER[by_little].format(before + 1)}"
             break
-        best = number - 1
-        _keep(step, codes, image, room=room, light=light)
         image = corrected(room, loop, image, _seen(room, codes, light))
     on_step(f"closed loop: {loop.strategy}", loop.captures, loop.captures)
     damping = room.damping if loop.rule == "image" else 1.0
