@@ -59,6 +59,7 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
         "strategies": json_of(request.strategies),
         "versions": versions_of(request.strategies),
         "prediction": "all projector pixels, blurred, with sigma",
+        "blur": "of the projector",
     }
 
 

@@ -13,11 +13,18 @@ from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array, diags_array
 
-from rig.devices.simulated.optics import directions, flux_density, pixels_of, relative_illumination
+from rig.devices.simulated.optics import (
+    blur_variance_px2,
+    directions,
+    flux_density,
+    pixels_of,
+    relative_illumination,
+)
 from rig.devices.simulated.room import SimulatedRoom, interpolation, reflectance_at, trace
 from rig.devices.simulated.world import SeenLight, SimulatedWorld, pixel_grid
 from rig.stages.model import FittedScene
 from sim.light.colour import ColourTransport
+from sim.light.picture_blur import PictureBlur
 from sim.light.transport import LightTransport
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +68,8 @@ class CellRadiosity:
 def ground_truth_transport(worlds: Sequence[SimulatedWorld], model: FittedScene) -> ColourTransport:
     """Return T of the simulated world from the model's steered pixels to what the camera sees there.
 
-    It is in the session's unit. Lens blur is left out, as in the model's own view: T's direct part is diagonal.
+    It is in the session's unit, and of light on the wall: of lens blur it has the projector's alone, as the model's own
+    view.
     """
     bands = [_true_band(world, model, b) for b, world in enumerate(worlds)]
     return ColourTransport(bands, ground_truth_mixing(worlds))
@@ -85,7 +93,15 @@ def _true_band(world: SimulatedWorld, model: FittedScene, band: int) -> LightTra
     seen = csr_array(diags_array(reflected) @ view @ cells)[chosen]
     emission = csr_array(world.emission[:, chosen].astype(np.float64)) * scale
     patch = model.scene_model.projector_hits.hits.patch[chosen]
-    return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, pixel_patch=patch)  # type: ignore[arg-type]
+    variance = blur_variance_px2(world.projector)
+    return LightTransport(
+        csr_array(diags_array(direct[chosen] * scale)),
+        emission,
+        radiosity,  # type: ignore[arg-type]
+        seen,
+        pixel_patch=patch,
+        blur=PictureBlur(variance_px2=np.stack([variance, variance], axis=-1), chosen=model.room.active),
+    )
 
 
 def _surface(world: SimulatedWorld) -> tuple[FloatArray, FloatArray, csr_array]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.arrays import BoolArray, FloatArray
-from sim.compensation.split_transport import SplitTransport, Transport, split_transport_of
+from sim.compensation.split_transport import SplitTransport, Transport, as_shown, split_transport_of
 from sim.errors import SimulationError
 from sim.light.colour import ColourTransport
 
@@ -45,6 +46,7 @@ class Problem:
     """A checked request: a transport, a target and the projector's range."""
 
     transport: SplitTransport
+    """Its projector is taken for sharp, as published methods take it."""
     target: FloatArray
     """(n, C) camera image wanted."""
     lower: float
@@ -54,6 +56,11 @@ class Problem:
     grey: bool
     """The caller's images are (n,)."""
     started_s: float
+
+    @cached_property
+    def shown(self) -> SplitTransport:
+        """The transport with the projector's blur: what is seen in the end, of every strategy."""
+        return as_shown(self.transport)
 
     def clamped(self, wanted: FloatArray) -> FloatArray:
         """Return an image clamped to the projector's range."""
@@ -86,7 +93,7 @@ class Problem:
         """
         seconds = time.perf_counter() - self.started_s
         p = self.clamped(wanted)
-        predicted = self.transport.forward(p)
+        predicted = self.shown.forward(p)
         return Compensation(
             projector_image=self._shaped(p),
             predicted=self._shaped(predicted),
@@ -98,7 +105,7 @@ class Problem:
         )
 
     def _compared(self, predicted: FloatArray) -> dict[str, float]:
-        by_direct = self.transport.forward(self.clamped(self.transport.divide_by_direct(self.target)))
+        by_direct = self.shown.forward(self.clamped(self.transport.divide_by_direct(self.target)))
         ours, direct = (np.abs(seen - self.target) for seen in (predicted, by_direct))
         # An error of direct that is roundoff is no measure.
         least = max(1e-9 * float(np.abs(self.target).max(initial=0.0)), np.finfo(float).tiny)

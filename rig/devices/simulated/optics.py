@@ -96,14 +96,28 @@ def blurred(optics: SimulatedOptics, light: Float32Array) -> Float32Array:
     centre, corner = optics.lens.blur_px, optics.lens.corner_blur_px
     if corner is None or corner == centre:
         return _gaussian(light, centre)
+    mixed = np.zeros_like(light)
+    for sigma_px, weight in _blur_steps(optics, centre, corner):
+        mixed += weight.astype(np.float32) * _gaussian(light, sigma_px)
+    return mixed
+
+
+def blur_variance_px2(optics: SimulatedOptics) -> FloatArray:
+    """(H, W) variance of the lens's blur at its pixels."""
+    centre, corner = optics.lens.blur_px, optics.lens.corner_blur_px
+    steps = _blur_steps(optics, centre, centre if corner is None else corner)
+    return np.asarray(sum(sigma_px**2 * weight for sigma_px, weight in steps))
+
+
+def _blur_steps(optics: SimulatedOptics, centre: float, corner: float) -> list[tuple[float, FloatArray]]:
+    """Blurs that are mixed, and how much there is of each at every pixel, (H, W)."""
     half_diagonal = np.hypot(*optics.shape) / 2
     y, x = (np.arange(n) - c for n, c in zip(optics.shape, reversed(optics.lens.principal_point_px), strict=True))
     step = np.clip((y[:, None] ** 2 + x**2) / half_diagonal**2, 0, 1) * (_BLUR_STEPS - 1)
-    mixed = np.zeros_like(light)
-    for k in range(_BLUR_STEPS):
-        weight = np.maximum(1 - np.abs(step - k), 0).astype(np.float32)
-        mixed += weight * _gaussian(light, centre + (corner - centre) * k / (_BLUR_STEPS - 1))
-    return mixed
+    return [
+        (centre + (corner - centre) * k / (_BLUR_STEPS - 1), np.asarray(np.maximum(1 - np.abs(step - k), 0)))
+        for k in range(_BLUR_STEPS)
+    ]
 
 
 def _gaussian(light: Float32Array, sigma_px: float) -> Float32Array:
