@@ -19,8 +19,8 @@ SIGMAS = 4.0
 """A contradiction: by chance one in 16,000."""
 MOST_MIXED = 0.15
 """Of the points: along the edges of a room 1 to 3 % have neighbours on another wall."""
-MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.8
-"""Flat walls of forty simulated rooms bend by up to 0.6 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
+MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.95
+"""Flat walls of ninety simulated rooms bend by up to 0.84 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
 _TELLING = 2.0
 """Sigmas from a right angle at which an angle is worth telling."""
 MOST_DISTANCE_SIGMA = 0.1

@@ -9,8 +9,9 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,13 +33,15 @@ from calibration.geometry.epipolar import (
 from calibration.geometry.noise import observation_variance, standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
-from calibration.geometry.plane_search import best_bundle
+from calibration.geometry.plane_search import candidates
 from calibration.geometry.planes import Axes
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
 _FEW, _SOME, _MANY = 4000, 3000, 10000
 """Points that tell a flat scene, that the fit without right angles is of, and that the result rests on."""
+_OTHERS, _BETTER = 12, 0.9
+"""Fits that are tried after the first was refused, and of what that left over, what one may leave."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
 _AGREED = 0.5
@@ -195,11 +198,45 @@ def calibrate_stereo(
     weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
     check_not_flat(x1[:_FEW], x2[:_FEW], nominal)
     report(1, 3)
-    bundle = best_bundle(x1, x2, nominal, right_angles=right_angles)
+    bundles = candidates(x1, x2, nominal, right_angles=right_angles)
+    first = next(bundles)
     report(2, 3)
-    final = _held_against_all(x1, x2, bundle, nominal, weight=weight)
+    try:
+        final = _held_against_all(x1, x2, first, nominal, weight=weight)
+    except CalibrationError:
+        better = _better(x1, x2, first, bundles, nominal, weight=weight)
+        if better is None:
+            raise
+        final = better
     report(3, 3)
     return _finished(final, x1, x2, nominal)
+
+
+def _better(
+    x1: FloatArray,
+    x2: FloatArray,
+    refused: BundleSolution,
+    others: Iterator[BundleSolution],
+    nominal: NominalIntrinsics,
+    *,
+    weight: FloatArray,
+) -> BundleSolution | None:
+    """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
+    limit = _BETTER * _unexplained(refused)
+    for bundle in islice(others, _OTHERS):
+        if bundle is refused or _unexplained(bundle) > limit:
+            continue
+        try:
+            return _held_against_all(x1, x2, bundle, nominal, weight=weight)
+        except CalibrationError:
+            continue
+    return None
+
+
+def _unexplained(bundle: BundleSolution) -> float:
+    """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
+    own = bundle.fit.cost / len(bundle.used)
+    return bundle.share * own + (1 - bundle.share)
 
 
 def _weight(sigma_px: FloatArray) -> FloatArray:
