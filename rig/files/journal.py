@@ -52,7 +52,7 @@ def _parse(path: Path, data: bytes) -> list[Event]:
         except (ValueError, RecursionError) as error:
             raise corrupt_line(path, number) from error
         sealed = _SEALED.fullmatch(line)
-        if sealed is None and seal or sealed is not None and sealed[2] != _seal_of(seal, sealed[1]):
+        if (sealed is None and seal) or (sealed is not None and sealed[2] != _seal_of(seal, sealed[1])):
             raise corrupt_line(path, number)
         if not isinstance(event, dict) or "event" not in event:
             raise corrupt_line(path, number)

@@ -105,7 +105,7 @@ def compensate(
     SimulationError
         For an unknown name, or a target or transport that does not fit.
     """
-    return strategy(name).solve(transport, target, lower, upper, **options)
+    return strategy(name).compensate(transport, target, lower=lower, upper=upper, **options)
 
 
 def _own(solve: Solve, summary: str, publication: str = "") -> Strategy:

@@ -45,6 +45,10 @@ ADVICE = 1.3
 """The tolerance that is advised where one does not fit, over the one that may just fit."""
 FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
 """Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
+FINEST_PERCENT, COARSEST_PERCENT = 1e-6, 100.0
+"""Limits of a tolerance: below, the solver's rounding counts; above, black would do."""
+LEAST_MEMORY_MB = 1.0
+"""Less than the smallest model takes."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
@@ -107,10 +111,9 @@ def plan(
     Raises
     ------
     SimulationError
-        For a tolerance not above 0, an unknown light, or a model that does not fit in memory.
+        For a tolerance outside of 1e-6 ... 100 %, an unknown light, or a model that does not fit in memory.
     """
-    if not tolerance_percent > 0:
-        raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
+    _check_demands(tolerance_percent, memory_limit_mb)
     whole = coarsest_patches(surface)
     colours = None
     if reflectances is not None:
@@ -143,6 +146,18 @@ def plan(
         seconds=cost.seconds,
         peak_mb=cost.peak_mb,
     )
+
+
+def _check_demands(tolerance_percent: float, memory_limit_mb: float) -> None:
+    if not FINEST_PERCENT <= tolerance_percent <= COARSEST_PERCENT:
+        raise SimulationError(
+            f"a tolerance of {tolerance_percent:g} % of white; it must be above 0: {FINEST_PERCENT:g} ... "
+            f"{COARSEST_PERCENT:g} %"
+        )
+    if not LEAST_MEMORY_MB <= memory_limit_mb < np.inf:
+        raise SimulationError(
+            f"a memory of {memory_limit_mb:g} MB; give a finite number of at least {LEAST_MEMORY_MB:g} MB"
+        )
 
 
 class _Search:

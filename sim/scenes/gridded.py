@@ -48,11 +48,16 @@ def room(
     Raises
     ------
     SimulationError
-        For an unknown face, a size or patch size not above 0, or a face without reflectance.
+        For no face or an unknown one, a size that is no number above 0, more patches than fit in memory, or a face
+        without reflectance.
     """
+    if not faces:
+        raise SimulationError(f"a room without faces; give some of {', '.join(ROOM_FACES)}")
     unknown = sorted(set(faces) - set(ROOM_FACES))
     if unknown:
         raise SimulationError(f"unknown room faces {', '.join(unknown)}; there are {', '.join(ROOM_FACES)}")
+    if len(size_m) != 3:
+        raise SimulationError(f"a room of {len(size_m)} lengths; give three, along x, y and z")
     _check_sizes(size_m, patch_size_m)
     geometry = _room_geometry(*size_m)
     return _scene(name, {face: geometry[face] for face in faces}, patch_size_m, reflectance, convex=True)
@@ -216,11 +221,27 @@ def _reflectance_of(face: str, reflectance: Reflectance) -> float:
 
 
 def _check_sizes(lengths_m: Sequence[float], patch_size_m: float) -> None:
-    smallest = min(*lengths_m, patch_size_m)
-    if not smallest > 0:
-        raise SimulationError(f"a size of {smallest:g} m; every edge and the patch size must be above 0")
+    smallest_m, largest_m = SIZES_M
+    for length in (*lengths_m, patch_size_m):
+        if isinstance(length, bool) or not isinstance(length, int | float | np.number):
+            raise SimulationError(f"a size of {length!r}; give a number of metres")
+        if not smallest_m <= length <= largest_m:
+            raise SimulationError(
+                f"a size of {length:g} m; every edge and the patch size must be above 0, and finite: "
+                f"{smallest_m:g} ... {largest_m:g} m"
+            )
+    patches = 6 * (max(lengths_m) / patch_size_m) ** 2
+    if patches > MOST_PATCHES:
+        raise SimulationError(
+            f"edges of {max(lengths_m):g} m in patches of {patch_size_m:g} m are up to {patches:.3g} patches, the "
+            f"limit is {MOST_PATCHES:g}; give larger patches"
+        )
 
 
+SIZES_M = 1e-12, 1e12
+"""Sizes whose products stay far within the range of numbers."""
+MOST_PATCHES = 5e6
+"""Whose corners take half a gigabyte."""
 FURNITURE: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "table": ((1.6, 0.9, 0.05), (1.5, 1.8, 0.7)),
     "table leg 1": ((0.1, 0.1, 0.7), (1.55, 1.85, 0.0)),
@@ -247,6 +268,8 @@ def furnished_room(patch_size_m: float = 0.2, reflectance: float = 0.7) -> Scene
         For a patch size not above 0.
     """
     size_m = (4.8, 4.8, 2.4)
+    if len(size_m) != 3:
+        raise SimulationError(f"a room of {len(size_m)} lengths; give three, along x, y and z")
     _check_sizes(size_m, patch_size_m)
     geometry = _room_geometry(*size_m)
     for name, (box_m, corner_m) in FURNITURE.items():
