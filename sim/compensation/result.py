@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.arguments import array_of, number_of
 from sim.arrays import BoolArray, FloatArray
 from sim.compensation.split_transport import SplitTransport, Transport, split_transport_of
 from sim.errors import SimulationError
 from sim.light.colour import ColourTransport
+from sim.light.transport import LightTransport
 
 Notes = Mapping[str, float | str]
 FARTHEST = 1e9
@@ -140,7 +142,9 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
         transport that is not finite or not the projector's view.
     """
     started_s = time.perf_counter()
-    values = np.asarray(target, dtype=np.float64)
+    if not isinstance(transport, LightTransport | ColourTransport):
+        raise SimulationError(f"transport of type {type(transport).__name__}; give a LightTransport or ColourTransport")
+    values = array_of("target", target)
     colour = isinstance(transport, ColourTransport)
     channels = transport.channels if isinstance(transport, ColourTransport) else 1
     pixels = transport.shape[0] // channels
@@ -149,7 +153,7 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
         raise SimulationError(f"target of shape {values.shape}; the transport has {pixels} camera pixels{bands}")
     if not np.isfinite(values).all():
         raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
-    if not -LARGEST < lower < upper < LARGEST:
+    if not -LARGEST < number_of("lower", lower) < number_of("upper", upper) < LARGEST:
         raise SimulationError(
             f"projector range {lower:g} ... {upper:g} is empty or not finite; lower must be below upper"
         )

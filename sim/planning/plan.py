@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.arguments import array_of, check_kind, number_of
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
@@ -113,10 +114,14 @@ def plan(
     SimulationError
         For a tolerance outside of 1e-6 ... 100 %, an unknown light, or a model that does not fit in memory.
     """
-    _check_demands(tolerance_percent, memory_limit_mb)
+    check_kind("plan", surface, "vertices", "a scene or mesh")
+    _check_demands(number_of("tolerance", tolerance_percent), memory_limit_mb)
     whole = coarsest_patches(surface)
     colours = None
     if reflectances is not None:
+        rho = array_of("reflectances", reflectances)
+        if rho.ndim != 1 or not len(rho):
+            raise SimulationError(f"reflectances of shape {rho.shape}; give one for each colour")
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
     chosen_light = make_test_lighting(light, whole)
@@ -154,7 +159,7 @@ def _check_demands(tolerance_percent: float, memory_limit_mb: float) -> None:
             f"a tolerance of {tolerance_percent:g} % of white; it must be above 0: {FINEST_PERCENT:g} ... "
             f"{COARSEST_PERCENT:g} %"
         )
-    if not LEAST_MEMORY_MB <= memory_limit_mb < np.inf:
+    if not LEAST_MEMORY_MB <= number_of("memory", memory_limit_mb):
         raise SimulationError(
             f"a memory of {memory_limit_mb:g} MB; give a finite number of at least {LEAST_MEMORY_MB:g} MB"
         )
