@@ -1,5 +1,6 @@
 """Entry of the command `rig` and of `python -m rig`: what concerns the process and not one command."""
 
+import io
 import os
 import resource
 import signal
@@ -32,6 +33,8 @@ def _open_standard_streams() -> None:
                 os.close(opened)
         if getattr(sys, name) is None:
             setattr(sys, name, os.fdopen(number, mode, closefd=False))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be text; stderr does so already
 
 
 def _with_usual_stack() -> int:

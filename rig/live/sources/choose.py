@@ -8,12 +8,14 @@ from pathlib import Path
 from rig.devices.protocols import Clock
 from rig.errors import UsageError
 from rig.live.sources.files import FolderSource, PatternSource, VideoSource
-from rig.live.sources.raw import SharedMemorySource, StreamSource
+from rig.live.sources.raw import SHARED_FOLDER, SharedMemorySource, StreamSource, check_size
 from rig.live.sources.source import Source
 
 _FOLDER_RATE_HZ = 1.0
 """Of a slide show; --rate says another."""
 _PATTERN_RATE_HZ = 60.0
+_MOST_DIGITS = 9
+"""Of a width or height: more is no number of pixels."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,8 @@ def make_source(word: str, settings: SourceSettings, clock: Clock) -> Source:
         from rig.live.sources.camera import CameraSource  # opens kernel interfaces that only Linux has
 
         return CameraSource(rest, settings.shape, clock)
+    if kind == "shm" and (rest in (".", "..") or "/" in rest):
+        raise UsageError(f"{word}: {rest!r} is no shared memory; give a file in {SHARED_FOLDER}, e.g. shm:frames")
     if kind == "shm" and rest:
         return SharedMemorySource(rest, clock)
     if kind == "pipe" and rest:
@@ -65,6 +69,10 @@ def parse_size(text: str) -> tuple[int, int] | None:
     if not text:
         return None
     width, _, height = text.lower().partition("x")
-    if not (width.isdigit() and height.isdigit() and int(width) and int(height)):
+    is_size = width.isascii() and height.isascii() and width.isdigit() and height.isdigit()
+    if not is_size or not (width.strip("0") and height.strip("0")):
         raise UsageError(f"--size {text}: not a size; give WIDTHxHEIGHT, e.g. 1920x1080")
+    if len(width) > _MOST_DIGITS or len(height) > _MOST_DIGITS:
+        raise UsageError(f"--size {text[:40]}: no picture is as large; give WIDTHxHEIGHT, e.g. 1920x1080")
+    check_size("--size", (int(height), int(width)))
     return int(height), int(width)

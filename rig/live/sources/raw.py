@@ -33,12 +33,24 @@ _LONGEST_HEADER = 64
 """Of a PPM: magic, two sizes and 255 need 20 bytes."""
 _PPM = re.compile(rb"P6\s+(\d+)\s+(\d+)\s+255\s", re.DOTALL)
 _LARGEST_PX = 16384
-"""Larger sizes are garbage in a header, and would ask for gigabytes."""
+"""Larger sizes are garbage in a header."""
+_MOST_PX = 64 << 20
+"""Of a picture, 200 MB: what comes live is no larger, and a header of garbage must not ask for gigabytes."""
 _LOOK_S = 0.002
 _MAGIC = b"RIGFRAME"
 _HEADER = struct.Struct("<8sIIQ")
 _HEADER_BYTES = 64
 SHARED_FOLDER = Path("/dev/shm")
+
+
+def check_size(name: str, size: tuple[int, int]) -> None:
+    """Raise SourceBroken for a (height, width) in pixels that no picture has."""
+    height, width = size
+    if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX and width * height <= _MOST_PX):
+        raise SourceBroken(
+            f"{name}: a picture of {width} x {height} px; the limits are {_LARGEST_PX} px and "
+            f"{_MOST_PX >> 20} megapixels"
+        )
 
 
 class StreamSource:
@@ -143,8 +155,7 @@ class StreamSource:
         found = _PPM.fullmatch(self._header)
         if found:
             width, height = int(found[1]), int(found[2])
-            if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-                raise SourceBroken(f"{self.name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px")
+            check_size(self.name, (height, width))
             self._pixels = self._room_for((height, width))
         elif len(self._header) >= _LONGEST_HEADER or (len(self._header) > 1 and self._header[:2] != b"P6"):
             raise SourceBroken(
@@ -204,12 +215,14 @@ class SharedMemorySource:
         """(height, width, counter). Raises SourceBroken."""
         if self._descriptor is None:
             raise SourceBroken(f"{self._path}: is closed")
-        data = os.pread(self._descriptor, _HEADER.size, 0)
+        try:
+            data = os.pread(self._descriptor, _HEADER.size, 0)
+        except OSError as error:
+            raise SourceBroken(f"{self._path}: cannot be read: {error.strerror}; give a file's name") from error
         if len(data) < _HEADER.size or not data.startswith(_MAGIC):
             raise SourceBroken(f"{self._path}: does not begin with {_MAGIC.decode()}; see docs/how-to/live.md")
         _, width, height, counter = _HEADER.unpack(data)
-        if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-            raise SourceBroken(f"{self._path}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px")
+        check_size(str(self._path), (height, width))
         return height, width, counter
 
     def read(self, timeout_s: float) -> Picture | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.devices.protocols import Clock
 from rig.errors import RigError
-from rig.files.pictures import cover, covering_shape
+from rig.files.pictures import MOST_PX, cover, covering_shape
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.priority import normal_priority
 from rig.live.sources.source import Picture, Pixels, Source, SourceEnded
@@ -42,7 +42,8 @@ class Fitter:
     def fit(self, picture: Picture, out: Pixels) -> None:
         """Write a picture of any size to ``out``, (H, W, 3) of the shape, red first."""
         scaled = covering_shape(picture.pixels.shape, self._shape)
-        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape:
+        is_huge = scaled[0] * scaled[1] > MOST_PX
+        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape and not is_huge:
             self._scaled = np.empty((*scaled, 3), np.uint8)
         fitted = cover(picture.pixels, self._shape, cv2.INTER_LINEAR, self._scaled)
         if picture.is_bgr:
