@@ -43,6 +43,8 @@ class Step:
     def __init__(self, ledger: Ledger, run: StepRun):
         self._ledger = ledger
         self._run = run
+        self._is_writing = False
+        """Set by the first write: a step that makes lost files anew may write the others again, too."""
 
     @property
     def name(self) -> str:
@@ -309,6 +311,7 @@ class Step:
         """Say that the step is complete."""
         self._check_unfinished()
         self._ledger.finish(self._run)
+        self._is_writing = False
 
     def _path(self, kind: FileKind, name: str, prefix: str, pattern: str, *, first: int) -> Path:
         """Choose the file: the same again when this run has written it before, else the next free number."""
@@ -323,8 +326,9 @@ class Step:
         self._ledger.add_file(self._run, self._ledger.entry_of(kind, name, path, frame))
 
     def _check_unfinished(self) -> None:
-        if self.done:
+        if not self._is_writing and self.done:
             raise SessionError(f"step {self.name!r} is finished; begin it with other settings to write again")
+        self._is_writing = True
 
     def _entry(self, kind: FileKind, name: str) -> FileEntry:
         entry = self._run.files.get((kind, name))

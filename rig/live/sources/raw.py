@@ -48,8 +48,7 @@ def check_size(name: str, size: tuple[int, int]) -> None:
     height, width = size
     if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX and width * height <= _MOST_PX):
         raise StreamBroken(
-            f"{name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px and "
-            f"{_MOST_PX >> 20} megapixels"
+            f"{name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px and {_MOST_PX >> 20} megapixels"
         )
 
 

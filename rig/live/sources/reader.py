@@ -13,12 +13,14 @@ from rig.errors import RigError
 from rig.files.pictures import MOST_PX, cover, covering_shape
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.priority import normal_priority
-from rig.live.sources.source import Picture, Pixels, Source, SourceEnded
+from rig.live.sources.source import Picture, Pixels, Source, SourceBroken, SourceEnded
 
 _READ_S = 0.1
 """How long a source may make the reader deaf to requests."""
 _SAME_RATE = 0.01
 """A source whose pace is that close to the display's, or to an n-th of it, is played in the display's."""
+_UNFORESEEN = (OSError, MemoryError, ValueError, ArithmeticError, RuntimeError, cv2.error)
+"""What decoders and the system raise in a source: its failure is told as any other, and not lost in a thread."""
 _KEPT_NOTES = 50
 """A source that breaks in an endless loop must not fill the memory."""
 _PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
@@ -145,6 +147,9 @@ class Reader:
             self._read_all(source)
         except RigError as error:
             self._fail(error)
+            return True
+        except _UNFORESEEN as error:
+            self._fail(SourceBroken(f"{self._name}: {type(error).__name__}: {error}; look at what it gives"))
             return True
         finally:
             source.close()

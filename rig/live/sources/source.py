@@ -16,6 +16,8 @@ Pixels = NDArray[np.uint8]
 class SourceBroken(UsageError):
     """A source that cannot be read, or not any further."""
 
+    exit_code = 24
+
 
 class CameraMissing(SourceBroken):
     """A camera that is to be shown is not there, or went away."""
@@ -43,8 +45,6 @@ class SourceGone(SourceBroken):
 
 class StreamBroken(SourceBroken):
     """A pipe, standard input or shared memory that gives no pictures, or broke off."""
-
-    exit_code = 24
 
 
 class SourceEnded(Exception):
