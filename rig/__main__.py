@@ -59,8 +59,7 @@ def _status(arguments: list[str]) -> int:
     try:
         from rig.cli.app import run_command  # here, so that Ctrl-C during the import is quiet too
 
-        status = run_command(arguments)
-        sys.stdout.flush()
+        status = _printed(run_command(arguments))
     except KeyboardInterrupt:
         print("rig: interrupted; nothing is lost, run the same command again to go on", file=sys.stderr)
         return 130
@@ -72,10 +71,20 @@ def _status(arguments: list[str]) -> int:
             raise
         _drop_output()
         return 0
-    except OSError as error:  # a disk or a file that refuses
+    return status
+
+
+def _printed(status: int) -> int:
+    """Return the status, or 4 when the result cannot be printed to its end; one line tells what went wrong first."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
         _drop_output()
-        print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
-        return 4
+        if status in (0, 1):
+            print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
+            return 4
     return status
 
 

@@ -27,7 +27,7 @@ app = App(
     "and measure what was gained.\n\nStart with: rig run runs/first -p sim-room",
     help_format="markdown",
     version=_version,
-    version_flags=["--version"],
+    version_flags=["--version", "-V"],
     suppress_keyboard_interrupt=False,
 )
 VERBS: dict[str, Callable[..., int]] = {
@@ -73,7 +73,7 @@ def run_command(arguments: list[str]) -> int:
     except BrokenPipeError:  # whoever reads the result has seen enough: the process ends quietly
         raise
     except OSError as error:  # a disk or a file that refuses
-        print(f"rig: {error}; check the name and the disk, then run the same command again", file=sys.stderr)
+        print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
         return 4
     return result if isinstance(result, int) else 0
 
