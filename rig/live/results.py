@@ -80,7 +80,7 @@ class SourceFailure(FullRecord):
     """A source that gave no more pictures though it should have."""
 
     kind: str
-    """CameraMissing, FilmBroken, PictureBroken, SourceGone or StreamBroken."""
+    """CameraMissing, FilmBroken, PictureBroken, SourceGone or PipeBroken."""
     message: str
     exit_status: int
     """Of the command line, for whoever supervises it."""

@@ -114,7 +114,7 @@ def _with_values(text: str, values: Mapping[str, float], path: Path) -> str:
         lines.append(line)
     if left:
         raise ProfileError(
-            f"{path}: has no table of its own for {', '.join(sorted(left))}; write it as [[camera]] or [[projector]] with "
-            "a key a line, then run this again"
+            f"{path}: has no table of its own for {', '.join(sorted(left))}; write it as [[camera]] or [[projector]] "
+            "with a key a line, then run this again"
         )
     return "".join(lines)

@@ -43,7 +43,7 @@ class SourceGone(SourceBroken):
     exit_code = 23
 
 
-class StreamBroken(SourceBroken):
+class PipeBroken(SourceBroken):
     """A pipe, standard input or shared memory that gives no pictures, or broke off."""
 
 

@@ -87,8 +87,8 @@ def folder_of_letters(folder: Path) -> str:
         (letter, PICTURE, "PictureBroken"),
         (light, PICTURE, "PictureBroken"),
         (folder_of_letters, PICTURE, "PictureBroken"),
-        (lambda folder: f"pipe:{folder}", STREAM, "StreamBroken"),
-        (lambda _: "shm:there-is-none", STREAM, "StreamBroken"),
+        (lambda folder: f"pipe:{folder}", STREAM, "PipeBroken"),
+        (lambda _: "shm:there-is-none", STREAM, "PipeBroken"),
     ],
 )
 def test_each_source_that_fails_has_a_status_of_its_own(
