@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.files.pictures import LUMINANCE, linear_of_srgb
 from sim.errors import SimulationError
-from sim.geometry.checks import mesh_faults, refuse
+from sim.geometry.checks import mesh_faults, refuse, refuse_extent
 from sim.geometry.mesh import Mesh
 from sim.geometry.quads import quads_from_triangles
 
@@ -79,6 +79,7 @@ def read_mesh(
         points = points[:, [0, 2, 1]] * (1, -1, 1)
     rho = _reflectances(path, soup.luminance, reflectance, colours)
     try:
+        refuse_extent(path.stem, points)
         polygons, rho = _polygons(points, soup.triangles, rho, join_quads)
         mesh = Mesh.from_arrays(path.stem, points, polygons, rho, convex=convex, closed=closed)
         if thorough:

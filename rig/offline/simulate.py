@@ -96,7 +96,7 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     on_step("plan", 0, 1)
     started = time.perf_counter()
     surface, light = _surface(request)
-    memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
+    memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
     try:
         planned = plan(
             surface,
@@ -160,6 +160,14 @@ def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bo
 def available_mb() -> float:
     """Memory free for use now [MB]."""
     return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _possible_mb(memory_mb: float) -> float:
+    """Return what may be used. Raises UsageError when the machine has not so much."""
+    machine_mb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
+    if memory_mb > machine_mb:
+        raise UsageError(f"--memory-mb {memory_mb:g}: this machine has {machine_mb:.0f} MB; give less, or leave it out")
+    return memory_mb
 
 
 def _surface(request: SimulationRequest) -> tuple[Surface, str]:

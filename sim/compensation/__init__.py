@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from sim.arguments import word_of
 from sim.compensation.result import Compensation
 from sim.compensation.split_transport import Transport
 from sim.compensation.strategies.block_fixed_point import block_fixed_point
@@ -68,9 +69,7 @@ def strategy(name: str) -> Strategy:
     SimulationError
         For an unknown name.
     """
-    if name not in STRATEGIES:
-        raise SimulationError(f"unknown compensation {name!r}; there are {', '.join(STRATEGIES)}")
-    return STRATEGIES[name]
+    return STRATEGIES[word_of("compensation", name, STRATEGIES)]
 
 
 def compensate(
@@ -105,7 +104,7 @@ def compensate(
     SimulationError
         For an unknown name, or a target or transport that does not fit.
     """
-    return strategy(name).solve(transport, target, lower, upper, **options)
+    return strategy(name).compensate(transport, target, lower=lower, upper=upper, **options)
 
 
 def _own(solve: Solve, summary: str, publication: str = "", version: str = "1") -> Strategy:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arguments import check_kind, word_of
 from sim.arrays import FloatArray
-from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import Quality, visible_fraction
 from sim.form_factors.visibility import visible_fraction_by_rays
@@ -175,6 +175,7 @@ def form_factors(
     Dehos, Zéghers, Sarry, Rousselle and Renaud, Immersive front-projection analysis using a radiosity-based simulation
     method, Virtual Reality 18(2), 2014: ``paper``.
     """
+    check_kind("form factors", surface, "vertices", "a scene or mesh")
     _check_choices(method, visibility)
     started = time.perf_counter()
     if method == "auto":
@@ -206,10 +207,8 @@ def form_factors(
 
 
 def _check_choices(method: str, visibility: str) -> None:
-    if method not in METHODS:
-        raise SimulationError(f"unknown form factor method {method!r}; there are {', '.join(METHODS)}")
-    if visibility not in VISIBILITIES:
-        raise SimulationError(f"unknown visibility {visibility!r}; there are {', '.join(VISIBILITIES)}")
+    word_of("form factor method", method, METHODS)
+    word_of("visibility", visibility, VISIBILITIES)
 
 
 def _visibility_needed(surface: Surface, visibility: Visibility) -> Visibility:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.arguments import array_of, check_kind, number_of
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
@@ -45,6 +46,10 @@ ADVICE = 1.3
 """The tolerance that is advised where one does not fit, over the one that may just fit."""
 FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
 """Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
+FINEST_PERCENT, COARSEST_PERCENT = 1e-6, 100.0
+"""Limits of a tolerance: below, the solver's rounding counts; above, black would do."""
+LEAST_MEMORY_MB = 1.0
+"""Less than the smallest model takes."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
@@ -107,13 +112,16 @@ def plan(
     Raises
     ------
     SimulationError
-        For a tolerance not above 0, an unknown light, or a model that does not fit in memory.
+        For a tolerance outside of 1e-6 ... 100 %, an unknown light, or a model that does not fit in memory.
     """
-    if not tolerance_percent > 0:
-        raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
+    check_kind("plan", surface, "vertices", "a scene or mesh")
+    _check_demands(number_of("tolerance", tolerance_percent), memory_limit_mb)
     whole = coarsest_patches(surface)
     colours = None
     if reflectances is not None:
+        rho = array_of("reflectances", reflectances)
+        if rho.ndim != 1 or not len(rho):
+            raise SimulationError(f"reflectances of shape {rho.shape}; give one for each colour")
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
     chosen_light = make_test_lighting(light, whole)
@@ -143,6 +151,18 @@ def plan(
         seconds=cost.seconds,
         peak_mb=cost.peak_mb,
     )
+
+
+def _check_demands(tolerance_percent: float, memory_limit_mb: float) -> None:
+    if not FINEST_PERCENT <= tolerance_percent <= COARSEST_PERCENT:
+        raise SimulationError(
+            f"a tolerance of {tolerance_percent:g} % of white; it must be above 0: {FINEST_PERCENT:g} ... "
+            f"{COARSEST_PERCENT:g} %"
+        )
+    if not LEAST_MEMORY_MB <= number_of("memory", memory_limit_mb):
+        raise SimulationError(
+            f"a memory of {memory_limit_mb:g} MB; give a finite number of at least {LEAST_MEMORY_MB:g} MB"
+        )
 
 
 class _Search:
