@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -12,8 +14,10 @@ from sim.scenes.meshes import grid_of_quad, icosphere
 
 CORNER_M = 2.0
 """Edge of the floor and of the two walls."""
-BALL_SHARE = 0.6
-"""Of the facets, on the ball."""
+THINGS_SHARE = 0.6
+"""Of the facets, on what stands in the corner."""
+WALLS_SHARE = 0.1
+"""Of the facets, on the walls at least."""
 FEWEST, MOST = 100, 1_000_000
 """Facets."""
 
@@ -24,7 +28,7 @@ def corner_with_ball(facets: int = 2144, reflectance: float = 0.6) -> Mesh:
     Parameters
     ----------
     facets : int
-        About how many triangles there are: about two fifths to four fifths of them on the ball.
+        About how many triangles there are: most of them on the ball.
     reflectance : float
         Of all surfaces, in [0, 1].
 
@@ -37,7 +41,9 @@ def corner_with_ball(facets: int = 2144, reflectance: float = 0.6) -> Mesh:
     SimulationError
         For fewer than 100 or more than a million facets.
     """
-    subdivisions = _subdivisions(BALL_SHARE * _checked(facets))
+    subdivisions = _subdivisions(THINGS_SHARE * _checked(facets))
+    if 20 * 4**subdivisions > (1 - WALLS_SHARE) * facets:
+        subdivisions -= 1
     ball = icosphere(subdivisions)
     x, y, z = np.moveaxis(ball, 2, 0)
     radius = 0.45 * (1 + 0.12 * np.sin(5 * x) * np.sin(4 * y + 1) * np.cos(6 * z))
@@ -66,10 +72,10 @@ def random_corner(seed: int, facets: int = 2000) -> Mesh:
     """
     rng = np.random.default_rng(seed)
     count = int(rng.integers(3, 9))
-    each = max(20, int(0.6 * _checked(facets) / count))
+    each = max(20, int(THINGS_SHARE * _checked(facets) / count))
     makers = (_ball, _box, _dome)
     things = [makers[int(rng.integers(len(makers)))](each, rng) for _ in range(count)]
-    walls = _walls(facets - sum(len(thing) for thing in things))
+    walls = _walls(max(facets - sum(len(thing) for thing in things), int(WALLS_SHARE * facets)))
     reflectance = rng.uniform(0.2, 0.9, 3 + count)
     return _mesh(f"random-corner-{seed}", [*walls, *things], reflectance)
 
@@ -81,7 +87,7 @@ def _checked(facets: int) -> int:
 
 
 def _subdivisions(facets: float) -> int:
-    return max(0, round(np.log(facets / 20) / np.log(4)))
+    return max(0, round(math.log(facets / 20, 4)))
 
 
 def _mesh(name: str, parts: list[FloatArray], reflectance: ArrayLike) -> Mesh:
