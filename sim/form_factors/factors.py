@@ -214,7 +214,9 @@ def form_factors(
 
 def _by_rays(surface: Surface, visibility: Visibility, rays: int) -> FormFactors:
     if visibility not in ("auto", "rays"):
-        raise SimulationError(f"method 'rays' counts what rays meet; visibility {visibility!r} is not for it: use 'auto'")
+        raise SimulationError(
+            f"method 'rays' finds shadows itself; visibility {visibility!r} is not for it: use 'auto'"
+        )
     started = time.perf_counter()
     sample = RaySample(surface)
     sample.lengthen(rays)

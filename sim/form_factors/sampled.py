@@ -17,12 +17,12 @@ symmetric, and no row may sum to more than A_i: the spectral radius of diag(rho)
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
 from sim import _kernel
 from sim.arrays import FloatArray, IntArray
@@ -38,6 +38,16 @@ SUMS_ERROR = 1e-4
 """Of row sums, at which scaling ends."""
 RAYS_AT_A_TIME = 1 << 22
 """Their indices take 17 MB."""
+
+
+_trees: WeakKeyDictionary[Surface, _kernel.RayTree] = WeakKeyDictionary()
+
+
+def tree_of(surface: Surface) -> _kernel.RayTree:
+    """Return the tree over a surface's patches that tells what a ray meets first, built once."""
+    if surface not in _trees:
+        _trees[surface] = _kernel.RayTree(np.ascontiguousarray(surface.vertices, dtype=np.float64))
+    return _trees[surface]
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +86,6 @@ class RaySample:
 
     def __post_init__(self) -> None:
         self.rays = np.zeros(self.surface.n_patches, dtype=np.intp)
-        self._tree = _kernel.RayTree(np.ascontiguousarray(self.surface.vertices, dtype=np.float64))
 
     def lengthen(self, rays: IntArray | int) -> None:
         """Send more rays, until each patch has ``rays``, a power of 2; rows that have as many keep theirs.
@@ -103,11 +112,11 @@ class RaySample:
                 self._add(short[self.rays[short] == have], int(have), int(max(have, FEWEST_RAYS // 2)))
 
     def _add(self, rows: IntArray, first: int, count: int) -> None:
-        step = max(1, RAYS_AT_A_TIME // count)
+        tree, step = tree_of(self.surface), max(1, RAYS_AT_A_TIME // count)
         for k in range(0, len(rows), step):
             part = np.ascontiguousarray(rows[k : k + step], dtype=np.int64)
             met = np.empty((len(part), count), dtype=np.int32)
-            self._tree.sample(part, self.seed, first, met)
+            tree.sample(part, self.seed, first, met)
             self._batches.append(_Batch(part, met))
             self.rays[part] += count
 
@@ -145,16 +154,26 @@ class RaySample:
 
     def counts(self) -> csr_array:
         """Return (P, P) how many rays of i meet j."""
-        n = self.surface.n_patches
-        pieces = [piece.tocsr() for piece in self._count_pieces(n)]
-        return csr_array(sum(pieces[1:], start=pieces[0]))
-
-    def _count_pieces(self, n: int) -> Iterator[coo_array]:
+        total = csr_array((self.surface.n_patches, self.surface.n_patches))
         for batch in self._batches:
-            met = batch.met.ravel()
-            rows = np.repeat(batch.rows, batch.met.shape[1]).astype(np.int32)
-            hit = met >= 0
-            yield coo_array((np.ones(int(hit.sum())), (rows[hit], met[hit])), shape=(n, n))
+            total = total + _counted(batch, self.surface.n_patches)
+        return csr_array(total)
+
+
+def _counted(batch: _Batch, n_patches: int) -> csr_array:
+    """(P, P) counts of one batch: sorted within each row, what is equal lies side by side."""
+    met = np.sort(batch.met, axis=1)
+    first = met >= 0
+    first[:, 1:] &= met[:, 1:] != met[:, :-1]
+    place = np.flatnonzero(first)
+    # The next different one, or the end of the row, ends a run.
+    end = np.append(place[1:], met.size)
+    row = place // met.shape[1]
+    runs = np.minimum(end, (row + 1) * met.shape[1]) - place
+    entries = np.zeros(n_patches + 1, dtype=np.int64)
+    np.add.at(entries, batch.rows + 1, np.bincount(row, minlength=len(met)))
+    # Rows of a batch ascend, so that its entries already lie in their order.
+    return csr_array((runs.astype(np.float64), met.ravel()[place], np.cumsum(entries)), shape=(n_patches, n_patches))
 
 
 _MET_BEHIND = -2

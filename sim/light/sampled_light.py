@@ -78,27 +78,33 @@ def sampled_light(
     sample = RaySample(surface, seed)
     sample.lengthen(FIRST_RAYS)
     near = _near(surface)
+    goal = error**2 * float(surface.areas.sum())
     while True:
-        light, squared = _solved(sample, E, reflectance, error)
-        if light.error <= error or (sample.rays >= most_rays).all():
+        light, weights = _solved(sample, E, reflectance, error)
+        variance = _variance(sample, light.B)
+        if weights @ variance <= goal or (sample.rays >= most_rays).all():
             return light
-        goal = (AIM * error) ** 2 * float(surface.areas.sum())
-        smooth = squared[near].mean(axis=1)
-        smooth *= squared.sum() / smooth.sum()
-        sample.lengthen(_wanted(sample.rays, smooth, goal, most_rays))
+        # The light of few rays tells well enough where more are needed; the next solution confirms it.
+        while (squared := float(weights @ variance)) > goal and not (sample.rays >= most_rays).all():
+            smooth = weights * variance[near].mean(axis=1)
+            sample.lengthen(_wanted(sample.rays, smooth * squared / smooth.sum(), AIM**2 * goal, most_rays))
+            variance = _variance(sample, light.B)
 
 
-def _solved(
-    sample: RaySample, E: FloatArray, reflectance: FloatArray, error: float
-) -> tuple[SampledLight, FloatArray]:
-    """The light of a sample, and (P,) what each row adds to the squared error times the area."""
+def _solved(sample: RaySample, E: FloatArray, reflectance: FloatArray, error: float) -> tuple[SampledLight, FloatArray]:
+    """The light of a sample, and (P,) what each row's squared error of the irradiance weighs."""
     factors = sampled_form_factors(sample)
     scale = max(float(np.sqrt((E**2).mean())), np.finfo(float).tiny)
     system = Radiosity(factors, reflectance, tolerance=float(np.clip(SOLVER_SHARE * error / scale, 1e-12, 1e-3)))
     B = system.solve(E)
-    squared = _weights(system, sample.seed) * (reflectance * sample.halves(B).standard_error) ** 2
-    rms = float(np.sqrt(squared.sum() / factors.areas.sum()))
-    return SampledLight(sample=sample, factors=factors, B=B, error=rms), squared
+    weights = reflectance**2 * _weights(system, sample.seed)
+    rms = float(np.sqrt(weights @ _variance(sample, B) / factors.areas.sum()))
+    return SampledLight(sample=sample, factors=factors, B=B, error=rms), weights
+
+
+def _variance(sample: RaySample, B: FloatArray) -> FloatArray:
+    """(P,) of each row's irradiance."""
+    return sample.halves(B).standard_error ** 2
 
 
 def _weights(system: Radiosity, seed: int) -> FloatArray:
@@ -122,17 +128,19 @@ def _wanted(rays: IntArray, squared: FloatArray, goal: float, most_rays: int) ->
     highest = np.minimum(MOST_AT_ONCE * rays, most_rays)
     # Rows whose halves agree wait; where all of them do, all go on.
     need = np.maximum(need, 1e-6 * need.max()) if need.any() else np.ones(len(rays))
-    low, high = 0.0, float((highest / need).max())
+    matters = squared >= 1e-3 * squared.max()
+    low, high = 0.0, float((highest / need)[matters].max())
     for _ in range(50):
         middle = (low + high) / 2
         left = squared * (_rounded(rays, middle * need, highest) / rays) ** -GAIN
         low, high = (low, middle) if left.sum() <= goal else (middle, high)
     wanted = _rounded(rays, high * need, highest)
     # The worst rows at least, so that every round adds some.
-    return np.where(squared >= squared.max(), np.maximum(wanted, np.minimum(2 * rays, most_rays)), wanted)
+    least = np.where(squared >= squared.max(), np.minimum(2 * rays, most_rays), rays)
+    return np.asarray(np.maximum(wanted, least))
 
 
 def _rounded(rays: IntArray, wanted: FloatArray, highest: IntArray) -> IntArray:
     """Powers of 2 times what there is, up to the highest."""
     doublings = np.round(np.log2(np.clip(wanted / rays, 1.0, MOST_AT_ONCE)))
-    return np.minimum(rays * 2 ** doublings.astype(np.intp), highest)
+    return np.asarray(np.minimum(rays * 2 ** doublings.astype(np.intp), highest))

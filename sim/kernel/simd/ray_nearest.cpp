@@ -58,9 +58,18 @@ inline Ray ray_of(const RayBlock &rays, int k) {
     return ray;
 }
 
+// Two sides of a sheet lie in one place: of what is met within this share of the distance, the lit side counts.
+constexpr float TIE = 1e-6f;
+
 struct Found {
     float at = HUGE_VALF;
     std::int32_t met = MISSED;
+
+    // Nearer than this, a lit side or one from behind takes the place of what was found.
+    float limit(bool lit_side) const {
+        if (lit_side) return met == MET_BEHIND ? at * (1 + TIE) : at;
+        return met >= 0 ? at * (1 - TIE) : at;
+    }
 };
 
 inline void meet_leaf(const WideLeaf &leaf, const Ray &ray, Found &found) {
@@ -70,14 +79,15 @@ inline void meet_leaf(const WideLeaf &leaf, const Ray &ray, Found &found) {
     const Floats at = height / towards;
     const Floats x = ray.origin[0] + at * ray.direction[0], y = ray.origin[1] + at * ray.direction[1],
                  z = ray.origin[2] + at * ray.direction[2];
-    Ints met = (at > 0.0f) & (at < found.at);
+    Ints met = (at > 0.0f) & (at <= found.at * (1 + TIE));
     for (int k = 0; k < 4; ++k)
         met &= load8(leaf.edge[k][0]) * x + load8(leaf.edge[k][1]) * y + load8(leaf.edge[k][2]) * z >=
                load8(leaf.edge_offset[k]);
     for (unsigned bits = bits_of(met); bits; bits &= bits - 1) {
         const int k = __builtin_ctz(bits);
-        if (at[k] < found.at && leaf.index[k] != ray.from)
-            found = {at[k], towards[k] < 0 ? leaf.index[k] : MET_BEHIND};
+        const bool lit_side = towards[k] < 0;
+        if (leaf.index[k] != ray.from && at[k] < found.limit(lit_side))
+            found = {at[k], lit_side ? leaf.index[k] : MET_BEHIND};
     }
 }
 
