@@ -79,7 +79,7 @@ def test_rays_are_planned_where_exact_shadows_take_longer_and_the_plan_stays_hon
     assert (made.model.method, made.model.visibility) == ("rays", "rays")
     assert any("rays each" in reason for reason in made.reasons)
     assert made.error_percent <= 0.99
-    assert 0.099 <= checked(made) <= 0.99
+    assert 0.099 <= checked(made, most_patches=1) <= 0.99
 
 
 def test_a_mesh_of_many_facets_is_planned_on_its_own_facets():
@@ -87,13 +87,13 @@ def test_a_mesh_of_many_facets_is_planned_on_its_own_facets():
     made = plan(scene, 6.0, "uniform")
     assert made.patches == scene.n_patches
     assert made.model.method == "rays"
-    assert 0.6 <= checked(made) <= 6.0
+    assert 0.6 <= checked(made, most_patches=1) <= 6.0
 
 
 def test_facets_that_others_pierce_are_cut_until_the_plan_is_honest():
-    made = plan(random_corner(1, 600), 4.0, "uniform")
+    made = plan(random_corner(1, 600), 3.0, "uniform")
     assert made.patches > random_corner(1, 600).n_patches
-    assert 0.4 <= checked(made) <= 4.0
+    assert 0.3 <= checked(made, most_patches=1) <= 3.0
 
 
 def test_the_closed_form_is_planned_for_rectangles_and_polygons_for_the_rest():
