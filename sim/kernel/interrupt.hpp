@@ -8,8 +8,8 @@
 
 namespace kernel {
 
-// One for a loop. Every iteration asks stopped() and does nothing where it says so; after the loop, without the lock
-// of the interpreter or with it, finish() raises what the signal's handler raised.
+// One for a loop. Every iteration asks stopped() and does nothing where it says so; after the loop, outside of it,
+// finish() raises what the signal's handler raised. With or without the lock of the interpreter.
 class Interruption {
   public:
     bool stopped() {
@@ -37,7 +37,7 @@ class Interruption {
     }
 
     std::atomic<bool> stop_{false};
-    Clock::time_point next_ = Clock::now() + EVERY;
+    Clock::time_point next_{};  // the first one asks: loops may be short, and many
 };
 
 }  // namespace kernel

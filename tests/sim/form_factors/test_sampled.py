@@ -1,5 +1,8 @@
 """Form factors by rays: known answers, reciprocity, energy, convergence, the same bits everywhere."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 
@@ -197,3 +200,37 @@ def test_rays_with_another_visibility_are_refused():
 def test_a_sample_without_rays_has_no_factors():
     with pytest.raises(SimulationError, match="without rays"):
         sampled_form_factors(RaySample(paper_room()))
+
+
+INTERRUPTED = """
+import signal, sys, threading, time
+import subprocess
+import sys
+
+import numpy as np
+from sim import _kernel, form_factors
+from sim.scenes.cluttered import corner_with_ball
+from sim.form_factors.sampled import RaySample
+
+scene = corner_with_ball(2144)
+work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(scene).lengthen(1 << 18)}[sys.argv[1]]
+sent = []
+def send():
+    sent.append(time.monotonic())
+    signal.raise_signal(signal.SIGINT)
+threading.Timer(1.0, send).start()
+try:
+    work()
+except KeyboardInterrupt:
+    print(time.monotonic() - sent[0])
+"""
+
+
+@pytest.mark.parametrize("work", ["exact", "rays"])
+def test_ctrl_c_ends_long_work_of_the_kernel(work):
+    # Exact shadows of this scene take minutes. What a loop's iteration takes on a busy machine is not the point here.
+    run = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, work], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert float(run.stdout) < 20
