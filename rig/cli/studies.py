@@ -151,7 +151,7 @@ def simulate(
 
 
 def bench(
-    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate, live or decode.")],
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate, live, decode or meshes.")],
     *,
     quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
     full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,
