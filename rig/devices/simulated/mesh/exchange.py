@@ -33,18 +33,21 @@ class Exchange:
 
     Parameters
     ----------
-    scene : TriangleScene
-    cell_size_m : float
-        Of the grid.
+    tracer : Tracer
+        Of the scene.
+    grid : LightGrid
+        Its cells and nodes.
+    partitions : Partitions
+        What hides nodes from others of their cell.
     rays : int
         From each node.
     seed : int
         Of the rays' directions.
     """
 
-    def __init__(self, scene: TriangleScene, tracer: Tracer, grid: LightGrid, *, rays: int, seed: int):
-        self.scene, self.tracer, self.grid = scene, tracer, grid
-        self.partitions = Partitions(grid, tracer)
+    def __init__(self, tracer: Tracer, grid: LightGrid, partitions: Partitions, *, rays: int, seed: int):
+        self.scene: TriangleScene = tracer.scene
+        self.tracer, self.grid, self.partitions = tracer, grid, partitions
         self._rays, self._seed = rays, seed
         number = np.arange(rays)
         self._square = np.stack([(number + 0.5) / rays, number * _GOLDEN % 1.0], axis=1)

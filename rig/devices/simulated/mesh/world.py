@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from rig.devices.simulated.defocus import circle_px
 from rig.devices.simulated.mesh.exchange import Exchange
 from rig.devices.simulated.mesh.find import find_scene
-from rig.devices.simulated.mesh.light_grid import make_light_grid
 from rig.devices.simulated.mesh.paths import camera_paths, light_on, projector_paths
+from rig.devices.simulated.mesh.refine import refined
 from rig.devices.simulated.mesh.scene import FloatArray, TriangleScene, made_fit
 from rig.devices.simulated.mesh.shading import ProjectorLight, Reflectance
-from rig.devices.simulated.mesh.tracer import Tracer
 from rig.devices.simulated.optics import blurred, directions
 from rig.devices.simulated.pair import Light, SeenSurface, SimulatedPair, pixel_grid
 from rig.devices.simulated.settings import SimulationSettings
@@ -43,8 +42,8 @@ def prepare_scene(settings: SimulationSettings, folder: Path) -> Exchange:
 def exchange_of(scene: TriangleScene, settings: SimulationSettings) -> Exchange:
     """Cut a scene into cells. Raises ProfileError."""
     fit = made_fit(scene, np.sqrt(2) * settings.cell_size_m)
-    grid = make_light_grid(fit, settings.cell_size_m)
-    return Exchange(fit, Tracer(fit), grid, rays=settings.rays, seed=settings.seed)
+    tracer, grid, partitions = refined(fit, settings.cell_size_m)
+    return Exchange(tracer, grid, partitions, rays=settings.rays, seed=settings.seed)
 
 
 class MeshWorld(SimulatedPair):
