@@ -144,8 +144,8 @@ class Exchange:
         owner = np.repeat(np.arange(len(nodes)), self._rays)
         random = np.random.default_rng((self._seed, 7, int(nodes[0])))
         rows, cells, shares = [], [], []
-        even = np.full(owner.shape, 1.0)
-        for leg in walks(self.tracer, np.repeat(origins, self._rays, axis=0), directions.reshape(-1, 3), random, even):
+        even, begin = np.ones(len(owner)), np.repeat(origins, self._rays, axis=0)
+        for leg in walks(self.tracer, begin, directions.reshape(-1, 3), share=even, random=random):
             found = self.grid.cells_of(leg.hits)
             self._look_into_cut(found, leg.hits)
             rows.append(owner[leg.walk])

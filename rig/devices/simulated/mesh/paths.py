@@ -111,8 +111,8 @@ class _Strip:
     reflectance: Reflectance
     random: np.random.Generator
     first: int
-    direct: list[_Found] = field(default_factory=list)
-    mirrored: list[_Found] = field(default_factory=list)
+    direct: list[_LitPlaces] = field(default_factory=list)
+    mirrored: list[_LitPlaces] = field(default_factory=list)
     rows: list[IntArray] = field(default_factory=list)
     nodes: list[IntArray] = field(default_factory=list)
     weights: list[FloatArray] = field(default_factory=list)
@@ -148,11 +148,11 @@ class _Strip:
         ways, weight = reflected(tracer, hits, leg.directions[starts], chances)
         going = np.flatnonzero(weight > 0)
         left = (scene.gloss[hits.facet] * weight)[going]
-        for further in walks(tracer, tracer.lifted_m(hits)[going], ways[going], self.random, left):
+        for further in walks(tracer, tracer.lifted_m(hits)[going], ways[going], share=left, random=self.random):
             landed = replace(further, walk=pixel[going[further.walk]], share=further.share * share / _LOBE_RAYS)
             self.mirrored.append(self._land(landed))
 
-    def _land(self, leg: Leg) -> _Found:
+    def _land(self, leg: Leg) -> _LitPlaces:
         """Direct light where rays land; how their pixels see the irradiance there is noted."""
         grid, tracer = self.exchange.grid, self.exchange.tracer
         points = tracer.points_m(leg.hits)
@@ -163,7 +163,7 @@ class _Strip:
         self.weights.append((blend.weights * (leg.share * value)[:, None]).ravel())
         light = self.light.sent_back(leg.hits, points, leg.directions, value)
         lit = np.flatnonzero(light.gain > 0)
-        return _Found(
+        return _LitPlaces(
             pixel=self.first + leg.walk[lit],
             xy_px=light.xy_px[lit].astype(np.float32),
             gain=(light.gain * leg.share)[lit].astype(np.float32),
@@ -172,7 +172,7 @@ class _Strip:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Found:
+class _LitPlaces:
     """Lit places that pixels see."""
 
     pixel: IntArray
@@ -181,7 +181,7 @@ class _Found:
     circle_px: FloatArray
 
 
-def _look_ups(found: list[_Found]) -> LookUps:
+def _look_ups(found: list[_LitPlaces]) -> LookUps:
     """All of them, filled up to whole rows with samples that add nothing."""
     n = sum(len(one.pixel) for one in found)
     missing = -n % _ROW
@@ -208,7 +208,7 @@ def projector_paths(exchange: Exchange, light: ProjectorLight, *, samples: int, 
         numbers = first + pixels
         xy = np.stack([numbers % width, numbers // width], axis=1).astype(float)
         flux = light.pixel_flux(xy) / samples**2
-        for k, leg in enumerate(walks(tracer, projector.position_m, rays, random, np.ones(len(rays)))):
+        for k, leg in enumerate(walks(tracer, projector.position_m, rays, share=np.ones(len(rays)), random=random)):
             arriving, pixel = flux[leg.walk] * leg.share, numbers[leg.walk]
             if k == 0:
                 cells = grid.cells_of(leg.hits)

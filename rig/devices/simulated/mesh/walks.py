@@ -31,7 +31,12 @@ class Leg:
 
 
 def walks(
-    tracer: Tracer, origins_m: FloatArray, directions: FloatArray, random: np.random.Generator, share: FloatArray
+    tracer: Tracer,
+    origins_m: FloatArray,
+    directions: FloatArray,
+    *,
+    share: FloatArray,
+    random: np.random.Generator,
 ) -> Iterator[Leg]:
     """Follow n rays, and on from every glossy facet that they meet; rays that escape are left out.
 
@@ -41,6 +46,8 @@ def walks(
         (n, 3) or (3,); (n, 3) unit vectors.
     share
         (n,) of light at the beginning.
+    random
+        Chooses where a lobe sends each ray.
     """
     walk = np.arange(len(directions))
     gloss = tracer.scene.gloss

@@ -77,10 +77,10 @@ def test_parallel_squares_exchange_what_the_textbook_says(gap_m: float, expected
     plates = {"low": quad((0, 0, 0), (1, 0, 0), (0, 1, 0)), "high": quad((0, 0, gap_m), (0, 1, 0), (1, 0, 0))}
     exchange = exchange_of(scene_of(plates), settings_of(cell_size_m=0.1, rays=2048))
     grid = exchange.grid
-    low = np.flatnonzero(grid.node_facet < 2)
+    low = np.flatnonzero(exchange.scene.material[grid.node_facet] == 0)
     exchange.require(low)
     emission = np.zeros(2 * grid.n_cells, np.float32)
-    emission[: grid.n_cells][grid.facet_of_cell >= 2] = 1.0
+    emission[: grid.n_cells][exchange.scene.material[grid.facet_of_cell] == 1] = 1.0
     found = (exchange.views @ emission)[: grid.n_nodes]
     area = exchange.node_area_m2
     assert np.average(found[low], weights=area[low]) == pytest.approx(expected, rel=0.01)
@@ -167,7 +167,7 @@ def test_nodes_that_a_box_covers_take_no_part_in_what_is_seen_beside_it() -> Non
     x, y = np.meshgrid(np.linspace(1.1, 2.0, 37), np.linspace(1.1, 1.8, 29))
     above = np.stack([x.ravel(), y.ravel(), np.full(x.size, 2.0)], axis=1)
     hits = exchange.tracer.hits(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))
-    beside = hits[hits.facet < 2]  # the floor's two triangles
+    beside = hits[exchange.scene.material[hits.facet] == exchange.scene.materials.index("floor")]
     points = exchange.tracer.points_m(beside)
     blend = exchange.partitions.seen(exchange.grid.blend_of(beside), points, beside)
     nodes = exchange.grid.node_m[blend.nodes]
