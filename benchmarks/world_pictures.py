@@ -44,8 +44,8 @@ def main() -> None:
         size = f"{len(exchange.scene.triangles_m)} triangles, {grid.n_cells} cells, {grid.n_nodes} samples"
         print(
             f"{name}: {size}; prepared in {prepared_s:.1f} s ({prepared_cpu_s:.1f} of processor time); "
-            f"{60 * options.pictures / took_s:.0f} pictures a minute, {took_cpu_s / options.pictures:.2f} s of processor "
-            "time each",
+            f"{60 * options.pictures / took_s:.0f} pictures a minute, {took_cpu_s / options.pictures:.2f} s of it "
+            "each",
             flush=True,
         )
 

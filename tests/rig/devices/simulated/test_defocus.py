@@ -8,7 +8,8 @@ from pydantic import ValidationError
 
 from rig.devices.simulated.defocus import DiscLevels, circle_px, defocused, disc_kernel, looked_up
 from rig.devices.simulated.optics import SimulatedOptics, make_optics
-from rig.devices.simulated.settings import SimulatedLensSettings
+from rig.devices.simulated.settings import SimulatedLensSettings, SimulationSettings
+from rig.devices.simulated.world import SimulatedWorld
 from tests.rig.devices.simulated.mesh.scenes_of_tests import settings_of, walls
 
 SHAPE = (60, 80)
@@ -107,3 +108,24 @@ def test_a_world_of_triangles_blurs_what_is_not_in_focus() -> None:
         mean = light.direct.mean()
     assert contrast["soft"] < 0.5 * contrast["sharp"]
     assert mean > 0
+
+
+def test_a_box_blurs_what_is_not_in_focus_and_keeps_its_light() -> None:
+    table = settings_of().model_dump(by_alias=True) | {
+        "scene": None,
+        "size_m": (3.0, 3.0, 2.4),
+        "reflectance": dict.fromkeys(("floor", "ceiling", "x0", "x1", "y0", "y1"), 0.5),
+        "cell_size_m": 0.6,
+    }
+    sharp = SimulationSettings.model_validate(table)
+    lens = {"aperture_m": 0.25, "focus_m": 0.7}
+    soft = sharp.with_device(sharp.projector.model_copy(update=lens)).with_device(sharp.camera.model_copy(update=lens))
+    stripes = np.zeros((36, 48), np.float32)
+    stripes[:, ::4] = stripes[:, 1::4] = 1
+    worlds = [SimulatedWorld(settings, (48, 64), (36, 48)) for settings in (sharp, soft)]
+    light = [world.light_of(stripes).direct for world in worlds]
+    assert np.std(np.diff(light[1], axis=1)) < 0.5 * np.std(np.diff(light[0], axis=1))
+    middle = (slice(12, 36), slice(16, 48))
+    assert light[1][middle].mean() == pytest.approx(light[0][middle].mean(), rel=0.05)
+    seen = [world.through_lens(light[0]) for world in worlds]
+    assert np.std(np.diff(seen[1][middle], axis=1)) < 0.5 * np.std(np.diff(seen[0][middle], axis=1))

@@ -166,6 +166,7 @@ def test_nodes_that_a_box_covers_take_no_part_in_what_is_seen_beside_it() -> Non
     exchange = exchange_of(scene_of({**walls(), "box": box}, 0.6), settings_of(cell_size_m=0.3, rays=64))
     x, y = np.meshgrid(np.linspace(1.1, 2.0, 37), np.linspace(1.1, 1.8, 29))
     above = np.stack([x.ravel(), y.ravel(), np.full(x.size, 2.0)], axis=1)
+    above = above[(np.abs(above[:, 0] - 1.55) > 0.353) | (np.abs(above[:, 1] - 1.45) > 0.253)]  # not on its faces
     hits = exchange.tracer.hits(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))
     beside = hits[exchange.scene.material[hits.facet] == exchange.scene.materials.index("floor")]
     points = exchange.tracer.points_m(beside)
@@ -183,3 +184,18 @@ def test_turning_triangles_inside_out_changes_nothing(furnished: MeshWorld) -> N
     light, reference = world_of(turned).light_of(WHITE), furnished.light_of(WHITE)
     np.testing.assert_allclose(light.direct, reference.direct, rtol=1e-3, atol=1e-4)
     assert light.global_.mean() == pytest.approx(reference.global_.mean(), rel=0.005)
+
+
+def test_scores_find_the_reflectance_of_what_is_near_and_of_nothing_else(furnished: MeshWorld) -> None:
+    wall = np.array([[1.0, 0.0, 1.0], [2.0, 0.02, 1.2], [1.5, 0.1, 1.0]])
+    found = furnished.reflectance_near(wall, np.array([0.0, 1.0, 0.0]))
+    np.testing.assert_allclose(found, [0.6, 0.6, np.nan])
+
+
+def test_what_pixels_look_at_is_on_the_scene_and_faces_the_camera(furnished: MeshWorld) -> None:
+    surface, lens = furnished.surface, furnished.camera.position_m
+    assert surface.points_m.shape == (*CAMERA, 3)
+    assert (np.einsum("ijk,ijk->ij", lens - surface.points_m, surface.normals) > 0).all()
+    np.testing.assert_allclose(np.linalg.norm(surface.normals, axis=-1), 1)
+    np.testing.assert_allclose(surface.reflectance, 0.6)
+    assert furnished.exchange.tracer.clear(surface.points_m[::9, ::9].reshape(-1, 3) * 0.999 + lens * 0.001, lens).all()
