@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from rig.devices.simulated.mesh.exchange import Exchange
+from rig.devices.simulated.mesh.light_grid import Partitions, make_light_grid
 from rig.devices.simulated.mesh.scene import TriangleScene
+from rig.devices.simulated.mesh.tracer import Tracer
 from rig.devices.simulated.mesh.world import MeshWorld, exchange_of
 from rig.devices.simulated.settings import SimulationSettings
 from rig.devices.simulated.world import SimulatedWorld
@@ -163,15 +165,15 @@ def test_the_same_seed_gives_the_same_bits() -> None:
 
 def test_nodes_that_a_box_covers_take_no_part_in_what_is_seen_beside_it() -> None:
     box = block((1.55, 1.45), (0.7, 0.5, 0.4))
-    exchange = exchange_of(scene_of({**walls(), "box": box}, 0.6), settings_of(cell_size_m=0.3, rays=64))
+    scene = scene_of({**walls(), "box": box}, 0.6)
+    tracer, grid = Tracer(scene), make_light_grid(scene, 0.3)
     x, y = np.meshgrid(np.linspace(1.1, 2.0, 37), np.linspace(1.1, 1.8, 29))
     above = np.stack([x.ravel(), y.ravel(), np.full(x.size, 2.0)], axis=1)
     above = above[(np.abs(above[:, 0] - 1.55) > 0.353) | (np.abs(above[:, 1] - 1.45) > 0.253)]  # not on its faces
-    hits = exchange.tracer.hits(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))
-    beside = hits[exchange.scene.material[hits.facet] == exchange.scene.materials.index("floor")]
-    points = exchange.tracer.points_m(beside)
-    blend = exchange.partitions.seen(exchange.grid.blend_of(beside), points, beside)
-    nodes = exchange.grid.node_m[blend.nodes]
+    hits = tracer.hits(above, np.tile([0.0, 0.0, -1.0], (len(above), 1)))
+    beside = hits[scene.material[hits.facet] == scene.materials.index("floor")]
+    blend = Partitions(grid, tracer).seen(grid.blend_of(beside), tracer.points_m(beside), beside)
+    nodes = grid.node_m[blend.nodes]
     covered = (np.abs(nodes[..., 0] - 1.55) < 0.34) & (np.abs(nodes[..., 1] - 1.45) < 0.24)
     assert covered.any()
     assert blend.weights[covered].max() < 0.01  # one at the very corner may be seen past it
