@@ -20,8 +20,10 @@ from rig.devices.simulated.optics import (
     pixels_of,
     relative_illumination,
 )
+from rig.devices.simulated.pair import SeenLight, SimulatedPair, pixel_grid
 from rig.devices.simulated.room import SimulatedRoom, interpolation, reflectance_at, trace
-from rig.devices.simulated.world import SeenLight, SimulatedWorld, pixel_grid
+from rig.devices.simulated.world import SimulatedWorld
+from rig.errors import ProfileError
 from rig.stages.model import FittedScene
 from sim.light.colour import ColourTransport
 from sim.light.picture_blur import PictureBlur
@@ -65,17 +67,23 @@ class CellRadiosity:
         return np.asarray(solved, dtype=np.float64)
 
 
-def ground_truth_transport(worlds: Sequence[SimulatedWorld], model: FittedScene) -> ColourTransport:
+def ground_truth_transport(worlds: Sequence[SimulatedPair], model: FittedScene) -> ColourTransport:
     """Return T of the simulated world from the model's steered pixels to what the camera sees there.
 
     It is in the session's unit, and of light on the wall: of lens blur it has the projector's alone, as the model's own
     view.
+    Raises ProfileError of a world that is no box.
     """
-    bands = [_true_band(world, model, b) for b, world in enumerate(worlds)]
+    boxes = [world for world in worlds if isinstance(world, SimulatedWorld)]
+    if len(boxes) < len(worlds):
+        raise ProfileError(
+            "simulation.scene: what knowing the world would give is there for boxes only; leave out --oracle"
+        )
+    bands = [_true_band(world, model, b) for b, world in enumerate(boxes)]
     return ColourTransport(bands, ground_truth_mixing(worlds))
 
 
-def ground_truth_mixing(worlds: Sequence[SimulatedWorld]) -> FloatArray:
+def ground_truth_mixing(worlds: Sequence[SimulatedPair]) -> FloatArray:
     """Return (B, B) share of white in each band that each channel of the projector makes."""
     if len(worlds) == 1:
         return np.eye(1)

@@ -31,6 +31,10 @@ class SimulatedOptics:
         """(3,) centre of projection."""
         return np.array(self.lens.position_m)
 
+    def depth_m(self, points_m: FloatArray) -> FloatArray:
+        """(...) distance of points (..., 3) along the optical axis."""
+        return np.asarray((points_m - self.position_m) @ self.rotation[2])
+
 
 def make_optics(lens: SimulatedLensSettings, shape: tuple[int, int]) -> SimulatedOptics:
     """Aim a lens: camera z forward, x right, y down, room z up; roll turns the picture clockwise."""
@@ -91,8 +95,8 @@ def relative_illumination(optics: SimulatedOptics, xy_px: FloatArray) -> FloatAr
     return np.asarray(1 + r2 * (v2 + r2 * v4))
 
 
-def blurred(optics: SimulatedOptics, light: Float32Array) -> Float32Array:
-    """(H, W) light of a picture after the lens's blur, which may grow or shrink towards the corners."""
+def blurred(optics: SimulatedOptics, light: Float32Array, margin_px: int = 0) -> Float32Array:
+    """(H, W) light of a picture, with a margin around it, after the lens's blur, which may change to the corners."""
     centre, corner = optics.lens.blur_px, optics.lens.corner_blur_px
     if corner is None or corner == centre:
         return _gaussian(light, centre)
@@ -112,7 +116,9 @@ def blur_variance_px2(optics: SimulatedOptics) -> FloatArray:
 def _blur_steps(optics: SimulatedOptics, centre: float, corner: float) -> list[tuple[float, FloatArray]]:
     """Blurs that are mixed, and how much there is of each at every pixel, (H, W)."""
     half_diagonal = np.hypot(*optics.shape) / 2
-    y, x = (np.arange(n) - c for n, c in zip(optics.shape, reversed(optics.lens.principal_point_px), strict=True))
+    y, x = (
+        np.arange(n) - margin_px - c for n, c in zip(light.shape, reversed(optics.lens.principal_point_px), strict=True)
+    )
     step = np.clip((y[:, None] ** 2 + x**2) / half_diagonal**2, 0, 1) * (_BLUR_STEPS - 1)
     return [
         (centre + (corner - centre) * k / (_BLUR_STEPS - 1), np.asarray(np.maximum(1 - np.abs(step - k), 0)))
