@@ -125,12 +125,12 @@ def fit_epipolar(
     few = slice(0, _FIT_POINTS)
     starts = [(column_share, row_share) for row_share in _ROW_SHARES]
     begin = _ahead_start if ahead else _essential_start
-    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares, begin)) is not None]
+    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares, begin=begin)) is not None]
     return _distinct(fits, x1[few], x2[few], nominal) if fits else []
 
 
 def _fit_near(
-    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float], begin: _Start
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float], *, begin: _Start
 ) -> Fit | None:
     """Fit with the projector's principal point held near a start.
 

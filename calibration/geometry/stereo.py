@@ -19,27 +19,21 @@ from numpy.typing import ArrayLike
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_units, scene_of
-from calibration.geometry.contradictions import (
-    check_data_sheets,
-    check_determined,
-    check_flat,
-    check_one_surface,
-    check_right_angles,
-)
+from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import (
     NominalIntrinsics,
     check_not_flat,
 )
-from calibration.geometry.noise import observation_variance, standard_deviations
+from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
-from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
+from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import candidates
 from calibration.geometry.planes import Axes
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
-_FEW, _SOME, _MANY = 4000, 3000, 10000
-"""Points that tell a flat scene, that the fit without right angles is of, and that the result rests on."""
+_FEW, _MANY = 4000, 10000
+"""Points that tell a flat scene, and that the result rests on."""
 _OTHERS, _BETTER = 12, 0.9
 """Fits that are tried after the first was refused, and of what that left over, what one may leave."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
@@ -202,9 +196,9 @@ def calibrate_stereo(
     first = next(bundles)
     report(2, 3)
     try:
-        final = _held_against_all(x1, x2, first, nominal, weight=weight)
+        final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
-        better = _better(x1, x2, first, bundles, nominal, weight=weight)
+        better = _better(x1, x2, first, bundles, nominal=nominal, weight=weight)
         if better is None:
             raise
         final = better
@@ -217,8 +211,8 @@ def _better(
     x2: FloatArray,
     refused: BundleSolution,
     others: Iterator[BundleSolution],
-    nominal: NominalIntrinsics,
     *,
+    nominal: NominalIntrinsics,
     weight: FloatArray,
 ) -> BundleSolution | None:
     """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
@@ -227,7 +221,7 @@ def _better(
         if bundle is refused or _unexplained(bundle) > limit:
             continue
         try:
-            return _held_against_all(x1, x2, bundle, nominal, weight=weight)
+            return hold_against_all(x1, x2, bundle, nominal, weight=weight)
         except CalibrationError:
             continue
     return None
@@ -247,36 +241,6 @@ def _weight(sigma_px: FloatArray) -> FloatArray:
     """
     usual = float(np.nanmedian(sigma_px.min(axis=1)))
     return np.asarray(usual / np.fmax(sigma_px, usual))
-
-
-def _held_against_all(
-    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
-) -> BundleSolution:
-    """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
-    rounds = Rounds(limits_px=(1.0,), iterations=8)
-    rough = adjust(x1, x2, bundle, nominal, rounds=rounds, weight=weight) or bundle
-    check_one_surface(rough, x1, x2)
-    a, b = x1[:_SOME], x2[:_SOME]
-    rounds = Rounds(limits_px=(2.0, 1.0), iterations=10)
-    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
-    check_flat(free or rough, a if free else x1)
-    if free is not None:
-        _check_angles(rough, free)
-    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
-    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
-    final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
-    check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
-    check_determined(final, final.covariance)
-    return final
-
-
-def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:
-    """Hold right angles, as far as the fit has any, against a fit of the same points that has none."""
-    if (rough.axes.of_plane < 0).all():
-        return
-    variance = observation_variance(free.fit, free.error.x1, free.fit_label)
-    held = refit(replace(free.error, axes=rough.axes), rough, variance)
-    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance), free.error.x1)
 
 
 def _silent(_done: int, _total: int) -> None:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim import _kernel
 from sim.arguments import check_kind, word_of
 from sim.arrays import FloatArray
+from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import Quality, visible_fraction
 from sim.form_factors.sampled import RaySample, sampled_form_factors

@@ -101,7 +101,7 @@ def blurred(optics: SimulatedOptics, light: Float32Array, margin_px: int = 0) ->
     if corner is None or corner == centre:
         return _gaussian(light, centre)
     mixed = np.zeros_like(light)
-    for sigma_px, weight in _blur_steps(optics, centre, corner):
+    for sigma_px, weight in _blur_steps(optics, centre, corner, margin_px):
         mixed += weight.astype(np.float32) * _gaussian(light, sigma_px)
     return mixed
 
@@ -113,11 +113,14 @@ def blur_variance_px2(optics: SimulatedOptics) -> FloatArray:
     return np.asarray(sum(sigma_px**2 * weight for sigma_px, weight in steps))
 
 
-def _blur_steps(optics: SimulatedOptics, centre: float, corner: float) -> list[tuple[float, FloatArray]]:
-    """Blurs that are mixed, and how much there is of each at every pixel, (H, W)."""
+def _blur_steps(
+    optics: SimulatedOptics, centre: float, corner: float, margin_px: int = 0
+) -> list[tuple[float, FloatArray]]:
+    """Blurs that are mixed, and how much there is of each at every pixel, (H, W), and in a margin around them."""
     half_diagonal = np.hypot(*optics.shape) / 2
     y, x = (
-        np.arange(n) - margin_px - c for n, c in zip(light.shape, reversed(optics.lens.principal_point_px), strict=True)
+        np.arange(n + 2 * margin_px) - margin_px - c
+        for n, c in zip(optics.shape, reversed(optics.lens.principal_point_px), strict=True)
     )
     step = np.clip((y[:, None] ** 2 + x**2) / half_diagonal**2, 0, 1) * (_BLUR_STEPS - 1)
     return [
