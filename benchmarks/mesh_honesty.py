@@ -16,9 +16,8 @@ from sim.scenes.cluttered import random_corner
 
 
 def main(scenes: int, tolerance: float, fewest: int, most: int) -> int:
-    print(
-        "| scene | facets | patches | error estimated | actual | plan s | solution s |\n|---|---|---|---|---|---|---|"
-    )
+    print("| scene | facets | patches | error estimated | actual | plan s | solution s |")
+    print("|---|---|---|---|---|---|---|")
     kept = 0
     for seed, facets in enumerate(np.geomspace(fewest, most, scenes).astype(int)):
         scene = random_corner(seed, int(facets))
