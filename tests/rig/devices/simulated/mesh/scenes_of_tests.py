@@ -64,7 +64,7 @@ def settings_of(**changes: Any) -> SimulationSettings:
     table: dict[str, Any] = {
         "scene": "test.ply",
         "cell_size_m": 0.2,
-        "rays": 512,
+        "rays": 256,
         "camera": (camera | changes.pop("camera", {}),),
         "projector": (projector | changes.pop("projector", {}),),
     }

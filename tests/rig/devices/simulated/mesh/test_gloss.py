@@ -76,7 +76,7 @@ def test_gloss_never_adds_light() -> None:
     glossy = replace(
         scene, reflectance=scene.reflectance - 0.4, gloss=scene.gloss + 0.4, roughness=scene.roughness * 0.2
     )
-    exchange = exchange_of(glossy, settings_of(rays=256))
+    exchange = exchange_of(glossy, settings_of(cell_size_m=0.5, rays=128))
     exchange.require(np.arange(exchange.grid.n_nodes))
     per_node = np.asarray(exchange.views.sum(axis=1)).ravel()[: exchange.grid.n_nodes]
     assert per_node.max() <= 1 / (1 - 0.4)  # each mirror image of an even room is at most 0.4 of the one before
@@ -106,7 +106,7 @@ def test_a_mirror_on_the_floor_shows_the_wall_upside_down() -> None:
     """The floor shows, where the law of reflection says, a bright spot on a wall that itself has no gloss."""
     pytest.importorskip("embreex")
     scene = scene_of(walls(), 0.5, floor=(0.0, 0.9, 0.02))
-    settings = settings_of(camera={"look_at_m": (2.6, 2.4, 0.3)})
+    settings = settings_of(rays=64, camera={"look_at_m": (2.6, 2.4, 0.3)})
     world = MeshWorld(settings, exchange_of(scene, settings), CAMERA, PROJECTOR)
     spot = np.zeros(PROJECTOR, np.float32)
     spot[14:17, 22:25] = 1.0
@@ -129,7 +129,7 @@ def test_light_by_way_of_a_mirror_lands_where_the_law_of_reflection_says() -> No
     pytest.importorskip("embreex")
     mirror = quad((1.4, 1.4, 0.01), (0.5, 0, 0), (0, 0.5, 0))
     scene = scene_of({**walls(), "mirror": mirror}, 0.3, mirror=(0.0, 0.95, 0.02))
-    settings = settings_of(cell_size_m=0.1, projector={"look_at_m": (1.65, 1.65, 0.0), "focal_px": 60.0})
+    settings = settings_of(cell_size_m=0.15, rays=64, projector={"look_at_m": (1.65, 1.65, 0.0), "focal_px": 60.0})
     world = MeshWorld(settings, exchange_of(scene, settings), CAMERA, PROJECTOR)
     arriving = world._sent.by_gloss @ WHITE.ravel()
     grid = world.exchange.grid
