@@ -65,7 +65,7 @@ def run_command(arguments: list[str]) -> int:
         print(f"rig: {error}\ntry: {_help_of(arguments)}", file=sys.stderr)
         return 2
     except RigError as error:
-        print(f"rig: {error}", file=sys.stderr)
+        print(f"rig: {error}", *getattr(error, "__notes__", ()), sep="\nrig: ", file=sys.stderr)
         return error.exit_code
     except MemoryError as error:
         print(f"rig: not enough memory: {error or 'the system gives no more'}; {_SMALLER}", file=sys.stderr)

@@ -137,7 +137,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         geometry_text=_geometry_text(result.geometry, result.model),
         room_figure=figures.room_figure(model.scene_model),
         correspondence_text=_CORRESPONDENCE_TEXT,
-        correspondence_images=_correspondence_images(session),
+        correspondence_images=correspondence_images(session),
         reasons=_reasons(session),
         response_figure=figures.response_figure(radiometric.camera, radiometric.projector),
         truth_table=_truth_table(result.truth),
@@ -308,7 +308,8 @@ def _separation_images(session: Session, model: FittedScene) -> list[EmbeddedPic
     return [pictures.picture(pictures.photograph(image * scale), alt) for alt, image in shown]
 
 
-def _correspondence_images(session: Session) -> list[EmbeddedPicture]:
+def correspondence_images(session: Session) -> list[EmbeddedPicture]:
+    """Return pictures of the finished map from camera to projector, and of why pixels have no place in it."""
     image = session.finished("correspondence").load_image(map_name(session.profile))
     valid = image["reason"] == 0
     return [
