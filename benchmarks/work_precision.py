@@ -58,6 +58,8 @@ class Drawing:
     error: str
     size: tuple[float, float] = (3.6, 2.9)
     """Of a panel, inches."""
+    columns: tuple[str, ...] = ()
+    """Of a table of all points; none: no table."""
 
 
 def _room_or_problem(point: Record) -> str | None:
@@ -88,6 +90,13 @@ DRAWINGS: Mapping[str, Drawing] = {
         label=lambda p: p["method"].replace("_", " "),
         error="mean error, grey levels",
         size=(5.2, 4.4),
+    ),
+    "decode": Drawing(
+        panel=lambda p: p["problem"] if p["problem"].startswith("closed room") else None,
+        series=lambda p: p["method"],
+        label=lambda p: p["method"],
+        error="median error, projector px",
+        columns=("images", "ms", "valid", "error", "wrong"),
     ),
     "live": Drawing(lambda p: p["problem"], lambda p: p["method"], lambda p: p["method"], "rms error, grey levels"),
 }
@@ -179,13 +188,27 @@ def page_part(answer: Mapping[str, Any]) -> Iterator[str]:
         yield ""
     yield "| bar | value | limit | |"
     yield "|---|---:|---:|---|"
-    for bar in answer["bars"]:
-        sign, verdict = "≥" if bar["at_least"] else "≤", "met" if bar["met"] else "**missed**"
-        value, limit = (_shown(bar[key], bar["unit"]) for key in ("value", "limit"))
+    for bar in answer["criteria"]:
+        sign, verdict = "≥" if bar.get("at_least") else "≤", "met" if bar["met"] else "**missed**"
+        value, limit = (_shown(bar[key], bar.get("unit", "")) for key in ("value", "limit"))
         yield f"| {bar['what']} | {value} | {sign} {limit} | {verdict} |"
+    yield from _points_table(answer["points"], DRAWINGS[answer["bench"]].columns)
     for note in answer["notes"]:
         yield ""
         yield f"{note[0].upper()}{note[1:]}."
+
+
+def _points_table(points: list[Record], columns: tuple[str, ...]) -> Iterator[str]:
+    """Lines of a table, a row a point; a bar where a point lacks a number."""
+    if not columns:
+        return
+    yield ""
+    yield f"| problem | method | {' | '.join(columns)} |"
+    yield "|---|---|" + "---:|" * len(columns)
+    for point in points:
+        values = (point.get(column) for column in columns)
+        cells = ("–" if value is None or value != value else f"{value:.3g}" for value in values)
+        yield f"| {point['problem']} | {point['method']} | {' | '.join(cells)} |"
 
 
 def _shown(value: float, unit: str) -> str:
@@ -218,7 +241,7 @@ def main() -> None:
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
     for name in options.names or BENCHES:
-        answer = run_bench(name, options.size, options.out / f"{name}.csv", progress)
+        answer = run_bench(name, options.size, options.out / f"{name}.csv", progress).as_json()
         draw(answer, options.out / f"{name}.svg")
         page = options.out / "index.md"
         if page.is_file():

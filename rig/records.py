@@ -69,8 +69,15 @@ def read_record(kind: type[RecordType], value: object) -> RecordType:
     ValueError
         A field is missing, unknown in type, or of another kind; the message names it.
     """
+    from pydantic import ValidationError  # here, so that `rig --help` does not wait for it
+
     reader: TypeAdapter[RecordType] = _reader(cast("Hashable", kind))
-    return reader.validate_python(value)
+    try:
+        return reader.validate_python(value)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_context=False)[0]
+        place = ".".join(str(part) for part in first["loc"]) or "the whole"
+        raise ValueError(f"{place}: {first['msg']}") from error
 
 
 @cache

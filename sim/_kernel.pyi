@@ -127,6 +127,15 @@ def segments_blocked(
     occluders: NDArray[float64], size: float, begin: NDArray[float64], end: NDArray[float64], blocked: NDArray[bool_]
 ) -> None: ...
 
+class RayTree:
+    """Which polygon each ray meets first: sim/kernel/sampling/bindings.cpp. Below 0: none, or -2 one from behind."""
+
+    def __init__(self, corners: NDArray[float64]) -> None: ...
+    def sample(self, rows: NDArray[int64], stream: int, first: int, met: NDArray[int32]) -> None: ...
+    def trace(
+        self, origins: NDArray[float32], directions: NDArray[float32], met: NDArray[int32], at: NDArray[float32]
+    ) -> None: ...
+
 class CompressedMatrix:
     """Compressed exchange areas: sim/kernel/compressed/matrix.hpp."""
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.devices.simulated.optics import SimulatedOptics, directions, pixels_of
-from rig.devices.simulated.world import pixel_grid
+from rig.devices.simulated.pair import pixel_grid
 
 FloatArray = NDArray[np.float64]
 

@@ -69,6 +69,8 @@ def simulated_world_of(rig: Rig) -> SimulatedWorld:
     """The truth behind a simulated rig."""
     if not isinstance(rig.camera, SimulatedCamera):
         raise SystemExit("only a simulated rig knows the truth; give a profile with driver = 'simulated'")
+    if not isinstance(rig.camera.world, SimulatedWorld):
+        raise SystemExit("only for a box; give a profile without simulation.scene")
     return rig.camera.world
 
 

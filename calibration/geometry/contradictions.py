@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -11,20 +11,74 @@ import numpy as np
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
+from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
-from calibration.geometry.plane_bundle import BundleSolution, refit
+from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
 from calibration.geometry.support import Bends, bends_of, exclusive_points, mixed_share, plane_errors_px
 
 SIGMAS = 4.0
 """A contradiction: by chance one in 16,000."""
 MOST_MIXED = 0.15
 """Of the points: along the edges of a room 1 to 3 % have neighbours on another wall."""
-MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.8
-"""Flat walls of forty simulated rooms bend by up to 0.6 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
+MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.95
+"""Flat walls of ninety simulated rooms bend by up to 0.84 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
+_SOME = 3000
+"""Points that the fit without right angles is of."""
 _TELLING = 2.0
 """Sigmas from a right angle at which an angle is worth telling."""
 MOST_DISTANCE_SIGMA = 0.1
 """Of the walls' distance, in baselines: a room of which a tenth is not known is none."""
+
+
+def hold_against_all(
+    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
+) -> BundleSolution:
+    """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets.
+
+    Parameters
+    ----------
+    x1, x2 : (N, 2)
+        Corresponding pixels in an order drawn by chance. [px]
+    bundle : BundleSolution
+        Where the fit begins.
+    nominal : NominalIntrinsics
+        Of both lenses.
+    weight : (N, 2)
+        By which each coordinate of the projector counts.
+
+    Returns
+    -------
+    BundleSolution
+
+    Raises
+    ------
+    CalibrationError
+        With the contradiction, its numbers and what to try.
+    """
+    rounds = Rounds(limits_px=(1.0,), iterations=8)
+    rough = adjust(x1, x2, bundle, nominal, rounds=rounds, weight=weight) or bundle
+    check_one_surface(rough, x1, x2)
+    a, b = x1[:_SOME], x2[:_SOME]
+    rounds = Rounds(limits_px=(2.0, 1.0), iterations=10)
+    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
+    check_flat(free or rough, a if free else x1)
+    if free is not None:
+        _check_angles(rough, free)
+    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
+    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
+    final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
+    check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
+    check_determined(final, final.covariance)
+    return final
+
+
+def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:
+    """Hold right angles, as far as the fit has any, against a fit of the same points that has none."""
+    if (rough.axes.of_plane < 0).all():
+        return
+    variance = observation_variance(free.fit, free.error.x1, free.fit_label)
+    held = refit(replace(free.error, axes=rough.axes), rough, variance)
+    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance), free.error.x1)
 
 
 def check_one_surface(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import cv2
@@ -81,6 +82,7 @@ _EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
 _SIGMA = np.array([0.05, 0.05, 0.02, 0.05, 0.05, 0.02, 0.06, 0.3, *[np.inf] * 6])
 _START_SIGMA = (0.03, 0.12)
 _POSE = 8
+_Start = Callable[[FloatArray, FloatArray, NominalIntrinsics, tuple[float, float]], FloatArray | None]
 
 
 def models_of(q: FloatArray, nominal: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
@@ -111,9 +113,12 @@ def models_of(q: FloatArray, nominal: NominalIntrinsics) -> tuple[PinholeModel, 
 
 
 def fit_epipolar(
-    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, column_share: float
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, column_share: float, *, ahead: bool = False
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """List candidates for both devices, the best first; each from another vertical lens shift to start at.
+
+    They start at the pose of the essential matrix, or with one device `ahead` of the other: then all epipolar lines
+    meet inside of the pictures, where distortion bends them, and the linear fit of the matrix ends anywhere.
 
     The fit is held by the data sheets: with optical axes that nearly meet, two views do not determine the
     focal lengths; the planes of the next stage come out as planes even so.
@@ -122,16 +127,19 @@ def fit_epipolar(
     """
     few = slice(0, _FIT_POINTS)
     starts = [(column_share, row_share) for row_share in _ROW_SHARES]
-    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares)) is not None]
+    begin = _ahead_start if ahead else _essential_start
+    fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares, begin=begin)) is not None]
     return _distinct(fits, x1[few], x2[few], nominal) if fits else []
 
 
-def _fit_near(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float]) -> Fit | None:
+def _fit_near(
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float], *, begin: _Start
+) -> Fit | None:
     """Fit with the projector's principal point held near a start.
 
     The epipolar lines hardly tell it from a rotation, but with a wrong one points come to lie behind the devices.
     """
-    start = _essential_start(x1, x2, nominal, shares)
+    start = begin(x1, x2, nominal, shares)
     if start is None:
         return None
     expected, sigma = _EXPECTED.copy(), _SIGMA.copy()
@@ -200,6 +208,20 @@ def _essential_start(
         return None
     _, rotation, translation, _ = cv2.recoverPose(essential[:3], a, b, np.eye(3))
     return np.concatenate([q[:_POSE], vector_of(np.asarray(rotation, dtype=np.float64)), np.ravel(translation)])
+
+
+def _ahead_start(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, shares: tuple[float, float]) -> FloatArray:
+    """One device before the other, turned as the rays say that hardly change."""
+    q = _EXPECTED.copy()
+    q[6:8], q[-1] = shares, 1
+    q[_POSE : _POSE + 3] = _turn_between(x1, x2, *models_of(q, nominal))
+    return q
+
+
+def _turn_between(x1: FloatArray, x2: FloatArray, camera: PinholeModel, projector: PinholeModel) -> FloatArray:
+    """(3,) Rodrigues vector that turns the camera's rays nearest to those of a projector that is not turned yet."""
+    u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
+    return vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)
 
 
 def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Residual:
@@ -274,8 +296,7 @@ def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> 
         return np.asarray(np.clip(error, -1e4, 1e4))
 
     camera, projector = models_of(nominal_unknowns(), nominal)
-    u, _, vt = np.linalg.svd(world_rays(projector, x2).T @ world_rays(camera, x1))
-    start = np.concatenate([_EXPECTED[:_POSE], vector_of(u @ np.diag([1, 1, np.linalg.det(u @ vt)]) @ vt)])
+    start = np.concatenate([_EXPECTED[:_POSE], _turn_between(x1, x2, camera, projector)])
     priors = _priors(_EXPECTED[free], _SIGMA[free], len(x1))
     fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
     return float(np.median(np.linalg.norm(fit.residual, axis=1))), priors.cost(fit.z) / priors.weight
@@ -284,6 +305,7 @@ def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> 
 def _no_parallax(parallax_px: float) -> str:
     return (
         f"the median parallax between camera and projector is {parallax_px:.2f} px, below the limit of "
-        f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero, or all that is seen is one flat wall far away; depth "
-        "cannot be triangulated. Move the camera aside by 0.3 m or more, and aim at a corner"
+        f"{MIN_PARALLAX_PX:g} px: the baseline is (nearly) zero, or one device stands behind the other, or all that is "
+        "seen is one flat wall far away; depth cannot be triangulated. Move the camera aside by 0.3 m or more, and aim "
+        "at a corner"
     )

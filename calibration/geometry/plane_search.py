@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import chain
 
 import numpy as np
@@ -35,8 +35,14 @@ _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
 
-def best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool) -> BundleSolution:
-    """Find the first candidate whose planes explain nearly all points, or the one that explains most.
+def candidates(
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool
+) -> Iterator[BundleSolution]:
+    """Yield fits to go on from, the most promising first; the later ones are made only when they are asked for.
+
+    First comes the first fit whose planes explain nearly all points, or the one that explains most. A fit may explain
+    all points and be wrong, and what holds it against the data sheets finds out: so the others follow, and then those
+    that begin with one device before the other.
 
     Parameters
     ----------
@@ -47,38 +53,50 @@ def best_bundle(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, r
     right_angles : bool
         Planes that are nearly perpendicular are exactly so.
 
-    Returns
-    -------
+    Yields
+    ------
     BundleSolution
         Of some of the points.
 
     Raises
     ------
     CalibrationError
-        If flat walls explain less than half of the points.
+        If flat walls explain less than half of the points in all of them.
     """
-    best, best_share = None, 0.0
-    for candidate in chain.from_iterable(fit_epipolar(x1[:_FEW], x2[:_FEW], nominal, share) for share in COLUMN_SHARES):
-        planes = _planes_of(candidate, x1, x2)
-        if len(planes) < 2:
-            continue
-        free = Axes(np.eye(3), np.full(len(planes), -1))
-        start = PlanarScene(camera=candidate[0], projector=candidate[1], planes=planes, axes=free)
-        bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
-        if bundle is None:
-            continue
-        share = _merit(bundle, right_angles)
-        if share > best_share:
-            best, best_share = bundle, share
-        if best_share > _GOOD_SHARE:
+    fits = _fits(x1, x2, nominal, right_angles=right_angles, ahead=False)
+    tried: list[tuple[float, BundleSolution]] = []
+    for bundle in fits:
+        tried.append((_merit(bundle, right_angles), bundle))
+        if tried[-1][0] > _GOOD_SHARE:
             break
+    tried.sort(key=lambda entry: -entry[0])
+    best = tried[0][1] if tried else None
     if best is None or best.share < LEAST_INLIER_SHARE:
         raise CalibrationError(
             f"flat walls explain only {100 * (best.share if best else 0):.0f} % of the correspondences, the limit is "
             f"{100 * LEAST_INLIER_SHARE:.0f} %: most of what is seen is curved or furniture, or the fields of view "
             "in the profile are wrong; aim at bare, flat walls"
         )
-    return best
+    rest = chain(fits, _fits(x1, x2, nominal, right_angles=right_angles, ahead=True))
+    yield from (bundle for _, bundle in tried)
+    yield from (bundle for bundle in rest if _merit(bundle, right_angles) > LEAST_INLIER_SHARE)
+
+
+def _fits(
+    x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool, ahead: bool
+) -> Iterator[BundleSolution]:
+    """Fit the walls from one start of the devices after the other."""
+    few = slice(0, _FEW)
+    starts = (fit_epipolar(x1[few], x2[few], nominal, share, ahead=ahead) for share in COLUMN_SHARES)
+    for devices in chain.from_iterable(starts):
+        planes = _planes_of(devices, x1, x2)
+        if len(planes) < 2:
+            continue
+        free = Axes(np.eye(3), np.full(len(planes), -1))
+        start = PlanarScene(camera=devices[0], projector=devices[1], planes=planes, axes=free)
+        bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
+        if bundle is not None:
+            yield bundle
 
 
 def _planes_of(

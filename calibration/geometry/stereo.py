@@ -9,8 +9,9 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,31 +19,28 @@ from numpy.typing import ArrayLike
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_units, scene_of
-from calibration.geometry.contradictions import (
-    check_data_sheets,
-    check_determined,
-    check_flat,
-    check_one_surface,
-    check_right_angles,
-)
+from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.one_wall import fit_where_flat
-from calibration.geometry.noise import observation_variance, standard_deviations
+from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
-from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
-from calibration.geometry.plane_search import best_bundle
+from calibration.geometry.plane_bundle import BundleSolution
+from calibration.geometry.plane_search import candidates
 from calibration.geometry.planes import Axes
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
-_SOME, _MANY = 3000, 10000
-"""Points that the fit without right angles is of, and that the result rests on."""
+_MANY = 10000
+"""Points that the result rests on."""
+_OTHERS, _BETTER = 12, 0.9
+"""Fits that are tried after the first was refused, and of what that left over, what one may leave."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
 _AGREED = 0.5
 """Share of them that have to lie on one wall."""
-_FAR_REACH_SHARE = 0.25
-"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree."""
+_FAR_REACH_SHARE = 0.1
+"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree. From
+0.15 of the width on, a spot on a ceiling that nobody saw was once taken for the wall below it: all lengths 21 % off."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -59,7 +57,7 @@ class ExplainedPixels:
         return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
 
     def plane_beside(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of all nearest points, not further than a quarter of what is lit; -1 where they differ."""
+        """(N,) plane of all nearest points, not further than a tenth of what is lit; -1 where they differ."""
         return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
 
     def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
@@ -200,11 +198,45 @@ def calibrate_stereo(
     if flat is not None:
         return replace(_finished(flat.solution, x1, x2, nominal), notes=flat.notes)
     report(1, 3)
-    bundle = best_bundle(x1, x2, nominal, right_angles=right_angles)
+    bundles = candidates(x1, x2, nominal, right_angles=right_angles)
+    first = next(bundles)
     report(2, 3)
-    final = _held_against_all(x1, x2, bundle, nominal, weight=weight)
+    try:
+        final = hold_against_all(x1, x2, first, nominal, weight=weight)
+    except CalibrationError:
+        better = _better(x1, x2, first, bundles, nominal=nominal, weight=weight)
+        if better is None:
+            raise
+        final = better
     report(3, 3)
     return _finished(final, x1, x2, nominal)
+
+
+def _better(
+    x1: FloatArray,
+    x2: FloatArray,
+    refused: BundleSolution,
+    others: Iterator[BundleSolution],
+    *,
+    nominal: NominalIntrinsics,
+    weight: FloatArray,
+) -> BundleSolution | None:
+    """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
+    limit = _BETTER * _unexplained(refused)
+    for bundle in islice(others, _OTHERS):
+        if bundle is refused or _unexplained(bundle) > limit:
+            continue
+        try:
+            return hold_against_all(x1, x2, bundle, nominal, weight=weight)
+        except CalibrationError:
+            continue
+    return None
+
+
+def _unexplained(bundle: BundleSolution) -> float:
+    """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
+    own = bundle.fit.cost / len(bundle.used)
+    return bundle.share * own + (1 - bundle.share)
 
 
 def _weight(sigma_px: FloatArray) -> FloatArray:
@@ -215,36 +247,6 @@ def _weight(sigma_px: FloatArray) -> FloatArray:
     """
     usual = float(np.nanmedian(sigma_px.min(axis=1)))
     return np.asarray(usual / np.fmax(sigma_px, usual))
-
-
-def _held_against_all(
-    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
-) -> BundleSolution:
-    """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets."""
-    rounds = Rounds(limits_px=(1.0,), iterations=8)
-    rough = adjust(x1, x2, bundle, nominal, rounds=rounds, weight=weight) or bundle
-    check_one_surface(rough, x1, x2)
-    a, b = x1[:_SOME], x2[:_SOME]
-    rounds = Rounds(limits_px=(2.0, 1.0), iterations=10)
-    free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
-    check_flat(free or rough, a if free else x1)
-    if free is not None:
-        _check_angles(rough, free)
-    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
-    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
-    final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
-    check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
-    check_determined(final, final.covariance)
-    return final
-
-
-def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:
-    """Hold right angles, as far as the fit has any, against a fit of the same points that has none."""
-    if (rough.axes.of_plane < 0).all():
-        return
-    variance = observation_variance(free.fit, free.error.x1, free.fit_label)
-    held = refit(replace(free.error, axes=rough.axes), rough, variance)
-    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance), free.error.x1)
 
 
 def _silent(_done: int, _total: int) -> None:

@@ -173,8 +173,6 @@ class NormalEquations:
     """(V, p, 6)"""
     poses: FloatArray
     """(V, 6, 6)"""
-    shared_slope: FloatArray
-    """(p,)"""
     pose_slope: FloatArray
     """(V, 6)"""
     of_views: FloatArray
@@ -210,7 +208,6 @@ def normal_equations(lines: Linearised, weight: FloatArray, view: IntArray, view
         shared=own.sum(axis=0),
         mixed=mixed,
         poses=poses,
-        shared_slope=slope.sum(axis=0),
         pose_slope=pose_slope,
         of_views=own,
         slope_of_views=slope,

@@ -228,9 +228,3 @@ def pixel_grid(width_px: int, height_px: int, columns: int = 24) -> tuple[FloatA
     rows = max(2, round(columns * height_px / width_px))
     x, y = np.meshgrid(np.linspace(0, width_px - 1, columns), np.linspace(0, height_px - 1, rows))
     return np.column_stack([x.ravel(), y.ravel()]), (rows, columns)
-
-
-def lens_part(matrix: FloatArray, *, in_projector: bool) -> FloatArray:
-    """(12, 12) covariance of one lens."""
-    part = PROJECTOR if in_projector else CAMERA
-    return matrix[part, part]

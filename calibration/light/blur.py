@@ -2,8 +2,7 @@
 
 A camera pixel sees direct light of the projector picture through a Gaussian whose covariance, in projector pixels, is
 σp² I + J (σc² + 1/12) Jᵀ: σp the projector's blur there, σc the camera's, 1/12 the camera's own square pixel, J the
-derivative of projector by camera pixels. A checker is a product of a row and a column of ±1, so is its blurred
-picture, and a blurred step is the error function: no picture need be blurred to know what a pixel is lit with.
+derivative of projector by camera pixels. What a pixel then sees of a checker: :mod:`calibration.light.two_level`.
 """
 
 from __future__ import annotations
@@ -13,32 +12,30 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from scipy.special import erf
 
 from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
 from calibration.errors import CalibrationError
+from calibration.light.two_level import Footprint, TwoLevelPicture, shares_and_slopes, two_level
 from calibration.structured_light.correspondence import Correspondence
 
 _PIXEL_VARIANCE_PX2 = 1 / 12
 """Of a square pixel."""
 LEAST_VARIANCE_PX2 = 0.01
 """Below, a blur is none; it keeps the error function's argument finite."""
-_START_PX2 = 0.4
-"""Variance of each lens at the start: a blur of 0.6 px."""
+_STARTS_PX2 = (0.4, 0.05)
+"""Variance of each lens at the starts, blurs of 0.6 and 0.2 px; the one that leaves less is taken. Where camera pixels
+are as large as the projector's and sharp, the walk from the wider one may end at places off by half a pixel."""
 _SAMPLES = 5000
 """Camera pixels that the fit looks at: the widths are known to 1 % from a tenth of them."""
 _ITERATIONS = 20
 _SETTLED_PX2 = 1e-3
 _MOST_SHIFT_PX = 0.3
-_MOST_STEP_PX2 = 0.25
-"""Of a lens's variance in one step of the fit: far from its end the problem is not linear."""
+_MOST_STEP_PX2, _MOST_STEP_SHARE = 0.25, 0.5
+"""Of a lens's variance in one step of the fit, or that share of what it is: far from its end it is not linear."""
 _PLACE_SIGMA_PX = 0.3
 """Of a place before the fit: what codes leave at worst. It decides where no edge of a check comes near."""
 _LEAST_SCATTER = 3e-3
 """Of the light of a pixel, as a share of its direct light: no camera is better, however few pictures there are."""
-_EDGES = 2
-"""Nearest edges on each side that reach a pixel: with checks of 4 blurs or more the third does not."""
-_SQRT_HALF, _SQRT_2_PI = np.sqrt(0.5), np.sqrt(2 * np.pi)
 _PRIOR_INFORMATION = np.array([0.1, 4.0, 4.0, 4.0] * 2 + [1.0])
 """Of each coefficient before any light is seen [1/px⁴]: a variance changes by some 0.5 px² over a picture. Only where
 camera and projector cannot be told apart does it decide."""
@@ -78,41 +75,6 @@ class PointSpread:
     """(9, 9) of the projector's coefficients, the camera's, and `between_pixels`. [px⁴]"""
     rms: float
     """What the fit leaves of the samples' light, as a share of their direct light."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class Footprint:
-    """What each of N camera pixels sees of the projector picture: a Gaussian, its axes those of the picture."""
-
-    xy_px: FloatArray
-    """(N, 2) its centre."""
-    variance_px2: FloatArray
-    """(N, 2) along columns and rows."""
-
-
-@dataclass(frozen=True, eq=False)
-class TwoLevelPicture:
-    """A picture of black and white that is the product of a row and a column of ±1: checkers, stripes."""
-
-    column: FloatArray
-    """(width,) ±1."""
-    row: FloatArray
-    """(height,) ±1; white where the product is 1."""
-
-
-def two_level(codes: Codes) -> TwoLevelPicture:
-    """Return a picture of codes 0 and 255 as a row and a column of ±1.
-
-    Raises
-    ------
-    CalibrationError
-        If it has other codes, or is no product.
-    """
-    signs = np.where(codes > codes.max() / 2, 1.0, -1.0)
-    picture = TwoLevelPicture(signs[0] * signs[0, 0], signs[:, 0].copy())
-    if not np.isin(codes, (0, 255)).all() or not np.array_equal(np.outer(picture.row, picture.column), signs):
-        raise CalibrationError("this picture is no checker and no stripes: its blur has no closed form; give checkers")
-    return picture
 
 
 def stretch(correspondence: Correspondence) -> FloatArray:
@@ -163,55 +125,15 @@ def footprint_map(spread: PointSpread, correspondence: Correspondence) -> Footpr
     return Footprint(xy_px=xy_px, variance_px2=seen.variance_px2.reshape(height, width, 2))
 
 
-def white_share(seen: Footprint, projector_shape: tuple[int, int]) -> FloatArray:
-    """Return (…,) how much of a white picture pixels see: 1 but for those at its border; 0 where they see nothing."""
-    xy = np.nan_to_num(seen.xy_px.reshape(-1, 2), nan=-1e6)
-    variance = np.nan_to_num(seen.variance_px2.reshape(-1, 2), nan=1.0)
-    height, width = projector_shape
-    along = [blurred_steps(np.ones(n), xy[:, k], variance[:, k])[0] for k, n in enumerate((width, height))]
-    return np.asarray((along[0] * along[1]).reshape(seen.xy_px.shape[:-1]))
-
-
-def blurred_steps(signs: FloatArray, x: FloatArray, variance: FloatArray, order: int = 0) -> FloatArray:
-    """Return (1 + order, N) a row of ±1, dark (0) outside, after a Gaussian blur, and its derivatives along the row.
-
-    Parameters
-    ----------
-    signs : (n,)
-        Value of each pixel; the first reaches from -0.5 to 0.5.
-    x : (N,)
-        Where it is wanted. [px]
-    variance : (N,)
-        Of the blur. [px²]
-    order : int
-        Of the highest derivative, at most 2.
-    """
-    padded = np.concatenate([[0.0], signs, [0.0]])
-    at = np.flatnonzero(np.diff(padded))
-    edges, jumps = at - 0.5, np.diff(padded)[at]
-    first = np.searchsorted(edges, x, side="right")
-    result = np.zeros((order + 1, len(x)))
-    result[0] = padded[np.clip(np.floor(x + 0.5).astype(np.intp), -1, len(signs)) + 1]
-    sigma = np.sqrt(variance)
-    for k in range(-_EDGES, _EDGES):
-        which = np.clip(first + k, 0, len(edges) - 1)
-        jump = np.where(which == first + k, jumps[which], 0.0)
-        t = (x - edges[which]) / sigma
-        result[0] += jump * 0.5 * (erf(t * _SQRT_HALF) - np.where(t >= 0, 1.0, -1.0))
-        if order:
-            bell = jump * np.exp(-0.5 * t * t) / (_SQRT_2_PI * sigma)
-            result[1] += bell
-        if order > 1:
-            result[2] -= t / sigma * bell
-    return result
-
-
-def lit_share(picture: TwoLevelPicture, seen: Footprint) -> FloatArray:
-    """Return (N,) share of white's direct light that pixels get of a picture."""
-    (x, y), (vx, vy) = seen.xy_px.T, seen.variance_px2.T
-    inside = blurred_steps(np.ones_like(picture.column), x, vx)[0] * blurred_steps(np.ones_like(picture.row), y, vy)[0]
-    pattern = blurred_steps(picture.column, x, vx)[0] * blurred_steps(picture.row, y, vy)[0]
-    return np.asarray(0.5 * (inside + pattern))
+def variance_sigma_map(spread: PointSpread, correspondence: Correspondence) -> FloatArray:
+    """Return (H, W, 2) the standard deviations of :func:`footprint_map`'s variances; NaN without correspondence."""
+    height, width = correspondence.valid.shape
+    camera_xy_px = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float64)
+    xy_px = np.where(correspondence.valid[..., None], correspondence.projector_xy_px, np.nan).astype(np.float64)
+    shapes = (correspondence.projector_shape, correspondence.valid.shape)
+    basis = _variance_basis(xy_px, camera_xy_px, stretch(correspondence), shapes)
+    variance = np.einsum("a...z,a...z->...a", basis @ spread.covariance, basis)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def fit_point_spread(
@@ -248,14 +170,7 @@ def fit_point_spread(
     if len(frames) < _LEAST_FRAMES:
         raise CalibrationError(f"{len(frames)} pictures to find the blur from, at least {_LEAST_FRAMES} are needed")
     problem = _problem(frames, [two_level(codes) for codes in patterns], correspondence, usable)
-    z = np.zeros(9)
-    z[[0, 4]] = _START_PX2
-    information, rms = np.eye(9), np.inf
-    for _ in range(_ITERATIONS):
-        step, shift_px, information, rms = problem.step(z)
-        z, problem = z + step, replace(problem, xy=problem.xy + shift_px)
-        if np.abs(step[[0, 4]]).max() < _SETTLED_PX2:
-            break
+    z, information, rms = min((_fitted(problem, start) for start in _STARTS_PX2), key=lambda fit: fit[2])
     parts = [tuple(float(c) for c in part) for part in (z[:4], z[4:8])]
     return PointSpread(
         projector=LensBlur(correspondence.projector_shape, parts[0]),  # type: ignore[arg-type]
@@ -266,9 +181,23 @@ def fit_point_spread(
     )
 
 
+def _fitted(problem: _BlurProblem, start_px2: float) -> tuple[FloatArray, FloatArray, float]:
+    """Coefficients (9,), the information about them, and the residual at the end of a walk from one width."""
+    z = np.zeros(9)
+    z[[0, 4]] = start_px2
+    information, rms = np.eye(9), np.inf
+    for _ in range(_ITERATIONS):
+        step, shift_px, information, rms = problem.step(z)
+        z, problem = z + step, replace(problem, xy=problem.xy + shift_px)
+        if np.abs(step[[0, 4]]).max() < _SETTLED_PX2:
+            break
+    return z, information, rms
+
+
 def _held(z: FloatArray, step: FloatArray) -> FloatArray:
     """The step of the coefficients, cut to what its linear problem holds for; no lens gets sharper than 0."""
-    cut = step * min(1.0, _MOST_STEP_PX2 / max(float(np.abs(step[[0, 4]]).max()), 1e-12))
+    most = max(_MOST_STEP_PX2, _MOST_STEP_SHARE * float(z[[0, 4]].max()))
+    cut = step * min(1.0, most / max(float(np.abs(step[[0, 4]]).max()), 1e-12))
     cut[[0, 4]] = np.maximum(cut[[0, 4]], -z[[0, 4]])
     return np.asarray(cut)
 
@@ -318,14 +247,7 @@ class _BlurProblem:
     @cached_property
     def basis(self) -> FloatArray:
         """(2, N, 9): derivative of the variance along columns and rows by the coefficients."""
-        projector, camera = _basis(self.xy, self.shapes[0]), _basis(self.camera_xy, self.shapes[1])
-        shape = _between_pixels(self.xy)
-        return np.stack(
-            [
-                np.concatenate([projector, self.stretched[:, k, None] * camera, shape[:, k, None]], axis=1)
-                for k in (0, 1)
-            ]
-        )
+        return _variance_basis(self.xy, self.camera_xy, self.stretched, self.shapes)
 
     def step(self, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         """A Gauss-Newton step of z, one of the samples' places, the information about z, and the residual."""
@@ -355,40 +277,23 @@ class _BlurProblem:
         return step, shift_px, information, float(typical)
 
 
-def shares_and_slopes(pictures: Sequence[TwoLevelPicture], seen: Footprint, order: int = 1) -> FloatArray:
-    """Return (1 + 2 order, K, N) the share of white that pixels get of K pictures, well inside of them, and its slopes.
-
-    After the share come its derivatives along columns and along rows; with order 2 also those by the two variances.
-    """
-    (x, y), (vx, vy) = seen.xy_px.T, seen.variance_px2.T
-    c = _derivatives([picture.column for picture in pictures], x, vx, order)
-    r = _derivatives([picture.row for picture in pictures], y, vy, order)
-    found = np.empty((1 + 2 * order, len(pictures), len(x)))
-    np.multiply(c[0], r[0], out=found[0])
-    for k in range(1, order + 1):
-        # The variance of a Gaussian is its time in the heat equation: ∂s/∂v = ½ ∂²s/∂x².
-        np.multiply(c[k], r[0], out=found[2 * k - 1])
-        np.multiply(c[0], r[k], out=found[2 * k])
-    found[:3] *= 0.5
-    found[3:] *= 0.25
-    found[0] += 0.5
-    return found
-
-
-def _derivatives(signs: Sequence[FloatArray], x: FloatArray, variance: FloatArray, order: int) -> list[FloatArray]:
-    """(K, N) blurred rows of ±1 and their derivatives up to an order; equal rows are computed once."""
-    different, which = np.unique(signs, axis=0, return_inverse=True)
-    found = [blurred_steps(each, x, variance, order) for each in different]
-    return [np.stack([each[k] for each in found])[which] for k in range(order + 1)]
+def _variance_basis(
+    xy_px: FloatArray, camera_xy_px: FloatArray, stretched: FloatArray, shapes: Sequence[tuple[int, ...]]
+) -> FloatArray:
+    """(2, …, 9) derivative of the variances along columns and rows by the coefficients; of points (…, 2)."""
+    projector, camera = _basis(xy_px, shapes[0]), _basis(camera_xy_px, shapes[1])
+    between = _between_pixels(xy_px)
+    parts = ([projector, stretched[..., k, None] * camera, between[..., k, None]] for k in (0, 1))
+    return np.stack([np.concatenate(part, axis=-1) for part in parts])
 
 
 def _between_pixels(xy_px: FloatArray) -> FloatArray:
-    """(N, 2) variance of a point between two pixels that share it by distance, less its mean along the line."""
+    """(…, 2) variance of a point between two pixels that share it by distance, less its mean along the line."""
     share = xy_px - np.floor(xy_px)
     return np.asarray(share * (1 - share) - 1 / 6)
 
 
-def _basis(xy_px: FloatArray, shape: tuple[int, int]) -> FloatArray:
+def _basis(xy_px: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """(…, 4) 1, u, v, u² + v²."""
     height, width = shape
     uv = (xy_px - np.array([(width - 1) / 2, (height - 1) / 2])) / (np.hypot(height, width) / 2)

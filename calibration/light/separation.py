@@ -14,18 +14,8 @@ import numpy as np
 
 from calibration.arrays import BoolArray, Codes, Float32Array, FloatArray
 from calibration.errors import CalibrationError
-from calibration.light.blur import (
-    Footprint,
-    PointSpread,
-    TwoLevelPicture,
-    fit_point_spread,
-    footprint_map,
-    footprints,
-    shares_and_slopes,
-    stretch,
-    two_level,
-    white_share,
-)
+from calibration.light.blur import PointSpread, fit_point_spread, footprint_map, footprints, stretch
+from calibration.light.two_level import Footprint, TwoLevelPicture, shares_and_slopes, two_level, white_share
 from calibration.structured_light.correspondence import Correspondence
 
 LEAST_MODULATION = 0.05
@@ -55,6 +45,8 @@ class Separation:
     """Of direct light, by what the frames leave; inf where not valid."""
     projector_xy_px: Float32Array | None = None
     """(H, W, 2) which projector pixel each camera pixel sees, by the checkers' edges: finer than the code's."""
+    place_variance_px2: Float32Array | None = None
+    """(H, W) variance of these places along an axis, by what the frames leave."""
 
 
 def separate(
@@ -172,7 +164,7 @@ def separate_by_pattern(
         spread = fit_point_spread(frames, patterns, correspondence, correspondence.valid)
     pictures = [two_level(codes) for codes in patterns]
     rows, columns = np.nonzero(correspondence.valid)
-    found = np.zeros((3, len(rows)))
+    found = np.zeros((4, len(rows)))
     stretched = stretch(correspondence)
     xy_px = correspondence.projector_xy_px.astype(np.float64)
     for first in range(0, len(rows), _CHUNK):
@@ -181,10 +173,10 @@ def separate_by_pattern(
         for _ in range(_PASSES):
             seen = footprints(spread, xy_px[at], np.stack(at[::-1], axis=-1).astype(np.float64), stretched[at])
             slopes = _slope_of_light(light, pictures, seen)
-            xy_px[at] += np.clip(slopes[3:].T, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
-        found[:, first : first + _CHUNK] = slopes[:3]
-    direct, variance, modulation = (np.zeros(white.shape, np.float32) for _ in range(3))
-    for image, values in zip((direct, variance, modulation), found, strict=True):
+            xy_px[at] += np.clip(slopes[4:].T, -_MOST_SHIFT_PX, _MOST_SHIFT_PX)
+        found[:, first : first + _CHUNK] = slopes[:4]
+    direct, variance, modulation, place = (np.zeros(white.shape, np.float32) for _ in range(4))
+    for image, values in zip((direct, variance, modulation, place), found, strict=True):
         image[rows, columns] = values
     valid = (modulation > LEAST_MODULATION) & (direct > 0) & (direct < _MOST_OF_WHITE * white)
     if not valid.any():
@@ -200,11 +192,15 @@ def separate_by_pattern(
         valid=valid,
         variance=np.where(valid, variance, np.inf).astype(np.float32),
         projector_xy_px=np.where(correspondence.valid[..., None], xy_px, np.nan).astype(np.float32),
+        place_variance_px2=place,
     )
 
 
 def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen: Footprint) -> FloatArray:
-    """(5, N) direct light, its variance, the pattern's rms change, errors of the places (x, y); of light (K, N)."""
+    """(6, N) direct light, its variance, the pattern's rms change, the variance and the errors (x, y) of the places.
+
+    Of light (K, N).
+    """
     regressors = shares_and_slopes(pictures, seen)
     weight = _weights(pictures, seen, regressors[0])
     count = weight.sum(axis=0)
@@ -222,9 +218,12 @@ def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen
     direct = (sl - u * xl - v * yl) / own
     a, b = (yy * xl - xy * yl) / determinant, (xx * yl - xy * xl) / determinant
     left = np.einsum("kn,kn->n", centred, centred) - a * xl - b * yl - direct**2 * own
-    variance = np.maximum(left, 0) / np.maximum(count - 4, 1) / own
+    scatter = np.maximum(left, 0) / np.maximum(count - 4, 1)
     safe = np.where(np.abs(direct) > 0, direct, np.inf)
-    return np.stack([direct, variance, np.sqrt(own / count), a / safe - u, b / safe - v])
+    # Weights are not those of noise: what has a small weight adds less noise than its part of the sums.
+    noise = [np.einsum("kn,kn,kn->n", weight, each, each) / total**2 for each, total in ((x, xx), (y, yy))]
+    place = np.minimum(scatter * (noise[0] + noise[1]) / (2 * safe**2), _MOST_SHIFT_PX**2)
+    return np.stack([direct, scatter / own, np.sqrt(own / count), place, a / safe - u, b / safe - v])
 
 
 def _weights(pictures: Sequence[TwoLevelPicture], seen: Footprint, share: FloatArray) -> FloatArray:

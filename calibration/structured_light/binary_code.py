@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibration.arrays import Frame
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.decode import decode_gray
-from calibration.structured_light.frames import refuse_missing, refuse_unequal
+from calibration.structured_light.frames import frames_of
 from calibration.structured_light.gray import (
     BOTH_AXES,
     Axis,
@@ -19,6 +19,7 @@ from calibration.structured_light.gray import (
     bits_for,
     gray_code_patterns,
     pattern_name,
+    size_along,
 )
 from calibration.structured_light.patterns import Pattern
 
@@ -59,7 +60,7 @@ class BinaryCode:
         """
         names = []
         for axis in self.axes:
-            count = bits_for(projector_shape[1 if axis == "column" else 0])
+            count = bits_for(size_along(projector_shape, axis))
             bits = reversed(range(min(self.finest_bit, count - 1), count))
             names += [pattern_name(self.words, axis, bit) for bit in bits]
         ends = ("", "-inverse") if self.inverse else ("",)
@@ -117,11 +118,10 @@ class BinaryCode:
             If frames are missing or their shapes differ; the message names them.
         """
         names = self.pattern_names(projector_shape)
-        refuse_missing(frames, names, self.name)
-        refuse_unequal({**frames, "white": white, "black": black})
+        own = frames_of(self.name, frames, names, white=white, black=black)
         bit_limit = noise_limit if self.inverse else _plain_limit(white, black, noise_limit)
         return decode_gray(
-            {self.words + name.removeprefix(self.name): frames[name] for name in names},
+            {self.words + name.removeprefix(self.name): frame for name, frame in own.items()},
             projector_shape,
             white=white,
             black=black,

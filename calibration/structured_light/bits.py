@@ -10,12 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Frame
-from calibration.structured_light.frames import part
+from calibration.structured_light.frames import WHOLE, Clipping, part
 from calibration.structured_light.gray import Words
 
 _BYTE = 8
-
-Limit = float | NDArray[np.floating]
 
 
 def read_positions(
@@ -24,7 +22,7 @@ def read_positions(
     table: Words,
     *,
     rows: slice,
-    brightest: Frame,
+    clipping: Clipping | None = None,
 ) -> tuple[NDArray[np.uint16], BoolArray]:
     """Twice the positions that some rows show, and the pixels that some bit leaves open.
 
@@ -40,61 +38,57 @@ def read_positions(
     table : (words,)
         The position of each word.
     rows : slice
-    brightest : (rows, W)
-        The largest values of the pixels, in which those of these frames are noted. [dn]
+    clipping : Clipping, optional
+        In which the clipped pixels of these rows are noted.
     """
-    word, open_bits = _words(pairs, limit, rows, brightest)
-    position = table.take(word, mode="clip")
-    twice = np.add(position, position)
+    word, open_bits = _words(pairs, limit, rows, clipping)
+    twice = (table + table).take(word, mode="clip")
     weak = open_bits != 0
-    borders = np.flatnonzero(weak & ((open_bits & (open_bits - 1)) == 0))
-    here, there = position.ravel()[borders], table[(word ^ open_bits).ravel()[borders]]
+    borders = np.flatnonzero(weak & ((open_bits & (open_bits - np.uint16(1))) == 0))
+    words = word.ravel()[borders]
+    here, there = table[words], table[words ^ open_bits.ravel()[borders]]
     twice.ravel()[borders] = here + there
     weak.ravel()[borders] = np.abs(here.astype(np.int32) - there) > 1
     return twice, np.asarray(weak)
 
 
 def _words(
-    pairs: Sequence[tuple[Frame, Frame]], limit: NDArray[Any], rows: slice, brightest: Frame
+    pairs: Sequence[tuple[Frame, Frame]], limit: NDArray[Any], rows: slice, clipping: Clipping | None
 ) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
     """Words whose bits say which pictures are brighter than their others, and words of the bits that are open.
 
-    Bits are gathered in bytes, of which more fit into the cache than of words. On the way the largest value of each
-    pixel is noted in `brightest`.
+    Bits are gathered in bytes, of which more fit into the cache than of words. On the way clipped pixels are noted:
+    later, their frames would have to come from the memory again.
     """
-    first = pairs[0][0][rows]
-    bits, open_bits = (np.zeros((2, *first.shape), dtype=np.uint8) for _ in range(2))
-    flag, limit_here = np.empty(first.shape, dtype=bool), part(limit, rows)
+    shape = pairs[0][0][rows].shape
+    gathered = np.zeros((2, 2, *shape), dtype=np.uint8)  # high and low byte: bits, and bits that are open
+    flags, limit_here = np.empty((2, *shape), dtype=bool), part(limit, rows)
+    brighter, open_ = flags
+    apart = np.empty(shape, dtype=pairs[0][0].dtype)
     for nth, (lit, other) in enumerate(pairs):
-        byte = int(nth >= len(pairs) - _BYTE)
         a, b = lit[rows], other[rows]
-        _append(bits[byte], np.greater(a, b, out=flag))
-        _append(open_bits[byte], np.less(difference(a, b), limit_here, out=flag))
-        np.maximum(brightest, a, out=brightest)
-        np.maximum(brightest, b, out=brightest, casting="unsafe")
-    high_and_low = (each.astype(np.uint16) for each in (bits, open_bits))
-    word, open_word = ((both[0] << _BYTE) | both[1] for both in high_and_low)
-    return word, open_word
+        np.greater(a, b, out=brighter)
+        np.less(difference(a, b, apart), limit_here, out=open_)
+        byte = gathered[int(nth >= len(pairs) - _BYTE)]
+        np.add(byte, byte, out=byte)  # several times quicker than a shift
+        np.bitwise_or(byte, flags.view(np.uint8), out=byte)
+        if clipping is not None:
+            clipping.note(a, rows)
+            clipping.note(b, rows)
+    high, low = gathered
+    return _joined(high[0], low[0]), _joined(high[1], low[1])
 
 
-def _append(bits: NDArray[np.uint8], flag: BoolArray) -> None:
-    np.add(bits, bits, out=bits)  # several times quicker than a shift
-    np.bitwise_or(bits, flag.view(np.uint8), out=bits)
+def _joined(high: NDArray[np.uint8], low: NDArray[np.uint8]) -> NDArray[np.uint16]:
+    """(H, W) words of two bytes."""
+    return np.asarray(cv2.merge([low, high]).reshape(*low.shape, 2).view("<u2")[..., 0], dtype=np.uint16)
 
 
-def difference(lit: Frame, other: Frame) -> Frame:
-    """Return by how much two frames differ, in the frames' own kind where they are whole numbers."""
-    if lit.dtype in (np.uint8, np.uint16) and other.dtype == lit.dtype:
-        return np.asarray(cv2.absdiff(lit, other))
+def difference(lit: Frame, other: Frame, out: Frame | None = None) -> Frame:
+    """Return by how much two frames differ, in the frames' own kind where they are whole numbers: then in `out`."""
+    if lit.dtype.char in WHOLE and other.dtype.char == lit.dtype.char:
+        return cv2.absdiff(lit, other, out)
     return np.asarray(np.abs(lit.astype(np.float32) - other))
-
-
-def limit_of_kind(limit: Limit, kind: np.dtype[Any]) -> NDArray[Any]:
-    """Return a limit that whole differences can be held against without being converted."""
-    if kind not in (np.uint8, np.uint16):
-        return np.asarray(limit, dtype=np.float32)
-    most = 255 if kind == np.uint8 else 65535
-    return np.asarray(np.clip(np.ceil(limit), 0, most), dtype=kind)
 
 
 def middle(bright: Frame, dark: Frame) -> Frame:

@@ -7,15 +7,34 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
-from calibration.structured_light.bits import Limit, difference, limit_of_kind, middle, read_positions
+from calibration.structured_light.bits import difference, middle, read_positions
 from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence, PixelReason
-from calibration.structured_light.frames import extreme, is_dark, mark, part, refuse_unequal
-from calibration.structured_light.gray import BOTH_AXES, Axis, CodeName, Words, bits_for, pattern_name, positions
+from calibration.structured_light.frames import (
+    Clipping,
+    Limit,
+    extreme,
+    is_dark,
+    limit_of_kind,
+    mark,
+    part,
+    refuse_unequal,
+)
+from calibration.structured_light.gray import (
+    BOTH_AXES,
+    Axis,
+    CodeName,
+    Words,
+    bits_for,
+    pattern_name,
+    positions,
+    size_along,
+)
 from calibration.structured_light.neighbours import isolated
 from calibration.structured_light.strips import for_each_strip
 
@@ -99,8 +118,9 @@ def decode_gray(
         for axis in axes
     ]
     reason = np.empty((height, width), dtype=np.uint8)
-    limits = (np.asarray(contrast_limit), np.asarray(np.inf if saturation is None else saturation))
-    for_each_strip(partial(_read_strip, read, flats=(bright, dark), limits=limits, reason=reason), reason.shape)
+    flats = _Flats(bright=bright, dark=dark, contrast_limit=np.asarray(contrast_limit))
+    clipping = Clipping.of(saturation, reason.shape)
+    for_each_strip(partial(_read_strip, read, flats=flats, clipping=clipping, reason=reason), reason.shape)
     lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
     reason[lonely & (reason == PixelReason.VALID)] = PixelReason.ISOLATED
     return _correspondence(read, reason, projector_shape)
@@ -130,9 +150,8 @@ class _Bits:
         finest_bit: int,
     ) -> _Bits:
         """Say which bits an axis has; the common Gray code may have been shown with more than the projector needs."""
-        number = 0 if axis == "column" else 1
-        size = projector_shape[1 - number]
-        count = bits_for(size + first[number])
+        size, first_code = size_along(projector_shape, axis), first[BOTH_AXES.index(axis)]
+        count = bits_for(size + first_code)
         while code == "gray" and pattern_name(code, axis, count) in frames:
             count += 1
         finest = min(finest_bit, count - 1)
@@ -140,7 +159,7 @@ class _Bits:
             raise CalibrationError(
                 f"{code} code of the {axis}s without its {finest} finest bits: only the code 'gray' can be read so"
             )
-        return cls(code=code, axis=axis, count=count, finest=finest, first_code=first[number], size=size)
+        return cls(code=code, axis=axis, count=count, finest=finest, first_code=first_code, size=size)
 
     @property
     def names(self) -> list[str]:
@@ -200,60 +219,81 @@ class _AxisReading:
             black=black,
         )
 
-    def read(self, rows: slice, brightest: Frame) -> BoolArray:
-        """Find the positions of some rows, and the pixels that some bit leaves open; note the largest values."""
-        self.twice[rows], weak = read_positions(self.pairs, self.limit, self.table, rows=rows, brightest=brightest)
+    def read(self, rows: slice, clipping: Clipping | None) -> BoolArray:
+        """Find the positions of some rows, and the pixels that some bit leaves open; note what is clipped."""
+        self.twice[rows], weak = read_positions(self.pairs, self.limit, self.table, rows=rows, clipping=clipping)
         return weak if self.black is None else weak | self._outshone(rows, self.black[rows])
 
     def _outshone(self, rows: slice, black: Frame) -> BoolArray:
         """Tell which pixels of some rows get more light from elsewhere than from the projector in a coarse bit."""
         n_wide = self.bits.count - max(self.bits.count - _WIDE_BITS, _LEAST_WIDE_BIT)
         wide, fine = self.pairs[: max(n_wide, 0)], self.pairs[n_wide : n_wide + _OWN_LIGHT_BITS]
-        found = np.zeros(black.shape, dtype=bool)
         if not wide or len(fine) < _OWN_LIGHT_BITS:
-            return found
-        a, b, c = (difference(lit[rows], other[rows]) for lit, other in fine)
-        middle_one = np.maximum(np.minimum(a, b), np.minimum(np.maximum(a, b), c))
-        own = middle_one * np.float32(_SURE_SHARE) + black
-        for lit, other in wide:
-            found |= np.minimum(lit[rows], other[rows]) >= own
-        return found
+            return np.zeros(black.shape, dtype=bool)
+        own = _middle_one(*(difference(lit[rows], other[rows]) for lit, other in fine)).astype(np.float32)
+        own *= np.float32(_SURE_SHARE)
+        own += black.astype(np.float32)
+        darker = np.empty_like(wide[0][0][rows])
+        most = np.minimum(wide[0][0][rows], wide[0][1][rows])
+        for lit, other in wide[1:]:
+            np.maximum(most, np.minimum(lit[rows], other[rows], out=darker, casting="unsafe"), out=most)
+        return np.asarray(most.astype(np.float32) >= own)
 
     def outside(self, rows: slice) -> BoolArray:
         """Tell which pixels of some rows have a code that the projector does not show."""
-        step = 1 << self.bits.finest
+        step, twice = 1 << self.bits.finest, self.twice[rows]
         first, end = self.bits.first_code, self.bits.first_code + self.bits.size
-        return np.asarray((self.twice[rows] < -(-2 * first // step)) | (self.twice[rows] >= -(-2 * end // step)))
+        beyond = np.asarray(twice >= -(-2 * end // step))
+        return beyond | (twice < -(-2 * first // step)) if first else beyond
 
     def coordinate_px(self, rows: slice) -> NDArray[np.float32]:
         """Projector coordinates of some rows: of the middle of the finest stripe, where bits are left out."""
         step = np.float32(1 << self.bits.finest)
-        found = self.twice[rows] * (step / 2) + ((step - 1) / 2 - self.bits.first_code)
-        return np.asarray(np.minimum(found, self.bits.size - 1) if self.bits.finest else found, dtype=np.float32)
+        found = self.twice[rows].astype(np.float32)
+        found *= step / 2
+        found += (step - 1) / 2 - np.float32(self.bits.first_code)
+        return np.minimum(found, np.float32(self.bits.size - 1)) if self.bits.finest else found
+
+
+def _middle_one(a: Frame, b: Frame, c: Frame) -> Frame:
+    """(rows, W) the middle one of three values, in the place of the first."""
+    low = np.minimum(a, b)
+    np.minimum(np.maximum(a, b, out=a), c, out=a)
+    return np.maximum(a, low, out=a)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Flats:
+    """Frames of white and black, and by how much they differ where the projector lights."""
+
+    bright: Frame
+    dark: Frame
+    contrast_limit: NDArray[Any]
+
+    def dark_in(self, rows: slice) -> BoolArray:
+        """Tell which pixels of some rows are not lit."""
+        return is_dark(self.bright[rows], self.dark[rows], part(self.contrast_limit, rows))
 
 
 def _read_strip(
     read: Sequence[_AxisReading],
     rows: slice,
     *,
-    flats: tuple[Frame, Frame],
-    limits: tuple[NDArray[Any], NDArray[Any]],
+    flats: _Flats,
+    clipping: Clipping | None,
     reason: NDArray[np.uint8],
 ) -> None:
     """Read some rows of all axes, and say why pixels have no position; the last reason that fits counts."""
     here = reason[rows]
     here[...] = PixelReason.VALID
-    brightest = read[0].pairs[0][0][rows].copy()
-    weak = [axis.read(rows, brightest) for axis in read]
+    weak = [axis.read(rows, clipping) for axis in read]
     for axis in read:
         mark(here, PixelReason.OUT_OF_RANGE, axis.outside(rows))
     for each in weak:
         mark(here, PixelReason.UNCERTAIN_BIT, each)
-    contrast_limit, saturation = limits
-    if np.isfinite(saturation):
-        mark(here, PixelReason.SATURATED, brightest >= saturation)
-    bright, dark = (each[rows] for each in flats)
-    mark(here, PixelReason.DARK, is_dark(bright, dark, part(contrast_limit, rows)))
+    if clipping is not None:
+        mark(here, PixelReason.SATURATED, clipping.found[rows])
+    mark(here, PixelReason.DARK, flats.dark_in(rows))
 
 
 def _correspondence(
@@ -263,9 +303,12 @@ def _correspondence(
     by_axis = {axis.bits.axis: axis for axis in read}
 
     def strip(rows: slice) -> None:
-        for k, axis in enumerate(BOTH_AXES):
-            xy[rows, :, k] = by_axis[axis].coordinate_px(rows) if axis in by_axis else np.nan
-        xy[rows][reason[rows] != PixelReason.VALID] = np.nan
+        unknown = np.full(reason[rows].shape, np.nan, dtype=np.float32)
+        coordinates = [by_axis[axis].coordinate_px(rows) if axis in by_axis else unknown for axis in BOTH_AXES]
+        invalid = reason[rows] != PixelReason.VALID
+        for each in coordinates:
+            np.copyto(each, np.float32(np.nan), where=invalid)
+        cv2.merge(coordinates, xy[rows])
 
     for_each_strip(strip, reason.shape)
     sigmas = [ROUNDING_PX * 2 ** by_axis[axis].bits.finest if axis in by_axis else np.nan for axis in BOTH_AXES]

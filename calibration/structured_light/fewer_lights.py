@@ -12,17 +12,10 @@ from calibration.errors import CalibrationError
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.patterns import Pattern
 
-SPOILED = (PixelReason.UNCERTAIN_BIT, PixelReason.ISOLATED, PixelReason.AMBIGUOUS, PixelReason.WASHED_OUT)
-"""Reasons that less light from elsewhere may cure."""
 _REACH_PX = 3
 """Projector pixels around one that is seen which are covered with it: a camera may see every third only."""
 _MARGIN_PX = 8
 """By which lights reach beyond what is wanted: stripes have to be whole at its border."""
-
-
-def spoiled(correspondence: Correspondence) -> BoolArray:
-    """(H, W) pixels that have no coordinate, for a reason that less light from elsewhere may cure."""
-    return np.isin(correspondence.reason, SPOILED)
 
 
 def lights_for(correspondence: Correspondence, parts: int = 1) -> list[BoolArray]:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
 from calibration.structured_light.correspondence import PixelReason
+
+WHOLE = "BH"
+"""Letters of the kinds of frames that OpenCV takes as they are: 8 and 16 bits."""
+Limit = float | NDArray[np.floating]
 
 NOISE_SIGMAS = 2.0
 """`noise_limit` of a code is so many standard deviations of the difference of two frames."""
@@ -40,8 +46,22 @@ def refuse_unequal(frames: Mapping[str, Frame | None]) -> None:
         )
 
 
-def refuse_missing(frames: Mapping[str, Frame], names: Sequence[str], code: str) -> None:
-    """Raise CalibrationError with the names of the frames of a code that are not there."""
+def frames_of(
+    code: str, frames: Mapping[str, Frame], names: Sequence[str], *, white: Frame, black: Frame
+) -> dict[str, Frame]:
+    """Return the frames of a code in the order of its names.
+
+    Raises
+    ------
+    CalibrationError
+        If frames are missing, or the shapes of all, white and black among them, differ; the message names them.
+    """
+    _refuse_missing(frames, names, code)
+    refuse_unequal({**frames, "white": white, "black": black})
+    return {name: frames[name] for name in names}
+
+
+def _refuse_missing(frames: Mapping[str, Frame], names: Sequence[str], code: str) -> None:
     if not frames:
         raise CalibrationError("no frames: photograph the patterns")
     missing = [name for name in names if name not in frames]
@@ -61,8 +81,39 @@ def extreme(frames: Mapping[str, Frame], choose: np.ufunc) -> Frame:
     return result
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class Clipping:
+    """Which pixels are clipped in some frame."""
+
+    saturation: float
+    """Values from here on are. [dn]"""
+    found: BoolArray
+    """(H, W)"""
+
+    @classmethod
+    def of(cls, saturation: float | None, shape: tuple[int, ...]) -> Clipping | None:
+        """Return a record without any clipped pixel; None where no value is known to be clipped."""
+        return None if saturation is None else cls(saturation, np.zeros(shape, dtype=bool))
+
+    def note(self, values: Frame, rows: slice) -> None:
+        """Note the clipped pixels of some rows of a frame; that there are none, the largest value says at once."""
+        largest = cv2.minMaxLoc(values)[1] if values.dtype.char in WHOLE else values.max()
+        if largest >= self.saturation:
+            self.found[rows] |= values >= self.saturation
+
+
+def limit_of_kind(limit: Limit, kind: np.dtype[Any]) -> NDArray[Any]:
+    """Return a limit that whole differences can be held against without being converted."""
+    if kind.char not in WHOLE:
+        return np.asarray(limit, dtype=np.float32)
+    most = 255 if kind == np.uint8 else 65535
+    return np.asarray(np.clip(np.ceil(limit), 0, most), dtype=kind)
+
+
 def is_dark(white: Frame, black: Frame, limit: NDArray[Any]) -> BoolArray:
     """(H, W) pixels whose white is above black by less than the limit."""
+    if limit.ndim == 0 and white.dtype.char in WHOLE and black.dtype.char == white.dtype.char:
+        return np.asarray(cv2.subtract(white, black) < limit_of_kind(limit, white.dtype))
     return np.asarray(np.subtract(white, black, dtype=np.float32) < limit)
 
 

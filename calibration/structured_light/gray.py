@@ -23,6 +23,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.arrays import Codes
 from calibration.errors import CalibrationError
 from calibration.structured_light.patterns import WHITE, Pattern
 
@@ -37,6 +38,16 @@ _BASE_BIT: Mapping[str, int] = {"xor-02": 1, "xor-04": 2}
 MAX_BITS = 14
 _SMALL_RUNS = {1: 1, 2: 2, 3: 2, 4: 2, 5: 4}
 """Longest shortest run that a cyclic code of so many bits can have."""
+
+
+def size_along(shape: tuple[int, int], axis: Axis) -> int:
+    """Return how many positions there are along an axis of a picture (height, width)."""
+    return shape[1 - BOTH_AXES.index(axis)]
+
+
+def across(stripes: Codes, shape: tuple[int, int], axis: Axis) -> Codes:
+    """(H, W) picture of stripes whose codes along an axis are given."""
+    return np.broadcast_to(stripes if axis == "column" else stripes[:, None], shape).copy()
 
 
 def bits_for(size_px: int) -> int:
@@ -78,12 +89,12 @@ def gray_code_patterns(
         `gray-column-09`, `gray-column-09-inverse`, `long-run-row-03` …, codes (H, W); the number is the bit.
     """
     for axis in axes:
-        size = shape[1] if axis == "column" else shape[0]
+        size = size_along(shape, axis)
         word = words(code, bits_for(size))[:size]
         for bit in reversed(range(min(finest_bit, bits_for(size) - 1), bits_for(size))):
             stripe = ((word >> bit) & 1).astype(np.uint8) * WHITE
-            codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape)
-            yield Pattern(pattern_name(code, axis, bit), codes.copy())
+            codes = across(stripe, shape, axis)
+            yield Pattern(pattern_name(code, axis, bit), codes)
             if inverse:
                 yield Pattern(f"{pattern_name(code, axis, bit)}-inverse", WHITE - codes)
 

@@ -20,6 +20,8 @@ included, are what chance leaves in the dark."""
 _FEW = 0.1
 """Up to this share of pixels, the medians of single pixels cost less than that of a whole picture."""
 
+_BEYOND_PX = 1e6
+"""Further than any coordinate."""
 _BORDER_PX, _BORDER_SIGMA_PX = 2.0, 1.0
 """What a camera pixel beyond the projector's picture gets of it by blur has the coordinate of the picture's last
 pixels: in the simulated rooms up to 2.5 px off."""
@@ -62,11 +64,11 @@ def _isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float)
     count = cv2.boxFilter(valid.view(np.uint8), -1, window, normalize=False, borderType=cv2.BORDER_CONSTANT)
     judged = valid & (count >= _ENOUGH_NEIGHBOURS)
     far = np.asarray(count < _LEAST_NEIGHBOURS)
+    square = np.ones(window, np.uint8)
     for each in coordinates:
         low, high = _filled(each, valid)
-        square = np.ones(window, np.uint8)
         spread = cv2.subtract(cv2.dilate(low, square), cv2.erode(high, square))
-        open_ = judged & (spread > limit)
+        open_ = judged & (spread > each.dtype.type(limit))  # of whole numbers, the whole part decides
         if open_.any():
             far |= open_ & (_distance(low, high, open_) > limit)
     return far
@@ -74,9 +76,15 @@ def _isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float)
 
 def _filled(coordinate: Coordinate, valid: BoolArray) -> tuple[Coordinate, Coordinate]:
     """Coordinates with the lowest, and with the highest number where not valid."""
-    lowest, highest = (-1e6, 1e6) if coordinate.dtype.kind == "f" else (0, np.iinfo(coordinate.dtype).max)
-    kind = coordinate.dtype.type
-    return np.where(valid, coordinate, kind(lowest)), np.where(valid, coordinate, kind(highest))
+    if valid.all():
+        return coordinate, coordinate
+    if coordinate.dtype == np.uint16:
+        ones = np.negative(valid.view(np.uint8).astype(np.uint16))
+        return coordinate & ones, coordinate | ~ones
+    low, high = coordinate.copy(), coordinate.copy()
+    for filled, number in ((low, -_BEYOND_PX), (high, _BEYOND_PX)):
+        np.copyto(filled, np.float32(number), where=~valid)
+    return low, high
 
 
 def _distance(low: Coordinate, high: Coordinate, open_: BoolArray) -> NDArray[np.float32]:

@@ -74,3 +74,17 @@ class EmbreeOccluders:
         length = np.full(len(origin), 1 - 2 * _TOUCHING, dtype=np.float32)
         hit: NDArray[np.int32] = self._scene.run(origin, along.astype(np.float32), dists=length, query="OCCLUDED")
         return np.asarray(hit != -1)
+
+
+class EmbreeTriangles:
+    """Triangles in Embree's tree, asked which one a ray meets first."""
+
+    def __init__(self, triangles: FloatArray) -> None:
+        self._scene = importlib.import_module("embreex.rtcore_scene").EmbreeScene()
+        corners = np.ascontiguousarray(triangles, dtype=np.float32)
+        self._mesh = importlib.import_module("embreex.mesh_construction").TriangleMesh(self._scene, corners)
+
+    def first(self, origins: FloatArray, directions: FloatArray) -> NDArray[np.int32]:
+        """(rays,) triangle that each ray meets first, -1 for none."""
+        hit: NDArray[np.int32] = self._scene.run(origins.astype(np.float32), directions.astype(np.float32))
+        return hit

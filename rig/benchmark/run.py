@@ -25,7 +25,8 @@ from sim.form_factors.factors import ClosureWarning
 from sim.threads import threads
 
 BENCHES: Mapping[str, str] = {
-    name: name.replace("-", "_") for name in ("form-factors", "solve", "image", "plan", "compensate", "live", "decode")
+    name: name.replace("-", "_")
+    for name in ("form-factors", "solve", "image", "plan", "compensate", "live", "decode", "meshes")
 }
 """The module of `benches` that each bench is in: none is loaded before it is asked for."""
 COLUMNS = ("problem", "method", "n", "tolerance", "seconds", "error", "peak_mb", "error_of")

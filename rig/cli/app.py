@@ -27,7 +27,7 @@ app = App(
     "and measure what was gained.\n\nStart with: rig run runs/first -p sim-room",
     help_format="markdown",
     version=_version,
-    version_flags=["--version"],
+    version_flags=["--version", "-V"],
     suppress_keyboard_interrupt=False,
 )
 VERBS: dict[str, Callable[..., int]] = {
@@ -54,6 +54,9 @@ for name, verb in VERBS.items():
 app.command(hardware.profile_app)
 
 
+_SMALLER = "give smaller pictures, coarser patches or a looser tolerance, or free some memory"
+
+
 def run_command(arguments: list[str]) -> int:
     """Run one command line and return its exit status."""
     try:
@@ -62,8 +65,16 @@ def run_command(arguments: list[str]) -> int:
         print(f"rig: {error}\ntry: {_help_of(arguments)}", file=sys.stderr)
         return 2
     except RigError as error:
-        print(f"rig: {error}", file=sys.stderr)
+        print(f"rig: {error}", *getattr(error, "__notes__", ()), sep="\nrig: ", file=sys.stderr)
         return error.exit_code
+    except MemoryError as error:
+        print(f"rig: not enough memory: {error or 'the system gives no more'}; {_SMALLER}", file=sys.stderr)
+        return 2
+    except BrokenPipeError:  # whoever reads the result has seen enough: the process ends quietly
+        raise
+    except OSError as error:  # a disk or a file that refuses
+        print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
+        return 4
     return result if isinstance(result, int) else 0
 
 

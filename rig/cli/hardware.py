@@ -45,6 +45,7 @@ def check(
     profile: Annotated[str, Parameter(name=["--profile", "-p"], help="Profile file or name.")],
     only: Annotated[str, Parameter(help="Parts to measure, separated by commas; default: all.")] = "",
     report: Annotated[Path | None, Parameter(help="HTML file to write, with charts.")] = None,
+    apply: Annotated[bool, Parameter(negative="", help="Write the measured values into the profile's file.")] = False,
     as_json: Json = False,
 ) -> int:
     """Open a rig and measure what every rig must keep; prints values for its profile.
@@ -54,15 +55,20 @@ def check(
 
     Example: rig check -p sim-room --only latency,noise --report check.html
     """
+    from rig.profile.apply import apply_values, own_file
     from rig.self_check import run_check
     from rig.self_check.page import print_check, write_check_page
     from rig.terminal import TerminalProgress
 
+    own = own_file(profile) if apply else None
     with TerminalProgress() as progress:
         result = run_check(profile, progress, names_of(only) if only else ())
     if report is not None:
         result = result.with_report(write_check_page(result, report))
-    print_json(result.as_json()) if as_json else print_check(result)
+    applied = None if own is None else apply_values(own, result.suggested)
+    print_json({**result.as_json(), **({} if applied is None else {"applied": applied})}) if as_json else print_check(
+        result, applied
+    )
     return 0 if result.within_limits else 1
 
 

@@ -9,8 +9,6 @@ from cyclopts import Parameter
 
 from rig.cli.options import Json, print_json
 
-_INTERRUPTED = 130
-
 
 def live(
     session: Annotated[Path | None, Parameter(help="Session with a model (rig model); without one give -p.")] = None,
@@ -21,8 +19,8 @@ def live(
     source: Annotated[
         tuple[str, ...],
         Parameter(
-            help="Video file, folder, named pipe, pipe:PATH, - (standard input), shm:NAME, camera:ID or pattern; "
-            "may be given several times.",
+            help="Video file, picture, folder, named pipe, pipe:PATH, - (standard input), shm:NAME, camera:ID or "
+            "pattern; may be given several times.",
             negative="",
             allow_leading_hyphen=True,
         ),
@@ -32,6 +30,9 @@ def live(
     size: Annotated[str, Parameter(help="WIDTHxHEIGHT of raw RGB24 pictures; default: PPM headers tell.")] = "",
     rate: Annotated[float | None, Parameter(help="Pictures a second of a folder or the pattern.")] = None,
     loop: Annotated[bool, Parameter(negative="", help="Begin again after the last source.")] = False,
+    keep_going: Annotated[
+        bool, Parameter(name="--keep-going", negative="", help="Try sources that fail again; black meanwhile.")
+    ] = False,
     gain: Annotated[float, Parameter(help="Times the target's brightness.")] = 1.0,
     auto_gain: Annotated[bool, Parameter(negative="", help="Darken slowly what would clip at white.")] = False,
     linear: Annotated[bool, Parameter(negative="", help="Codes are linear light; default: sRGB.")] = False,
@@ -41,6 +42,9 @@ def live(
     as_json: Json = False,
 ) -> int:
     """Show live pictures, each compensated, at the display's pace; black at the end.
+
+    Status: 0 ended as asked; 20 camera missing, 21 film broken, 22 no picture, 23 source gone, 24 stream broken;
+    130, 143, 129 ended by SIGINT, SIGTERM, SIGHUP.
 
     Keys: n next source, c compensation on or off, s next strategy, + - gain, a automatic gain, f freeze, b black,
     q quit.
@@ -63,6 +67,7 @@ def live(
         size=parse_size(size),
         rate_hz=rate,
         endless=loop,
+        keeps_going=keep_going,
         gain=gain,
         auto_gain=auto_gain,
         is_linear=linear,
@@ -75,4 +80,4 @@ def live(
         with StatusLine() as status:
             result = run_live(plan, status)
     print_json(result.as_json()) if as_json else print_live(result)
-    return _INTERRUPTED if result.signal == "SIGINT" else 0
+    return result.exit_status

@@ -99,7 +99,8 @@ def simulate(
     scene: Annotated[
         str,
         Parameter(
-            help="paper-room, corner, furnace, room-with-box, sloped-room, furnished-room, sphere, or a mesh file."
+            help="paper-room, corner, furnace, room-with-box, sloped-room, furnished-room, sphere, corner-with-ball, "
+            "or a mesh file."
         ),
     ],
     *,
@@ -113,6 +114,9 @@ def simulate(
     ] = "",
     unit: Annotated[Literal["m", "cm", "mm", "in", "ft"], Parameter(help="Unit of a mesh file.")] = "m",
     memory_mb: Annotated[float | None, Parameter(help="Memory that may be used; default: half of the free.")] = None,
+    seconds: Annotated[
+        float | None, Parameter(help="Limit instead of a tolerance: the smallest error that fits into the time.")
+    ] = None,
     check: Annotated[
         bool, Parameter(name="--check", negative="", help="Measure the error against a refined solution.")
     ] = False,
@@ -126,7 +130,7 @@ def simulate(
     from rig.offline.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
 
-    percent = tolerance_of(tolerance, grey_levels)
+    percent = tolerance_of(tolerance, grey_levels, seconds)
     request = SimulationRequest(
         scene=scene,
         tolerance=percent,
@@ -134,6 +138,7 @@ def simulate(
         reflectance=reflectances_of(reflectance),
         unit=unit,
         memory_mb=memory_mb,
+        seconds=seconds,
     )
     with TerminalProgress() as progress:
         planned, result = plan_simulation(request, progress)
@@ -146,7 +151,7 @@ def simulate(
 
 
 def bench(
-    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate, live or decode.")],
+    name: Annotated[str, Parameter(help="form-factors, solve, image, plan, compensate, live, decode or meshes.")],
     *,
     quick: Annotated[bool, Parameter(negative="", help="Small problems in seconds, no peers.")] = False,
     full: Annotated[bool, Parameter(negative="", help="Large problems and fine references, in minutes.")] = False,

@@ -21,7 +21,7 @@ PROJECTORS: Mapping[str, str] = {
 }
 """Of single projectors: a ProjectorFactory by name."""
 RIGS: Mapping[str, str] = {
-    "simulated": "rig.devices.simulated.devices:from_profile",
+    "simulated": "rig.devices.simulated.rigs:from_profile",
     "replay": "rig.devices.replay.devices:from_profile",
 }
 """Whose devices come together: a RigFactory by name."""

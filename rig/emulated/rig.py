@@ -13,8 +13,8 @@ import numpy as np
 from rig.devices.clock import SystemClock
 from rig.devices.kms.readback import Readback
 from rig.devices.protocols import Codes
-from rig.devices.simulated.devices import simulated_world_of
-from rig.devices.simulated.world import SimulatedWorld
+from rig.devices.simulated.pair import SimulatedPair
+from rig.devices.simulated.rigs import simulated_world_of
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.emulated.faults import Faults
 from rig.emulated.room import ReadableDisplay, RoomSource, ignore
@@ -140,7 +140,7 @@ class EmulatedRig:
         )
 
 
-def real_time_world(profile: Profile) -> SimulatedWorld:
+def real_time_world(profile: Profile) -> SimulatedPair:
     """The simulated room of a profile. Raises ProfileError when it has none, or one with a latency of its own."""
     world = simulated_world_of(profile)
     if world.settings.projector.latency_s or world.settings.projector.jitter_s:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig.devices.protocols import Clock, Codes
 from rig.devices.simulated.devices import sensor_response
-from rig.devices.simulated.world import SeenLight, SimulatedWorld
+from rig.devices.simulated.pair import SeenLight, SimulatedPair
 from rig.emulated.uvc.camera import FrameRequest
 from rig.emulated.uvc.formats import encoded, full_scale_dn
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
@@ -65,7 +65,7 @@ class RoomSource:
 
     def __init__(
         self,
-        world: SimulatedWorld,
+        world: SimulatedPair,
         display: ReadableDisplay,
         clock: Clock,
         *,

@@ -9,7 +9,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.errors import SessionError
+from rig.errors import SessionError, UsageError
 
 PART_SUFFIX = ".part"
 
@@ -35,6 +35,15 @@ def write_atomic(path: Path, write: Callable[[Path], None], *, size_bytes: int =
         if part.exists():
             part.unlink()
         raise session_error(error, path, size_bytes) from error
+
+
+def check_output(path: Path) -> None:
+    """Raise UsageError, before any work, when a file that the user named cannot stand where it was asked for."""
+    if path.is_dir():
+        raise UsageError(f"{path}: is a folder; give the name of a file in it")
+    if not path.parent.is_dir():
+        folder = path.parent
+        raise UsageError(f"{path}: there is no folder {folder}; make it (mkdir -p {folder}), or correct the name")
 
 
 def _make_folder(folder: Path) -> None:

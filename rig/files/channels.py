@@ -30,6 +30,11 @@ def image_of(channels: Mapping[str, NDArray[np.float32]], name: str) -> NDArray[
     return np.stack([channels[name + suffix] for suffix in found], axis=-1)
 
 
+def bands_of(image: NDArray[Any]) -> list[NDArray[Any]]:
+    """(H, W) of each band of an image (H, W, B), each in one piece of memory."""
+    return [np.ascontiguousarray(image[..., b]) for b in range(image.shape[-1])]
+
+
 def codes_of(channels: Mapping[str, NDArray[np.float32]], name: str = "codes") -> NDArray[np.uint8]:
     """Codes to show from the channels of an image: (H, W) of a grey rig, (H, W, 3) of a colour one."""
     return one_or_all(image_of(channels, name).astype(np.uint8))

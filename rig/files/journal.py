@@ -1,9 +1,15 @@
-"""The append-only journal of a session: one JSON object a line, on the disk before anything goes on."""
+"""The append-only journal of a session: one JSON object a line, on the disk before anything goes on.
+
+Each line ends in a seal: a hash of the line and of the seal before it, so that no line can change, or go missing
+between others, without being noticed. Journals of older versions have none; they are read as they are.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +21,11 @@ from rig.files.atomic import session_error, sync
 JOURNAL_NAME = "journal.jsonl"
 
 Event = dict[str, Any]
+
+_SEALED = re.compile(rb'(.*), "seal": "([0-9a-f]{16})"\}', re.DOTALL)
+"""A line: its text without the seal, and the seal."""
+_SEAL_DIGITS = 16
+"""Of SHA-256: against accidents, not against forgers."""
 
 
 def read_events(path: Path) -> list[Event]:
@@ -34,16 +45,26 @@ def _complete_bytes(data: bytes) -> int:
 
 
 def _parse(path: Path, data: bytes) -> list[Event]:
-    events = []
+    events, seal = [], b""
     for number, line in enumerate(data.splitlines(), start=1):
         try:
             event = json.loads(line)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise corrupt_line(path, number) from error
+        sealed = _SEALED.fullmatch(line)
+        if (sealed is None and seal) or (sealed is not None and sealed[2] != _seal_of(seal, sealed[1])):
+            raise corrupt_line(path, number)
         if not isinstance(event, dict) or "event" not in event:
             raise corrupt_line(path, number)
+        seal = b"" if sealed is None else sealed[2]
+        event.pop("seal", None)
         events.append(event)
     return events
+
+
+def _seal_of(before: bytes, text: bytes) -> bytes:
+    """Return the seal of a line's text after the line with the seal ``before``."""
+    return hashlib.sha256(before + text).hexdigest()[:_SEAL_DIGITS].encode()
 
 
 def corrupt_line(path: Path, number: int) -> SessionCorrupt:
@@ -58,16 +79,19 @@ class Journal:
         self.path = path
         try:
             self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            self._size_bytes = self._drop_torn_line()
+            self._size_bytes, self._seal = self._drop_torn_line()
             sync(path.parent)
         except OSError as error:
             raise session_error(error, path) from error
 
-    def _drop_torn_line(self) -> int:
-        size_bytes = _complete_bytes(self.path.read_bytes())
+    def _drop_torn_line(self) -> tuple[int, bytes]:
+        """Return the size of what is complete, and the seal of its last line."""
+        data = self.path.read_bytes()
+        size_bytes = _complete_bytes(data)
         os.ftruncate(self._descriptor, size_bytes)
         os.fsync(self._descriptor)
-        return size_bytes
+        last = _SEALED.fullmatch(data[data.rfind(b"\n", 0, max(size_bytes - 1, 0)) + 1 : size_bytes].rstrip(b"\n"))
+        return size_bytes, b"" if last is None else last[2]
 
     def events(self) -> list[Event]:
         """Read everything back from the disk; raises SessionCorrupt."""
@@ -79,13 +103,16 @@ class Journal:
         Raises SessionError when the disk is full; the journal then is as before.
         """
         stamped = {**event, "time": datetime.now(UTC).isoformat(timespec="milliseconds")}
-        line = json.dumps(stamped, allow_nan=False).encode() + b"\n"
+        text = json.dumps(stamped, allow_nan=False).encode().removesuffix(b"}")
+        seal = _seal_of(self._seal, text)
+        line = text + b', "seal": "' + seal + b'"}\n'
         try:
             self._write(line)
         except OSError as error:
             os.ftruncate(self._descriptor, self._size_bytes)
             raise session_error(error, self.path, len(line)) from error
         self._size_bytes += len(line)
+        self._seal = seal
         return stamped
 
     def _write(self, line: bytes) -> None:

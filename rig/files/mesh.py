@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.files.pictures import LUMINANCE, linear_of_srgb
 from sim.errors import SimulationError
-from sim.geometry.checks import mesh_faults, refuse
+from sim.geometry.checks import mesh_faults, refuse, refuse_extent
 from sim.geometry.mesh import Mesh
 from sim.geometry.quads import quads_from_triangles
 
@@ -79,6 +79,7 @@ def read_mesh(
         points = points[:, [0, 2, 1]] * (1, -1, 1)
     rho = _reflectances(path, soup.luminance, reflectance, colours)
     try:
+        refuse_extent(path.stem, points)
         polygons, rho = _polygons(points, soup.triangles, rho, join_quads)
         mesh = Mesh.from_arrays(path.stem, points, polygons, rho, convex=convex, closed=closed)
         if thorough:
@@ -131,27 +132,7 @@ def _soup(scene: Any, linear_colours: bool) -> _Soup:
 
 def _luminance(visual: Any, faces: IntArray, linear_colours: bool) -> FloatArray:
     """(T,) luminance of each triangle's colour; NaN where the file gives none."""
-    material = getattr(visual, "material", None)
-    if material is not None:
-        return np.full(len(faces), _material_luminance(material))
-    if not visual.defined:
-        return np.full(len(faces), np.nan)
-    if visual.kind == "face":
-        shades = np.asarray(_linear(visual.face_colors, linear_colours) @ LUMINANCE)
-        # The reader may cut a face into two triangles and leave it one colour: which is whose is not known.
-        return shades if len(shades) == len(faces) else np.full(len(faces), np.nan)
-    return np.asarray((_linear(visual.vertex_colors, linear_colours) @ LUMINANCE)[faces].mean(axis=1))
-
-
-def _material_luminance(material: Any) -> float:
-    pictures = [getattr(material, name, None) for name in ("image", "baseColorTexture")]
-    if any(picture is not None for picture in pictures):
-        return np.nan
-    exact = getattr(material, "kwargs", {}).get("kd")
-    if exact is not None and np.size(exact) == 3:
-        return float(np.asarray(exact) @ LUMINANCE)
-    factor = getattr(material, "baseColorFactor", None)
-    return np.nan if factor is None else float(np.asarray(factor)[:3] / 255 @ LUMINANCE)
+    return np.asarray(_colours(visual, faces, linear_colours) @ LUMINANCE)
 
 
 def _linear(colours: NDArray[np.uint8], already: bool) -> FloatArray:
@@ -179,3 +160,76 @@ def _polygons(
         return triangles, rho
     polygons, first = quads_from_triangles(points, triangles, rho)
     return polygons, rho[first]
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleSoup:
+    """All triangles of a file in metres, z up, as they are: nothing joined, nothing checked."""
+
+    points: FloatArray
+    """(V, 3)."""
+    triangles: IntArray
+    """(T, 3) into points."""
+    colours: FloatArray
+    """(T, 3) linear colour; NaN where the file gives none."""
+    materials: tuple[str, ...]
+    """(T,) name of each triangle's material, else of its part."""
+
+
+def read_triangles(path: str | Path, *, unit: Unit = "m", up: Literal["y", "z"] | None = None) -> TriangleSoup:
+    """Read the triangles of a file with their colours, for who takes any mesh.
+
+    Parameters
+    ----------
+    unit, up
+        As :func:`read_mesh`.
+
+    Raises
+    ------
+    UsageError
+        If the file is missing, of another format, broken or empty.
+    """
+    path = Path(path)
+    is_gltf = path.suffix.lower() in (".gltf", ".glb")
+    scene = _loaded(path)
+    soup = _soup(scene, linear_colours=is_gltf)
+    if not len(soup.triangles):
+        raise UsageError(f"{path}: no faces in it; export surfaces, not points or lines")
+    points = soup.points * UNITS_M[unit]
+    if (up or ("y" if is_gltf else "z")) == "y":
+        points = points[:, [0, 2, 1]] * (1, -1, 1)
+    colours, materials = [], []
+    for node in scene.graph.nodes_geometry:
+        name = scene.graph[node][1]
+        geometry = scene.geometry[name]
+        if isinstance(geometry, trimesh.Trimesh):
+            colours.append(_colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf))
+            materials += [str(getattr(getattr(geometry.visual, "material", None), "name", None) or name)] * len(
+                geometry.faces
+            )
+    return TriangleSoup(points, soup.triangles, np.concatenate(colours), tuple(materials))
+
+
+def _colours(visual: Any, faces: IntArray, linear_colours: bool) -> FloatArray:
+    """(T, 3) linear colour of each triangle; NaN where the file gives none."""
+    material = getattr(visual, "material", None)
+    if material is not None:
+        return np.tile(_material_colour(material), (len(faces), 1))
+    if not visual.defined:
+        return np.full((len(faces), 3), np.nan)
+    if visual.kind == "face":
+        shades = _linear(visual.face_colors, linear_colours)
+        # The reader may cut a face into two triangles and leave it one colour: which is whose is not known.
+        return shades if len(shades) == len(faces) else np.full((len(faces), 3), np.nan)
+    return np.asarray(_linear(visual.vertex_colors, linear_colours)[faces].mean(axis=1))
+
+
+def _material_colour(material: Any) -> FloatArray:
+    pictures = [getattr(material, name, None) for name in ("image", "baseColorTexture")]
+    if any(picture is not None for picture in pictures):
+        return np.full(3, np.nan)
+    exact = getattr(material, "kwargs", {}).get("kd")
+    if exact is not None and np.size(exact) == 3:
+        return np.asarray(exact, dtype=np.float64)
+    factor = getattr(material, "baseColorFactor", None)
+    return np.full(3, np.nan) if factor is None else np.asarray(factor, dtype=np.float64)[:3] / 255

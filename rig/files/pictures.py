@@ -25,6 +25,9 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 _PICTURE_CHANNELS = (("R", "G", "B"), ("Y",), ("I",))
 _BRIGHTEST = 255.001
 """Grey level: 255, and the rounding of an EXR whose white is 1.0 in half precision."""
+MOST_PX = 128 << 20
+"""Pixels of a picture: the largest cameras have as many; three channels of numbers then take 1.6 GB."""
+_MOST_CHANNELS = 32
 _PICTURE_SUFFIXES = "PNG, JPEG, TIFF or EXR"
 
 
@@ -60,19 +63,42 @@ def read_pixels(path: Path, sample_format: str = "") -> ImageFile:
     source = oiio.ImageInput.open(str(path), config)
     if source is None:
         raise UsageError(f"{path}: cannot be read ({_first_line(oiio.geterror())}); use {_PICTURE_SUFFIXES}")
-    spec = source.spec()
-    pixels = source.read_image(sample_format or spec.format)
-    problem = source.geterror()
-    source.close()
+    try:
+        spec, pixels, problem = _decoded(path, source, sample_format)
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: its header has names that are no text (UTF-8); export it again") from error
+    finally:
+        source.close()
     if pixels is None or problem:
         raise UsageError(f"{path}: is damaged ({_first_line(problem)}); copy or export it again")
     if math.prod(pixels.shape) == 0:
         raise UsageError(f"{path}: has no pixels")
-    return ImageFile(_upright(pixels, spec.get_int_attribute("Orientation", 1)), tuple(spec.channelnames))
+    upright = _upright(pixels, spec.get_int_attribute("Orientation", 1))
+    return ImageFile(upright, tuple(_printable(name) for name in spec.channelnames))
+
+
+def _decoded(
+    path: Path, source: oiio.ImageInput, sample_format: str
+) -> tuple[oiio.ImageSpec, NDArray[np.generic] | None, str]:
+    """Return what a file says of itself, its pixels, and what was wrong; held to limits before memory is asked for."""
+    spec = source.spec()
+    pixels_px = spec.width * spec.height * max(spec.depth, 1)
+    if pixels_px > MOST_PX or spec.nchannels > _MOST_CHANNELS:
+        raise UsageError(
+            f"{path}: says that it has {spec.width} x {spec.height} px in {spec.nchannels} channels; the limits are "
+            f"{MOST_PX >> 20} megapixels and {_MOST_CHANNELS} channels: make it smaller, or copy it again"
+        )
+    pixels = source.read_image(sample_format or spec.format)
+    return spec, pixels, source.geterror()
+
+
+def _printable(name: str) -> str:
+    """Return a name whose bytes may be no text so that it can be printed."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def _first_line(text: str) -> str:
-    return text.strip().splitlines()[0] if text.strip() else "no reason given"
+    return _printable(text.strip().splitlines()[0]) if text.strip() else "no reason given"
 
 
 def _upright(pixels: NDArray[np.generic], orientation: int) -> NDArray[np.generic]:
@@ -208,10 +234,20 @@ def cover(
         OpenCV's interpolation where the picture is too small; where it is too large, areas are averaged.
     scaled
         Memory of :func:`covering_shape` to scale into; default: new memory.
+
+    Raises
+    ------
+    UsageError
+        The picture is so long or so high that it would be huge.
     """
     if picture.shape[:2] == shape:
         return picture
     height, width = covering_shape(picture.shape, shape)
+    if height * width > MOST_PX:
+        raise UsageError(
+            f"a picture of {picture.shape[1]} x {picture.shape[0]} px would have to be scaled to {width} x {height} px "
+            f"to cover {shape[1]} x {shape[0]} px; crop it to a similar shape"
+        )
     shrinks = max(shape[0] / picture.shape[0], shape[1] / picture.shape[1]) < 1
     method = cv2.INTER_AREA if shrinks else enlarging
     data: NDArray[Any] = cv2.resize(picture, (width, height), dst=scaled, interpolation=method)

@@ -24,6 +24,8 @@ class Table(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+_LARGEST_BYTES = 16 << 20
+"""Of a TOML file: a lens file of a thousand views has one."""
 _UNITS = {
     "s": "seconds",
     "m": "metres",
@@ -38,12 +40,32 @@ _UNITS = {
 
 def parse_toml(raw: bytes, path: Path) -> dict[str, Any]:
     """Read TOML; raises ProfileError that names file, line and column."""
+    if len(raw) > _LARGEST_BYTES:
+        raise ProfileError(f"{path}: has {len(raw)} bytes, the limit is {_LARGEST_BYTES}; give a TOML file")
     try:
-        return tomllib.loads(raw.decode("utf-8"))
+        data = tomllib.loads(raw.decode("utf-8"))
     except UnicodeDecodeError as error:
         raise ProfileError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from error
     except tomllib.TOMLDecodeError as error:
         raise ProfileError(f"{path}: is not TOML: {error}") from error
+    except ValueError as error:
+        raise ProfileError(f"{path}: has a number with thousands of digits; write it shorter") from error
+    except RecursionError as error:
+        raise ProfileError(f"{path}: has tables or lists too deep in each other; write it flatter") from error
+    _refuse_what_json_cannot_say(data, path, "")
+    return data
+
+
+def _refuse_what_json_cannot_say(value: object, path: Path, place: str) -> None:
+    """Raise ProfileError for whole numbers beyond the 64 bits that TOML knows."""
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ProfileError(f"{path}: {place.removeprefix('.')}: a whole number beyond 64 bits; write it shorter")
+    if isinstance(value, dict):
+        for key, one in value.items():
+            _refuse_what_json_cannot_say(one, path, f"{place}.{key}")
+    if isinstance(value, list):
+        for k, one in enumerate(value):
+            _refuse_what_json_cannot_say(one, path, f"{place}.{k}")
 
 
 def read_model(model: type[Model], raw: bytes, path: Path, checks: Callable[[dict[str, Any]], list[str]]) -> Model:

@@ -12,7 +12,8 @@ from rig.errors import DeviceError, DeviceLost, SettingRefused, UsageError
 from rig.files.atomic import write_bytes
 from rig.inventory.choose import CameraMode, best_camera_mode, best_output_mode
 from rig.inventory.list import THIS_MACHINE, Finders, facts_of
-from rig.inventory.profile_text import PlannedCamera, PlannedDisplay, measures_in, profile_text
+from rig.inventory.profile_text import PlannedCamera, PlannedDisplay, profile_text
+from rig.profile.apply import guessed_keys
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts, by_model, known_cameras, known_projectors
 from rig.profile.schema import Profile
 from rig.records import Record
@@ -82,7 +83,7 @@ def write_profile(request: ProfileRequest, finders: Finders = THIS_MACHINE) -> N
         output=display.output,
         driver=display.driver,
         facts=tuple(one for one in (camera.facts_of, display.facts_of) if one),
-        to_measure=tuple(measures_in(text)),
+        to_measure=guessed_keys(text),
     )
 
 

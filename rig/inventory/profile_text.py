@@ -13,6 +13,7 @@ from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.files.toml import toml_value
 from rig.inventory.choose import CameraMode, fixed_controls
 from rig.inventory.found import ShownMode
+from rig.profile.apply import GUESS as MEASURE
 from rig.profile.hardware_facts import CameraFacts, Fact, ProjectorFacts, Value
 from rig.profile.schema import SCHEMA
 
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
 CAMERA, PROJECTOR = "camera", "projector"
 """Names that the only devices get."""
 DEVICE = "device"
-MEASURE = "MEASURE"
 _COMMENT_COLUMN = 44
 _QUOTE_WIDTH = 60
 _HEAD = """\
@@ -87,17 +87,6 @@ def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> s
         _section("surface", _surface_entries()),
     ]
     return "\n".join(part for part in parts if part)
-
-
-def measures_in(text: str) -> list[str]:
-    """Keys, ``table.key``, of the guesses in a profile's text."""
-    table, keys = "", []
-    for line in text.splitlines():
-        if line.startswith("["):
-            table = line.strip("[]")
-        elif f"# {MEASURE}" in line and " = " in line:
-            keys.append(f"{table}.{line.partition(' = ')[0]}")
-    return keys
 
 
 def _description(camera: PlannedCamera, display: PlannedDisplay) -> ProfileLine:

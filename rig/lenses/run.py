@@ -17,6 +17,7 @@ from calibration.lenses.lens import PARAMETERS, FittedLens
 from calibration.lenses.next_pose import suggest_pose
 from calibration.lenses.records import LensCalibration
 from rig.errors import CalibrationFailed
+from rig.files.atomic import check_output
 from rig.files.lens_file import SCHEMA, JointEntry, LensEntry, LensFile, PoseEntry, write_lens_file
 from rig.lenses.judged import judged, warnings_of
 from rig.lenses.manifest import LensManifest, load_lens_manifest
@@ -70,12 +71,17 @@ def run_lenses(
 
     Raises
     ------
+    UsageError
+        There is no folder for what is to be written.
     ProfileError
         The manifest or a list of corners is wrong.
     CalibrationFailed
         The views do not determine the lenses; the message names views and causes.
     """
     started_s = time.perf_counter()
+    for path in (output_path, report_path):
+        if path is not None:
+            check_output(path)
     manifest = load_lens_manifest(manifest_path)
     views, size_px = seen_views(manifest, manifest_path.parent, on_step)
     measured = _measured(manifest_path, manifest, views, size_px=size_px, on_step=on_step)

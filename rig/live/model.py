@@ -13,9 +13,10 @@ from rig.files.pictures import linear_of_srgb
 from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.linear_light import RadiometricCalibration
+from rig.stages.maps.sampling import sample_bands
 from rig.stages.model import FittedScene, load_model
 from rig.stages.radiometry import load_radiometric_calibration
-from rig.stages.scene_model import LEAST_GAIN, sample_bands
+from rig.stages.scene_model import LEAST_GAIN
 from sim.form_factors import form_factors
 from sim.frame.compensator import FrameModel, frame_model
 from sim.geometry.optics import Lens, Pose, project, rays_at

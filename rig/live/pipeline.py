@@ -72,7 +72,13 @@ def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]
         shape, rate_hz = profile.projector.shape, profile.projector.refresh_rate_hz
         mailbox = FrameMailbox(shape, 1 / rate_hz, devices.clock)
         reader = Reader(
-            sources, mailbox, shape=shape, refresh_rate_hz=rate_hz, clock=devices.clock, endless=request.endless
+            sources,
+            mailbox,
+            shape=shape,
+            refresh_rate_hz=rate_hz,
+            clock=devices.clock,
+            endless=request.endless,
+            keeps_going=request.keeps_going,
         )
         stack.callback(reader.close)
         output = ThreadedOutput(devices.projector)
@@ -112,7 +118,8 @@ def _devices(profile: Profile, *, photographs: bool) -> ShowDevices:
 
 
 def _sources(request: LiveRequest, profile: Profile, clock: Clock) -> list[Source]:
-    settings = SourceSettings(profile.projector.shape, request.size, request.rate_hz)
+    only = len(request.sources) == 1
+    settings = SourceSettings(profile.projector.shape, request.size, request.rate_hz, is_only=only)
     return [make_source(word, settings, clock) for word in request.sources]
 
 

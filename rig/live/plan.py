@@ -39,6 +39,8 @@ class LiveRequest:
     """Pictures a second of a folder or the test pattern."""
     endless: bool = False
     """Begin again after the last source."""
+    keeps_going: bool = False
+    """A source that fails is tried again, and black is shown meanwhile."""
     gain: float = 1.0
     """Times the target's brightness."""
     auto_gain: bool = False

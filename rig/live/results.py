@@ -3,8 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from signal import Signals
 
 from rig.records import JsonObject, Record, json_of
+
+_OF_SIGNALS = 128
+"""Added to a signal's number, as shells do: 130 SIGINT, 143 SIGTERM, 129 SIGHUP."""
 
 
 class FullRecord(Record):
@@ -72,6 +76,17 @@ class FrameFigures(FullRecord):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SourceFailure(FullRecord):
+    """A source that gave no more pictures though it should have."""
+
+    kind: str
+    """CameraMissing, FilmBroken, PictureBroken, SourceGone or PipeBroken."""
+    message: str
+    exit_status: int
+    """Of the command line, for whoever supervises it."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ShowResult(FullRecord):
     """A live show that is over."""
 
@@ -88,11 +103,20 @@ class ShowResult(FullRecord):
     ended_by: str
     """time, source, quit, or signal."""
     signal: str | None
+    failure: SourceFailure | None
+    """The first source that failed and did not come back; None when all was well."""
     recorded: Recorded | None
     notes: tuple[str, ...]
     light_latency_ms: LightLatency | None
     real_time: bool
     """Whether its threads came before all normal work."""
+
+    @property
+    def exit_status(self) -> int:
+        """What the command line ends with: 128 + the signal that ended it, the failed source's, else 0."""
+        if self.signal is not None:
+            return _OF_SIGNALS + Signals[self.signal]
+        return 0 if self.failure is None else self.failure.exit_status
 
     def as_json(self) -> JsonObject:
         """One JSON object; the figures stand among the other keys."""

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
+from rig.errors import RigError
 from rig.live.pipeline import LivePipeline, open_pipeline
 from rig.live.plan import LivePlan
-from rig.live.results import Recorded, ShowResult
+from rig.live.results import Recorded, ShowResult, SourceFailure
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
 from rig.live.show.signals import EndSignals, Interrupted
@@ -137,6 +138,12 @@ def status_line(pipeline: LivePipeline) -> str:
     )
 
 
+def _failure(error: RigError | None) -> SourceFailure | None:
+    if error is None:
+        return None
+    return SourceFailure(kind=type(error).__name__, message=str(error), exit_status=error.exit_code)
+
+
 def _result(
     plan: LivePlan, pipeline: LivePipeline, progress: _Progress, received: int | None, *, is_realtime: bool
 ) -> ShowResult:
@@ -152,6 +159,7 @@ def _result(
         model=plan.model_origin,
         ended_by=progress.ended_by,
         signal=None if received is None else signal.Signals(received).name,
+        failure=_failure(pipeline.reader.failure),
         recorded=None if recorder is None else Recorded(recorder.frames, recorder.photographs),
         notes=(*plan.notes, *pipeline.notes, *pipeline.reader.notes, *([] if recorder is None else recorder.notes)),
         light_latency_ms=plan.light_latency_ms,

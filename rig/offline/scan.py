@@ -22,6 +22,7 @@ from calibration.structured_light.correspondence import Correspondence, PixelRea
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.devices.replay.photographs import Manifest, Photograph, load_manifest, load_photographs, read_photograph
 from rig.errors import CalibrationFailed, ProfileError
+from rig.files.atomic import check_output
 from rig.files.ply import write_ply
 from rig.offline.photograph_order import axes_of, decode, in_order, with_files
 from rig.offline.photograph_warnings import loss_warnings, refuse_implausible_unit, refuse_wrong_full_scale, warnings_of
@@ -63,6 +64,8 @@ def run_scan(
 
     Raises
     ------
+    UsageError
+        There is no folder for the point cloud.
     ProfileError
         The manifest is wrong, or lacks what a scan needs.
     DeviceLost
@@ -71,6 +74,7 @@ def run_scan(
         No point is left, most pixels are beyond the epipolar limit, or camera and projector coincide.
     """
     started_s = time.perf_counter()
+    check_output(output_path)
     manifest = load_manifest(manifest_path)
     devices = _lenses(manifest)
     refuse_implausible_unit(manifest)

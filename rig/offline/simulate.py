@@ -18,6 +18,7 @@ from sim.geometry.surface import Surface
 from sim.planning.cost import largest_dense
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import Simulation, refined_check, simulate
+from sim.planning.time_limit import plan_within
 from sim.scenes.catalogue import SURFACES
 
 if TYPE_CHECKING:
@@ -46,16 +47,20 @@ class SimulationRequest:
     """Of a mesh file."""
     memory_mb: float | None = None
     """What may be used; None: half of what is free."""
+    seconds: float | None = None
+    """For plan and solution; the tolerance is then the smallest that fits."""
 
 
-def tolerance_of(percent: float | None, grey_levels: float | None) -> float:
-    """Tolerance in percent of white from either.
+def tolerance_of(percent: float | None, grey_levels: float | None, seconds: float | None = None) -> float:
+    """Tolerance in percent of white from either; of no meaning where a time is given.
 
     Raises
     ------
     UsageError
-        If both are given.
+        If two of the three are given.
     """
+    if seconds is not None and (percent is not None or grey_levels is not None):
+        raise UsageError("--seconds takes the smallest tolerance that fits; leave --tolerance and --grey-levels out")
     if percent is not None and grey_levels is not None:
         raise UsageError("--tolerance and --grey-levels say the same thing; give one")
     if grey_levels is not None:
@@ -96,21 +101,19 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     on_step("plan", 0, 1)
     started = time.perf_counter()
     surface, light = _surface(request)
-    memory_mb = available_mb() / 2 if request.memory_mb is None else request.memory_mb
+    memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
+
+    def make_plan(tolerance: float) -> Plan:
+        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=request.reflectance or None)
+
     try:
-        planned = plan(
-            surface,
-            request.tolerance,
-            light,
-            memory_limit_mb=memory_mb,
-            reflectances=request.reflectance or None,
-        )
+        planned = make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
     return planned, SimulationResult(
         scene=request.scene,
-        tolerance=request.tolerance,
+        tolerance=planned.tolerance_percent,
         plan=_summary(planned, light, time.perf_counter() - started),
         estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
     )
@@ -160,6 +163,14 @@ def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bo
 def available_mb() -> float:
     """Memory free for use now [MB]."""
     return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def _possible_mb(memory_mb: float) -> float:
+    """Return what may be used. Raises UsageError when the machine has not so much."""
+    machine_mb = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 1e6
+    if memory_mb > machine_mb:
+        raise UsageError(f"--memory-mb {memory_mb:g}: this machine has {machine_mb:.0f} MB; give less, or leave it out")
+    return memory_mb
 
 
 def _surface(request: SimulationRequest) -> tuple[Surface, str]:

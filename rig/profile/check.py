@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rig.errors import ProfileError
+from rig.profile.apply import GUESS, guessed_keys
 from rig.profile.schema import Profile, load_profile, not_yet_run
 from rig.records import Record
 
@@ -34,7 +35,8 @@ def _check(path: str) -> CheckedProfile:
         profile = load_profile(path)
     except ProfileError as error:
         return CheckedProfile(path, tuple(str(error).splitlines()), "")
-    return CheckedProfile(path, (), "\n".join([f"{path}: ok: {_described(profile)}", *_later(path, profile)]))
+    lines = [f"{path}: ok: {_described(profile)}", *_guesses(path, profile), *_later(path, profile)]
+    return CheckedProfile(path, (), "\n".join(lines))
 
 
 def _described(profile: Profile) -> str:
@@ -50,6 +52,13 @@ def _sizes(kind: str, devices: list[tuple[str, int, int]]) -> str:
     if len(devices) == 1:
         return f"{kind} {devices[0][1]} x {devices[0][2]} px"
     return f"{len(devices)} {kind}s: " + ", ".join(f"{name} {width} x {height} px" for name, width, height in devices)
+
+
+def _guesses(path: str, profile: Profile) -> list[str]:
+    guessed = guessed_keys(profile.raw.decode("utf-8"))
+    if not guessed:
+        return []
+    return [f"{path}: still a guess ({GUESS}): {', '.join(guessed)}; rig check --apply measures some of them"]
 
 
 def _later(path: str, profile: Profile) -> list[str]:

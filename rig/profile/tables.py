@@ -20,12 +20,43 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=
 """Fit for a file's name."""
 
 
+MOST_PX = 128 << 20
+"""Of a device: one frame of more, in numbers, fills a gigabyte, and a session takes hundreds."""
+
+
+def _plausible(low: float, high: float, advice: str) -> AfterValidator:
+    """Return a check that a number can be meant as it is; the advice names the mistake that is made most often."""
+
+    def check(given: float | None) -> float | None:
+        if given is not None and not low <= given <= high:
+            raise ValueError(f"is {given:g}, plausible are {low:g} ... {high:g}: {advice}")
+        return given
+
+    return AfterValidator(check)
+
+
+SecondsOfDelay = Annotated[float, Field(ge=0), _plausible(0, 5, "seconds, not milliseconds?")]
+MetresByTape = Annotated[float, Field(gt=0), _plausible(0.01, 30, "metres, not centimetres or millimetres?")]
+MetresOfWall = Annotated[float, Field(gt=0), _plausible(0.05, 200, "metres, not centimetres or millimetres?")]
+DegreesOfView = Annotated[float, Field(gt=0, lt=180), _plausible(2, 175, "degrees, not radians?")]
+Hertz = Annotated[float, Field(gt=0), _plausible(0.1, 2000, "hertz, not seconds a frame or kilohertz?")]
+
+
 def _possible(given: ExposureRange) -> ExposureRange:
     if given.shortest_s <= 0:
         raise ValueError(f"is {given}, should begin above 0 seconds")
     if given.shortest_s > given.longest_s:
         raise ValueError(f"{given} is no range; give the smaller number first")
     return given
+
+
+def _check_size(width_px: int, height_px: int) -> None:
+    """Raise ValueError for a size of which no frame fits in memory."""
+    if width_px * height_px > MOST_PX:
+        raise ValueError(
+            f"{width_px} x {height_px} px is {width_px * height_px / 1e6:.4g} megapixels, the limit is "
+            f"{MOST_PX >> 20}: no frame of it fits in memory; correct width_px and height_px"
+        )
 
 
 class CaptureTiming(Table):
@@ -56,11 +87,11 @@ class CameraProfile(Table):
     height_px: Count
     channels: Literal[1, 3] = 1
     bit_depth: Annotated[int, Field(ge=8, le=16)]
-    frame_rate_hz: Positive
+    frame_rate_hz: Hertz
     exposure_range_s: Annotated[ExposureRange, AfterValidator(_possible)]
     exposure_s: Positive
     """Where the search for the reference exposure starts."""
-    hfov_deg: FieldOfView
+    hfov_deg: DegreesOfView
     """Nominal horizontal field of view; calibration finds the real one."""
     lens: str | None = None
     """Lens file of `rig lenses`, relative to the profile; its focal length stands for the nominal one."""
@@ -76,6 +107,11 @@ class CameraProfile(Table):
     def shape(self) -> tuple[int, int, int]:
         """(height, width, channels)."""
         return self.height_px, self.width_px, self.channels
+
+    @model_validator(mode="after")
+    def _fits_in_memory(self) -> CameraProfile:
+        _check_size(self.width_px, self.height_px)
+        return self
 
     @model_validator(mode="after")
     def _starts_inside_its_range(self) -> CameraProfile:
@@ -118,10 +154,10 @@ class ProjectorProfile(Table):
     width_px: Count
     height_px: Count
     bit_depth: Literal[8] = 8
-    refresh_rate_hz: Positive
-    latency_s: NotNegative
+    refresh_rate_hz: Hertz
+    latency_s: SecondsOfDelay
     """From the display's time stamp to settled light, as `rig check` measured it."""
-    hfov_deg: FieldOfView
+    hfov_deg: DegreesOfView
     lens: str | None = None
     """Lens file of `rig lenses`, relative to the profile; its focal length stands for the nominal one."""
     pjlink: PjlinkTable | None = None
@@ -132,19 +168,24 @@ class ProjectorProfile(Table):
         """(height, width)."""
         return self.height_px, self.width_px
 
+    @model_validator(mode="after")
+    def _fits_in_memory(self) -> ProjectorProfile:
+        _check_size(self.width_px, self.height_px)
+        return self
+
 
 class Scale(Table):
     """A length that is measured by tape, and what it joins; without one a reconstruction has no metres."""
 
     between: tuple[Name, Name] | None = None
     """Names of two devices ..."""
-    baseline_m: Positive | None = None
+    baseline_m: MetresByTape | None = None
     """... and the distance between their centres of projection."""
     projector: Name | None = None
     """Name of the projector that lights ..."""
     spots_px: tuple[Pixel, Pixel] | None = None
     """... two of its pixels (x, y) ..."""
-    distance_m: Positive | None = None
+    distance_m: MetresByTape | None = None
     """... and the distance between the spots."""
 
     @model_validator(mode="after")
@@ -173,7 +214,7 @@ class Box(Table):
     kind: Literal["box"]
     closed: bool
     """Six faces; else only those that were seen."""
-    size_m: tuple[Positive, Positive, Positive] | None = None
+    size_m: tuple[MetresOfWall, MetresOfWall, MetresOfWall] | None = None
     """Inner size by tape; places only walls that nobody sees."""
     lens_height_m: Positive | None = None
     """Of the projector's lens above the floor, by tape; places only a floor that nobody sees."""

@@ -12,6 +12,7 @@ import numpy as np
 from rig.files.channels import PRIMARIES, codes_of, image_of
 from rig.records import Verdict
 from rig.report import figures, pictures
+from rig.report.focus import focus_figure, focus_of, focus_text
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import Headline, TextTable, headline_of, rendered
 from rig.report.timing import seconds_by_step
@@ -30,6 +31,7 @@ from rig.stages.results import (
     StrategyResult,
     TruthErrors,
 )
+from rig.stages.separation import load_separation_record
 from rig.terminal import OnStep
 from rig.version import __version__
 
@@ -81,6 +83,8 @@ class _SessionPage:
     comparison_table: TextTable
     separation_text: str
     separation_images: Sequence[EmbeddedPicture]
+    focus_text: str
+    focus_figure: str
     geometry_text: str
     room_figure: str
     correspondence_text: str
@@ -111,6 +115,7 @@ def write_report(session: Session, result: SessionResult, on_step: OnStep) -> Pa
 def _page(session: Session, result: SessionResult, model: FittedScene) -> _SessionPage:
     profile, radiometric = session.profile, load_radiometric_calibration(session)
     names, notes = _in_order(load_compensation(session).strategies), frame_notes(session)
+    focus = focus_of(model, load_separation_record(session))
     return _SessionPage(
         title=f"Session {session.path.name}",
         subtitle=f"{profile.name}: {profile.description}. Camera {profile.camera.width_px} × "
@@ -127,10 +132,12 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         comparison_table=_comparison_table(result),
         separation_text=_separation_text(session, model),
         separation_images=_separation_images(session, model),
+        focus_text=focus_text(focus),
+        focus_figure=focus_figure(focus),
         geometry_text=_geometry_text(result.geometry, result.model),
         room_figure=figures.room_figure(model.scene_model),
         correspondence_text=_CORRESPONDENCE_TEXT,
-        correspondence_images=_correspondence_images(session),
+        correspondence_images=correspondence_images(session),
         reasons=_reasons(session),
         response_figure=figures.response_figure(radiometric.camera, radiometric.projector),
         truth_table=_truth_table(result.truth),
@@ -273,7 +280,18 @@ def _separation_text(session: Session, model: FittedScene) -> str:
     return (
         "Light for projector white: reflected once (direct) and more than once (global), measured with shifted "
         f"checkers and simulated by the room model. Median share of global light: {100 * share:.0f} %. "
-        "All four at the same exposure."
+        f"All four at the same exposure.{_check_words(session)}"
+    )
+
+
+def _check_words(session: Session) -> str:
+    """Why checks are larger than the profile asks for; empty where they are not."""
+    record, asked_px = load_separation_record(session), session.profile.patterns.checker_size_px
+    if record.stripes_blur_px is None or record.checker_size_px == asked_px:
+        return ""
+    return (
+        f" Checks of {record.checker_size_px} px were shown in place of {asked_px} px: by the code's stripes the "
+        f"picture is blurred by {record.stripes_blur_px:.1f} px. Focusing both lenses brings the smaller ones back."
     )
 
 
@@ -290,7 +308,8 @@ def _separation_images(session: Session, model: FittedScene) -> list[EmbeddedPic
     return [pictures.picture(pictures.photograph(image * scale), alt) for alt, image in shown]
 
 
-def _correspondence_images(session: Session) -> list[EmbeddedPicture]:
+def correspondence_images(session: Session) -> list[EmbeddedPicture]:
+    """Return pictures of the finished map from camera to projector, and of why pixels have no place in it."""
     image = session.finished("correspondence").load_image(map_name(session.profile))
     valid = image["reason"] == 0
     return [

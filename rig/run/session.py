@@ -8,18 +8,32 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+from calibration.errors import CalibrationError
 from rig.capture.rig import Rig, open_rig
+from rig.errors import RigError
 from rig.report.page import write_report
+from rig.report.stopped import write_stopped_page
 from rig.run.plan import SessionPlan, plan_session
 from rig.run.request import SessionRequest
 from rig.run.results import partial_result, session_result
-from rig.run.steps import AnyStep, ComputingStep, ShootingStep, Verb, required, settings_of, steps_of, steps_up_to
+from rig.run.steps import (
+    STEPS,
+    AnyStep,
+    ComputingStep,
+    ShootingStep,
+    Verb,
+    required,
+    settings_of,
+    steps_of,
+    steps_up_to,
+)
 from rig.session import Session
 from rig.stages.error_tree import one_error_tree
 from rig.stages.results import PartialResult, SessionResult, TruthErrors
 from rig.stages.target import CompensationRequest
 from rig.terminal import OnStep, silent
 from rig.truth.scores import score
+from sim.errors import SimulationError
 
 
 def run_session(request: SessionRequest, on_step: OnStep = silent) -> SessionResult:
@@ -40,16 +54,29 @@ def run_session(request: SessionRequest, on_step: OnStep = silent) -> SessionRes
     Raises
     ------
     RigError
-        See :mod:`rig.errors`. An interruption loses nothing that was captured: run it again to go on.
+        See :mod:`rig.errors`; report.html then shows where it stopped, and the error's notes name it. An interruption
+        loses nothing that was captured: run it again to go on.
     """
     started_s = time.perf_counter()
     plan = plan_session(request)
     with opened_session(plan) as work:
-        work.do_up_to("compare", on_step)
+        with _page_if_it_stops(work.session):
+            work.do_up_to("compare", on_step)
         result = work.result()
         report = write_report(work.session, result, on_step)
         work.session.write_metrics(replace(result, report=report.name))
     return replace(result, report=str(report), elapsed_s=time.perf_counter() - started_s)
+
+
+@contextmanager
+def _page_if_it_stops(session: Session) -> Iterator[None]:
+    """Leave a page that shows where a session stopped and why; the error goes on, with the page's place."""
+    try:
+        yield
+    except (RigError, CalibrationError, SimulationError) as error:
+        page = write_stopped_page(session, [step.name for step in STEPS], error)
+        error.add_note(f"what was photographed by then, and how to go on: {page}")
+        raise
 
 
 def run_part(request: SessionRequest, verb: Verb, on_step: OnStep = silent) -> PartialResult:

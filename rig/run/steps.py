@@ -101,7 +101,7 @@ STEPS: tuple[AnyStep, ...] = (
     ShootingStep(
         name="separation",
         verb="separate",
-        needs=("response", "correspondence"),
+        needs=("response", "gray", "correspondence"),
         settings=separation.separation_settings,
         shoot=separation.separate_light,
         frames=separation.separation_frames,

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from rig.errors import UsageError
+from rig.profile.apply import AppliedValues
 from rig.records import Verdict
 from rig.report.render import rendered
 from rig.self_check.figures import check_figures
@@ -19,7 +20,7 @@ from rig.self_check.results import SelfCheck
 _WIDTH = 116
 
 
-def print_check(result: SelfCheck) -> None:
+def print_check(result: SelfCheck, applied: AppliedValues | None = None) -> None:
     """Value, limit and status of every row; what to do about those that fail; profile values to paste."""
     table = Table(title=escape(f"{result.profile}: self-test"), title_justify="left")
     for name in ("part", "what"):
@@ -39,6 +40,8 @@ def print_check(result: SelfCheck) -> None:
     for verdict in result.broken:
         print(f"{verdict.what}: {verdict.advice}")
     print(f"values for the profile, measured:\n{toml_of(result.suggested)}")
+    if applied is not None:
+        print(applied.diff or f"{applied.path}: has these values already")
     if result.report is not None:
         print(f"report: {result.report}")
 

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-from rig.errors import SessionError
+from rig.errors import SessionCorrupt, SessionError
 from rig.files.atomic import sha256_of, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line, read_events
 from rig.records import Json, JsonObject, Record
 from rig.session.header import SessionHeader
+
+METRICS_NAME = "metrics.json"
+_SETTLED_S = 1.0
+"""A file that was written later than that may change without a change of its time, whose steps are coarse."""
 
 FileKind = Literal["frame", "image", "record"]
 
@@ -91,12 +97,23 @@ class Ledger:
         self.events: list[Event] = []
         self.runs: dict[str, list[StepRun]] = {}
         self._journal = journal
+        self._hashed: dict[tuple[str, int, int, int], str] = {}
+        """SHA-256 of files by path, inode, size and time of change: each is read once for it."""
         path = folder / JOURNAL_NAME
         for number, event in enumerate(read_events(path), start=1):
             try:
                 self._apply(event)
             except (KeyError, TypeError, IndexError) as error:
                 raise corrupt_line(path, number) from error
+        self._check_header()
+
+    def _check_header(self) -> None:
+        """Raise SessionCorrupt when session.json is not the one with which the session was begun."""
+        begun = next((event["header_sha256"] for event in self.events if "header_sha256" in event), None)
+        if begun is not None and begun != hash_json(self.header.as_json()):
+            raise SessionCorrupt(
+                f"{self.folder / 'session.json'}: was changed; restore it from a copy, or start a new session"
+            )
 
     def close(self) -> None:
         """Let the journal go; any number of times."""
@@ -189,12 +206,47 @@ class Ledger:
         entries = (entry for runs in self.runs.values() for run in runs for entry in run.files.values())
         return len({entry.file for entry in entries if entry.file.startswith(prefix)})
 
-    def is_intact(self, entry: FileEntry, *, verify: bool) -> bool:
-        """Tell whether the file is there in its journalled size and, on ``verify``, with its bytes."""
+    def record_open(self, versions: Mapping[str, str]) -> None:
+        """Journal that this process works on the session, with the versions of its libraries."""
+        header = hash_json(self.header.as_json())
+        self.record({"event": "open", "pid": os.getpid(), "versions": dict(versions), "header_sha256": header})
+        self.write_summary()
+
+    def is_intact(self, entry: FileEntry) -> bool:
+        """Tell whether the file is there with its journalled bytes."""
         path = self.folder / entry.file
         if not path.is_file() or path.stat().st_size != entry.size_bytes:
             return False
-        return not verify or sha256_of(path) == entry.sha256
+        return self._sha256_of(path) == entry.sha256
+
+    def _sha256_of(self, path: Path) -> str:
+        """Return a file's SHA-256; computed again when the file may have been written to. Raises SessionError."""
+        try:
+            status = path.stat()
+            key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns)
+            if key not in self._hashed or time.time() - status.st_mtime < _SETTLED_S:
+                self._hashed[key] = sha256_of(path)
+        except OSError as error:
+            raise SessionError(
+                f"{path}: cannot be read: {error.strerror}; check the file, then run the same command again"
+            ) from error
+        return self._hashed[key]
+
+    def write_metrics(self, metrics: Json) -> Path:
+        """Write metrics.json, and journal what it holds."""
+        path = self.folder / METRICS_NAME
+        write_json(path, metrics)
+        self.record({"event": "metrics", "sha256": self._sha256_of(path)})
+        return path
+
+    def check_metrics(self) -> None:
+        """Raise SessionCorrupt when metrics.json is there and not as it was last written."""
+        path = self.folder / METRICS_NAME
+        written = next((event["sha256"] for event in reversed(self.events) if event["event"] == "metrics"), None)
+        if written is not None and path.is_file() and self._sha256_of(path) != written:
+            raise SessionCorrupt(
+                f"{path}: is not what was written there; run `rig run {self.folder}`, which writes it anew"
+            )
 
     def write_summary(self) -> None:
         """Rewrite session.json, which says in short what the journal says."""

@@ -38,14 +38,13 @@ class Step:
         Of the session.
     run
         What the journal says of this run.
-    verify
-        Compare every file that is read with its journalled hash, not only its size.
     """
 
-    def __init__(self, ledger: Ledger, run: StepRun, *, verify: bool):
+    def __init__(self, ledger: Ledger, run: StepRun):
         self._ledger = ledger
         self._run = run
-        self._verify = verify
+        self._is_writing = False
+        """Set by the first write: a step that makes lost files anew may write the others again, too."""
 
     @property
     def name(self) -> str:
@@ -76,66 +75,60 @@ class Step:
 
     @property
     def damaged_files(self) -> list[str]:
-        """Journalled files that are missing or of another size (or content, in a session that verifies)."""
+        """Journalled files that are missing, or are not as they were written."""
         entries = self._run.files.values()
-        return [e.file for e in entries if not self._ledger.is_intact(e, verify=self._verify)]
+        return [e.file for e in entries if not self._ledger.is_intact(e)]
 
     @property
     def frame_names(self) -> list[str]:
         """Names of the frames, in the order in which they were first saved."""
         return [name for kind, name in self._run.files if kind == "frame"]
 
-    def has_frame(self, name: str, *, verify: bool = False) -> bool:
+    def has_frame(self, name: str) -> bool:
         """Tell whether a frame was journalled and its file is intact.
 
         Parameters
         ----------
         name
             Of the frame.
-        verify
-            Look at every byte.
 
         Returns
         -------
         bool
         """
-        return self._has("frame", name, verify)
+        return self._has("frame", name)
 
-    def has_image(self, name: str, *, verify: bool = False) -> bool:
+    def has_image(self, name: str) -> bool:
         """Tell whether an image was journalled and its file is intact.
 
         Parameters
         ----------
         name
             Of the image.
-        verify
-            Look at every byte.
 
         Returns
         -------
         bool
         """
-        return self._has("image", name, verify)
+        return self._has("image", name)
 
-    def has_record(self, name: str, *, verify: bool = False) -> bool:
+    def has_record(self, name: str) -> bool:
         """Tell whether a record was journalled and its file is intact.
 
         Parameters
         ----------
         name
             Of the record.
-        verify
-            Look at every byte.
 
         Returns
         -------
         bool
         """
-        return self._has("record", name, verify)
+        return self._has("record", name)
 
-    def _has(self, kind: FileKind, name: str, verify: bool) -> bool:
+    def _has(self, kind: FileKind, name: str) -> bool:
         entry = self._run.files.get((kind, name))
-        return entry is not None and self._ledger.is_intact(entry, verify=verify or self._verify)
+        return entry is not None and self._ledger.is_intact(entry)
 
     def save_frame(
         self,
@@ -308,13 +301,17 @@ class Step:
         path = self._ledger.folder / self._entry("record", name).file
         try:
             return read_record(kind, json.loads(path.read_bytes()))
-        except ValueError as error:
-            raise SessionCorrupt(f"{path}: is damaged; delete it and run the same command again") from error
+        except (ValueError, RecursionError) as error:
+            raise SessionCorrupt(
+                f"{path}: is no {kind.__name__} of this version ({error}); delete it, and run "
+                f"`rig run {self._ledger.folder}`: step {self.name!r} makes it anew"
+            ) from error
 
     def finish(self) -> None:
         """Say that the step is complete."""
         self._check_unfinished()
         self._ledger.finish(self._run)
+        self._is_writing = False
 
     def _path(self, kind: FileKind, name: str, prefix: str, pattern: str, *, first: int) -> Path:
         """Choose the file: the same again when this run has written it before, else the next free number."""
@@ -329,17 +326,18 @@ class Step:
         self._ledger.add_file(self._run, self._ledger.entry_of(kind, name, path, frame))
 
     def _check_unfinished(self) -> None:
-        if self.done:
+        if not self._is_writing and self.done:
             raise SessionError(f"step {self.name!r} is finished; begin it with other settings to write again")
+        self._is_writing = True
 
     def _entry(self, kind: FileKind, name: str) -> FileEntry:
         entry = self._run.files.get((kind, name))
         if entry is None:
             known = ", ".join(n for k, n in self._run.files if k == kind) or "none"
             raise SessionError(f"step {self.name!r} has no {kind} {name!r}; it has {known}")
-        if not self._ledger.is_intact(entry, verify=self._verify):
+        if not self._ledger.is_intact(entry):
             raise SessionCorrupt(
-                f"{self._ledger.folder / entry.file} is missing or differs from the journal "
-                f"({entry.size_bytes} bytes); run the same command again to repeat step {self.name!r}"
+                f"{self._ledger.folder / entry.file}: is missing, or not as step {self.name!r} wrote it; run "
+                f"`rig run {self._ledger.folder}`, which makes it anew"
             )
         return entry

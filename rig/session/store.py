@@ -15,7 +15,7 @@ from rig.files.journal import JOURNAL_NAME, Event, Journal
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of, read_record
 from rig.session.folder import check_folder, is_session, own_versions, read_folder, read_or_create
-from rig.session.ledger import Ledger, hash_json, write_json
+from rig.session.ledger import METRICS_NAME, Ledger, hash_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name
 
@@ -37,16 +37,13 @@ class Session:
         What its journal says.
     lock
         That this process holds; None to read alone.
-    verify
-        Compare every file that is read with its journalled hash, not only its size.
     """
 
-    def __init__(self, folder: Path, profile: Profile, ledger: Ledger, lock: SessionLock | None, *, verify: bool):
+    def __init__(self, folder: Path, profile: Profile, ledger: Ledger, lock: SessionLock | None):
         self.path = folder
         self.profile = profile
         self._ledger = ledger
         self._lock = lock
-        self._verify = verify
 
     @classmethod
     def open(
@@ -55,7 +52,6 @@ class Session:
         profile: Profile | None = None,
         *,
         seed: int = 1,
-        verify: bool = False,
     ) -> Session:
         """Open a session, or make one when a profile is given and there is none.
 
@@ -67,8 +63,6 @@ class Session:
             Needed for a new session; has to be the same one later (or left out).
         seed
             Of a new session, for every random choice in it.
-        verify
-            Compare every file that is read with its journalled hash, not only its size.
 
         Returns
         -------
@@ -93,12 +87,11 @@ class Session:
             for leftover in folder.rglob(f"*{PART_SUFFIX}"):
                 leftover.unlink()
             ledger = Ledger(folder, header, Journal(folder / JOURNAL_NAME))
-            ledger.record({"event": "open", "pid": os.getpid(), "versions": json_of(own_versions())})
-            ledger.write_summary()
+            ledger.record_open(own_versions())
         except BaseException:
             lock.release()
             raise
-        return cls(folder, own_profile, ledger, lock, verify=verify)
+        return cls(folder, own_profile, ledger, lock)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str], profile: Profile | None = None) -> Session:
@@ -126,7 +119,7 @@ class Session:
         folder = Path(path)
         check_folder(folder, may_create=False)
         header, own_profile = read_folder(folder, profile)
-        return cls(folder, own_profile, Ledger(folder, header, None), None, verify=False)
+        return cls(folder, own_profile, Ledger(folder, header, None), None)
 
     @staticmethod
     def exists(path: str | os.PathLike[str]) -> bool:
@@ -184,7 +177,7 @@ class Session:
         check_name(name)
         own = {key: json_of(value) for key, value in (settings or {}).items()}
         run = self._ledger.begin(name, self._hash_of_inputs(own, needs), own)
-        return Step(self._ledger, run, verify=self._verify)
+        return Step(self._ledger, run)
 
     def is_done(self, name: str, *, settings: Mapping[str, object], needs: Sequence[str]) -> bool:
         """Tell whether a step with these inputs would have nothing left to do; begins nothing.
@@ -205,7 +198,7 @@ class Session:
             return False
         if run.inputs_sha256 != self._hash_of_inputs(own, needs):
             return False
-        return Step(self._ledger, run, verify=self._verify).done
+        return Step(self._ledger, run).done
 
     def _hash_of_inputs(self, settings: JsonObject, needs: Sequence[str]) -> str:
         return hash_json({"settings": settings, "needs": {need: self.finished(need).outputs_sha256 for need in needs}})
@@ -236,7 +229,7 @@ class Session:
         if run is None or run.outputs_sha256 is None:
             state = "has not been started" if run is None else "is not finished"
             raise SessionError(f"{self.path}: step {name!r} {state}; run `rig {verb} {self.path}` first")
-        step = Step(self._ledger, run, verify=self._verify)
+        step = Step(self._ledger, run)
         if step.damaged_files:
             raise SessionCorrupt(
                 f"{self.path}: {len(step.damaged_files)} files of step {name!r} are lost or damaged, first "
@@ -322,10 +315,13 @@ class Session:
         ------
         SessionError
             There is none, or it lacks what the kind has: the session was not compared yet.
+        SessionCorrupt
+            It was changed since it was written.
         """
+        self._ledger.check_metrics()
         try:
-            return read_record(kind, json.loads((self.path / "metrics.json").read_bytes()))
-        except (OSError, ValueError) as error:
+            return read_record(kind, json.loads((self.path / METRICS_NAME).read_bytes()))
+        except (OSError, ValueError, RecursionError) as error:
             raise SessionError(f"{self.path}: nothing was compared yet; run `rig run {self.path}` first") from error
 
     def write_metrics(self, metrics: Record | Mapping[str, object]) -> Path:
@@ -341,8 +337,7 @@ class Session:
         Path
             Of the file.
         """
-        write_json(self.path / "metrics.json", json_of(metrics))
-        return self.path / "metrics.json"
+        return self._ledger.write_metrics(json_of(metrics))
 
     def write_report(self, html: str) -> Path:
         """Write report.html.

@@ -20,7 +20,7 @@ from rig.stages.linear_light import LightImage, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import PictureErrors, picture_errors
-from rig.stages.prediction import JudgedPixels, Prediction, judged_pixels, predict
+from rig.stages.prediction import JUDGED, JudgedPixels, Prediction, judged_pixels, predict
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
@@ -123,7 +123,7 @@ class _Residuals:
 
 def comparison_settings(_: Session) -> JsonObject:
     """Return what step `compare` depends on."""
-    return {"sigma": "of noise and model"}
+    return {"sigma": "of noise and model", "judged": JUDGED}
 
 
 def compare_all(session: Session, step: Step, on_step: OnStep) -> None:

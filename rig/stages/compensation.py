@@ -59,6 +59,7 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
         "strategies": json_of(request.strategies),
         "versions": versions_of(request.strategies),
         "prediction": "all projector pixels, blurred, with sigma",
+        "blur": "of the projector",
     }
 
 
@@ -81,7 +82,7 @@ def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **
     options
         Of the strategy (:func:`measured_options`).
     """
-    return plug_ins.find_strategy(name).solve(transport, wanted, 0.0, 1.0, **options)
+    return plug_ins.find_strategy(name).compensate(transport, wanted, **options)
 
 
 def compute_compensation(session: Session, step: Step, request: CompensationRequest, on_step: OnStep) -> None:

@@ -15,9 +15,11 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import StructuredLightCode
 from calibration.arrays import Frame
 from calibration.errors import CalibrationError
-from calibration.radiometry.response import codes_from_linear
+from calibration.radiometry.response import Response
+from calibration.structured_light.consistency.complements import refuse_stale_frames
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
@@ -30,7 +32,7 @@ from rig.plug_ins import code_version, find_code
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.linear_light import Float32Array, RadiometricCalibration
+from rig.stages.linear_light import Codes, Float32Array, RadiometricCalibration, channel_codes
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
 from rig.terminal import OnStep
@@ -40,6 +42,9 @@ Value = TypeVar("Value")
 
 _LEAST_VALID_SHARE = 0.01
 """Of the camera's pixels; with fewer there is nothing to fit lenses to."""
+_INVERSE = "-inverse"
+_ROWS_HELD = 120
+"""About so many rows, and columns as far apart, are held against stale frames."""
 _EXTREMES = (0, 255)
 """Codes that are shown as they are: black and white."""
 
@@ -118,15 +123,20 @@ def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep
 
 def _as_light(patterns: Iterable[Pattern], session: Session) -> Iterator[Pattern]:
     """Yield patterns in the codes that make their light on this projector: a code's grey levels are linear light."""
+    table: Codes | None = None
     for pattern in patterns:
         if np.isin(pattern.codes, _EXTREMES).all():
             yield pattern
             continue
-        levels = np.arange(256) / 255
-        tables = [codes_from_linear(one, levels) for one in load_radiometric_calibration(session).projector]
-        channels = np.broadcast_to(pattern.codes.reshape(*pattern.codes.shape[:2], -1), (*pattern.codes.shape[:2], 3))
-        shown = np.stack([table[channels[..., q]] for q, table in enumerate(tables)], axis=-1)
-        yield Pattern(pattern.name, one_or_all(shown))
+        if table is None:
+            table = _code_of_light(load_radiometric_calibration(session).projector)
+        yield Pattern(pattern.name, one_or_all(table[np.atleast_3d(pattern.codes), np.arange(table.shape[1])]))
+
+
+def _code_of_light(projector: Sequence[Response]) -> Codes:
+    """(256, channels) codes that make 0 … 255 parts of white's light."""
+    levels = np.broadcast_to(np.arange(256)[:, None, None] / 255, (256, 1, len(projector)))
+    return channel_codes(projector, levels, seed=None).reshape(256, -1)
 
 
 def _gray_bracket(session: Session) -> ExposureBracket:
@@ -142,7 +152,13 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `correspondence`: which projector pixel each camera pixel sees, and why some see none."""
     on_step("decode", 0, 2)
     profile = session.profile
-    correspondence = _decode(session.finished("gray"), session, profile.projector.shape)
+    gray, code = session.finished("gray"), find_code(profile.patterns.code)
+    correspondence = read_code(
+        code,
+        lambda name: gray.load_frame(frame_name(name)).pixels,
+        profile.projector.shape,
+        load_radiometric_calibration(session),
+    )
     valid_share = float(correspondence.valid.mean())
     if valid_share < _LEAST_VALID_SHARE:
         raise CalibrationError(
@@ -166,33 +182,97 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("decode", 2, 2)
 
 
-def _decode(gray: Step, session: Session, projector_shape: tuple[int, int]) -> Correspondence:
-    radiometric = load_radiometric_calibration(session)
-    code = find_code(session.profile.patterns.code)
+def read_code(
+    code: StructuredLightCode,
+    frame: Callable[[str], NDArray[np.uint16]],
+    projector_shape: tuple[int, int],
+    radiometric: RadiometricCalibration,
+) -> Correspondence:
+    """Find the projector pixel that each camera pixel sees, to whole pixels where the code is one of whole pixels.
+
+    Parameters
+    ----------
+    code
+        That was shown.
+    frame
+        Gives the (H, W, B) frame of a pattern, of `white` and of `black`. [dn]
+    projector_shape
+        (height, width) that the patterns were made for. [px]
+    radiometric
+        Noise, saturation and response of the camera.
+
+    Raises
+    ------
+    CalibrationError
+        If frames are missing or their shapes differ, or one is stale: it shows another picture than it should.
+    """
     names = code.pattern_names(projector_shape)
-    white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
-    limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
-    saturation: float = radiometric.saturation_dn * white.shape[2]
-    read: Callable[[NDArray[np.uint16]], Frame] = partial(_grey, radiometric=radiometric)
+    flats = frame("white"), frame("black")
+    table = radiometric.table()
+    in_light = _Reading.of(flats, partial(_light, table=table), radiometric, table)
     if not _has_inverses(names):
-        table = radiometric.table()
-        read = partial(_light, table=table)
-        limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
-        saturation = float(table[radiometric.saturation_dn]) * white.shape[2]
-    return code.decode(
-        {name: read(gray.load_frame(frame_name(name)).pixels) for name in names},
-        projector_shape,
-        white=read(white),
-        black=read(black),
-        noise_limit=limit,
-        saturation=saturation,
-    )
+        return in_light.decode(code, {name: in_light.read(frame(name)) for name in names}, projector_shape)
+    in_dn = _Reading.of(flats, partial(_grey, radiometric=radiometric), radiometric)
+    some = (slice(None, None, max(1, flats[0].shape[0] // _ROWS_HELD)),) * 2
+    frames, thinned = dict[str, Frame](), {"white": in_light.white[some], "black": in_light.black[some]}
+    for name in names:
+        pixels = frame(name)
+        frames[name], thinned[name] = in_dn.read(pixels), in_light.read(pixels[some])
+    refuse_stale_frames(thinned, in_light.noise_limit[some], in_light.saturation)
+    return in_dn.decode(code, frames, projector_shape)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Reading:
+    """Frames (H, W, B) as a decoder takes them, (H, W), in a unit."""
+
+    read: Callable[[NDArray[np.uint16]], Frame]
+    white: Frame
+    black: Frame
+    noise_limit: NDArray[np.float64]
+    saturation: float
+
+    @classmethod
+    def of(
+        cls,
+        flats: tuple[NDArray[np.uint16], NDArray[np.uint16]],
+        read: Callable[[NDArray[np.uint16]], Frame],
+        radiometric: RadiometricCalibration,
+        table: Float32Array | None = None,
+    ) -> _Reading:
+        """Return how frames are read: in digital numbers, or in the light that a table gives for each."""
+        white, black = flats
+        limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
+        saturation: float = radiometric.saturation_dn
+        if table is not None:
+            limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
+            saturation = float(table[radiometric.saturation_dn])
+        return cls(
+            read=read,
+            white=read(white),
+            black=read(black),
+            noise_limit=limit,
+            saturation=saturation * white.shape[2],
+        )
+
+    def decode(
+        self, code: StructuredLightCode, frames: Mapping[str, Frame], projector_shape: tuple[int, int]
+    ) -> Correspondence:
+        """Decode frames that were read so."""
+        return code.decode(
+            frames,
+            projector_shape,
+            white=self.white,
+            black=self.black,
+            noise_limit=self.noise_limit,
+            saturation=self.saturation,
+        )
 
 
 def _has_inverses(names: Sequence[str]) -> bool:
     """Tell whether each picture is held against its inverse, so that any response of the camera will do."""
     known = set(names)
-    return all(name.endswith("-inverse") or f"{name}-inverse" in known for name in names)
+    return all(name.endswith(_INVERSE) or f"{name}{_INVERSE}" in known for name in names)
 
 
 def _light(pixels: NDArray[np.uint16], table: Float32Array) -> Float32Array:

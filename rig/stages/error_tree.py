@@ -16,4 +16,7 @@ def one_error_tree() -> Iterator[None]:
     try:
         yield
     except (CalibrationError, SimulationError) as error:
-        raise CalibrationFailed(str(error)) from error
+        failed = CalibrationFailed(str(error))
+        for note in getattr(error, "__notes__", ()):
+            failed.add_note(note)
+        raise failed from error

@@ -188,10 +188,10 @@ def channel_light(responses: Sequence[Response], codes: Codes) -> Float32Array:
     return np.stack([linear_from_codes(response, channels[..., q]) for q, response in enumerate(responses)], axis=-1)
 
 
-def channel_codes(responses: Sequence[Response], linear: FloatArray, seed: int) -> Codes:
-    """Codes of linear light (H, W, C), dithered: (H, W) of one channel, else (H, W, C)."""
+def channel_codes(responses: Sequence[Response], linear: FloatArray, seed: int | None) -> Codes:
+    """Codes of linear light (H, W, C), dithered if a seed is given: (H, W) of one channel, else (H, W, C)."""
     codes = [
-        codes_from_linear(response, linear[..., q], dither_seed=seed + _SEEDS_APART * q)
+        codes_from_linear(response, linear[..., q], dither_seed=None if seed is None else seed + _SEEDS_APART * q)
         for q, response in enumerate(responses)
     ]
     return one_or_all(np.stack(codes, axis=-1))

@@ -15,12 +15,13 @@ from calibration.light import faces as walls
 from calibration.light.open_wall import ANOTHER_PICTURE, estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
-from rig.files.channels import image_of, layers
+from rig.files.channels import bands_of, image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import GeometryRecord, load_geometry
+from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import (
     ColouredRoom,
@@ -42,6 +43,7 @@ from rig.stages.scene_model import (
     white_irradiance,
     with_even_return,
 )
+from rig.stages.separation import projector_blur_px2
 from rig.terminal import OnStep
 from sim.form_factors import form_factors
 from sim.geometry.optics import project
@@ -57,8 +59,6 @@ _LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
-_SMOOTHING_SHARE = 0.003
-"""Spread of the smoothing of the global share, of the picture's width."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +128,7 @@ class FittedScene:
     white: FloatArray
     """(H, W, B) light of projector white."""
     white_variance: FloatArray
+    uncertainty: LightUncertainty
     global_error: float
     """Relative standard deviation of what the patches make of global light."""
 
@@ -171,7 +172,7 @@ def model_settings(session: Session) -> JsonObject:
     return {
         "patch_size_m": profile.box.patch_size_m,
         "target_white_share": profile.brightness.target_white_share,
-        "smoothing_share": _SMOOTHING_SHARE,
+        "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
         "global_gain": "of white",
         "blur": "of both lenses",
@@ -208,13 +209,9 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
 def _light(session: Session) -> tuple[list[_BandLight], BoolArray]:
     """The light of white in each band, and where it is valid."""
     image = session.finished("separation").load_image("separation")
-    direct, global_, white = (_by_band(image_of(image, name)) for name in ("direct", "global", "white"))
+    direct, global_, white = (bands_of(image_of(image, name)) for name in ("direct", "global", "white"))
     bands = [_BandLight(*parts) for parts in zip(direct, global_, white, strict=True)]
     return bands, load_correspondence(session).valid & (image["valid"] > 0)
-
-
-def _by_band(image: NDArray[np.float32]) -> list[NDArray[np.float32]]:
-    return [np.ascontiguousarray(image[..., b]) for b in range(image.shape[-1])]
 
 
 def _bare_geometry(record: GeometryRecord, patch_size_m: float) -> _Geometry:
@@ -239,7 +236,7 @@ def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> F
     """
     share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
     face = face_of_pixels(camera_hits, lit.shape)
-    return walls.smoothed_along_faces(share, lit, face, _SMOOTHING_SHARE) * light.white
+    return walls.smoothed_along_faces(share, lit, face, SMOOTHING_SHARE) * light.white
 
 
 def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
@@ -248,7 +245,7 @@ def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> 
     face = face_of_pixels(scene_model.camera_hits, lit.shape)
     known = lit & (modelled > 0)
     ratio = np.where(known, (light.white - direct_of_white) / np.where(known, modelled, 1.0), 1.0)
-    return np.where(lit, walls.smoothed_along_faces(ratio, lit, face, _SMOOTHING_SHARE), 1.0)
+    return np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE), 1.0)
 
 
 def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
@@ -348,14 +345,20 @@ def _scene_models(
     blur = session.finished("separation").load_image("blur")
     xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
-    factors, emission = form_factors(scene), unit_emission(scene, geometry.projector)
-    hits = cast_pixels(scene, geometry.projector)
+    factors = form_factors(scene)
+    projector = PosedProjector(
+        device=geometry.projector,
+        hits=cast_pixels(scene, geometry.projector),
+        flux=1.0,
+        unit_emission=unit_emission(scene, geometry.projector),
+        blur_variance_px2=projector_blur_px2(session),
+    )
     return [
         SceneModel(
             scene=scene.with_reflectance(np.array(band.reflectance)),
             form_factors=with_even_return(factors, band.returned_share),
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
-            projectors={pair.projector: PosedProjector(geometry.projector, hits, flux, emission)},
+            projectors={pair.projector: replace(projector, flux=flux)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
         )
         for (band, flux), gain in zip(surfaces, gains, strict=True)
@@ -376,7 +379,7 @@ def load_model_record(session: Session) -> ModelRecord:
 def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
     record, maps = load_model_record(session), session.finished("model").load_image("direct-gain")
     light = session.finished("separation").load_image("separation")
-    gains, ratios = (_exact_by_band(image_of(maps, name)) for name in ("gain", "global_gain"))
+    gains, ratios = (bands_of(image_of(maps, name).astype(np.float64)) for name in ("gain", "global_gain"))
     models = _read_scene_models(session, record, gains)
     bands = tuple(model.with_global_gain(ratio) for model, ratio in zip(models, ratios, strict=True))
     return FittedScene(
@@ -385,12 +388,9 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         lit=maps["lit"] > 0,
         white=image_of(light, "white").astype(np.float64),
         white_variance=image_of(light, "white_variance").astype(np.float64),
+        uncertainty=light_uncertainty(session),
         global_error=max(float(np.hypot(b.global_rms, ANOTHER_PICTURE * (b.returned_share > 0))) for b in record.bands),
     )
-
-
-def _exact_by_band(image: NDArray[np.float32]) -> list[FloatArray]:
-    return [image[..., b].astype(np.float64, order="C") for b in range(image.shape[-1])]
 
 
 def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatArray]) -> list[SceneModel]:

@@ -10,13 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from calibration.geometry.pinhole import PinholeModel
 from rig.stages.correspondence import DevicePair, only
+from rig.stages.maps.sampling import sample, sample_bands
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at
@@ -170,7 +170,7 @@ class PosedCamera:
     hits: PixelHits
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class PosedProjector:
     """A projector in the scene."""
 
@@ -180,6 +180,8 @@ class PosedProjector:
     """κ."""
     unit_emission: csr_array
     """(P, n pixels) of :func:`unit_emission`."""
+    blur_variance_px2: FloatArray | None = None
+    """(height, width) of its own lens, at its pixels; None: no blur."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,19 +265,30 @@ class SceneModel:
         seen = sample(self.seen_reflectance.reshape(self.camera.lens.shape), self.camera_xy_px)
         return gain, seen
 
-    @cached_property
-    def blur_variance_px2(self) -> FloatArray | None:
-        """(height, width, 2) of the projector picture as the camera sees it, as :class:`PictureBlur` has it.
+    @property
+    def seen_blur(self) -> FloatArray | None:
+        """(height, width, 2) variance of the projector picture as the camera sees it, as :class:`PictureBlur` has it.
 
-        A camera pixel takes its light from four projector pixels, which is a blur already; what is unseen is as
-        blurred as the median.
+        What is unseen is as blurred as the median.
         """
+        return None if self._footprint_px2 is None else _beyond_four_pixels(self._footprint_px2)
+
+    @property
+    def camera_blur(self) -> FloatArray | None:
+        """The same of the camera alone: what it makes of a picture that is sharp on the wall."""
+        own = only(self.projectors).blur_variance_px2
+        if self._footprint_px2 is None or own is None:
+            return None
+        return _beyond_four_pixels(self._footprint_px2 - own[..., None])
+
+    @cached_property
+    def _footprint_px2(self) -> FloatArray | None:
+        """(height, width, 2) variance of what camera pixels see of the picture, beside its square pixels."""
         if self.light.variance_px2 is None:
             return None
         known = sample_bands(np.nan_to_num(self.light.variance_px2), self.camera_xy_px)
         known = np.where(np.isfinite(known), known, np.nanmedian(known, axis=0))
-        beyond = np.maximum(known + SQUARE_PIXEL_PX2 - FOUR_PIXELS_PX2, 0.0)
-        return np.asarray(beyond.reshape(*self.projector.lens.shape, 2))
+        return np.asarray(known.reshape(*self.projector.lens.shape, 2))
 
     @cached_property
     def active(self) -> BoolArray:
@@ -283,6 +296,11 @@ class SceneModel:
         gain, seen = self.projector_pixel_gains
         known = np.isfinite(gain) & np.isfinite(seen)
         return np.asarray(known & (np.where(known, gain, 0) > LEAST_GAIN * np.median(gain[known])))
+
+
+def _beyond_four_pixels(variance_px2: FloatArray) -> FloatArray:
+    """A camera pixel takes its light from four projector pixels, which is a blur already."""
+    return np.maximum(variance_px2 + SQUARE_PIXEL_PX2 - FOUR_PIXELS_PX2, 0.0)
 
 
 def camera_view(scene_model: SceneModel, active: BoolArray) -> LightTransport:
@@ -296,7 +314,8 @@ def camera_view(scene_model: SceneModel, active: BoolArray) -> LightTransport:
     seen = np.where(hits.patch < 0, 0.0, np.where(np.isfinite(measured), measured, own))
     direct = _direct_light(scene_model)
     view = smooth_view(scene_model.scene, hits, seen)
-    return _transport(scene_model, active, csr_array(direct[:, np.flatnonzero(active)]), view)
+    chosen = csr_array(direct[:, np.flatnonzero(active)])
+    return _transport(scene_model, active, chosen, view, variance_px2=scene_model.seen_blur)
 
 
 def _direct_light(scene_model: SceneModel) -> csr_array:
@@ -312,11 +331,18 @@ def _direct_light(scene_model: SceneModel) -> csr_array:
 
 
 def projector_view(scene_model: SceneModel, active: BoolArray) -> LightTransport:
-    """Return T from the active projector pixels to what the camera sees at each of them: direct part diagonal."""
+    """Return T from the active projector pixels to the wall at each of them, in camera values: direct part diagonal.
+
+    Its blur is the projector's alone: the picture is wanted on the wall, and what the camera's lens makes of it is no
+    fault of it.
+    """
     gain, seen = scene_model.projector_pixel_gains
     view = smooth_view(scene_model.scene, scene_model.projector_hits.hits, np.where(active, seen, 0.0))
     chosen = np.flatnonzero(active)
-    return _transport(scene_model, active, csr_array(diags_array(gain[chosen])), csr_array(view[chosen]))
+    own = only(scene_model.projectors).blur_variance_px2
+    variance = None if own is None else np.repeat(own[..., None], 2, axis=-1)
+    direct = csr_array(diags_array(gain[chosen]))
+    return _transport(scene_model, active, direct, csr_array(view[chosen]), variance_px2=variance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,42 +371,28 @@ class ColouredRoom:
         return only(self.camera_transports)
 
     @cached_property
+    def camera_blur(self) -> PictureBlur | None:
+        """What the camera's own lens and pixels make of a picture of the steered pixels that is sharp on the wall."""
+        variance = self.bands[0].camera_blur
+        return None if variance is None else PictureBlur(variance_px2=variance, chosen=self.active)
+
+    def through_camera(self, picture: FloatArray) -> FloatArray:
+        """Return (n, B) a picture on the wall, at the steered pixels, as the camera's own blur lets it see it."""
+        return picture if self.camera_blur is None else self.camera_blur.apply(picture)
+
+    @cached_property
     def projector_transport(self) -> ColourTransport:
-        """T from the active projector pixels to what the camera sees at each of them."""
+        """T from the active projector pixels to the wall at each of them."""
         return ColourTransport([projector_view(scene_model, self.active) for scene_model in self.bands], self.mixing)
 
 
-def sample_bands(image: FloatArray, xy_px: FloatArray) -> FloatArray:
-    """Return (N, B) samples of an image (H, W, B), as :func:`sample` takes them."""
-    return np.stack([sample(image[..., b], xy_px) for b in range(image.shape[-1])], axis=-1)
-
-
-def sample(image: FloatArray, xy_px: FloatArray) -> FloatArray:
-    """Return (N,) bilinear samples; NaN where a point is outside or touches a pixel that is 0 or NaN."""
-    usable = np.isfinite(image) & (image != 0)
-    xy = np.where(np.isfinite(xy_px), xy_px, -10.0).astype(np.float32)
-    x, y = (np.ascontiguousarray(xy[None, :, k]) for k in (0, 1))
-    values = _remap(np.where(usable, image, 0.0), x, y)
-    whole = _remap(usable.astype(np.float64), x, y) > 1 - 1e-6
-    return np.where(whole, values, np.nan)
-
-
-def _remap(image: FloatArray, x: NDArray[np.float32], y: NDArray[np.float32]) -> FloatArray:
-    # OpenCV's remap takes at most 32,767 columns.
-    step = 30_000
-    parts = [
-        cv2.remap(image.astype(np.float32), x[:, k : k + step], y[:, k : k + step], cv2.INTER_LINEAR)[0]
-        for k in range(0, x.shape[1], step)
-    ]
-    return np.concatenate(parts).astype(np.float64)
-
-
-def _transport(scene_model: SceneModel, active: BoolArray, direct: csr_array, view: csr_array) -> LightTransport:
+def _transport(
+    scene_model: SceneModel, active: BoolArray, direct: csr_array, view: csr_array, *, variance_px2: FloatArray | None
+) -> LightTransport:
     chosen = np.flatnonzero(active)
     projector, scene = only(scene_model.projectors), scene_model.scene
     emission = diags_array(scene.reflectance * projector.flux) @ projector.unit_emission[:, chosen]
     radiosity = Radiosity(scene_model.form_factors, scene.reflectance, solver="repeated")
     patch, xy_px = projector.hits.hits.patch[chosen], projector.device.lens.pixel_grid()[chosen]
-    variance = scene_model.blur_variance_px2
-    blur = None if variance is None else PictureBlur(variance_px2=variance, chosen=active)
+    blur = None if variance_px2 is None else PictureBlur(variance_px2=variance_px2, chosen=active)
     return LightTransport(direct, csr_array(emission), radiosity, view, pixel_patch=patch, pixel_xy_px=xy_px, blur=blur)

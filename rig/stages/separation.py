@@ -7,18 +7,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, white_share
+from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, footprint_map, variance_sigma_map
+from calibration.light.check_size import blur_of_picture_px, check_size_px, stripes_that_tell
 from calibration.light.separation import Separation, separate, separate_by_pattern
+from calibration.light.two_level import white_share
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat
 from rig.capture.rig import Rig
 from rig.files.channels import layers
+from rig.plug_ins import find_code
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import BoolArray, Float32Array, LightImage, merge_exposures
-from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.linear_light import BoolArray, Float32Array, FloatArray, LightImage, merge_exposures
+from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
@@ -48,6 +51,11 @@ class SeparationRecord(Record):
 
     projector_blur: BlurRecord
     camera_blur: BlurRecord
+    checker_size_px: int
+    """Of the checks that were shown: what the profile says, unless that is too fine for the blur."""
+    stripes_blur_px: float | None
+    """By stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
+    None for a code without such stripes."""
     blur_rms: float
     """What the blurred pattern leaves of a pixel's light, as a share of its direct light."""
 
@@ -60,8 +68,8 @@ def separation_settings(session: Session) -> JsonObject:
     patterns = session.profile.patterns
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
-        "by": "weighted regression on the blurred pattern, places too",
-        "checker": [patterns.checker_size_px, patterns.checker_shifts],
+        "by": "weighted regression on the blurred pattern, places too, with variances",
+        "checker": [patterns.checker_size_px, patterns.checker_shifts, "larger where stripes are blurred"],
     }
 
 
@@ -72,7 +80,9 @@ def separation_frames(profile: Profile) -> int:
 
 def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `separation`: photograph white and the checkers, and split white into direct and global light."""
-    shape, size_px = rig.projector.shape, rig.profile.patterns.checker_size_px
+    shape, blur_px = rig.projector.shape, _blur_of_stripes(session)
+    size_px = check_size_px(rig.profile.patterns.checker_size_px, blur_px or 0.0, shape)
+    _say(size_px, blur_px, rig.profile, on_step)
     bracket = measuring_bracket(session, repeats=1)
     white_bracket = ExposureBracket(bracket.exposures_s, _WHITE_REPEATS)
     checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
@@ -85,7 +95,31 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
     _save(step, white, bright, known)
     step.save_image("blur", _blur_maps(spread, load_correspondence(session), known), folder="maps")
-    step.save_record("separation", _record(spread, bright, known))
+    step.save_record("separation", _record(spread, bright, known, checks=(size_px, blur_px)))
+
+
+def _blur_of_stripes(session: Session) -> float | None:
+    """How blurred stripes of the code are; None where it has none along both axes."""
+    stripes = stripes_that_tell(
+        list(find_code(session.profile.patterns.code).patterns(session.profile.projector.shape))
+    )
+    if not stripes:
+        return None
+    gray, radiometric = session.finished("gray"), load_radiometric_calibration(session)
+    table = radiometric.table()
+    white, black = (gray.load_frame(frame_name(name)).pixels for name in ("white", "black"))
+    dark, correspondence = table[black].mean(axis=-1), load_correspondence(session)
+    bright = np.asarray(table[white].mean(axis=-1) - dark)
+    lit = _is_lit(bright) & (white < radiometric.saturation_dn).all(axis=-1)
+    frames = [table[gray.load_frame(frame_name(each.name)).pixels].mean(axis=-1) - dark for each in stripes]
+    spread = fit_point_spread(frames, [each.codes for each in stripes], correspondence, lit)
+    return blur_of_picture_px(spread, correspondence, lit)
+
+
+def _say(size_px: int, blur_px: float | None, profile: Profile, on_step: OnStep) -> None:
+    """Tell that checks are larger than was asked for."""
+    if size_px != profile.patterns.checker_size_px:
+        on_step(f"checks of {size_px} px, for the picture is blurred by {blur_px:.1f} px", 1, 1)
 
 
 def _told(names: Sequence[str], on_step: OnStep) -> Iterator[str]:
@@ -112,7 +146,9 @@ def _save(step: Step, white: LightImage, bright: Separation, known: Separation) 
     )
 
 
-def _record(spread: PointSpread, bright: Separation, known: Separation) -> SeparationRecord:
+def _record(
+    spread: PointSpread, bright: Separation, known: Separation, *, checks: tuple[int, float | None]
+) -> SeparationRecord:
     valid = known.valid.all(axis=-1)
     extremes, direct = (found.direct.mean(axis=-1) for found in (bright, known))
     lit = valid & (direct > _LIT_SHARE * np.median(direct[valid]))
@@ -121,6 +157,8 @@ def _record(spread: PointSpread, bright: Separation, known: Separation) -> Separ
         extremes_over_known_pattern=float(np.median(extremes[lit] / direct[lit])),
         projector_blur=_blur_record(spread.projector, sigmas[0]),
         camera_blur=_blur_record(spread.camera, sigmas[4]),
+        checker_size_px=checks[0],
+        stripes_blur_px=checks[1],
         blur_rms=spread.rms,
     )
 
@@ -139,18 +177,21 @@ def _blur_record(blur: LensBlur, variance_sigma_px2: float) -> BlurRecord:
 
 def _blur_maps(spread: PointSpread, correspondence: Correspondence, known: Separation) -> dict[str, Float32Array]:
     """What each camera pixel sees of the projector picture: where, how wide, how much of white, how well separated."""
-    if known.projector_xy_px is None or known.variance is None:
+    if known.projector_xy_px is None or known.variance is None or known.place_variance_px2 is None:
         raise ValueError("a separation by the known pattern has places and variances")
     finer = replace(correspondence, projector_xy_px=known.projector_xy_px)
     seen = footprint_map(spread, finer)
-    variance = known.variance.mean(axis=-1)
+    sigma = variance_sigma_map(spread, finer).astype(np.float32)
     return {
         "column": known.projector_xy_px[..., 0],
         "row": known.projector_xy_px[..., 1],
         "variance_x": seen.variance_px2[..., 0].astype(np.float32),
         "variance_y": seen.variance_px2[..., 1].astype(np.float32),
         "white_share": white_share(seen, correspondence.projector_shape).astype(np.float32),
-        "direct_variance": np.where(np.isfinite(variance), variance, 0.0).astype(np.float32),
+        "variance_sigma_x": sigma[..., 0],
+        "variance_sigma_y": sigma[..., 1],
+        "place_variance": known.place_variance_px2,
+        **layers("direct_variance", np.where(np.isfinite(known.variance), known.variance, 0.0)),
     }
 
 
@@ -174,7 +215,11 @@ def _separated(
 def _lit(white: LightImage) -> BoolArray:
     """(H, W) pixels that tell of the blur: not clipped, and not the darkest."""
     grey = white.value.mean(axis=-1)
-    return np.asarray(~white.any_saturated & (grey > _LIT_SHARE * np.quantile(grey, 0.9)))
+    return np.asarray(~white.any_saturated & _is_lit(grey))
+
+
+def _is_lit(white: Float32Array) -> BoolArray:
+    return np.asarray(white > _LIT_SHARE * np.quantile(white, 0.9))
 
 
 def _joined(bands: Sequence[Separation]) -> Separation:
@@ -186,4 +231,18 @@ def _joined(bands: Sequence[Separation]) -> Separation:
         valid=np.stack([band.valid for band in bands], axis=-1),
         variance=np.stack(variances, axis=-1) if variances else None,
         projector_xy_px=bands[0].projector_xy_px,
+        place_variance_px2=bands[0].place_variance_px2,
     )
+
+
+def load_separation_record(session: Session) -> SeparationRecord:
+    """Return the numbers of the finished step `separation`."""
+    return session.finished("separation").load_record("separation", SeparationRecord)
+
+
+def projector_blur_px2(session: Session) -> FloatArray:
+    """Return (height, width) the variance of the projector's own blur at its pixels, as `separation` found it."""
+    height, width = shape = session.profile.projector.shape
+    blur = LensBlur(shape, load_separation_record(session).projector_blur.variance_px2)
+    xy_px = np.stack(np.meshgrid(np.arange(width), np.arange(height)), axis=-1).astype(np.float64)
+    return np.maximum(blur.variance_px2(xy_px), 0.0)

@@ -17,12 +17,12 @@ from rig.run.session import OpenSession
 from rig.session import Session, Step
 from rig.stages.compensation import measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
+from rig.stages.maps.sampling import sample_bands
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
-from rig.stages.prediction import JudgedPixels, judged_pixels, wanted_light, whole_picture
+from rig.stages.prediction import JUDGED, JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
-from rig.stages.scene_model import sample_bands
 from rig.stages.target import Target, check_strategies
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
@@ -40,6 +40,8 @@ NEIGHBOURHOOD_PX = 9
 """Side of the square over which a residual is held against its noise."""
 SIGMAS = 2.0
 """The error has fallen when it is lower by so many standard deviations of its noise."""
+_NO_BETTER = ("no better than capture {}", "better than capture {} by less than its noise")
+"""Why a loop ends: the last capture was not lower than the best before, or was, by little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +159,7 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
         "rule": loop.rule,
         "captures": loop.captures,
         "target_sha256": target.sha256,
+        "judged": JUDGED,
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
     }
@@ -194,11 +197,14 @@ def _closed(
         photograph(work.rig(), work.session, step, [pattern], bracket=shot, n_patterns=1, on_step=silent)
         light = merge_exposures(step, pattern.name, shot, room.radiometric)
         errors.append(room.judged_light(light))
-        if not _falls(errors, best):
-            stopped = f"capture {number} was no better than capture {best + 1}"
+        before, goes_on = best, _falls(errors, best)
+        if number == 1 or errors[-1].mean < errors[best].mean:
+            best = number - 1
+            _keep(step, codes, image, room=room, light=light)
+        if not goes_on:
+            by_little = best > before
+            stopped = f"capture {number} was {_NO_BETTER[by_little].format(before + 1)}"
             break
-        best = number - 1
-        _keep(step, codes, image, room=room, light=light)
         image = corrected(room, loop, image, _seen(room, codes, light))
     on_step(f"closed loop: {loop.strategy}", loop.captures, loop.captures)
     damping = room.damping if loop.rule == "image" else 1.0
@@ -240,7 +246,8 @@ def _by_image(room: ControlledScene, _strategy: str, image: FloatArray, seen: Ca
     References: Nayar, Peri, Grossberg and Belhumeur, A projection system with radiometric compensation for screen
     imperfections, PROCAMS 2003; here with a damping w that interreflection asks for, and that keeps noise down.
     """
-    residual = np.where(np.isfinite(seen.light), room.wanted - seen.light, 0.0)
+    wanted = room.model.room.through_camera(room.wanted)
+    residual = np.where(np.isfinite(seen.light), wanted - seen.light, 0.0)
     return np.asarray(np.clip(image + room.operator.divide_by_direct(room.damping * residual), 0.0, 1.0))
 
 
@@ -249,7 +256,7 @@ def _by_model(room: ControlledScene, strategy: str, _image: FloatArray, seen: Ca
 
     What the range clips is predicted as clipped, so it is no error of the model and does not wind up.
     """
-    expected = room.transport.forward(seen.projected)
+    expected = room.model.room.through_camera(room.transport.forward(seen.projected))
     error = trusted(room, seen.light - expected, seen.variance)
     return room.solved(strategy, room.wanted - error).projector_image
 

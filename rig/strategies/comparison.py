@@ -22,7 +22,7 @@ from rig.stages.compensation import solve, versions_of
 from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
-from rig.stages.prediction import predict
+from rig.stages.prediction import JUDGED, predict
 from rig.stages.radiometry import measuring_bracket
 from rig.stages.target import check_strategies
 from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
@@ -119,6 +119,7 @@ def picture_step(
     """A step for pictures of strategies for one target, which it keeps as its image ``target``."""
     settings = {
         "target_sha256": picture.target.sha256,
+        "judged": JUDGED,
         "versions": versions_of(names),
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,

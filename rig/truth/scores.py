@@ -10,7 +10,10 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rig.capture.rig import Rig
-from rig.devices.simulated.devices import SimulatedCamera, simulated_worlds_of
+from rig.devices.simulated.devices import SimulatedCamera
+from rig.devices.simulated.mesh.world import MeshWorld
+from rig.devices.simulated.pair import SimulatedPair
+from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.devices.simulated.room import reflectance_at
 from rig.devices.simulated.world import SimulatedWorld
 from rig.files.channels import image_of
@@ -22,7 +25,7 @@ from rig.truth.transport import ground_truth_mixing
 from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
-Worlds = tuple[SimulatedWorld, ...]
+Worlds = tuple[SimulatedPair, ...]
 """One simulated world in each band of its camera."""
 
 
@@ -90,7 +93,7 @@ class _PoseErrors:
     focal_percent: float
 
 
-def _pose_errors(world: SimulatedWorld, camera: PosedLens, projector: PosedLens) -> _PoseErrors:
+def _pose_errors(world: SimulatedPair, camera: PosedLens, projector: PosedLens) -> _PoseErrors:
     """Pose of the camera relative to the projector, independent of how the room's frame was found."""
     found_rotation = projector.pose.rotation @ camera.pose.rotation.T
     true_rotation = world.projector.rotation @ world.camera.rotation.T
@@ -108,17 +111,25 @@ def _pose_errors(world: SimulatedWorld, camera: PosedLens, projector: PosedLens)
     )
 
 
-def _to_world(world: SimulatedWorld, projector: PosedLens, points_m: FloatArray) -> FloatArray:
+def _to_world(world: SimulatedPair, projector: PosedLens, points_m: FloatArray) -> FloatArray:
     """Model points into the simulated world's room by way of the projector, which both know."""
     local = points_m @ projector.pose.rotation.T + projector.pose.translation_m
     return np.asarray(local @ world.projector.rotation + world.projector.position_m)
 
 
-def _surface_error_mm(world: SimulatedWorld, model: FittedScene) -> float:
-    points = model.scene_model.camera_hits.points_m[model.lit.ravel()][::37]
-    there = _to_world(world, model.scene_model.projector, points[np.isfinite(points).all(axis=1)])
-    distances = np.stack([np.abs(there[:, wall.axis] - wall.position_m) for wall in world.room.walls])
-    return 1000 * float(np.median(distances.min(axis=0)))
+def _surface_error_mm(world: SimulatedPair, model: FittedScene) -> float:
+    """Median distance of the model's points from the true surface: a box's nearest wall, else where the pixel looks."""
+    seen = model.lit.ravel()
+    points = model.scene_model.camera_hits.points_m[seen][::37]
+    finite = np.isfinite(points).all(axis=1)
+    there = _to_world(world, model.scene_model.projector, points[finite])
+    if isinstance(world, SimulatedWorld):
+        distances = np.stack([np.abs(there[:, wall.axis] - wall.position_m) for wall in world.room.walls])
+        return 1000 * float(np.median(distances.min(axis=0)))
+    true, normals = (
+        part.reshape(-1, 3)[seen][::37][finite] for part in (world.surface.points_m, world.surface.normals)
+    )
+    return 1000 * float(np.nanmedian(np.abs(np.einsum("ij,ij->i", there - true, normals))))
 
 
 def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Sequence[int]]) -> tuple[float, float]:
@@ -137,8 +148,8 @@ def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Se
     return rms(known), rms(measured)
 
 
-def ground_truth_reflectance(world: SimulatedWorld, scene: Scene, projector: PosedLens, samples: int = 5) -> FloatArray:
-    """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world is open.
+def ground_truth_reflectance(world: SimulatedPair, scene: Scene, projector: PosedLens, samples: int = 5) -> FloatArray:
+    """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world has nothing there.
 
     Of which wall a patch is, its place tells, not its name: a room that was measured has its own corner as origin.
     """
@@ -150,14 +161,32 @@ def ground_truth_reflectance(world: SimulatedWorld, scene: Scene, projector: Pos
         v = (row[:, None, None] + share[None, None, :]) / face.rows
         points = face.points(*np.broadcast_arrays(u, v))
         there = _to_world(world, projector, points.reshape(-1, 3)).reshape(points.shape)
-        size = np.array(world.settings.size_m)
-        beside = np.abs(np.concatenate([there, there - size], axis=-1)).mean(axis=(0, 1, 2))
-        axis, side = int(np.argmin(beside)) % 3, int(np.argmin(beside)) // 3
-        wall = _wall_at(world, axis, side * size[axis])
-        if wall is not None:
-            inside = np.clip(there, 0, size)
-            values[face.patches] = reflectance_at(world.room, wall, inside).mean(axis=(1, 2))
+        if isinstance(world, MeshWorld):
+            inwards = _to_world(world, projector, face.normal[None]) - _to_world(world, projector, np.zeros((1, 3)))
+            values[face.patches] = _mean_known(world.reflectance_near(there.reshape(-1, 3), inwards[0]), face.n_patches)
+        elif isinstance(world, SimulatedWorld):
+            values[face.patches] = _box_reflectance(world, there)
     return values
+
+
+def _mean_known(values: FloatArray, n_patches: int) -> FloatArray:
+    """(P,) means of (P · samples) values; NaN where less than half of them are known."""
+    each = values.reshape(n_patches, -1)
+    known = np.isfinite(each)
+    means = np.where(known, each, 0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return np.where(known.mean(axis=1) >= 0.5, means, np.nan)
+
+
+def _box_reflectance(world: SimulatedWorld, there: FloatArray) -> FloatArray | float:
+    """(P,) means over samples of one face's patches, (P, n, n, 3) points; NaN where the box is open."""
+    size = np.array(world.settings.size_m)
+    beside = np.abs(np.concatenate([there, there - size], axis=-1)).mean(axis=(0, 1, 2))
+    axis, side = int(np.argmin(beside)) % 3, int(np.argmin(beside)) // 3
+    wall = _wall_at(world, axis, side * size[axis])
+    if wall is None:
+        return np.nan
+    inside = np.clip(there, 0, size)
+    return np.asarray(reflectance_at(world.room, wall, inside).mean(axis=(1, 2)))
 
 
 def _wall_at(world: SimulatedWorld, axis: int, position_m: float) -> int | None:
@@ -187,7 +216,7 @@ def _separation_biases(worlds: Worlds, session: Session, model: FittedScene) -> 
     return direct_bias, global_bias
 
 
-def _true_light_of_white(world: SimulatedWorld, model: FittedScene) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+def _true_light_of_white(world: SimulatedPair, model: FittedScene) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Direct and global light of white above black, at the lit pixels."""
     white, black = (world.light(np.full(world.projector.shape, code, np.uint8)) for code in (255, 0))
     direct = ((white.direct - black.direct) * world.vignetting)[model.lit]

@@ -13,11 +13,20 @@ from numpy.typing import NDArray
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csr_array, diags_array
 
-from rig.devices.simulated.optics import directions, flux_density, pixels_of, relative_illumination
+from rig.devices.simulated.optics import (
+    blur_variance_px2,
+    directions,
+    flux_density,
+    pixels_of,
+    relative_illumination,
+)
+from rig.devices.simulated.pair import SeenLight, SimulatedPair, pixel_grid
 from rig.devices.simulated.room import SimulatedRoom, interpolation, reflectance_at, trace
-from rig.devices.simulated.world import SeenLight, SimulatedWorld, pixel_grid
+from rig.devices.simulated.world import SimulatedWorld
+from rig.errors import ProfileError
 from rig.stages.model import FittedScene
 from sim.light.colour import ColourTransport
+from sim.light.picture_blur import PictureBlur
 from sim.light.transport import LightTransport
 
 FloatArray = NDArray[np.float64]
@@ -58,16 +67,23 @@ class CellRadiosity:
         return np.asarray(solved, dtype=np.float64)
 
 
-def ground_truth_transport(worlds: Sequence[SimulatedWorld], model: FittedScene) -> ColourTransport:
+def ground_truth_transport(worlds: Sequence[SimulatedPair], model: FittedScene) -> ColourTransport:
     """Return T of the simulated world from the model's steered pixels to what the camera sees there.
 
-    It is in the session's unit. Lens blur is left out, as in the model's own view: T's direct part is diagonal.
+    It is in the session's unit, and of light on the wall: of lens blur it has the projector's alone, as the model's own
+    view.
+    Raises ProfileError of a world that is no box.
     """
-    bands = [_true_band(world, model, b) for b, world in enumerate(worlds)]
+    boxes = [world for world in worlds if isinstance(world, SimulatedWorld)]
+    if len(boxes) < len(worlds):
+        raise ProfileError(
+            "simulation.scene: what knowing the world would give is there for boxes only; leave out --oracle"
+        )
+    bands = [_true_band(world, model, b) for b, world in enumerate(boxes)]
     return ColourTransport(bands, ground_truth_mixing(worlds))
 
 
-def ground_truth_mixing(worlds: Sequence[SimulatedWorld]) -> FloatArray:
+def ground_truth_mixing(worlds: Sequence[SimulatedPair]) -> FloatArray:
     """Return (B, B) share of white in each band that each channel of the projector makes."""
     if len(worlds) == 1:
         return np.eye(1)
@@ -85,7 +101,15 @@ def _true_band(world: SimulatedWorld, model: FittedScene, band: int) -> LightTra
     seen = csr_array(diags_array(reflected) @ view @ cells)[chosen]
     emission = csr_array(world.emission[:, chosen].astype(np.float64)) * scale
     patch = model.scene_model.projector_hits.hits.patch[chosen]
-    return LightTransport(csr_array(diags_array(direct[chosen] * scale)), emission, radiosity, seen, pixel_patch=patch)  # type: ignore[arg-type]
+    variance = blur_variance_px2(world.projector)
+    return LightTransport(
+        csr_array(diags_array(direct[chosen] * scale)),
+        emission,
+        radiosity,  # type: ignore[arg-type]
+        seen,
+        pixel_patch=patch,
+        blur=PictureBlur(variance_px2=np.stack([variance, variance], axis=-1), chosen=model.room.active),
+    )
 
 
 def _surface(world: SimulatedWorld) -> tuple[FloatArray, FloatArray, csr_array]:

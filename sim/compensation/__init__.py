@@ -8,6 +8,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from sim.arguments import word_of
 from sim.compensation.result import Compensation
 from sim.compensation.split_transport import Transport
 from sim.compensation.strategies.block_fixed_point import block_fixed_point
@@ -68,9 +69,7 @@ def strategy(name: str) -> Strategy:
     SimulationError
         For an unknown name.
     """
-    if name not in STRATEGIES:
-        raise SimulationError(f"unknown compensation {name!r}; there are {', '.join(STRATEGIES)}")
-    return STRATEGIES[name]
+    return STRATEGIES[word_of("compensation", name, STRATEGIES)]
 
 
 def compensate(
@@ -105,25 +104,27 @@ def compensate(
     SimulationError
         For an unknown name, or a target or transport that does not fit.
     """
-    return strategy(name).solve(transport, target, lower, upper, **options)
+    return strategy(name).compensate(transport, target, lower=lower, upper=upper, **options)
 
 
-def _own(solve: Solve, summary: str, publication: str = "") -> Strategy:
-    return Strategy(name=solve.__name__, solve=solve, summary=summary, publication=publication)
+def _own(solve: Solve, summary: str, publication: str = "", version: str = "1") -> Strategy:
+    return Strategy(name=solve.__name__, solve=solve, summary=summary, publication=publication, version=version)
 
 
 for _each in (
     _own(none, "the target itself, at one gain"),
     _own(direct, "each pixel by its own brightness, interreflection left out", "Nayar et al. 2003"),
     _own(paper, "emission by patch, faults as published", "Dehos et al. 2014"),
-    _own(exact, "the exact inverse of the light transport, clamped", "Mukaigawa et al. 2006"),
+    _own(exact, "the exact inverse of the light transport, clamped", "Mukaigawa et al. 2006", version="2"),
     _own(reverse_radiosity, "projected Jacobi steps, damped", "Bimber et al. 2006"),
     _own(block_fixed_point, "a fixed point of interreflection that is known by blocks", "Habe et al. 2007"),
     _own(tikhonov, "the inverse, regularised against noise", "Wetzstein & Bimber 2007"),
     _own(series, "the first terms of the inverse's series, damped", "Bai et al. 2010"),
     _own(dual, "one gather of the target itself", "Bai et al. 2010"),
-    _own(bounded, "the least squares optimum within the projector's range, certified", "Sheng et al. 2010"),
-    _own(perceptual, "that optimum for the difference in CIELAB", "Sheng et al. 2010"),
+    _own(
+        bounded, "the least squares optimum within the projector's range, certified", "Sheng et al. 2010", version="2"
+    ),
+    _own(perceptual, "that optimum for the difference in CIELAB", "Sheng et al. 2010", version="2"),
     _own(remap, "the largest contrast that stays in range: one gain, one offset", "Dehos et al. 2014"),
     _own(content_scale, "one scale, as large as clipping stays unseen", "Wang et al. 2005"),
     _own(smooth_attenuation, "a picture dimmed smoothly where it cannot be shown", "Ashdown et al. 2006"),

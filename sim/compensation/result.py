@@ -5,17 +5,24 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from sim.arguments import array_of, number_of
 from sim.arrays import BoolArray, FloatArray
-from sim.compensation.split_transport import SplitTransport, Transport, split_transport_of
+from sim.compensation.split_transport import SplitTransport, Transport, as_shown, split_transport_of
 from sim.errors import SimulationError
 from sim.light.colour import ColourTransport
+from sim.light.transport import LightTransport
 
 Notes = Mapping[str, float | str]
+FARTHEST = 1e9
+"""Ratio of the target's brightest value to the brightest direct light, either way, from which on its unit is wrong."""
+LARGEST = 1e60
+"""Of a transport: squares of larger numbers leave the range of floating point."""
 WORSE = 1 + 1e-6
 """Ratio of errors from which on a strategy says that ``direct`` is better: above the roundoff of equal images."""
 
@@ -45,6 +52,7 @@ class Problem:
     """A checked request: a transport, a target and the projector's range."""
 
     transport: SplitTransport
+    """Its projector is taken for sharp, as published methods take it."""
     target: FloatArray
     """(n, C) camera image wanted."""
     lower: float
@@ -54,6 +62,11 @@ class Problem:
     grey: bool
     """The caller's images are (n,)."""
     started_s: float
+
+    @cached_property
+    def shown(self) -> SplitTransport:
+        """The transport with the projector's blur: what is seen in the end, of every strategy."""
+        return as_shown(self.transport)
 
     def clamped(self, wanted: FloatArray) -> FloatArray:
         """Return an image clamped to the projector's range."""
@@ -86,7 +99,7 @@ class Problem:
         """
         seconds = time.perf_counter() - self.started_s
         p = self.clamped(wanted)
-        predicted = self.transport.forward(p)
+        predicted = self.shown.forward(p)
         return Compensation(
             projector_image=self._shaped(p),
             predicted=self._shaped(predicted),
@@ -98,7 +111,7 @@ class Problem:
         )
 
     def _compared(self, predicted: FloatArray) -> dict[str, float]:
-        by_direct = self.transport.forward(self.clamped(self.transport.divide_by_direct(self.target)))
+        by_direct = self.shown.forward(self.clamped(self.transport.divide_by_direct(self.target)))
         ours, direct = (np.abs(seen - self.target) for seen in (predicted, by_direct))
         # An error of direct that is roundoff is no measure.
         least = max(1e-9 * float(np.abs(self.target).max(initial=0.0)), np.finfo(float).tiny)
@@ -132,10 +145,13 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
     Raises
     ------
     SimulationError
-        For a target of the wrong shape or not finite, an empty range, or a transport that is not the projector's view.
+        For a target of the wrong shape, not finite or not in the transport's unit, an empty or infinite range, or a
+        transport that is not finite or not the projector's view.
     """
     started_s = time.perf_counter()
-    values = np.asarray(target, dtype=np.float64)
+    if not isinstance(transport, LightTransport | ColourTransport):
+        raise SimulationError(f"transport of type {type(transport).__name__}; give a LightTransport or ColourTransport")
+    values = array_of("target", target)
     colour = isinstance(transport, ColourTransport)
     channels = transport.channels if isinstance(transport, ColourTransport) else 1
     pixels = transport.shape[0] // channels
@@ -144,13 +160,46 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
         raise SimulationError(f"target of shape {values.shape}; the transport has {pixels} camera pixels{bands}")
     if not np.isfinite(values).all():
         raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
-    if not lower < upper:
-        raise SimulationError(f"projector range {lower:g} ... {upper:g} is empty; lower must be below upper")
+    if not -LARGEST < number_of("lower", lower) < number_of("upper", upper) < LARGEST:
+        raise SimulationError(
+            f"projector range {lower:g} ... {upper:g} is empty or not finite; lower must be below upper"
+        )
+    split = split_transport_of(transport)
+    _check_numbers(split)
+    _check_unit(values, float(split.diagonal.max(initial=0.0)) * max(abs(lower), abs(upper)))
     return Problem(
-        transport=split_transport_of(transport),
+        transport=split,
         target=np.asfortranarray(values.reshape(pixels, channels)),
         lower=lower,
         upper=upper,
         grey=not colour,
         started_s=started_s,
     )
+
+
+def _check_numbers(split: SplitTransport) -> None:
+    """Raise SimulationError for a transport with numbers that are not finite, or too large to be squared."""
+    for b, (band, interreflection) in enumerate(zip(split.bands, split.interreflections, strict=True)):
+        parts = {
+            "direct light": band.direct_matrix.data,
+            "emission": interreflection.emission.data,
+            "interreflection": interreflection.patch_to_patch,
+            "view": interreflection.view.data,
+        }
+        for name, numbers in parts.items():
+            bad = numbers.size - int(np.count_nonzero(np.abs(numbers) < LARGEST))
+            if bad:
+                raise SimulationError(
+                    f"light transport, band {b}: {bad} of {numbers.size} values of its {name} are NaN, infinite or "
+                    f"above {LARGEST:g}; look at what it was made from: reflectance, brightness, gains"
+                )
+
+
+def _check_unit(target: FloatArray, brightest: float) -> None:
+    """Raise SimulationError for a target that is far from the brightest direct light; black fits every unit."""
+    wanted = float(np.abs(target).max(initial=0.0))
+    if wanted > 0 and brightest > 0 and not brightest / FARTHEST <= wanted <= brightest * FARTHEST:
+        raise SimulationError(
+            f"target: values up to {wanted:.3g}, where the brightest direct light is {brightest:.3g}; give it in the "
+            "transport's unit"
+        )

@@ -48,7 +48,12 @@ def _stratified(count: int, stride: int) -> IntArray:
 
 def _sampled(transport: SplitTransport, chosen: IntArray) -> SplitTransport:
     interreflections = tuple(_sampled_interreflection(band, chosen) for band in transport.interreflections)
-    return SplitTransport(transport.bands, transport.mixing, transport.diagonal[chosen], interreflections)
+    return SplitTransport(
+        bands=transport.bands,
+        mixing=transport.mixing,
+        diagonal=transport.diagonal[chosen],
+        interreflections=interreflections,
+    )
 
 
 def _sampled_interreflection(whole: InterreflectionOperator, chosen: IntArray) -> InterreflectionOperator:

@@ -1,4 +1,4 @@
-"""One function over the methods: closed form, polygons or the paper's quadrature, times the visible share."""
+"""One function over the methods: closed form, polygons or the paper's quadrature, times the visible share; or rays."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim import _kernel
+from sim.arguments import check_kind, word_of
 from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import closed_form, paper, polygon
 from sim.form_factors.occlusion import Quality, visible_fraction
+from sim.form_factors.sampled import RaySample, sampled_form_factors
 from sim.form_factors.visibility import visible_fraction_by_rays
 from sim.geometry.surface import Surface
 
-Method = Literal["auto", "closed_form", "polygon", "paper"]
+Method = Literal["auto", "closed_form", "polygon", "paper", "rays"]
 Visibility = Literal["auto", "none", "exact", "fair", "quick", "rays"]
-METHODS = ("auto", "closed_form", "polygon", "paper")
+METHODS = ("auto", "closed_form", "polygon", "paper", "rays")
 VISIBILITIES = ("auto", "none", "exact", "fair", "quick", "rays")
 DEFECT_TO_WARN = 1e-3
 """Row sums off by more than this: the light is wrong by rho / (1 - rho) times as much."""
@@ -128,6 +130,7 @@ def form_factors(
     method: Method = "auto",
     visibility: Visibility = "auto",
     *,
+    rays: int = 256,
     rays_per_pair: int = 64,
     tolerance: float = 1e-6,
     samples: int | None = None,
@@ -138,16 +141,19 @@ def form_factors(
     ----------
     surface : Surface
         A ``Scene``, a ``Mesh`` or ``AdaptivePatches``.
-    method : {"auto", "closed_form", "polygon", "paper"}
+    method : {"auto", "closed_form", "polygon", "paper", "rays"}
         ``closed_form``: exact for rectangles along three axes. ``polygon``: any flat triangles and quads, to
         ``tolerance``. ``auto``: the closed form where it applies, else polygons. ``paper``: 3x3 midpoint samples
         on both patches, kept for replication; it gains energy at shared edges (row sums up to 1.087 in the
-        paper's room) and warns.
+        paper's room) and warns. ``rays``: counted by cosine-weighted rays, shadows and all; for scenes that hide much
+        of themselves (``sim.form_factors.sampled`` has the same without a dense matrix).
     visibility : {"auto", "none", "exact", "fair", "quick", "rays"}
         ``exact``, ``fair``, ``quick``: shadows clipped as polygons, at ever fewer points. ``rays``: segments between
         random points, the plain reference. ``auto``: ``exact``, and nothing at all in convex scenes.
+    rays : int
+        For the method ``rays``: of each patch, a power of 2.
     rays_per_pair : int
-        For ``rays``: segments between two patches that an occluder may part.
+        For the visibility ``rays``: segments between two patches that an occluder may part.
     tolerance : float
         For ``polygon``: relative error allowed in each pair.
     samples : int, optional
@@ -175,7 +181,10 @@ def form_factors(
     Dehos, Zéghers, Sarry, Rousselle and Renaud, Immersive front-projection analysis using a radiosity-based simulation
     method, Virtual Reality 18(2), 2014: ``paper``.
     """
+    check_kind("form factors", surface, "vertices", "a scene or mesh")
     _check_choices(method, visibility)
+    if method == "rays":
+        return _by_rays(surface, visibility, rays)
     started = time.perf_counter()
     if method == "auto":
         method = "closed_form" if closed_form.applies(surface) else "polygon"
@@ -205,11 +214,31 @@ def form_factors(
     )
 
 
+def _by_rays(surface: Surface, visibility: Visibility, rays: int) -> FormFactors:
+    if visibility not in ("auto", "rays"):
+        raise SimulationError(
+            f"method 'rays' finds shadows itself; visibility {visibility!r} is not for it: use 'auto'"
+        )
+    started = time.perf_counter()
+    sample = RaySample(surface)
+    sample.lengthen(rays)
+    sampled = sampled_form_factors(sample)
+    matrix = sampled.exchange_areas.toarray()
+    matrix /= sampled.areas[:, None]
+    return FormFactors(
+        matrix=matrix,
+        areas=sampled.areas,
+        row_sums=sampled.row_sums,
+        closure_max=sampled.closure_max,
+        method="rays",
+        visibility="rays",
+        seconds=time.perf_counter() - started,
+    )
+
+
 def _check_choices(method: str, visibility: str) -> None:
-    if method not in METHODS:
-        raise SimulationError(f"unknown form factor method {method!r}; there are {', '.join(METHODS)}")
-    if visibility not in VISIBILITIES:
-        raise SimulationError(f"unknown visibility {visibility!r}; there are {', '.join(VISIBILITIES)}")
+    word_of("form factor method", method, METHODS)
+    word_of("visibility", visibility, VISIBILITIES)
 
 
 def _visibility_needed(surface: Surface, visibility: Visibility) -> Visibility:

@@ -17,6 +17,7 @@ from sim.geometry.topology import WELD, Topology, extent
 Kind = Literal[
     "not finite",
     "degenerate",
+    "tiny",
     "self-intersecting",
     "non-convex",
     "non-planar",
@@ -35,6 +36,10 @@ NOTES: frozenset[Kind] = frozenset({"contact", "t-junction"})
 
 SMALLEST_M, LARGEST_M = 0.01, 1000.0
 """Extents outside of these are taken for a wrong unit."""
+EXTENTS_THAT_CAN_BE_SQUARED_M = 1e-60, 1e60
+"""Outside of these, areas and squared lengths leave the range of numbers: nothing but the scale is looked at."""
+SMALLEST_SHARE = 10 * WELD
+"""Longest edge over the scene's extent below which a patch is as small as the distance at which corners are one."""
 THINNEST = 1e-7
 """Area over squared longest diagonal or edge below which a patch has no area."""
 FLATNESS = 1e-6
@@ -103,6 +108,10 @@ def refuse(name: str, found: Iterable[MeshFault]) -> None:
 
 def _examined(vertices: FloatArray, *, closed: bool, convex: bool, thorough: bool) -> tuple[list[MeshFault], Topology]:
     """Faults, and the topology of the patches that have a shape."""
+    size_m = extent(vertices[np.isfinite(vertices).all(axis=(1, 2))])
+    smallest_m, largest_m = EXTENTS_THAT_CAN_BE_SQUARED_M
+    if not (smallest_m <= size_m <= largest_m or size_m == 0):
+        return _scale_faults(size_m), Topology.of(vertices[:0])
     faults = _shape_faults(vertices)
     shapeless = np.concatenate([fault.patches for fault in faults] or [np.zeros(0, dtype=np.intp)])
     sound = np.setdiff1d(np.arange(len(vertices)), shapeless)
@@ -158,6 +167,15 @@ def _shape_faults(vertices: FloatArray) -> list[_Finding]:
         left[thin],
         "a corner is repeated or all lie on a line: no area; remove the patch (a triangle repeats its last corner)",
     )
+    tiny = ~thin & (shape.longest_m < SMALLEST_SHARE * extent(vertices[left]))
+    found += _named(
+        "tiny",
+        left[tiny],
+        f"no edge is longer than {SMALLEST_SHARE:g} of the scene, so that its corners are one point; remove the patch, "
+        "or what lies far away",
+        (f"{longest:.2g} m" for longest in shape.longest_m[tiny]),
+    )
+    thin |= tiny
     found += _named(
         "self-intersecting",
         left[~thin & crossed & flat],
@@ -187,6 +205,8 @@ class _Shape:
     """A corner comes twice, other than the last of a triangle."""
     thickness: FloatArray
     """Area over squared longest edge or diagonal."""
+    longest_m: FloatArray
+    """Longest edge or diagonal."""
     deviation_m: FloatArray
     """Largest distance of a corner from the middle plane."""
     flat_within_m: FloatArray
@@ -215,6 +235,7 @@ class _Shape:
         return cls(
             repeats=same[:, [0, 1, 3, 4, 5]].any(axis=1),
             thickness=thickness,
+            longest_m=longest,
             deviation_m=np.abs(height).max(axis=1, initial=0),
             flat_within_m=limit,
             turns_back=back.sum(axis=1),
@@ -223,6 +244,11 @@ class _Shape:
 
 def _norm(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(vectors, axis=1, keepdims=True))
+
+
+def refuse_extent(name: str, points_m: FloatArray) -> None:
+    """Raise SimulationError when the finite ones of points (V, 3) have an extent that no room has [m]."""
+    refuse(name, _scale_faults(extent(points_m[np.isfinite(points_m).all(axis=1)])))
 
 
 def _scale_faults(size_m: float) -> list[MeshFault]:

@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arguments import array_of
 from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.geometry.checks import checked_topology
@@ -86,12 +87,12 @@ class Mesh:
         SimulationError
             For bad geometry, a corner that does not exist, a polygon of less than 3 or more than 4 corners.
         """
-        corners = _corners(name, np.asarray(vertices_m, dtype=np.float64), _padded(name, polygons))
+        corners = _corners(name, array_of(f"mesh {name}: corners", vertices_m), _padded(name, polygons))
         numbers = np.zeros(0, dtype=np.intp) if region is None else np.asarray(region, dtype=np.intp)
         mesh = cls(
             name=name,
             vertices=corners,
-            reflectance=np.asarray(reflectance),
+            reflectance=array_of(f"mesh {name}: reflectance", reflectance),
             convex=bool(convex),
             closed=bool(closed),
             region=numbers,
@@ -162,7 +163,7 @@ class Mesh:
         return other
 
     def _checked_reflectance(self, reflectance: ArrayLike) -> FloatArray:
-        values = np.asarray(reflectance, dtype=np.float64)
+        values = array_of(f"mesh {self.name}: reflectance", reflectance)
         if values.shape not in ((), (self.n_patches,)):
             raise SimulationError(
                 f"mesh {self.name}: reflectance of shape {values.shape} for {self.n_patches} patches; "
@@ -184,7 +185,10 @@ class Mesh:
 def _padded(name: str, polygons: Sequence[Sequence[int]] | IntArray) -> IntArray:
     """(P, 4) corner numbers; a triangle repeats its last."""
     if isinstance(polygons, Sequence):
-        rows = [[int(corner) for corner in polygon] for polygon in polygons]
+        try:
+            rows = [[int(corner) for corner in polygon] for polygon in polygons]
+        except (TypeError, ValueError) as error:
+            raise SimulationError(f"mesh {name}: a polygon is no row of corner numbers: {error}") from error
         odd = [i for i, row in enumerate(rows) if len(row) not in (3, 4)]
         if odd:
             raise SimulationError(

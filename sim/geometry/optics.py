@@ -7,12 +7,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arguments import number_of, numbers_of, vector_of
 from sim.arrays import FloatArray
 from sim.errors import SimulationError
 
 Distortion = tuple[float, float, float, float, float]
 UNDISTORT_STEPS = 50
 """Steps of the fixed point: lenses whose distortion can be undone take fewer."""
+
+MOST_PX = 2**20
+"""Width or height of an image that no device has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +26,7 @@ class Lens:
     Raises
     ------
     SimulationError
-        For a size or focal length not above 0.
+        For a size or focal length that is no number above 0, or a size beyond any device's.
     """
 
     width_px: int
@@ -35,9 +39,12 @@ class Lens:
     """k1, k2, p1, p2, k3 (OpenCV's order). [1]"""
 
     def __post_init__(self) -> None:
-        if self.width_px < 1 or self.height_px < 1 or min(self.focal_px) <= 0:
+        sizes = numbers_of("size of the lens's image", (self.width_px, self.height_px), 2)
+        numbers_of("principal point", self.principal_point_px, 2)
+        if not all(1 <= size <= MOST_PX for size in sizes) or min(numbers_of("focal lengths", self.focal_px, 2)) <= 0:
             raise SimulationError(
-                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; all must be above 0"
+                f"lens of {self.width_px} x {self.height_px} px, focal lengths {self.focal_px} px; all must be above "
+                f"0, and the size at most {MOST_PX}"
             )
 
     @classmethod
@@ -60,14 +67,14 @@ class Lens:
         SimulationError
             For a field of view outside 0 ... 180 degrees, both excluded.
         """
-        if not 0 < hfov_deg < 180:
+        if not 0 < number_of("horizontal field of view", hfov_deg) < 180:
             raise SimulationError(f"horizontal field of view {hfov_deg:g} degrees; it must lie between 0 and 180")
-        focal_px = float(width_px / 2 / np.tan(np.radians(hfov_deg) / 2))
+        focal_px = float(number_of("width", width_px) / 2 / np.tan(np.radians(hfov_deg) / 2))
         return cls(
             width_px=width_px,
             height_px=height_px,
             focal_px=(focal_px, focal_px),
-            principal_point_px=((width_px - 1) / 2, (height_px - 1) / 2),
+            principal_point_px=((width_px - 1) / 2, (number_of("height", height_px) - 1) / 2),
         )
 
     @property
@@ -147,14 +154,14 @@ class Pose:
         SimulationError
             For a target at the position, or straight along ``up``.
         """
-        position = np.asarray(position_m, dtype=np.float64)
-        forward = np.asarray(target_m, dtype=np.float64) - position
-        right = np.cross(forward, np.asarray(up, dtype=np.float64))
+        position = vector_of("position", position_m)
+        forward = vector_of("target", target_m) - position
+        right = np.cross(forward, vector_of("up", up))
         if np.linalg.norm(right) <= 1e-9 * np.linalg.norm(forward) or not np.any(forward):
             raise SimulationError("look_at: the target is at the position, or straight along 'up'; change one")
         forward, right = forward / np.linalg.norm(forward), right / np.linalg.norm(right)
         level = np.stack([right, np.cross(forward, right), forward])
-        cosine, sine = np.cos(np.radians(roll_deg)), np.sin(np.radians(roll_deg))
+        cosine, sine = np.cos(np.radians(number_of("roll", roll_deg))), np.sin(np.radians(roll_deg))
         rotation = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]]) @ level
         return cls(rotation, -rotation @ position)
 

@@ -8,6 +8,7 @@ void bind_paper(nanobind::module_ &m);
 void bind_polygon(nanobind::module_ &m);
 void bind_occlusion(nanobind::module_ &m);
 void bind_compressed(nanobind::module_ &m);
+void bind_sampling(nanobind::module_ &m);
 void bind_solve(nanobind::module_ &m);
 void bind_image(nanobind::module_ &m);
 void bind_frame(nanobind::module_ &m);

@@ -46,6 +46,7 @@ NB_MODULE(_kernel, m) {
     bind_polygon(m);
     bind_occlusion(m);
     bind_compressed(m);
+    bind_sampling(m);
     bind_solve(m);
     bind_image(m);
     bind_frame(m);

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sim.arguments import word_of
 from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors.occlusion import segments_blocked
@@ -57,8 +58,7 @@ def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
     SimulationError
         For an unknown name, or a projector that lights nothing.
     """
-    if name not in TEST_LIGHTINGS:
-        raise SimulationError(f"unknown light {name!r}; there are {', '.join(TEST_LIGHTINGS)}")
+    word_of("light", name, TEST_LIGHTINGS)
     if name == "uniform":
         return Lighting(name, "white light 1 on every surface", lambda points, _normals, _region: np.ones(len(points)))
     if name == "floor":

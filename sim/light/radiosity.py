@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_factor, cho_solve
 
+from sim.arguments import array_of
 from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
@@ -119,7 +120,7 @@ class Radiosity:
         precision: Precision = "double",
     ) -> None:
         n = len(form_factors.areas)
-        rho = np.asarray(reflectance, dtype=np.float64)
+        rho = array_of("reflectance", reflectance)
         if rho.shape not in ((), (n,)):
             raise SimulationError(f"reflectance of shape {rho.shape} for {n} patches; one number or one a patch")
         if not ((rho >= 0) & (rho <= 1)).all():
@@ -330,7 +331,7 @@ class Radiosity:
         return values if like.ndim == 1 else values[:, None]
 
     def _checked(self, E: ArrayLike) -> FloatArray:
-        values = np.asarray(E, dtype=np.float64)
+        values = array_of("right-hand side", E)
         if values.ndim not in (1, 2) or len(values) != self.n_patches:
             raise SimulationError(f"right-hand side of shape {values.shape} for {self.n_patches} patches")
         return values

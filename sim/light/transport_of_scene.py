@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from scipy.sparse import coo_array, csr_array, diags_array
 
+from sim.arguments import check_kind
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
@@ -78,6 +79,7 @@ def coaxial_transport(
     ----------
     Dehos, Zéghers, Sarry, Rousselle and Renaud, Virtual Reality 18(2), 2014; equations 4, 5 and 9.
     """
+    check_kind("light transport", scene, "tracer", "a scene")
     _check_choices(convention, emission_rule)
     beam = _beam(scene, lens, pose, lens.pixel_grid())
     intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, lens.pixel_grid()))

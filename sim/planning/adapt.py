@@ -28,6 +28,10 @@ NEIGHBOURS = 8
 """Patches that a gradient is fitted to: as many as surround one in a grid."""
 ROUGHNESS = 1.0
 """Weight of what a linear fit to the neighbours leaves, as a gradient in every direction; chosen, not measured."""
+MOST_FACETS = 3
+"""Patches of a region up to which it is taken for a facet of a curved surface."""
+SMOOTH = 0.7
+"""Cosine between the normals of facets of one curved surface: up to 45 degrees, as of a sphere of 80 facets."""
 LONGEST_ASPECT = 2.9
 """More stretched patches are halved across: the halves are at most 1.45 times as long as wide."""
 MOST_PLANES = 64
@@ -65,31 +69,49 @@ class SolvedPatches:
 def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return (P, 3) gradients in each patch's plane, and (P,) roughness.
 
-    Least squares over the nearest patches of the same region; what they leave, over the area, is the roughness.
+    Least squares over the nearest patches of the same region, or, where a region is a facet or two, over the nearest
+    patches that are turned little against it; what they leave, over the area, is the roughness.
     """
     gradient, left = np.zeros((cells.n_patches, 3)), np.zeros(cells.n_patches)
-    order = np.argsort(cells.region, kind="stable")
+    facets = np.bincount(cells.region)[cells.region] <= MOST_FACETS
+    order = np.flatnonzero(~facets)[np.argsort(cells.region[~facets], kind="stable")]
     for here in np.split(order, np.flatnonzero(np.diff(cells.region[order])) + 1):
-        if len(here) > 1:
-            gradient[here], left[here] = _fitted(cells.centres[here], cells.normals[here[0]], values[here])
+        if len(here):
+            near = _nearest(cells.centres[here], cells.centres[here])
+            gradient[here], left[here] = _fitted(cells.chosen(here), near, values[here])
+    if facets.sum() > MOST_FACETS:
+        near = _nearest(cells.centres[facets], cells.centres[facets])
+        gradient[facets], left[facets] = _fitted(cells.chosen(facets), near, values[facets])
     return gradient, ROUGHNESS * left / cells.areas
 
 
-def _fitted(centres: FloatArray, normal: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) gradients and (n,) weighted mean squares of what they leave."""
-    along = np.eye(3)[np.argmin(np.abs(normal))]
-    u = np.cross(normal, along)
-    basis = np.stack([u / np.linalg.norm(u), np.cross(normal, u / np.linalg.norm(u))])
-    near = cKDTree(centres).query(centres, min(NEIGHBOURS + 1, len(centres)))[1]
-    offset = (centres[near] - centres[:, None]) @ basis.T
+def _nearest(points: FloatArray, among: FloatArray) -> IntArray:
+    """(n, 9) indices of the nearest, themselves included."""
+    return np.asarray(cKDTree(among).query(points, min(NEIGHBOURS + 1, len(among)))[1], dtype=np.intp)
+
+
+def _fitted(cells: AdaptivePatches, near: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) gradients in each patch's plane and (n,) weighted mean squares of what they leave."""
+    centres, basis = cells.centres, _plane_axes(cells.normals)
+    offset = np.einsum("pnk,pak->pna", centres[near] - centres[:, None], basis)
     squared = (offset**2).sum(axis=2)
-    weight = np.divide(1.0, squared, out=np.zeros_like(squared), where=squared > 0)
+    smooth = np.einsum("pnk,pk->pn", cells.normals[near], cells.normals) > SMOOTH
+    weight = np.divide(1.0, squared, out=np.zeros_like(squared), where=(squared > 0) & smooth)
     difference = values[near] - values[:, None]
     normal_matrix = np.einsum("pn,pni,pnj->pij", weight, offset, offset)
     right = np.einsum("pn,pni,pn->pi", weight, offset, difference)
     slope = np.einsum("pij,pj->pi", np.linalg.pinv(normal_matrix, rcond=1e-6, hermitian=True), right)
-    left = (weight * (difference - np.einsum("pni,pi->pn", offset, slope)) ** 2).sum(axis=1) / weight.sum(axis=1)
-    return slope @ basis, left
+    left = (weight * (difference - np.einsum("pni,pi->pn", offset, slope)) ** 2).sum(axis=1)
+    left /= np.maximum(weight.sum(axis=1), np.finfo(float).tiny)
+    return np.einsum("pi,pik->pk", slope, basis), left
+
+
+def _plane_axes(normals: FloatArray) -> FloatArray:
+    """(n, 2, 3) two unit axes in each plane."""
+    along = np.eye(3)[np.argmin(np.abs(normals), axis=1)]
+    u = np.cross(normals, along)
+    u /= np.linalg.norm(u, axis=1, keepdims=True)
+    return np.stack([u, np.cross(normals, u)], axis=1)
 
 
 def uniform_patches(whole: AdaptivePatches, count: int) -> AdaptivePatches:
@@ -143,6 +165,10 @@ class Refinement:
     def error(self) -> float:
         """RMS over the surface; 1 = white."""
         return float(np.sqrt(self.squared.sum() / self.cells.areas.sum()))
+
+    def squared_light_edge(self, cells: AdaptivePatches) -> float:
+        """Return the squared error times area of all light's edges inside patches [m²]."""
+        return float((cells.reflectance**2 * self._edge_of_light(cells)).sum())
 
     def measured_error(self, irradiance: FloatArray) -> float:
         """Return the RMS over the surface of a solution on these patches, (P,) irradiance, against the probe's."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sim.arguments import array_of, check_kind, number_of
 from sim.errors import SimulationError
 from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
@@ -20,6 +21,9 @@ from sim.geometry.surface import Surface
 from sim.light.lighting import Lighting, make_test_lighting
 from sim.planning.adapt import Refinement, SolvedPatches, uniform_patches
 from sim.planning.cost import (
+    COMPRESSED_PATCH_S,
+    FEWEST_COMPRESSED,
+    OTHER_PRODUCTS,
     Cost,
     StepTiming,
     compressed_cost,
@@ -31,6 +35,16 @@ from sim.planning.cost import (
     measured_machine,
     products_needed,
 )
+from sim.planning.methods import (
+    RAY_PRODUCT_S,
+    exact_s,
+    largest_sampled,
+    rays_needed,
+    rays_pay,
+    sampled_mb,
+    sampled_s,
+)
+from sim.planning.sampled_patches import patches_by_rays
 from sim.planning.simulation import Model, simulate
 
 SAFETY = 1.25
@@ -45,6 +59,14 @@ ADVICE = 1.3
 """The tolerance that is advised where one does not fit, over the one that may just fit."""
 FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
 """Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
+FINEST_PERCENT, COARSEST_PERCENT = 1e-6, 100.0
+"""Limits of a tolerance: below, the solver's rounding counts; above, black would do."""
+LEAST_MEMORY_MB = 1.0
+"""Less than the smallest model takes."""
+PATCHES_SHARE = 0.8
+"""Share of the tolerance that patches may take where the form factors come from rays; in squares."""
+LEAST_SAMPLING, MOST_SAMPLING = 0.5, 0.9
+"""Shares of the tolerance between which the rays' own error is chosen."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
@@ -107,13 +129,16 @@ def plan(
     Raises
     ------
     SimulationError
-        For a tolerance not above 0, an unknown light, or a model that does not fit in memory.
+        For a tolerance outside of 1e-6 ... 100 %, an unknown light, or a model that does not fit in memory.
     """
-    if not tolerance_percent > 0:
-        raise SimulationError(f"tolerance {tolerance_percent:g} %; it must be above 0")
+    check_kind("plan", surface, "vertices", "a scene or mesh")
+    _check_demands(number_of("tolerance", tolerance_percent), memory_limit_mb)
     whole = coarsest_patches(surface)
     colours = None
     if reflectances is not None:
+        rho = array_of("reflectances", reflectances)
+        if rho.ndim != 1 or not len(rho):
+            raise SimulationError(f"reflectances of shape {rho.shape}; give one for each colour")
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
     chosen_light = make_test_lighting(light, whole)
@@ -145,6 +170,18 @@ def plan(
     )
 
 
+def _check_demands(tolerance_percent: float, memory_limit_mb: float) -> None:
+    if not FINEST_PERCENT <= tolerance_percent <= COARSEST_PERCENT:
+        raise SimulationError(
+            f"a tolerance of {tolerance_percent:g} % of white; it must be above 0: {FINEST_PERCENT:g} ... "
+            f"{COARSEST_PERCENT:g} %"
+        )
+    if not LEAST_MEMORY_MB <= number_of("memory", memory_limit_mb):
+        raise SimulationError(
+            f"a memory of {memory_limit_mb:g} MB; give a finite number of at least {LEAST_MEMORY_MB:g} MB"
+        )
+
+
 class _Search:
     """From solution to finer solution, until one is fine enough to tell the patches that a tolerance needs."""
 
@@ -153,13 +190,21 @@ class _Search:
     ) -> None:
         self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
         self.memory_limit_mb = memory_limit_mb
-        self.most_cells = max(largest_dense(memory_limit_mb), largest_compressed(memory_limit_mb))
+        self.sampling, self.by_rays = LEAST_SAMPLING * tolerance, False
+        self.most_cells = max(
+            largest_dense(memory_limit_mb),
+            largest_compressed(memory_limit_mb),
+            largest_sampled(memory_limit_mb, self.sampling),
+        )
         self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
         self.correction = 1.0
 
     def run(self) -> None:
         """Find the patches."""
-        probe_cells, adapted = uniform_patches(self.whole, FIRST_PROBE), False
+        if self._rays_pay(max(FIRST_PROBE, self.whole.n_patches)):
+            return self._go_by_rays()
+        many = self.whole.n_patches >= FIRST_PROBE
+        probe_cells, adapted = self.whole if many else uniform_patches(self.whole, FIRST_PROBE), many
         while True:
             probe = self._solve(probe_cells)
             self.refinement = Refinement.start(self.whole, probe, self.light)
@@ -173,21 +218,63 @@ class _Search:
             finer = Refinement.start(self.whole, probe, self.light)
             finer.refine(0.0, min(max(needed // REACH + 1, FIRST_PROBE), REACH * probe_cells.n_patches))
             probe_cells, adapted = finer.cells, True
-        if self.cells.n_patches > self.most_cells:
-            raise SimulationError(self._refusal(self.cells.n_patches))
+        self._check_size(self.cells.n_patches)
+        if self._rays_pay(self.cells.n_patches):
+            self._go_by_rays()
+
+    def _go_by_rays(self) -> None:
+        """Find the patches by rays, and what the rays of the model may leave of the tolerance."""
+        self.by_rays = True
+        few = self.whole.n_patches < FIRST_PROBE
+        self.sampled = patches_by_rays(
+            uniform_patches(self.whole, FIRST_PROBE) if few else self.whole,
+            self.light,
+            self.model_for(self.whole),
+            whole=self.whole,
+            goal=PATCHES_SHARE * self.tolerance,
+            check_size=self._check_size,
+        )
+        self.solved = self.sampled.solved
+        self.timing = StepTiming(self.cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        left = np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0))
+        self.sampling = float(np.clip(left, LEAST_SAMPLING * self.tolerance, MOST_SAMPLING * self.tolerance))
+
+    def _check_size(self, patches: int) -> None:
+        if patches > self.most_cells:
+            raise SimulationError(self._refusal(patches))
 
     @property
     def cells(self) -> AdaptivePatches:
         """The patches that meet the tolerance."""
-        return self.refinement.cells
+        return self.sampled.cells if self.by_rays else self.refinement.cells
+
+    @property
+    def patches_error(self) -> float:
+        """Expected of light that is one number a patch, with safety; 1 = white."""
+        return self.sampled.error if self.by_rays else SAFETY * self.correction * self.refinement.error
 
     @property
     def error(self) -> float:
         """Expected, with safety; 1 = white."""
-        return SAFETY * self.correction * self.refinement.error
+        sampling = self.model_for(self.cells).sampling or 0.0
+        return float(np.hypot(self.patches_error, sampling))
 
     def model_for(self, cells: AdaptivePatches) -> Model:
-        """Give the model for so many patches: compressed where that is faster, or where the matrix does not fit."""
+        """Give the cheapest model for so many patches that fits."""
+        if not self.by_rays:
+            return self._exact_for(cells)
+        return replace(self.model, method="rays", visibility="rays", sampling=self.sampling)
+
+    def _rays_pay(self, patches: int) -> bool:
+        """By constants, not by what was timed: the same plan whatever else the machine does."""
+        model, occluders = self.model, len(self.whole.occluders)
+        seconds = exact_s(patches, method=model.method, visibility=model.visibility, occluders=occluders)
+        if model.visibility != "none" and patches >= FEWEST_COMPRESSED:
+            seconds = min(seconds, COMPRESSED_PATCH_S * patches)
+        return rays_pay(patches, self.sampling, seconds)
+
+    def _exact_for(self, cells: AdaptivePatches) -> Model:
+        """Whole matrix, or compressed where that is faster, or where the matrix does not fit."""
         slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
         if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
             compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
@@ -198,12 +285,14 @@ class _Search:
         model = self.model_for(cells)
         self.solved = simulate(cells, self.light, model)
         self.timing = StepTiming(cells.n_patches, self.solved.factors_s, self.solved.light_s)
-        if model.compression is None:
+        if model.compression is None and model.sampling is None:
             self.dense_timing = self.timing
         return SolvedPatches.of(cells, self.solved.irradiance[:, 0])
 
     def _missed(self, probe: SolvedPatches) -> float:
         """Error that a plan of a quarter of the probe's patches shows against the probe, over what it expected."""
+        if self.whole.n_patches > probe.cells.n_patches // REACH:
+            return 1.0
         coarse = Refinement.start(self.whole, probe, self.light)
         coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
         if coarse.error <= 1e-9:
@@ -228,7 +317,7 @@ class _Search:
 
     def _needed(self) -> int:
         """Patches that the tolerance needs; where they were not all made, from error ~ patches^(-1/2)."""
-        return int(self.cells.n_patches * max(1.0, self.error / self.tolerance) ** 2)
+        return int(self.cells.n_patches * max(1.0, self.patches_error / self.tolerance) ** 2)
 
     def _refusal(self, needed: int) -> str:
         possible = 100 * self.tolerance * ADVICE * np.sqrt(needed / self.most_cells)
@@ -240,6 +329,10 @@ class _Search:
 
 def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
     patches = search.cells.n_patches
+    if model.sampling is not None:
+        solve_s = channels * (products + OTHER_PRODUCTS) * patches * rays_needed(model.sampling) * RAY_PRODUCT_S
+        light_s = search.timing.light_s * patches / search.timing.patches
+        return Cost(sampled_s(patches, model.sampling) + light_s + solve_s, sampled_mb(patches, model.sampling))
     if model.compression is not None:
         return compressed_cost(patches, products, channels, timing=search.timing)
     return dense_cost(patches, products, channels, timing=search.dense_timing, machine=measured_machine())
@@ -267,8 +360,14 @@ def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> 
         "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",
         "polygon": "faces at any angle: exact factor of a point to a polygon, at Gauss points of the other patch",
     }
-    if search.model_for(cells).compression is not None:
-        method[search.model.method] = (
+    chosen = search.model_for(cells)
+    if chosen.sampling is not None:
+        method["rays"] = (
+            f"{patches} patches: form factors by about {rays_needed(chosen.sampling):.0f} rays each, more where the "
+            f"light needs them, to {100 * chosen.sampling:.2g} % of white"
+        )
+    if chosen.compression is not None:
+        method[chosen.method] = (
             f"{patches} patches: blocks of the form factors compressed, "
             f"instead of {dense_mb(patches):.0f} MB for the whole matrix"
         )
@@ -287,8 +386,8 @@ def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> 
         f"{patches} patches of {sizes_m.min():.2g} to {sizes_m.max():.2g} m, small where light changes fast: "
         f"{100 * search.error:.2g} % expected, {100 * search.tolerance:g} % allowed",
         f"planned on a solution of {search.timing.patches} patches; expected error x {SAFETY:g} for safety",
-        method[search.model.method],
-        visibility[search.model_for(cells).visibility_done],
+        method[chosen.method],
+        "the rays find the shadows" if chosen.sampling is not None else visibility[chosen.visibility_done],
         f"conjugate gradients to a residual of {search.model.residual:.0e}: about {products} products with the matrix",
         colours,
         f"each bounce keeps {100 * radius:.0f} % of the light: {bounces} bounces leave less than a tenth of the "

@@ -9,12 +9,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.form_factors.compressed import compressed_form_factors
 from sim.form_factors.factors import ClosureWarning, Method, Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.light.lighting import Lighting, emission
 from sim.light.radiosity import FormFactorOperator, Radiosity
+from sim.light.sampled_light import sampled_light
+
+OTHER_SEED = 1_000_003
+"""Added to a model's seed for the rays that check it."""
+
+HIGHEST_ROW_SUM = 1.1
+"""Fair visibility leaves up to 0.09 in a furnished room; more is no shadow's defect, and grows by rho / (1 - rho)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,13 +30,17 @@ class Model:
     """How light between patches is computed."""
 
     method: Method
-    """``closed_form`` or ``polygon``: of the form factors."""
+    """``closed_form``, ``polygon`` or ``rays``: of the form factors."""
     visibility: Visibility
-    """``none``, ``fair`` or ``exact``."""
+    """``none``, ``fair``, ``exact``, or ``rays``."""
     residual: float
     """Of the iterative solver, over the right-hand side."""
     compression: float | None = None
     """Tolerance of the compressed form factors (``sim.form_factors.compressed``); None: the whole matrix."""
+    sampling: float | None = None
+    """RMS over the surface of the radiosity that rays may leave; 1 = white. None: no rays."""
+    seed: int = 0
+    """Of the rays."""
     reflectances: tuple[float, ...] | None = None
     """Different reflectances of the colours, if one holds for the whole scene; None: the patches' own."""
 
@@ -58,6 +70,8 @@ class Simulation:
     """Products with F that the solver took, all colours together."""
     residual: float
     """max |E - (I - G) B| over max |E|, the largest of all colours."""
+    sampling_error: float
+    """RMS over the surface of the radiosity that rays left, estimated; 1 = white. 0 without rays."""
     factors_s: float
     light_s: float
     solve_s: float
@@ -93,22 +107,22 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulatio
         As form factors and solver do.
     """
     clock_s = [time.perf_counter()]
-    factors = _factors(cells, model)
-    clock_s.append(time.perf_counter())
     irradiance = emission(cells, light).irradiance
-    clock_s.append(time.perf_counter())
     if model.reflectances is None:
         rho = cells.reflectance[:, None]
     else:
         rho = np.tile(model.reflectances, (cells.n_patches, 1))
     E = rho * irradiance[:, None]
+    clock_s.append(time.perf_counter())
+    factors, sampling_error = _factors(cells, model, E, rho)
+    clock_s.append(time.perf_counter())
     systems = [Radiosity(factors, column, tolerance=model.residual) for column in rho.T]
     solutions = [system.solution(light) for system, light in zip(systems, E.T, strict=True)]
     B = np.stack([solution.B for solution in solutions], axis=1)
     spectral_radius = max(system.spectral_radius(tolerance=1e-3) for system in systems)
     H = factors.apply(B)
     clock_s.append(time.perf_counter())
-    factors_s, light_s, solve_s = np.diff(clock_s)
+    light_s, factors_s, solve_s = np.diff(clock_s)
     return Simulation(
         cells=cells,
         reflectance=rho,
@@ -119,20 +133,41 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulatio
         spectral_radius=spectral_radius,
         products=sum(solution.products for solution in solutions),
         residual=max(solution.residual for solution in solutions),
+        sampling_error=sampling_error,
         factors_s=float(factors_s),
         light_s=float(light_s),
         solve_s=float(solve_s),
     )
 
 
-def _factors(cells: AdaptivePatches, model: Model) -> FormFactorOperator:
+def _factors(cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray) -> tuple[FormFactorOperator, float]:
+    """The form factors, which create no light, and the RMS of the radiosity that rays leave."""
+    factors, sampling = _unchecked_factors(cells, model, E, rho)
+    highest = float(factors.row_sums.max())
+    if highest > HIGHEST_ROW_SUM:
+        raise SimulationError(
+            f"the form factors of a patch add up to {highest:.4f}, the limit is {HIGHEST_ROW_SUM:g}: they would create "
+            "light; look for patches that cover each other, or are very small beside others"
+        )
+    return factors, sampling
+
+
+def _unchecked_factors(
+    cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray
+) -> tuple[FormFactorOperator, float]:
+    if model.sampling is not None:
+        # The brightest colour's light tells where rays are needed: it bounces most.
+        brightest = int(rho.max(axis=0).argmax())
+        columns = E[:, brightest], rho[:, brightest]
+        sampled = sampled_light(cells, *columns, error=model.sampling, seed=model.seed)
+        return sampled.factors, sampled.error
     if model.compression is not None:
-        return compressed_form_factors(cells, model.compression)
+        return compressed_form_factors(cells, model.compression), 0.0
     with warnings.catch_warnings():
         if model.visibility != "none":
             # The defect that is left of shadows is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
-        return form_factors(cells, method=model.method, visibility=model.visibility)
+        return form_factors(cells, method=model.method, visibility=model.visibility), 0.0
 
 
 @dataclass(frozen=True)
@@ -146,11 +181,19 @@ class Check:
     """Of the refined solution."""
 
 
+def _refined(model: Model) -> Model:
+    if model.sampling is not None:
+        return replace(model, sampling=model.sampling / 4, seed=model.seed + OTHER_SEED)
+    visibility: Visibility = "none" if model.visibility == "none" else "exact"
+    return replace(model, visibility=visibility, compression=None)
+
+
 def refined_check(simulation: Simulation, light: Lighting, model: Model, most_patches: int) -> Check:
     """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
 
     The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
-    squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility.
+    squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility;
+    where the model goes by rays, it has other rays, which leave a quarter of the error.
 
     Parameters
     ----------
@@ -168,8 +211,7 @@ def refined_check(simulation: Simulation, light: Lighting, model: Model, most_pa
     fine = coarse
     for _ in range(times):
         fine = fine.quarters()
-    visibility: Visibility = "none" if model.visibility == "none" else "exact"
-    refined = simulate(fine, light, replace(model, visibility=visibility, compression=None))
+    refined = simulate(fine, light, _refined(model))
     pieces = 4**times
     difference = refined.reflectance * (refined.irradiance - np.tile(simulation.irradiance, (pieces, 1)))
     squared = pieces / (pieces - 1) * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()

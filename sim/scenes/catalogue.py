@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from sim.geometry.surface import Surface
+from sim.scenes.cluttered import corner_with_ball
 from sim.scenes.gridded import LIBRARY, furnished_room
 from sim.scenes.meshes import integrating_sphere, sloped_room
 
@@ -30,4 +31,5 @@ SURFACES: Mapping[str, Entry] = {
     "sloped-room": Entry(lambda: sloped_room(COARSEST_M), "projector"),
     "furnished-room": Entry(lambda: furnished_room(COARSEST_M), "projector"),
     "sphere": Entry(integrating_sphere, "floor"),
+    "corner-with-ball": Entry(corner_with_ball, "uniform"),
 }

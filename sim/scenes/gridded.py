@@ -6,11 +6,12 @@ Grid axes (columns along u, rows along v): floor x, y; ceiling y, x; the walls `
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from sim.arguments import number_of, numbers_of
 from sim.arrays import FloatArray
 from sim.errors import SimulationError
 from sim.geometry.scene import Face, Scene
@@ -48,14 +49,17 @@ def room(
     Raises
     ------
     SimulationError
-        For an unknown face, a size or patch size not above 0, or a face without reflectance.
+        For no face or an unknown one, a size that is no number above 0, more patches than fit in memory, or a face
+        without reflectance.
     """
-    unknown = sorted(set(faces) - set(ROOM_FACES))
+    if not isinstance(faces, Iterable) or not (named := list(faces)):
+        raise SimulationError(f"a room without faces; give some of {', '.join(ROOM_FACES)}")
+    unknown = sorted({str(face) for face in named if not isinstance(face, str) or face not in ROOM_FACES})
     if unknown:
         raise SimulationError(f"unknown room faces {', '.join(unknown)}; there are {', '.join(ROOM_FACES)}")
-    _check_sizes(size_m, patch_size_m)
+    _check_sizes(numbers_of("size of the room", size_m, 3), number_of("patch size", patch_size_m))
     geometry = _room_geometry(*size_m)
-    return _scene(name, {face: geometry[face] for face in faces}, patch_size_m, reflectance, convex=True)
+    return _scene(name, {face: geometry[face] for face in named}, patch_size_m, reflectance, convex=True)
 
 
 def paper_room(ceiling: bool = True, reflectance: float = 0.7, patch_size_m: float = 0.4) -> Scene:
@@ -131,10 +135,11 @@ def room_with_box(
     SimulationError
         For a size or patch size not above 0.
     """
-    box_patch = box_patch_size_m or patch_size_m / 2
-    _check_sizes((*size_m, *box_size_m), min(patch_size_m, box_patch))
+    box_patch = box_patch_size_m or number_of("patch size", patch_size_m) / 2
+    lengths_m = (*numbers_of("size of the room", size_m, 3), *numbers_of("size of the box", box_size_m, 3))
+    _check_sizes(lengths_m, min(patch_size_m, number_of("patch size of the box", box_patch)))
     walls = _room_geometry(*size_m)
-    offset = np.array([*box_corner_m, 0.0])
+    offset = np.array([*numbers_of("corner of the box", box_corner_m, 2), 0.0])
     outside = {f"box {side}": geometry for side, geometry in _box_geometry(box_size_m, offset).items()}
     faces = _faces(walls, patch_size_m, 0)
     faces += _faces(outside, box_patch, sum(face.n_patches for face in faces))
@@ -209,18 +214,32 @@ def _scene(
 
 def _reflectance_of(face: str, reflectance: Reflectance) -> float:
     if not isinstance(reflectance, Mapping):
-        return float(reflectance)
+        return number_of("reflectance", reflectance)
     if face not in reflectance:
         raise SimulationError(f"no reflectance for face {face}; given: {', '.join(reflectance) or 'none'}")
-    return float(reflectance[face])
+    return number_of(f"reflectance of face {face}", reflectance[face])
 
 
 def _check_sizes(lengths_m: Sequence[float], patch_size_m: float) -> None:
-    smallest = min(*lengths_m, patch_size_m)
-    if not smallest > 0:
-        raise SimulationError(f"a size of {smallest:g} m; every edge and the patch size must be above 0")
+    smallest_m, largest_m = SIZES_M
+    for length in (*lengths_m, patch_size_m):
+        if not smallest_m <= length <= largest_m:
+            raise SimulationError(
+                f"a size of {length:g} m; every edge and the patch size must be above 0, and finite: "
+                f"{smallest_m:g} ... {largest_m:g} m"
+            )
+    patches = 6 * (max(lengths_m) / patch_size_m) ** 2
+    if patches > MOST_PATCHES:
+        raise SimulationError(
+            f"edges of {max(lengths_m):g} m in patches of {patch_size_m:g} m are up to {patches:.3g} patches, the "
+            f"limit is {MOST_PATCHES:g}; give larger patches"
+        )
 
 
+SIZES_M = 1e-12, 1e12
+"""Sizes whose products stay far within the range of numbers."""
+MOST_PATCHES = 5e6
+"""Whose corners take half a gigabyte."""
 FURNITURE: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "table": ((1.6, 0.9, 0.05), (1.5, 1.8, 0.7)),
     "table leg 1": ((0.1, 0.1, 0.7), (1.55, 1.85, 0.0)),
@@ -247,7 +266,7 @@ def furnished_room(patch_size_m: float = 0.2, reflectance: float = 0.7) -> Scene
         For a patch size not above 0.
     """
     size_m = (4.8, 4.8, 2.4)
-    _check_sizes(size_m, patch_size_m)
+    _check_sizes(size_m, number_of("patch size", patch_size_m))
     geometry = _room_geometry(*size_m)
     for name, (box_m, corner_m) in FURNITURE.items():
         sides = _box_geometry(box_m, np.array(corner_m))

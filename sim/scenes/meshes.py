@@ -75,16 +75,21 @@ def integrating_sphere(subdivisions: int = 2, radius_m: float = 1.0, reflectance
     """
     if not (0 <= subdivisions <= 7 and 0 < radius_m < np.inf):
         raise SimulationError(f"sphere of radius {radius_m} m, {subdivisions} subdivisions; above 0 m and 0 ... 7")
+    inside = radius_m * icosphere(subdivisions)[:, [0, 2, 1, 1]]
+    shares = np.full(len(inside), float(reflectance))
+    region = np.arange(len(inside))
+    return Mesh(name="integrating-sphere", vertices=inside, reflectance=shares, convex=True, closed=True, region=region)
+
+
+def icosphere(subdivisions: int) -> FloatArray:
+    """Return (20 * 4^subdivisions, 3, 3) triangles of the unit sphere, counter-clockwise seen from outside."""
     triangles = _icosahedron()
     for _ in range(subdivisions):
         a, b, c = np.moveaxis(triangles, 1, 0)
         ab, bc, ca = (_unit(p + q) for p, q in ((a, b), (b, c), (c, a)))
         quarters = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
         triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
-    inside = radius_m * triangles[:, [0, 2, 1, 1]]
-    shares = np.full(len(inside), float(reflectance))
-    region = np.arange(len(inside))
-    return Mesh(name="integrating-sphere", vertices=inside, reflectance=shares, convex=True, closed=True, region=region)
+    return triangles
 
 
 def _checked_rotation(rotation: ArrayLike | None) -> FloatArray:

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.light.blur import Footprint, fit_point_spread, footprint_map, lit_share, two_level, white_share
+from calibration.light.blur import fit_point_spread, footprint_map
+from calibration.light.two_level import Footprint, lit_share, two_level, white_share
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import checker, checker_patterns, random_blocks
 

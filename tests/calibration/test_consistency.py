@@ -2,14 +2,17 @@
 
 from itertools import pairwise
 
+import cv2
 import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.structured_light.consistency.check import check_gray_frames, refuse_stale_frames
+from calibration.structured_light.consistency.check import check_gray_frames
+from calibration.structured_light.consistency.complements import refuse_stale_frames
 from calibration.structured_light.consistency.readings import Slots
 from calibration.structured_light.consistency.still import exposure_gains, movements
 from calibration.structured_light.gray import CodeName, gray_code_patterns
+from calibration.structured_light.patterns import flat
 
 SHAPE = (48, 64)
 SCALE = 5
@@ -101,14 +104,49 @@ def test_the_exposure_of_one_frame_is_found_from_what_its_pair_lacks(frames: dic
     assert (np.delete(gains, 5) == 1).all()
 
 
-@pytest.mark.parametrize("code", ["gray", "long-run"])
+def session_of(code: CodeName, *, blur_px: float = 0.0, glow: float = 0.0, drift: float = 0.0) -> dict[str, np.ndarray]:
+    """White, black and a code in linear light: blurred, with light off other walls, of a lamp that drifts."""
+    rng = np.random.default_rng(2)
+    flats = [flat(SHAPE, 255, "white"), flat(SHAPE, 0, "black")]
+    frames = {}
+    for k, pattern in enumerate([*flats, *gray_code_patterns(SHAPE, code=code)]):
+        light = np.kron(pattern.codes, np.ones((SCALE, SCALE))) / 255
+        light = cv2.GaussianBlur(light, (0, 0), blur_px) if blur_px else light
+        seen = 20 + 150 * (1 - drift * k) * (light + glow * light[:, : light.shape[1] // 2].mean())
+        frames[pattern.name] = seen + rng.normal(0, 1, light.shape)
+    return frames
+
+
+def refuse_stale(frames: dict[str, np.ndarray]) -> None:
+    refuse_stale_frames(frames, 2 * 2**0.5, 500)
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
 def test_stale_frames_of_a_session_are_refused_by_name(code: CodeName) -> None:
-    frames = frames_of(code)
-    refuse_stale_frames(frames, 10)
-    names = list(frames)
+    frames = session_of(code, glow=0.8)
+    refuse_stale(frames)
+    names = list(frames)[2:]
     for before, name in list(pairwise(names))[::3]:
         with pytest.raises(CalibrationError, match=name.removesuffix("-inverse")):
-            refuse_stale_frames({**frames, name: frames[before]}, 10)
+            refuse_stale({**frames, name: frames[before]})
+
+
+@pytest.mark.parametrize(("name", "shown"), [("white", "long-run-column-03"), ("black", "long-run-column-03-inverse")])
+def test_stale_frames_of_white_and_black_are_told_from_those_of_patterns(name: str, shown: str) -> None:
+    frames = session_of("long-run", glow=0.8)
+    with pytest.raises(CalibrationError, match=r"^white and black do not add up"):
+        refuse_stale({**frames, name: frames[shown]})
+
+
+@pytest.mark.parametrize("code", ["gray", "long-run", "xor-02"])
+@pytest.mark.parametrize("change", [{"blur_px": 9.0}, {"glow": 3.0}, {"drift": 0.003}])
+def test_blur_other_walls_and_a_lamp_that_drifts_are_no_stale_frames(code: CodeName, change: dict[str, float]) -> None:
+    refuse_stale(session_of(code, **change))
+
+
+def test_a_scene_without_light_has_no_stale_frames() -> None:
+    frames = {name: np.full(SHAPE, 20.0) for name in session_of("gray")}
+    refuse_stale(frames)
 
 
 def test_edges_of_a_coarse_stripe_lie_where_only_the_next_finer_picture_is_lit() -> None:

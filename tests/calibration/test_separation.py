@@ -167,3 +167,13 @@ def test_too_few_frames_are_refused() -> None:
 def test_a_leak_that_separates_nothing_is_refused(leak: float) -> None:
     with pytest.raises(CalibrationError, match="leak"):
         separate([np.ones((4, 4), dtype=np.float32)] * 6, leak=leak)
+
+
+def test_the_stated_variance_of_places_is_that_of_their_errors() -> None:
+    true = scene(noise=0.02)
+    found = separate_by_pattern(true.checkers(), patterns(), true.correspondence(), white=true.white.astype(np.float32))
+    assert found.projector_xy_px is not None
+    assert found.place_variance_px2 is not None
+    inner = slice(20, -20), slice(20, -20)
+    errors = (found.projector_xy_px - true.xy)[inner] / np.sqrt(found.place_variance_px2[inner])[..., None]
+    assert 0.7 < 1.4826 * np.median(np.abs(errors)) < 1.4

@@ -154,6 +154,32 @@ def test_noise_moves_coordinates_by_what_their_sigmas_say(code: StructuredLightC
     assert 0.5 < 1.4826 * np.median(np.abs(error / found.sigma_px[inner])) < 2
 
 
+@pytest.mark.parametrize("dtype", [np.uint8, np.float32])
+def test_frames_of_any_kind_are_read_alike(code: StructuredLightCode, dtype: type[np.generic]) -> None:
+    rng, xy = np.random.default_rng(9), plane_xy()
+    xy[80:, 120:] += 60.0  # beyond the picture, and an edge
+    shown = [*code.patterns(PLANE), flat(PLANE, 255, "white"), flat(PLANE, 0, "black")]
+    frames = {pattern.name: noisy(pattern.codes, xy, rng) for pattern in shown}
+    for frame in frames.values():
+        frame[5:12, 5:12] += 40
+    one, other = (
+        code.decode(
+            {name: frame.astype(kind) for name, frame in frames.items() if name not in ("white", "black")},
+            PLANE,
+            white=frames["white"].astype(kind),
+            black=frames["black"].astype(kind),
+            noise_limit=5.0,
+            saturation=230,
+        )
+        for kind in (np.uint16, dtype)
+    )
+    assert set(np.unique(one.reason)) >= {PixelReason.VALID, PixelReason.DARK, PixelReason.SATURATED}
+    assert (one.reason != other.reason).mean() < 0.005
+    apart_px = np.abs(one.projector_xy_px - other.projector_xy_px)[one.valid & other.valid]
+    assert (apart_px > 1e-3).mean() < 0.01  # the mean of white and black is a whole number, or a half more
+    assert apart_px.max() <= 0.5
+
+
 def test_two_codes_agree_on_one_scene(code: StructuredLightCode) -> None:
     xy = plane_xy()
     one, other = read_plane(code, xy), read_plane(CODES["long-run"], xy)

@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 ROW = re.compile(r"^\| `([a-z_0-9]+)` \| (.+?) \| (.+) \|$", re.MULTILINE)
 PARTS_OF_BENCH = {
     "[[simulation.posters]]": simulation_settings.Poster,
+    "[[simulation.material]]": simulation_settings.SimulatedMaterial,
     "[[simulation.camera]]": simulation_settings.SimulatedCameraSettings,
     "[[simulation.projector]]": simulation_settings.SimulatedProjectorSettings,
 }

@@ -111,42 +111,6 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     )
 
 
-def refuse_stale_frames(frames: Mapping[str, Frame], limit: float) -> None:
-    """Refuse frames of any code with inverses of which one is stale, or before which the camera moved.
-
-    For frames whose names are known to be right. It looks at some hundred rows and columns and at small copies of the
-    frames: a quarter of a second for 44 frames of 2592 × 1944 pixels.
-
-    Parameters
-    ----------
-    frames : mapping of pattern name to (H, W)
-        Linear in light, in the order in which they were taken; `NAME-inverse` is the inverse of `NAME`. [dn]
-    limit : float
-        Least difference of the brightest and the darkest frame at a lit place. [dn]
-
-    Raises
-    ------
-    CalibrationError
-        If a pattern and its inverse do not add up to white and black, or the picture moves; the message names them.
-    """
-    both = {name for name in frames if name + _INVERSE in frames}
-    names = [name for name in frames if name.removesuffix(_INVERSE) in both]
-    index = {name: k for k, name in enumerate(names)}
-    pairs = [(index[name], index[name + _INVERSE]) for name in names if not name.endswith(_INVERSE)]
-    if not pairs:
-        return
-    shown = [frames[name] for name in names]
-    places = places_on_lines(shown, limit)
-    if places.middle.shape[1] < _LEAST_PLACES:
-        return
-    seen = normalised(places, np.ones(len(names)), complete=True)
-    together = fine_correlation(seen)
-    lonely = [k for pair in pairs if not _complementary(seen, together, pair) for k in pair]
-    if lonely:
-        raise CalibrationError(_without_complement(seen, lonely, pairs, names))
-    _refuse_movement([(shown[a], shown[b]) for a, b in pairs], pairs, names)
-
-
 def _nothing_to_tell(names: Sequence[str]) -> PhotographOrder:
     """For photographs in which nothing is lit: what follows will say so."""
     return PhotographOrder(True, ({name: name for name in names},), {}, ())

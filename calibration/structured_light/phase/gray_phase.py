@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import Frame
-from calibration.structured_light.bits import limit_of_kind, middle, read_positions
+from calibration.structured_light.bits import middle, read_positions
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
-from calibration.structured_light.gray import BOTH_AXES, Axis, Words, bits_for, positions, words
+from calibration.structured_light.frames import frames_of, limit_of_kind, noise_dn, part
+from calibration.structured_light.gray import BOTH_AXES, Axis, Words, across, bits_for, positions, size_along, words
 from calibration.structured_light.patterns import WHITE, Pattern
 from calibration.structured_light.phase.sinusoids import (
     PERIOD_PX,
@@ -84,13 +84,12 @@ class GrayPhaseCode:
             Codes (H, W): linear light, 255 is white.
         """
         for axis in self.axes:
-            size_px = projector_shape[1 if axis == "column" else 0]
+            size_px = size_along(projector_shape, axis)
             bits = self._bits(projector_shape, axis)
             word = words("long-run", bits)[(np.arange(size_px) / (self.period_px / 2)).astype(int)]
             for bit, name in zip(reversed(range(bits)), self._bit_names(axis, bits), strict=True):
                 stripe = ((word >> bit) & 1).astype(np.uint8) * np.uint8(WHITE)
-                codes = np.broadcast_to(stripe if axis == "column" else stripe[:, None], projector_shape)
-                yield Pattern(name, codes.copy())
+                yield Pattern(name, across(stripe, projector_shape, axis))
             yield from map(Pattern, self._phase_names(axis), steps(projector_shape, axis, self.period_px))
 
     def decode(
@@ -128,9 +127,7 @@ class GrayPhaseCode:
         CalibrationError
             If frames are missing or their shapes differ; the message names them.
         """
-        names = self.pattern_names(projector_shape)
-        refuse_missing(frames, names, self.name)
-        refuse_unequal({**frames, "white": white, "black": black})
+        own = frames_of(self.name, frames, self.pattern_names(projector_shape), white=white, black=black)
         mean = middle(white, black)
         least = np.maximum(noise_limit, np.float32(_PLAIN_SHARE) * difference(white, black))
         read = {}
@@ -138,8 +135,8 @@ class GrayPhaseCode:
             bits = self._bits(projector_shape, axis)
             read[axis] = _GrayPhaseAxis(
                 period_px=self.period_px,
-                pairs=tuple((frames[name], mean) for name in self._bit_names(axis, bits)),
-                phases=tuple(frames[name] for name in self._phase_names(axis)),
+                pairs=tuple((own[name], mean) for name in self._bit_names(axis, bits)),
+                phases=tuple(own[name] for name in self._phase_names(axis)),
                 table=positions("long-run", bits),
                 bit_limit=limit_of_kind(least, mean.dtype),
                 noise_dn=noise_dn(noise_limit),
@@ -147,7 +144,7 @@ class GrayPhaseCode:
         return decode_phases(
             read,
             projector_shape,
-            frames=[frames[name] for name in names],
+            frames=list(own.values()),
             white=white,
             black=black,
             contrast_limit=np.asarray(noise_limit),
@@ -155,7 +152,7 @@ class GrayPhaseCode:
         )
 
     def _bits(self, projector_shape: tuple[int, int], axis: Axis) -> int:
-        size_px = projector_shape[1 if axis == "column" else 0]
+        size_px = size_along(projector_shape, axis)
         return bits_for(int((size_px - 1) / (self.period_px / 2)) + 1)
 
     def _bit_names(self, axis: Axis, bits: int) -> list[str]:
@@ -176,8 +173,7 @@ class _GrayPhaseAxis:
 
     def read(self, rows: slice) -> PhaseReading:
         """Find the coordinates of some rows."""
-        brightest = self.pairs[0][0][rows].copy()
-        twice, weak = read_positions(self.pairs, self.bit_limit, self.table, rows=rows, brightest=brightest)
+        twice, weak = read_positions(self.pairs, self.bit_limit, self.table, rows=rows)
         half_px = self.period_px / 2
         middle_px = twice * np.float32(half_px / 2) + np.float32((half_px - 1) / 2)
         cycles, twice_amplitude = phase(self.phases, rows)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
-from calibration.structured_light.gray import BOTH_AXES, Axis
+from calibration.structured_light.frames import frames_of, noise_dn, part
+from calibration.structured_light.gray import BOTH_AXES, Axis, size_along
 from calibration.structured_light.patterns import Pattern
 from calibration.structured_light.phase.sinusoids import PhaseReading, decode_phases, sinusoid
 
@@ -30,8 +30,9 @@ _LONGEST_STEP_PX = 2.0
 """Of the final fit: where it would go further, the start was wrong, and the misfit says so."""
 _ONE_THREAD = 200_000
 """Multiplications in a product that OpenBLAS does not spread over threads (its limit: 262,144)."""
-_BATCH = 1 << 14
-"""Pixels that are compared with all periods at once: a megabyte or two of sums."""
+_BATCH = 1 << 12
+"""Pixels that are compared with all stripes at once: a megabyte of sums of the largest projectors, which stays in the
+second-level cache."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,14 +122,12 @@ class MicroPhaseCode:
         CalibrationError
             If frames are missing or their shapes differ; the message names them.
         """
-        names = self.pattern_names(projector_shape)
-        refuse_missing(frames, names, self.name)
-        refuse_unequal({**frames, "white": white, "black": black})
+        own = frames_of(self.name, frames, self.pattern_names(projector_shape), white=white, black=black)
         read = {
             axis: _MicroPhaseAxis(
                 shown=tuple(self._shown()),
-                size_px=projector_shape[1 if axis == "column" else 0],
-                frames=tuple(frames[name] for name in self._names(axis)),
+                size_px=size_along(projector_shape, axis),
+                frames=tuple(own[name] for name in self._names(axis)),
                 noise_dn=noise_dn(noise_limit),
             )
             for axis in self.axes
@@ -136,7 +135,7 @@ class MicroPhaseCode:
         return decode_phases(
             read,
             projector_shape,
-            frames=[frames[name] for name in names],
+            frames=list(own.values()),
             white=white,
             black=black,
             contrast_limit=np.asarray(noise_limit),
@@ -194,15 +193,15 @@ class _MicroPhaseAxis:
         return np.array([[2 * np.pi / period] for period, _ in self.shown[_FIRST_STEPS:]], dtype=np.float32)
 
     @cached_property
-    def _stripes(self) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+    def _stripes(self) -> tuple[Float32Array, NDArray[np.float32]]:
         """Numbers of the first period's stripes, and the matrix that makes misfits of them from a pixel's features."""
         number = np.arange(-1, int(self.size_px / self.first_px) + 1)
         turned = self._angular.astype(np.float64) * (number * self.first_px)
         cross = [-2 * np.cos(turned), 2 * np.sin(turned)]
         square = [np.cos(2 * turned) / 2, -np.sin(2 * turned) / 2]
-        return number, np.concatenate(cross + square).astype(np.float32)
+        return number.astype(np.float32), np.concatenate(cross + square).astype(np.float32)
 
-    def _best_stripe(self, within_px: Float32Array, relative: Float32Array) -> tuple[NDArray[np.int64], Float32Array]:
+    def _best_stripe(self, within_px: Float32Array, relative: Float32Array) -> tuple[Float32Array, Float32Array]:
         """Return the stripe that explains the single pictures best, and how much worse the next best does.
 
         The misfit Σ (cos ω (x + k λ) − m)² is, for all stripes k at once, a product of features of x and m with a
@@ -213,13 +212,19 @@ class _MicroPhaseAxis:
         cosine, sine = np.cos(angle), np.sin(angle)
         features = np.concatenate([relative * cosine, relative * sine, 2 * cosine**2 - 1, 2 * sine * cosine])
         misfit = _small_products(features.T, matrix)
-        inside = np.abs(within_px[:, None] + number.astype(np.float32) * np.float32(self.first_px) - self.size_px / 2)
-        misfit[inside > self.size_px / 2 + 1] = np.inf
+        self._exclude_beyond(within_px, misfit)
         rows = np.arange(len(misfit))
         best = misfit.argmin(axis=1)
         least = misfit[rows, best]
         misfit[rows, best] = np.inf
-        return number[best], misfit.min(axis=1) - least
+        return number[best], misfit[rows, misfit.argmin(axis=1)] - least  # twice as quick as min
+
+    def _exclude_beyond(self, within_px: Float32Array, misfit: Float32Array) -> None:
+        """Let no pixel be in a stripe beyond the picture: only those at its sides reach so far."""
+        number, _ = self._stripes
+        for k in np.flatnonzero((number < 0) | ((number + 1) * self.first_px > self.size_px)):
+            position = within_px + number[k] * np.float32(self.first_px)
+            misfit[np.abs(position - self.size_px / 2) > self.size_px / 2 + 1, k] = np.inf
 
 
 def _small_products(features: Float32Array, matrix: NDArray[np.float32]) -> Float32Array:

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Codes, Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.frames import is_dark, mark, part
-from calibration.structured_light.gray import BOTH_AXES, Axis
+from calibration.structured_light.frames import Clipping, is_dark, mark, part
+from calibration.structured_light.gray import BOTH_AXES, Axis, across, size_along
 from calibration.structured_light.neighbours import isolated, widen_at_border
 from calibration.structured_light.strips import for_each_strip
 
@@ -27,8 +27,8 @@ MOST_SIGMA_PX = 1.0
 _LEAST_SIGMA_PX = 0.01
 """What 8-bit levels and a response known to 0.5 % leave of a period of 16 px."""
 _ISOLATED_PX = 8.0
-_WINDOW_PX = 5
-"""Neighbours whose misfits are averaged: a single pixel's says little."""
+_REACH_PX = 2
+"""Up to here neighbours' misfits are averaged: a single pixel's says little."""
 _STRIP_PIXELS = 1 << 15
 """Floating-point planes of so many pixels, of which a dozen are in use, fit into the second-level cache."""
 
@@ -57,10 +57,10 @@ class PhaseAxis(Protocol):
 
 def sinusoid(shape: tuple[int, int], axis: Axis, period_px: float, shift_cycles: float = 0.0) -> Codes:
     """(H, W) codes: linear light that swings between black and white along an axis, white at pixel shift × period."""
-    position = np.arange(shape[1] if axis == "column" else shape[0])
+    position = np.arange(size_along(shape, axis))
     light = 0.5 + 0.5 * np.cos(2 * np.pi * (position / period_px - shift_cycles))
     stripe = np.rint(255 * light).astype(np.uint8)
-    return np.broadcast_to(stripe if axis == "column" else stripe[:, None], shape).copy()
+    return across(stripe, shape, axis)
 
 
 def steps(shape: tuple[int, int], axis: Axis, period_px: float) -> Iterator[Codes]:
@@ -113,29 +113,76 @@ def decode_phases(
     Correspondence
         With sub-pixel coordinates and their standard deviations.
     """
-    xy, sigma = (np.full((*white.shape, 2), np.nan, dtype=np.float32) for _ in range(2))
-    misfit = {axis: np.empty(white.shape, dtype=np.float32) for axis in axes}
     reason = np.zeros(white.shape, dtype=np.uint8)
+    planes = {axis: _Planes.of(white.shape, projector_shape[1 - BOTH_AXES.index(axis)]) for axis in axes}
+    clipping = Clipping.of(saturation, reason.shape)
 
-    def strip(rows: slice) -> None:
+    def read(rows: slice) -> None:
         here = reason[rows]
         for axis, source in axes.items():
-            k = BOTH_AXES.index(axis)
-            reading = source.read(rows)
-            _note(reading, here, projector_shape[1 - k])
-            np.clip(reading.position_px, -0.5, projector_shape[1 - k] - 0.5, out=xy[rows, :, k])
-            sigma[rows, :, k], misfit[axis][rows] = reading.sigma_px, reading.misfit
-        if saturation is not None:
-            mark(here, PixelReason.SATURATED, _is_clipped(frames, saturation, rows))
+            planes[axis].take(source.read(rows), rows, here)
+        if clipping is not None:
+            for frame in frames:
+                clipping.note(frame[rows], rows)
+            mark(here, PixelReason.SATURATED, clipping.found[rows])
         mark(here, PixelReason.DARK, is_dark(white[rows], black[rows], part(contrast_limit, rows)))
 
-    for_each_strip(strip, white.shape, _STRIP_PIXELS)
-    shown = [np.ascontiguousarray(xy[..., BOTH_AXES.index(axis)]) for axis in axes]
-    mark(reason, PixelReason.ISOLATED, isolated(shown, reason == 0, _ISOLATED_PX) & (reason == 0))
-    for axis, left in misfit.items():
-        _widen(sigma[..., BOTH_AXES.index(axis)], left, reason == 0)
-    widen_at_border(sigma, xy, projector_shape)
-    xy[reason != PixelReason.VALID] = np.nan
+    for_each_strip(read, white.shape, _STRIP_PIXELS)
+    positions = [plane.position_px for plane in planes.values()]
+    mark(reason, PixelReason.ISOLATED, isolated(positions, reason == 0, _ISOLATED_PX) & (reason == 0))
+    return _joined(planes, reason, projector_shape)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Planes:
+    """What has been read of one axis, all (H, W)."""
+
+    position_px: Float32Array
+    sigma_px: Float32Array
+    misfit: Float32Array
+    size_px: int
+    """Of the projector along the axis."""
+
+    @classmethod
+    def of(cls, shape: tuple[int, ...], size_px: int) -> _Planes:
+        """Return planes to be filled."""
+        position, sigma, misfit = (np.empty(shape, dtype=np.float32) for _ in range(3))
+        return cls(position, sigma, misfit, size_px)
+
+    def take(self, reading: PhaseReading, rows: slice, reason: NDArray[np.uint8]) -> None:
+        """Fill some rows, and say why pixels have no coordinate."""
+        _note(reading, reason, self.size_px)
+        np.clip(reading.position_px, -0.5, self.size_px - 0.5, out=self.position_px[rows])
+        self.sigma_px[rows], self.misfit[rows] = reading.sigma_px, reading.misfit
+
+    def widened(self, rows: slice, valid: BoolArray) -> Float32Array:
+        """Standard deviations of some rows, larger where the frames around have more left than noise."""
+        around = slice(max(rows.start - _REACH_PX, 0), rows.stop + _REACH_PX)
+        inner = slice(rows.start - around.start, rows.stop - around.start)
+        weight, window = valid[around].astype(np.float32), (2 * _REACH_PX + 1,) * 2
+        left = self.misfit[around].copy()
+        np.copyto(left, np.float32(0), where=~valid[around])
+        total, count = (cv2.boxFilter(each, -1, window, normalize=False)[inner] for each in (left, weight))
+        variance = np.maximum(total / np.maximum(count, 1), 1) * self.sigma_px[rows] ** 2
+        return np.asarray(np.sqrt(variance + np.float32(_LEAST_SIGMA_PX**2)))
+
+
+def _joined(
+    planes: Mapping[Axis, _Planes], reason: NDArray[np.uint8], projector_shape: tuple[int, int]
+) -> Correspondence:
+    """Columns and rows side by side, with standard deviations that know the neighbours; NaN of what is not known."""
+    xy, sigma = (np.empty((*reason.shape, 2), dtype=np.float32) for _ in range(2))
+    valid = reason == PixelReason.VALID
+
+    def join(rows: slice) -> None:
+        for k, axis in enumerate(BOTH_AXES):
+            plane = planes.get(axis)
+            xy[rows, :, k] = np.nan if plane is None else plane.position_px[rows]
+            sigma[rows, :, k] = np.nan if plane is None else plane.widened(rows, valid)
+        widen_at_border(sigma[rows], xy[rows], projector_shape)
+        xy[rows][~valid[rows]] = np.nan
+
+    for_each_strip(join, reason.shape, _STRIP_PIXELS)
     return Correspondence(xy, reason, projector_shape, sigma)
 
 
@@ -146,20 +193,3 @@ def _note(reading: PhaseReading, reason: NDArray[np.uint8], size_px: int) -> Non
     if reading.uncertain_bit is not None:
         mark(reason, PixelReason.UNCERTAIN_BIT, reading.uncertain_bit)
     mark(reason, PixelReason.WASHED_OUT, ~(reading.sigma_px < MOST_SIGMA_PX))
-
-
-def _is_clipped(frames: Sequence[Frame], saturation: float, rows: slice) -> BoolArray:
-    brightest = frames[0][rows].copy()
-    for frame in frames[1:]:
-        np.maximum(brightest, frame[rows], out=brightest)
-    return np.asarray(brightest >= saturation)
-
-
-def _widen(sigma_px: Float32Array, misfit: Float32Array, valid: BoolArray) -> None:
-    """Let standard deviations grow where the frames around have more left than noise."""
-    window = (_WINDOW_PX, _WINDOW_PX)
-    weight = valid.astype(np.float32)
-    total = cv2.boxFilter(np.where(valid, misfit, np.float32(0)), -1, window, normalize=False)
-    count = cv2.boxFilter(weight, -1, window, normalize=False)
-    factor = np.sqrt(np.maximum(total / np.maximum(count, 1), 1))
-    np.hypot(sigma_px * factor, np.float32(_LEAST_SIGMA_PX), out=sigma_px)

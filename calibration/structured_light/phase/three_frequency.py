@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from calibration.arrays import Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.frames import noise_dn, part, refuse_missing, refuse_unequal
-from calibration.structured_light.gray import BOTH_AXES, Axis
+from calibration.structured_light.frames import frames_of, noise_dn, part
+from calibration.structured_light.gray import BOTH_AXES, Axis, size_along
 from calibration.structured_light.patterns import Pattern
 from calibration.structured_light.phase.sinusoids import PERIOD_PX, STEPS, PhaseReading, decode_phases, phase, steps
 
@@ -110,13 +110,11 @@ class ThreeFrequencyCode:
         CalibrationError
             If frames are missing or their shapes differ; the message names them.
         """
-        names = self.pattern_names(projector_shape)
-        refuse_missing(frames, names, self.name)
-        refuse_unequal({**frames, "white": white, "black": black})
+        own = frames_of(self.name, frames, self.pattern_names(projector_shape), white=white, black=black)
         read = {
             axis: _BeatAxis(
                 beats=_Beats.of(projector_shape, axis, self.period_px),
-                frames=tuple(tuple(frames[name] for name in self._names(axis, frequency)) for frequency in range(3)),
+                frames=tuple(tuple(own[name] for name in self._names(axis, frequency)) for frequency in range(3)),
                 noise_dn=noise_dn(noise_limit),
             )
             for axis in self.axes
@@ -124,7 +122,7 @@ class ThreeFrequencyCode:
         return decode_phases(
             read,
             projector_shape,
-            frames=[frames[name] for name in names],
+            frames=list(own.values()),
             white=white,
             black=black,
             contrast_limit=np.asarray(noise_limit),
@@ -148,7 +146,7 @@ class _Beats:
 
         With `slow` periods the noise that enters each stage of counting is about the same.
         """
-        size_px = projector_shape[1 if axis == "column" else 0]
+        size_px = size_along(projector_shape, axis)
         middle = max(int(np.ceil(size_px / period_px)) + 1, 2)
         slow = max(1, round((middle / (2 * 3**0.5)) ** 0.5))
         return cls(counts=(middle - slow, middle, middle + slow + 1), range_px=middle * period_px)
@@ -180,9 +178,11 @@ class _BeatAxis:
             angle = part(self.noise_dn, rows) * np.float32(2**0.5 / (2 * np.pi)) / twice_amplitude
         sigma = angle * np.float32((periods**-2).sum() ** -0.5)
         misfit = apart / (2 * (angle * np.float32(periods.mean())) ** 2 + np.float32(1e-6))
-        limit = 2 * np.maximum(np.float32(_MOST_APART_PX), 0) ** 2
         return PhaseReading(
-            position_px=self._within(position), sigma_px=sigma, misfit=misfit, ambiguous=np.asarray(apart > limit)
+            position_px=self._within(position),
+            sigma_px=sigma,
+            misfit=misfit,
+            ambiguous=np.asarray(apart > np.float32(2 * _MOST_APART_PX**2)),
         )
 
     def _coarse_px(self, phases: tuple[Float32Array, ...]) -> Float32Array:
@@ -201,12 +201,14 @@ class _BeatAxis:
 
 
 def _fraction(cycles: Float32Array) -> Float32Array:
-    return np.asarray(cycles - np.floor(cycles))
+    whole = np.floor(cycles)
+    return np.subtract(cycles, whole, out=whole)
 
 
 def _counted(fraction: Float32Array, about: Float32Array) -> Float32Array:
     """Cycles of which the fraction is known, and the whole number about."""
-    return np.asarray(fraction + np.rint(about - fraction))
+    whole = np.subtract(about, fraction)
+    return np.add(fraction, np.rint(whole, out=whole), out=whole)
 
 
 def _unwrapped(fraction: Float32Array, about_px: Float32Array, period_px: np.float32) -> Float32Array:

@@ -12,6 +12,7 @@ from calibration import Correspondence, Pattern, StructuredLightCode, flat, refi
 from calibration.structured_light.fewer_lights import filled_in, lights_for, with_lights
 from calibration.structured_light.frames import NOISE_SIGMAS
 from rig.devices.simulated.optics import directions, pixels_of
+from rig.devices.simulated.pair import SeenLight, pixel_grid
 from rig.devices.simulated.room import trace
 from rig.devices.simulated.settings import (
     FaceName,
@@ -19,7 +20,7 @@ from rig.devices.simulated.settings import (
     SimulatedProjectorSettings,
     SimulationSettings,
 )
-from rig.devices.simulated.world import SeenLight, SimulatedWorld, pixel_grid
+from rig.devices.simulated.world import SimulatedWorld
 
 FloatArray = NDArray[np.float64]
 Frames = dict[str, NDArray[np.uint16]]

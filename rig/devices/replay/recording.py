@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown, signature_of
 from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.replay.photographs import Manifest, grey, read_photograph
-from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
+from rig.errors import CaptureTimeout, DeviceLost, SessionCorrupt, SettingRefused
+from rig.files.atomic import sha256_of
 from rig.files.exr import read_exr
 from rig.files.journal import JOURNAL_NAME, corrupt_line, read_events
 
@@ -218,7 +219,7 @@ def recorded_frames(session: Path) -> dict[str, tuple[RecordedFrame, ...]]:
                 by_file = {file: entry for file, entry in by_file.items() if entry[0] != event["step"]}
             elif event["event"] == "frame":
                 frame, file = event["frame"], event["file"]
-                read = partial(_read_frame, session / file)
+                read = partial(_read_frame, session / file, event["sha256"])
                 recorded = RecordedFrame(frame["exposure_s"], read, frame.get("signature", ""))
                 by_file[file] = (event["step"], frame["pattern"], recorded)
         except (KeyError, TypeError) as error:
@@ -229,7 +230,10 @@ def recorded_frames(session: Path) -> dict[str, tuple[RecordedFrame, ...]]:
     return frames
 
 
-def _read_frame(path: Path) -> Pixels:
+def _read_frame(path: Path, sha256: str) -> Pixels:
+    """Return the frame's digital numbers. Raises SessionCorrupt when the file is not as it was recorded."""
+    if path.is_file() and sha256_of(path) != sha256:
+        raise SessionCorrupt(f"{path}: is not as it was recorded; restore it from a copy, or record it again")
     channels = read_exr(path)
     order = ("R", "G", "B") if "R" in channels else ("Y",)
     return np.dstack([channels[c] for c in order]).astype(np.uint16)

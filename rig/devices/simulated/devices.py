@@ -1,4 +1,4 @@
-"""Simulated devices: a camera and a projector on one simulated world, in virtual time.
+"""Simulated devices: cameras and projectors on one simulated world, in virtual time.
 
 Every random event is drawn from the simulated world's seed and the time at which it happens, so it is a function of
 time alone: a session that is killed and resumed at the time of its last frame sees what it would have seen. Only
@@ -8,20 +8,22 @@ time alone: a session that is killed and resumed at the time of its last frame s
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.devices.driver_settings import Devices, RigSettings
 from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown
 from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
+from rig.devices.simulated.pair import Float32Array, SeenLight, SimulatedPair
 from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
-from rig.devices.simulated.world import Float32Array, SeenLight, SimulatedWorld, make_simulated_worlds
-from rig.errors import CaptureTimeout, DeviceLost, ProfileError
+from rig.errors import CaptureTimeout, DeviceLost
 
 FloatArray = NDArray[np.float64]
+Bands = tuple[SimulatedPair, ...]
+"""One world in each band of a camera."""
 
 _KEPT_PICTURES = 16
 """More than can light one exposure."""
@@ -42,7 +44,7 @@ class LitPicture:
 class SimulatedProjector:
     """Shows codes on the simulated world at the next refresh, with latency and jitter until the light comes."""
 
-    def __init__(self, world: SimulatedWorld, clock: Clock, *, refresh_rate_hz: float):
+    def __init__(self, world: SimulatedPair, clock: Clock, *, refresh_rate_hz: float):
         self._world = world
         self._clock = clock
         self._period_s = 1.0 / refresh_rate_hz
@@ -95,22 +97,64 @@ class SimulatedProjector:
         return [LitPicture(p.codes, p.light_s, end_s) for p, end_s in zip(self._pictures, ends, strict=True)]
 
 
+class _Source:
+    """A projector, as a camera sees its light."""
+
+    def __init__(self, bands: Bands, projector: SimulatedProjector):
+        self.projector = projector
+        self._bands, self._world = bands, bands[0]
+        self._seen = [SeenLight(world, _KEPT_LIGHT) for world in bands]
+        self._shape = (*self._world.camera.shape, len(bands))
+
+    def light(self, starts_s: FloatArray, exposure_s: float) -> Float32Array:
+        """(H, W, C) mean light during exposures that start at (H, 1) times, with the room's own."""
+        light = np.zeros(self._shape, dtype=np.float32)
+        for picture in self.projector.lit_pictures():
+            share = _lit_share(picture, starts_s, starts_s + exposure_s)
+            if share.any():
+                for band, seen in enumerate(self._seen):
+                    light[..., band] += share.astype(np.float32) * seen.of(picture.codes)
+        return self._by_lamp(light, starts_s, exposure_s)
+
+    def ambient(self) -> Float32Array:
+        """(H, W, C) the room's own light."""
+        pairs = zip(self._bands, self._seen, strict=True)
+        return np.stack([seen.through_lens(world.ambient) for world, seen in pairs], -1)
+
+    def _by_lamp(self, light: Float32Array, starts_s: FloatArray, exposure_s: float) -> Float32Array:
+        """The same light of a lamp that is not warm yet; what is not the projector's stays."""
+        if not self._world.settings.projector.lamp_drift:
+            return light
+        share = self._world.lamp(starts_s, exposure_s).astype(np.float32)[..., None]
+        return share * light + (1 - share) * self.ambient()
+
+
 class SimulatedCamera:
-    """Photographs the world: exposure, lens, shot and read noise, response, quantisation, late or lost frames."""
+    """Photographs the world: exposure, lens, shot and read noise, response, quantisation, late or lost frames.
+
+    Parameters
+    ----------
+    bands
+        The world of the camera and its first projector, in each band of the camera.
+    projector
+        That projector.
+    others
+        The same of further projectors; room light is the first one's.
+    """
 
     def __init__(
         self,
-        bands: tuple[SimulatedWorld, ...],
+        bands: Bands,
         projector: SimulatedProjector,
         clock: Clock,
         *,
         bit_depth: int,
         frame_rate_hz: float,
         exposure_range_s: tuple[float, float],
+        others: Sequence[tuple[Bands, SimulatedProjector]] = (),
     ):
         self.bands = bands
         self.world = bands[0]
-        self._projector = projector
         self._clock = clock
         self._bit_depth = bit_depth
         self._period_s = 1.0 / frame_rate_hz
@@ -120,7 +164,7 @@ class SimulatedCamera:
         self._opened_s: float | None = None
         self._sequence = 0
         self._faults = FrameFaults(self.world.settings.camera, self.world.settings.seed, self._period_s)
-        self._seen = [SeenLight(world, _KEPT_LIGHT) for world in bands]
+        self._sources = [_Source(*one) for one in ((bands, projector), *others)]
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -209,30 +253,15 @@ class SimulatedCamera:
         settings = self.world.settings.camera
         height = self.world.camera.shape[0]
         starts_s = start_s + settings.readout_s * np.arange(height)[:, None] / height
-        light = np.zeros(self.shape, dtype=np.float32)
-        for picture in self._projector.lit_pictures():
-            share = _lit_share(picture, starts_s, starts_s + exposure_s)
-            if share.any():
-                for band, seen in enumerate(self._seen):
-                    light[..., band] += share.astype(np.float32) * seen.of(picture.codes)
-        light = self._by_lamp(light, starts_s, exposure_s)
+        light = self._sources[0].light(starts_s, exposure_s)
+        for source in self._sources[1:]:
+            light += source.light(starts_s, exposure_s)
         if self.world.settings.ambient_flicker:
             swell = self.world.ambient_swell(starts_s, exposure_s)
-            for band, (world, seen) in enumerate(zip(self.bands, self._seen, strict=True)):
-                light[..., band] += swell.astype(np.float32) * seen.through_lens(world.ambient)
+            light += swell.astype(np.float32)[..., None] * self._sources[0].ambient()
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
         return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
-
-    def _by_lamp(self, light: Float32Array, starts_s: FloatArray, exposure_s: float) -> Float32Array:
-        """The same light of a lamp that is not warm yet; what is not the projector's stays."""
-        if not self.world.settings.projector.lamp_drift:
-            return light
-        share = self.world.lamp(starts_s, exposure_s).astype(np.float32)[..., None]
-        still = np.stack(
-            [seen.through_lens(world.ambient) for world, seen in zip(self.bands, self._seen, strict=True)], -1
-        )
-        return share * light + (1 - share) * still
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
@@ -278,35 +307,3 @@ def toned(y: Float32Array, tone: str | float) -> Float32Array:
     if tone == "srgb":
         return np.where(y <= 0.0031308, 12.92 * y, 1.055 * y ** np.float32(1 / 2.4) - 0.055).astype(np.float32)
     return np.asarray(y ** np.float32(1 / float(tone)), dtype=np.float32)
-
-
-def from_profile(profile: RigSettings, clock: Clock) -> Devices:
-    """Make the devices of a simulated rig, closed: driver ``simulated``. Raises ProfileError without a simulation."""
-    settings, bands = profile.camera, simulated_worlds_of(profile)
-    projector = SimulatedProjector(bands[0], clock, refresh_rate_hz=profile.projector.refresh_rate_hz)
-    camera = SimulatedCamera(
-        bands,
-        projector,
-        clock,
-        bit_depth=settings.bit_depth,
-        frame_rate_hz=settings.frame_rate_hz,
-        exposure_range_s=settings.exposure_range_s,
-    )
-    return Devices({settings.name: camera}, {profile.projector.name: projector}, clock)
-
-
-def simulated_world_of(profile: RigSettings) -> SimulatedWorld:
-    """Make the simulated world of a profile, as a grey camera sees it. Raises ProfileError when it has none."""
-    return worlds_of(profile, 1)[0]
-
-
-def simulated_worlds_of(profile: RigSettings) -> tuple[SimulatedWorld, ...]:
-    """Make the same in each band of the profile's camera."""
-    return worlds_of(profile, profile.camera.shape[2])
-
-
-def worlds_of(profile: RigSettings, channels: int) -> tuple[SimulatedWorld, ...]:
-    """Make a profile's simulated world in each band of a camera of 1 or 3 channels. Raises ProfileError."""
-    if profile.simulation is None:
-        raise ProfileError(f"{profile.path}: simulation: missing; a simulated room needs a [simulation] table")
-    return make_simulated_worlds(profile.simulation, profile.camera.shape[:2], profile.projector.shape, channels)

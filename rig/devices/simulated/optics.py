@@ -31,6 +31,10 @@ class SimulatedOptics:
         """(3,) centre of projection."""
         return np.array(self.lens.position_m)
 
+    def depth_m(self, points_m: FloatArray) -> FloatArray:
+        """(...) distance of points (..., 3) along the optical axis."""
+        return np.asarray((points_m - self.position_m) @ self.rotation[2])
+
 
 def make_optics(lens: SimulatedLensSettings, shape: tuple[int, int]) -> SimulatedOptics:
     """Aim a lens: camera z forward, x right, y down, room z up; roll turns the picture clockwise."""
@@ -91,19 +95,38 @@ def relative_illumination(optics: SimulatedOptics, xy_px: FloatArray) -> FloatAr
     return np.asarray(1 + r2 * (v2 + r2 * v4))
 
 
-def blurred(optics: SimulatedOptics, light: Float32Array) -> Float32Array:
-    """(H, W) light of a picture after the lens's blur, which may grow or shrink towards the corners."""
+def blurred(optics: SimulatedOptics, light: Float32Array, margin_px: int = 0) -> Float32Array:
+    """(H, W) light of a picture, with a margin around it, after the lens's blur, which may change to the corners."""
     centre, corner = optics.lens.blur_px, optics.lens.corner_blur_px
     if corner is None or corner == centre:
         return _gaussian(light, centre)
-    half_diagonal = np.hypot(*optics.shape) / 2
-    y, x = (np.arange(n) - c for n, c in zip(optics.shape, reversed(optics.lens.principal_point_px), strict=True))
-    step = np.clip((y[:, None] ** 2 + x**2) / half_diagonal**2, 0, 1) * (_BLUR_STEPS - 1)
     mixed = np.zeros_like(light)
-    for k in range(_BLUR_STEPS):
-        weight = np.maximum(1 - np.abs(step - k), 0).astype(np.float32)
-        mixed += weight * _gaussian(light, centre + (corner - centre) * k / (_BLUR_STEPS - 1))
+    for sigma_px, weight in _blur_steps(optics, centre, corner, margin_px):
+        mixed += weight.astype(np.float32) * _gaussian(light, sigma_px)
     return mixed
+
+
+def blur_variance_px2(optics: SimulatedOptics) -> FloatArray:
+    """(H, W) variance of the lens's blur at its pixels."""
+    centre, corner = optics.lens.blur_px, optics.lens.corner_blur_px
+    steps = _blur_steps(optics, centre, centre if corner is None else corner)
+    return np.asarray(sum(sigma_px**2 * weight for sigma_px, weight in steps))
+
+
+def _blur_steps(
+    optics: SimulatedOptics, centre: float, corner: float, margin_px: int = 0
+) -> list[tuple[float, FloatArray]]:
+    """Blurs that are mixed, and how much there is of each at every pixel, (H, W), and in a margin around them."""
+    half_diagonal = np.hypot(*optics.shape) / 2
+    y, x = (
+        np.arange(n + 2 * margin_px) - margin_px - c
+        for n, c in zip(optics.shape, reversed(optics.lens.principal_point_px), strict=True)
+    )
+    step = np.clip((y[:, None] ** 2 + x**2) / half_diagonal**2, 0, 1) * (_BLUR_STEPS - 1)
+    return [
+        (centre + (corner - centre) * k / (_BLUR_STEPS - 1), np.asarray(np.maximum(1 - np.abs(step - k), 0)))
+        for k in range(_BLUR_STEPS)
+    ]
 
 
 def _gaussian(light: Float32Array, sigma_px: float) -> Float32Array:

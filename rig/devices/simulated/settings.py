@@ -19,6 +19,8 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Reflectance = Annotated[float, Field(ge=0.0, lt=1.0)]
 NotNegative = Annotated[float, Field(ge=0.0)]
 FrameCount = Annotated[int, Field(ge=0)]
+_NEXT_SEED = 1_000_003
+"""From one device's seed to the next's; a prime, so that seeds of neighbouring profiles do not meet."""
 BANDS = 3
 """Of a colour camera: red, green, blue."""
 
@@ -86,6 +88,16 @@ class SimulatedLensSettings(Table):
     """Standard deviation of the lens's Gaussian blur in the device's own pixels, on the axis."""
     corner_blur_px: Annotated[float, Field(ge=0.0)] | None = None
     """The same half a diagonal from the axis, with its square between; None: as on the axis."""
+    aperture_m: NotNegative = 0.0
+    """Diameter of the lens's opening: what is not at `focus_m` is blurred; 0: all depths are sharp."""
+    focus_m: Annotated[float, Field(gt=0)] | None = None
+    """Depth along the axis that is in focus."""
+
+    @model_validator(mode="after")
+    def _has_a_focus(self) -> SimulatedLensSettings:
+        if (self.aperture_m > 0) != (self.focus_m is not None):
+            raise ValueError("aperture_m and focus_m belong together; give both")
+        return self
 
 
 class SimulatedCameraSettings(SimulatedLensSettings):
@@ -156,13 +168,37 @@ class Poster(Table):
     reflectance: Colour
 
 
+class SimulatedMaterial(Table):
+    """What a part of a scene does with light; keys that are not given are the scene's own."""
+
+    name: Annotated[str, Field(min_length=1)]
+    """The material's in the mesh file or the library's scene; ``*`` for triangles that have no colour."""
+    reflectance: Colour | None = None
+    """Matte reflectance."""
+    gloss: Reflectance | None = None
+    """Share of light that a glossy lobe sends back, beside the matte part; 0: none."""
+    roughness: Annotated[float, Field(ge=0.02, le=1.0)] | None = None
+    """Width of the lobe (GGX alpha): 0.05 is a gloss floor, 0.3 satin paint."""
+
+
 class SimulationSettings(Table):
     """The whole truth of a simulated rig."""
 
     seed: int = 1
-    size_m: Vector3
-    reflectance: dict[FaceName, Colour]
-    """Mean reflectance of each face; a face that is not named is open."""
+    scene: str | None = None
+    """A scene of triangles: a mesh file, relative to the profile, or a name of the library; None: a box."""
+    scene_unit: Literal["m", "cm", "mm", "in", "ft"] = "m"
+    """What the numbers of a mesh file are."""
+    scene_up: Literal["y", "z"] | None = None
+    """The mesh file's axis that points up; None: y of glTF, else z."""
+    materials: Annotated[tuple[SimulatedMaterial, ...], Field(alias="material")] = ()
+    """Overrule those of the scene, by name."""
+    rays: Annotated[int, Field(ge=16, le=16384)] = 1024
+    """From each sample of a scene's light to the rest of it."""
+    size_m: Vector3 = (0.0, 0.0, 0.0)
+    """Of the box, or of the room of a library's scene; a mesh file has its own."""
+    reflectance: dict[FaceName, Colour] = Field(default_factory=dict)
+    """Mean reflectance of each face; a face of a box that is not named is open."""
     texture: Share = 0.0
     """Half range of the smooth variation on each face."""
     posters: tuple[Poster, ...] = ()
@@ -206,8 +242,49 @@ class SimulationSettings(Table):
             raise ValueError(f"a simulation has no {', '.join(sorted(unknown))}; with_device() replaces one device")
         return super().model_copy(update=update, deep=deep)
 
+    @property
+    def is_mesh_file(self) -> bool:
+        """Whether the scene is read from a file."""
+        return self.scene is not None and "." in self.scene
+
+    def of_pair(self, camera: str, projector: str) -> SimulationSettings:
+        """Return the settings that one camera and one projector know, by name.
+
+        The first camera and the first projector keep the seed; noise and jitter of the others are their own. Room
+        light is the first projector's.
+        """
+        cameras, projectors = ([one.name for one in devices] for devices in (self.cameras, self.projectors))
+        at_camera, at_projector = cameras.index(camera), projectors.index(projector)
+        return self.model_copy(
+            update={
+                "cameras": (self.cameras[at_camera],),
+                "projectors": (self.projectors[at_projector],),
+                "seed": self.seed + _NEXT_SEED * max(at_camera, at_projector),
+                "ambient": self.ambient if at_projector == 0 else 0.0,
+            }
+        )
+
+    @model_validator(mode="after")
+    def _has_a_scene(self) -> SimulationSettings:
+        if self.is_mesh_file:
+            if self.size_m != (0.0, 0.0, 0.0) or self.reflectance:
+                raise ValueError(
+                    "size_m and reflectance are of a box; a mesh file has its own: use [[simulation.material]]"
+                )
+        elif min(self.size_m) <= 0:
+            raise ValueError(f"size_m {self.size_m}: give the width, depth and height of the room, in metres")
+        if self.scene is None and not self.reflectance:
+            raise ValueError("reflectance: missing; a box needs that of each face that is there")
+        if self.scene is None and self.materials:
+            raise ValueError("material: only for a scene; a box has reflectance and posters")
+        if self.scene is not None and self.posters:
+            raise ValueError("posters: only for a box; remove them, or scene")
+        return self
+
     @model_validator(mode="after")
     def _devices_are_inside(self) -> SimulationSettings:
+        if self.is_mesh_file:
+            return self
         for lens in (*self.cameras, *self.projectors):
             if not all(0.0 < p < s for p, s in zip(lens.position_m, self.size_m, strict=True)):
                 raise ValueError(f"position_m {lens.position_m} of {lens.name!r} is outside size_m {self.size_m}")

@@ -14,7 +14,7 @@ from rig.devices.v4l2.describe import ControlAbility, FormatAbility, describe
 from rig.devices.v4l2.find import find_camera
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.errors import CaptureTimeout, DeviceError
-from rig.live.sources.source import Picture, Pixels
+from rig.live.sources.source import CameraMissing, Picture, Pixels
 
 _FORMATS = ("MJPG", "YUYV", "UYVY", "NV12", "RGB3", "BGR3", "GREY")
 """The ones that are quick over USB first."""
@@ -52,20 +52,25 @@ class CameraSource:
         return
 
     def open(self) -> None:
-        """Find it and start it. Raises DeviceError."""
+        """Find it and start it. Raises CameraMissing."""
         self.close()
-        camera = best_camera(self._device_id, self._shape, self._clock)
-        camera.open()
+        try:
+            camera = best_camera(self._device_id, self._shape, self._clock)
+            camera.open()
+        except DeviceError as error:
+            raise CameraMissing(str(error)) from error
         self._camera = camera
 
     def read(self, timeout_s: float) -> Picture | None:
-        """Take the next frame that it gives. Raises DeviceError."""
+        """Take the next frame that it gives. Raises CameraMissing."""
         if self._camera is None:
-            raise DeviceError(f"{self.name} is closed")
+            raise CameraMissing(f"{self.name} is closed")
         try:
             frame = self._camera.capture(after_s=-math.inf, timeout_s=timeout_s)
         except CaptureTimeout:
             return None
+        except DeviceError as error:
+            raise CameraMissing(str(error)) from error
         if self._pixels.shape[:2] != frame.pixels.shape[:2]:
             self._pixels = np.empty((*frame.pixels.shape[:2], _COLOUR_CHANNELS), np.uint8)
         codes_of(frame, self._camera.full_scale_dn, self._pixels)

@@ -9,11 +9,12 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rig.devices.protocols import Clock
 from rig.errors import UsageError
 from rig.files.pictures import read_codes
-from rig.live.sources.source import Picture, Pixels, SourceBroken, SourceEnded
+from rig.live.sources.source import FilmBroken, Picture, PictureBroken, Pixels, SourceEnded, SourceGone
 
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
+PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
 _USUAL_RATE_HZ = 25.0
 """Of a video that does not say."""
 _WHOLE = 0.95
@@ -44,30 +45,30 @@ class VideoSource:
         return self._rate_hz
 
     def open(self) -> None:
-        """Begin with the first picture. Raises SourceBroken."""
+        """Begin with the first picture. Raises SourceGone, FilmBroken."""
         self.close()
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what is wrong is said here, once
         if not self._path.is_file():
-            raise SourceBroken(f"{self._path}: no such file; check the name")
+            raise SourceGone(f"{self._path}: is there no more; put it back, or leave the source out")
         video = cv2.VideoCapture(str(self._path))
         if not video.isOpened():
-            raise SourceBroken(f"{self._path}: is no video that can be read; convert it to MP4 or MKV")
+            raise FilmBroken(f"{self._path}: is no video that can be read; convert it to MP4 or MKV")
         rate_hz, announced = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
         self._rate_hz = rate_hz if math.isfinite(rate_hz) and rate_hz > 0 else _USUAL_RATE_HZ
         self._announced = int(announced) if math.isfinite(announced) and announced > 0 else 0
         self._video, self._count = video, 0
 
     def read(self, _timeout_s: float) -> Picture | None:
-        """Decode the next picture. Raises SourceEnded, SourceBroken when there are fewer than announced."""
+        """Decode the next picture. Raises SourceEnded, FilmBroken when there are fewer than announced."""
         if self._video is None:
-            raise SourceBroken(f"{self._path}: is closed")
+            raise FilmBroken(f"{self._path}: is closed")
         there, pixels = self._video.read(self._pixels)
         if there and pixels is not None:
             self._pixels = np.asarray(pixels, dtype=np.uint8)
             self._count += 1
             return Picture(self._pixels, is_bgr=True)
         if self._count == 0 or self._count < _WHOLE * self._announced:
-            raise SourceBroken(
+            raise FilmBroken(
                 f"{self._path}: breaks off after {self._count} of {self._announced} pictures; copy or convert it again"
             )
         raise SourceEnded
@@ -99,29 +100,88 @@ class FolderSource:
         return self._rate_hz
 
     def open(self) -> None:
-        """Begin with the first picture. Raises SourceBroken."""
+        """Begin with the first picture. Raises SourceGone, PictureBroken."""
+        if not self._folder.is_dir():
+            raise SourceGone(f"{self._folder}: is there no more; put it back, or leave the source out")
         try:
-            files = sorted(path for path in self._folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+            files = sorted(path for path in self._folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
         except OSError as error:
-            raise SourceBroken(f"{self._folder}: cannot be read: {error.strerror}; check the name") from error
+            raise PictureBroken(f"{self._folder}: cannot be read: {error.strerror}; check the name") from error
         if not files:
-            raise SourceBroken(f"{self._folder}: has no pictures ({', '.join(sorted(_SUFFIXES))}); check the name")
+            raise PictureBroken(
+                f"{self._folder}: has no pictures ({', '.join(sorted(PICTURE_SUFFIXES))}); check the name"
+            )
         self._left, self._good = files[::-1], 0
 
     def read(self, _timeout_s: float) -> Picture | None:
-        """Decode the next picture. Raises SourceEnded, SourceBroken when none can be read."""
+        """Decode the next picture. Raises SourceEnded, PictureBroken when none can be read."""
         while self._left:
             pixels = _read_picture(self._left.pop())
             if pixels is not None:
                 self._good += 1
                 return Picture(pixels)
         if self._good == 0:
-            raise SourceBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
+            raise PictureBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
         raise SourceEnded
 
     def close(self) -> None:
         """Forget what is left."""
         self._left = []
+
+
+class StillSource:
+    """One picture, held until the show ends, or as long as a picture of a folder when other sources follow.
+
+    Parameters
+    ----------
+    path
+        Of the picture.
+    hold_s
+        None: for ever.
+    clock
+        The machine's.
+    """
+
+    def __init__(self, path: Path, hold_s: float | None, clock: Clock):
+        self._path = path
+        self._hold_s = hold_s
+        self._clock = clock
+        self._until_s: float | None = None
+
+    @property
+    def name(self) -> str:
+        """The file's name."""
+        return self._path.name
+
+    @property
+    def frame_rate_hz(self) -> None:
+        """It comes once."""
+        return
+
+    def open(self) -> None:
+        """Look for the file. Raises SourceGone."""
+        if not self._path.is_file():
+            raise SourceGone(f"{self._path}: is there no more; put it back, or leave the source out")
+        self._until_s = None
+
+    def read(self, timeout_s: float) -> Picture | None:
+        """Give the picture, then None while it is held. Raises SourceEnded, PictureBroken."""
+        now_s = self._clock.now_s()
+        if self._until_s is None:
+            try:
+                pixels = read_codes(self._path)
+            except UsageError as error:
+                raise PictureBroken(str(error)) from error
+            self._until_s = math.inf if self._hold_s is None else now_s + self._hold_s
+            return Picture(pixels)
+        if now_s >= self._until_s:
+            raise SourceEnded
+        self._clock.wait_until_s(min(now_s + timeout_s, self._until_s))
+        return None
+
+    def close(self) -> None:
+        """Forget it."""
+        self._until_s = None
 
 
 def _read_picture(path: Path) -> Pixels | None:

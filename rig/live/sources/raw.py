@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.devices.protocols import Clock
-from rig.live.sources.source import Picture, Pixels, SourceBroken, SourceEnded
+from rig.live.sources.source import Picture, PipeBroken, Pixels, SourceEnded
 
 _PIPE_BYTES = 1 << 20
 """The most that Linux gives a user without asking root: fewer, larger reads."""
@@ -33,12 +33,23 @@ _LONGEST_HEADER = 64
 """Of a PPM: magic, two sizes and 255 need 20 bytes."""
 _PPM = re.compile(rb"P6\s+(\d+)\s+(\d+)\s+255\s", re.DOTALL)
 _LARGEST_PX = 16384
-"""Larger sizes are garbage in a header, and would ask for gigabytes."""
+"""Larger sizes are garbage in a header."""
+_MOST_PX = 64 << 20
+"""Of a picture, 200 MB: what comes live is no larger, and a header of garbage must not ask for gigabytes."""
 _LOOK_S = 0.002
 _MAGIC = b"RIGFRAME"
 _HEADER = struct.Struct("<8sIIQ")
 _HEADER_BYTES = 64
 SHARED_FOLDER = Path("/dev/shm")
+
+
+def check_size(name: str, size: tuple[int, int]) -> None:
+    """Raise PipeBroken for a (height, width) in pixels that no picture has."""
+    height, width = size
+    if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX and width * height <= _MOST_PX):
+        raise PipeBroken(
+            f"{name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px and {_MOST_PX >> 20} megapixels"
+        )
 
 
 class StreamSource:
@@ -76,12 +87,12 @@ class StreamSource:
         return
 
     def open(self) -> None:
-        """Look for a writer; does not wait for one. Raises SourceBroken."""
+        """Look for a writer; does not wait for one. Raises PipeBroken."""
         self.close()
         try:
             self._descriptor = os.dup(0) if self._path is None else os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
-            raise SourceBroken(f"{self._path}: cannot be read: {error.strerror}; make it with mkfifo") from error
+            raise PipeBroken(f"{self._path}: cannot be read: {error.strerror}; make it with mkfifo") from error
         with contextlib.suppress(OSError):  # a file, or a limit of the system's
             fcntl.fcntl(self._descriptor, _SET_PIPE_SIZE, _PIPE_BYTES)
         self._begun, self._filled = False, 0
@@ -95,7 +106,7 @@ class StreamSource:
         return self._room
 
     def read(self, timeout_s: float) -> Picture | None:
-        """Read on; None while the picture is not complete. Raises SourceEnded, SourceBroken."""
+        """Read on; None while the picture is not complete. Raises SourceEnded, PipeBroken."""
         until_s = self._clock.now_s() + timeout_s
         while (left_s := until_s - self._clock.now_s()) > 0:
             if not self._read_some(left_s):
@@ -112,7 +123,7 @@ class StreamSource:
     def _read_some(self, timeout_s: float) -> bool:
         """Read what is there of the header or the picture; False when nothing was."""
         if self._descriptor is None:
-            raise SourceBroken(f"{self.name}: is closed")
+            raise PipeBroken(f"{self.name}: is closed")
         if not select.select([self._descriptor], [], [], timeout_s)[0]:
             return False
         try:
@@ -120,7 +131,7 @@ class StreamSource:
         except BlockingIOError:
             return False
         except OSError as error:
-            raise SourceBroken(f"{self.name}: cannot be read: {error.strerror}; start its writer again") from error
+            raise PipeBroken(f"{self.name}: cannot be read: {error.strerror}; start its writer again") from error
         if count == 0:
             self._meet_the_end()
         self._begun = self._begun or count > 0
@@ -133,7 +144,7 @@ class StreamSource:
             self._clock.wait_until_s(self._clock.now_s() + _LOOK_S)
             return
         if self._filled or self._header:
-            raise SourceBroken(f"{self.name}: ended in the middle of a picture, after {self._filled} bytes of it")
+            raise PipeBroken(f"{self.name}: ended in the middle of a picture, after {self._filled} bytes of it")
         raise SourceEnded
 
     def _read_header(self) -> int:
@@ -143,11 +154,10 @@ class StreamSource:
         found = _PPM.fullmatch(self._header)
         if found:
             width, height = int(found[1]), int(found[2])
-            if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-                raise SourceBroken(f"{self.name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px")
+            check_size(self.name, (height, width))
             self._pixels = self._room_for((height, width))
         elif len(self._header) >= _LONGEST_HEADER or (len(self._header) > 1 and self._header[:2] != b"P6"):
-            raise SourceBroken(
+            raise PipeBroken(
                 f"{self.name}: no PPM picture (P6, 255), it begins with {bytes(self._header[:8])!r}; "
                 "give --size WIDTHxHEIGHT for pictures without header"
             )
@@ -189,31 +199,33 @@ class SharedMemorySource:
         return
 
     def open(self) -> None:
-        """Look at the memory. Raises SourceBroken when there is none, or it has another format."""
+        """Look at the memory. Raises PipeBroken when there is none, or it has another format."""
         self.close()
         try:
             self._descriptor = os.open(self._path, os.O_RDONLY)
         except OSError as error:
-            raise SourceBroken(
+            raise PipeBroken(
                 f"{self._path}: cannot be read: {error.strerror}; start the program that writes it"
             ) from error
         self._last = 0
         self._header()
 
     def _header(self) -> tuple[int, int, int]:
-        """(height, width, counter). Raises SourceBroken."""
+        """(height, width, counter). Raises PipeBroken."""
         if self._descriptor is None:
-            raise SourceBroken(f"{self._path}: is closed")
-        data = os.pread(self._descriptor, _HEADER.size, 0)
+            raise PipeBroken(f"{self._path}: is closed")
+        try:
+            data = os.pread(self._descriptor, _HEADER.size, 0)
+        except OSError as error:
+            raise PipeBroken(f"{self._path}: cannot be read: {error.strerror}; give a file's name") from error
         if len(data) < _HEADER.size or not data.startswith(_MAGIC):
-            raise SourceBroken(f"{self._path}: does not begin with {_MAGIC.decode()}; see docs/how-to/live.md")
+            raise PipeBroken(f"{self._path}: does not begin with {_MAGIC.decode()}; see docs/how-to/live.md")
         _, width, height, counter = _HEADER.unpack(data)
-        if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX):
-            raise SourceBroken(f"{self._path}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px")
+        check_size(str(self._path), (height, width))
         return height, width, counter
 
     def read(self, timeout_s: float) -> Picture | None:
-        """Copy the newest whole picture; None when there is no newer one. Raises SourceBroken."""
+        """Copy the newest whole picture; None when there is no newer one. Raises PipeBroken."""
         until_s = self._clock.now_s() + timeout_s
         while True:
             height, width, before = self._header()
@@ -233,7 +245,7 @@ class SharedMemorySource:
         if self._header()[2] != before:
             return False
         if count < self._pixels.nbytes:
-            raise SourceBroken(f"{self._path}: says {shape[1]} x {shape[0]} px, but has {count} bytes of picture")
+            raise PipeBroken(f"{self._path}: says {shape[1]} x {shape[0]} px, but has {count} bytes of picture")
         self._last = before
         return True
 

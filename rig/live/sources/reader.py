@@ -10,19 +10,21 @@ import numpy as np
 
 from rig.devices.protocols import Clock
 from rig.errors import RigError
-from rig.files.pictures import cover, covering_shape
+from rig.files.pictures import MOST_PX, cover, covering_shape
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.priority import normal_priority
-from rig.live.sources.source import Picture, Pixels, Source, SourceEnded
+from rig.live.sources.source import Picture, Pixels, Source, SourceBroken, SourceEnded
 
 _READ_S = 0.1
 """How long a source may make the reader deaf to requests."""
 _SAME_RATE = 0.01
 """A source whose pace is that close to the display's, or to an n-th of it, is played in the display's."""
+_UNFORESEEN = (OSError, MemoryError, ValueError, ArithmeticError, RuntimeError, cv2.error)
+"""What decoders and the system raise in a source: its failure is told as any other, and not lost in a thread."""
 _KEPT_NOTES = 50
 """A source that breaks in an endless loop must not fill the memory."""
-_PAUSE_S = 0.5
-"""After a failure, before the next try."""
+_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+"""After a failure, before the next try: twice as long each time, as long as no picture comes."""
 
 
 def locked_rate(rate_hz: float, refresh_rate_hz: float) -> float:
@@ -42,7 +44,8 @@ class Fitter:
     def fit(self, picture: Picture, out: Pixels) -> None:
         """Write a picture of any size to ``out``, (H, W, 3) of the shape, red first."""
         scaled = covering_shape(picture.pixels.shape, self._shape)
-        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape:
+        is_huge = scaled[0] * scaled[1] > MOST_PX
+        if scaled != self._scaled.shape[:2] and picture.pixels.shape[:2] != self._shape and not is_huge:
             self._scaled = np.empty((*scaled, 3), np.uint8)
         fitted = cover(picture.pixels, self._shape, cv2.INTER_LINEAR, self._scaled)
         if picture.is_bgr:
@@ -66,6 +69,8 @@ class Reader:
         Of the display.
     endless
         Begin again after the last source; one that gave no picture is given up.
+    keeps_going
+        A source that fails is tried again, later and later, and black is shown meanwhile.
     clock
         The machine's.
     """
@@ -79,9 +84,14 @@ class Reader:
         refresh_rate_hz: float,
         clock: Clock,
         endless: bool,
+        keeps_going: bool = False,
     ):
         self.notes: list[str] = []
         """What went wrong with sources, the first of it."""
+        self.failure: RigError | None = None
+        """The first that was not overcome; None when all sources gave what they had."""
+        self._keeps_going = keeps_going
+        self._pause_s = _PAUSE_S
         self._left = list(sources)
         self._mailbox = mailbox
         self._fitter = Fitter(shape)
@@ -120,14 +130,15 @@ class Reader:
         try:
             while self._left and not self._stop.is_set():
                 source = self._left.pop(0)
-                self._play(source)
-                if self._next.is_set() or (self._endless and self._count):
+                has_failed = self._play(source)
+                is_wanted = self._keeps_going if has_failed else self._endless and self._count > 0
+                if self._next.is_set() or is_wanted:
                     self._left.append(source)
         finally:
             self._mailbox.finish()
 
-    def _play(self, source: Source) -> None:
-        """Read a source to its end."""
+    def _play(self, source: Source) -> bool:
+        """Read a source to its end; True when that was a failure."""
         self._name, self._count = source.name, 0
         self._next.clear()
         self._mailbox.restart()
@@ -135,10 +146,28 @@ class Reader:
             source.open()
             self._read_all(source)
         except RigError as error:
-            self._note(str(error))
-            self._stop.wait(_PAUSE_S if self._endless else 0.0)
+            self._fail(error)
+            return True
+        except _UNFORESEEN as error:
+            self._fail(SourceBroken(f"{self._name}: {type(error).__name__}: {error}; look at what it gives"))
+            return True
         finally:
             source.close()
+        return False
+
+    def _fail(self, error: RigError) -> None:
+        """Note a failure; where the show keeps going, show black and wait, longer each time."""
+        self._note(str(error))
+        self.failure = self.failure or error
+        if not self._keeps_going:
+            return
+        self._mailbox.restart()
+        self._mailbox.writable()[:] = 0
+        self._mailbox.offer(None)
+        until_s = self._clock.now_s() + self._pause_s
+        while (left_s := until_s - self._clock.now_s()) > 0 and not (self._stop.is_set() or self._next.is_set()):
+            self._stop.wait(min(left_s, _READ_S))
+        self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
 
     def _read_all(self, source: Source) -> None:
         rate_hz = source.frame_rate_hz
@@ -153,6 +182,8 @@ class Reader:
                 self._fitter.fit(picture, self._mailbox.writable())
                 self._mailbox.offer(None if period_s is None else self._count * period_s)
                 self._count += 1
+                if self._keeps_going:
+                    self.failure, self._pause_s = None, _PAUSE_S
 
     def _note(self, text: str) -> None:
         if len(self.notes) < _KEPT_NOTES:

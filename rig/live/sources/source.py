@@ -16,6 +16,36 @@ Pixels = NDArray[np.uint8]
 class SourceBroken(UsageError):
     """A source that cannot be read, or not any further."""
 
+    exit_code = 24
+
+
+class CameraMissing(SourceBroken):
+    """A camera that is to be shown is not there, or went away."""
+
+    exit_code = 20
+
+
+class FilmBroken(SourceBroken):
+    """A film that cannot be read, or breaks off."""
+
+    exit_code = 21
+
+
+class PictureBroken(SourceBroken):
+    """A picture that is none, or a folder without one that can be read."""
+
+    exit_code = 22
+
+
+class SourceGone(SourceBroken):
+    """A film, picture or folder that was there when the show was planned, and is there no more."""
+
+    exit_code = 23
+
+
+class PipeBroken(SourceBroken):
+    """A pipe, standard input or shared memory that gives no pictures, or broke off."""
+
 
 class SourceEnded(Exception):
     """A source has no more pictures; nothing is wrong."""

@@ -24,6 +24,7 @@ from rig.records import Record, Verdict
 from rig.self_check.parts.linearity import CameraCurve, Sweep
 from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest
+from rig.stages.correspondence import read_code
 from rig.stages.error_tree import one_error_tree
 from rig.stages.geometry import GeometryRecord, geometry_of
 from rig.stages.linear_light import RadiometricCalibration
@@ -33,8 +34,6 @@ _LIT = 0.2
 """Of the brightest direct light (95th percentile): pixels with less see the projector's light only off the walls."""
 _CHECKS_AROUND = 1.5
 """Within which a lit pixel finds one that lies in the middle of a check, at any place of the pattern."""
-_BITS_SIGMAS = 2.0
-"""Noise by which a pattern and its inverse have to differ, as in a session."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,22 +148,9 @@ def _radiometric(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> Radi
 def _decoded(tested: RigUnderTest, radiometric: RadiometricCalibration) -> Correspondence:
     """The map of a session's code."""
     shape, code = tested.picture_shape, find_code(tested.rig.profile.patterns.code)
-    frames = {pattern.name: _sum(tested.shoot(pattern.codes, pattern.name).pixels) for pattern in code.patterns(shape)}
-    white, black = (tested.shoot(level, name).pixels for level, name in ((255, "white"), (0, "black")))
-    found = code.decode(
-        frames,
-        shape,
-        white=_sum(white),
-        black=_sum(black),
-        noise_limit=_BITS_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black),
-        saturation=radiometric.saturation_dn * white.shape[2],
-    )
-    return refine_subpixel(found)
-
-
-def _sum(pixels: NDArray[np.uint16]) -> NDArray[np.unsignedinteger]:
-    """(H, W) sum of the bands."""
-    return np.asarray(pixels.sum(axis=2, dtype=np.uint32))
+    frames = {pattern.name: tested.shoot(pattern.codes, pattern.name).pixels for pattern in code.patterns(shape)}
+    frames |= {name: tested.shoot(level, name).pixels for level, name in ((255, "white"), (0, "black"))}
+    return refine_subpixel(read_code(code, frames.__getitem__, shape, radiometric))
 
 
 def _lit_and_sharp(tested: RigUnderTest, curve: CameraCurve) -> tuple[BoolArray, float]:

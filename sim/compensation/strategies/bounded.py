@@ -25,11 +25,13 @@ def bounded(
     lower: float = 0.0,
     upper: float = 1.0,
     *,
-    tolerance: float = 1e-6,
-    limit: int = 60,
+    tolerance: float | None = None,
+    limit: int | None = None,
     adjustment: str = "none",
 ) -> Compensation:
     """Minimise ||T p - c||² over lower <= p <= upper, to a certified share of the optimum.
+
+    T has the projector's blur, if there is one: what would be blurred is sharpened as far as the range allows.
 
     How it is solved and certified: :mod:`sim.compensation.box_least_squares`.
 
@@ -40,10 +42,11 @@ def bounded(
     ----------
     transport, target, lower, upper
         As in :func:`sim.compensate`.
-    tolerance : float
-        Stop once the duality gap is within this share of the objective.
-    limit : int
-        Most steps; the best image so far is returned, and ``gap`` says how good it is.
+    tolerance : float, optional
+        Stop once the duality gap is within this share of the objective; default: 1e-6, or 1e-2 where the projector's
+        picture is blurred.
+    limit : int, optional
+        Most steps; the best image so far is returned, and ``gap`` says how good it is. Default: 60, or 10 with a blur.
     adjustment : {"none", "remap", "content_scale", "smooth_attenuation"}
         What to come near: the target, or the target as that strategy changes it, so that one too bright stays a
         picture. The residual is from the target all the same.
@@ -68,7 +71,7 @@ def bounded(
         raise SimulationError(f"bounded: unknown adjustment {adjustment!r}; there are {', '.join(ADJUSTMENTS)}")
     problem = prepare(transport, target, lower, upper)
     adjusted = ADJUSTMENTS[adjustment](problem)
-    box = BoxProblem(transport=problem.transport, target=adjusted.values, lower=lower, upper=upper)
+    box = BoxProblem(transport=problem.shown, target=adjusted.values, lower=lower, upper=upper)
     best = optimum(box, initial_image(box, adjusted.wanted), tolerance, limit)
     return problem.result(best.p, best.steps, best.notes | adjusted.notes, best.at_bounds)
 

@@ -31,8 +31,8 @@ def perceptual(
     *,
     white: float | None = None,
     xyz_from_bands: ArrayLike = XYZ_FROM_LINEAR_SRGB,
-    tolerance: float = 1e-6,
-    limit: int = 60,
+    tolerance: float | None = None,
+    limit: int | None = None,
 ) -> Compensation:
     """Minimise the squared difference in CIELAB, linearised at the target, over the projector's range.
 
@@ -73,7 +73,7 @@ def perceptual(
     metric = (
         lab_metric(problem.target / (peak or 1.0), np.asarray(xyz_from_bands, dtype=np.float64)) / (peak or 1.0) ** 2
     )
-    box = BoxProblem(transport=problem.transport, target=problem.target, lower=lower, upper=upper, metric=metric)
+    box = BoxProblem(transport=problem.shown, target=problem.target, lower=lower, upper=upper, metric=metric)
     best = optimum(box, initial_image(box, Inverse(problem.transport).apply(problem.target)), tolerance, limit)
     notes = best.notes | {"delta_e_rms": (2 * best.objective / len(best.p)) ** 0.5}
     return problem.result(best.p, best.steps, notes, best.at_bounds)

@@ -4,6 +4,7 @@
 // occluders as disjoint cones, and each cone covers a convex part of the other patch, whose factor is exact.
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "interrupt.hpp"
 #include "form_factors/outer_points.hpp"
 #include "form_factors/point_view.hpp"
 #include "geometry/shaft.hpp"
@@ -129,9 +130,12 @@ public:
                         {static_cast<int>(r), static_cast<int>(k)});
             }
         long rays = 0;
+        Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 4) reduction(+ : rays)
         for (size_t outer = 0; outer < patches.size(); ++outer)
-            if (!by_outer[outer].empty()) rays += measure_outer(static_cast<int>(outer), by_outer[outer], rows, rule);
+            if (!interruption.stopped() && !by_outer[outer].empty())
+                rays += measure_outer(static_cast<int>(outer), by_outer[outer], rows, rule);
+        interruption.finish();
         return rays;
     }
 
@@ -224,12 +228,15 @@ nb::tuple visible_of_matrix(In<double, 3> vertices, In<double, 3> occluders, In<
         const long n = static_cast<long>(scene.patches.size()), step = std::max(1L, CHUNK / std::max(1L, n));
         for (long from = 0; from < n; from += step) {
             std::vector<Row> rows(std::min(step, n - from));
+            Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 4)
             for (size_t r = 0; r < rows.size(); ++r) {
+                if (interruption.stopped()) continue;
                 const long i = from + static_cast<long>(r);
                 for (long j = i + 1; j < n; ++j)
                     if (exchange.data()[i * n + j] > 0) culling.test(static_cast<int>(i), static_cast<int>(j), rows[r]);
             }
+            interruption.finish();
             found.rays += scene.measure(rows, rule);
             found.add(rows);
         }

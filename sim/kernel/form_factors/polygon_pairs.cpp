@@ -9,6 +9,7 @@
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "interrupt.hpp"
 #include "geometry/polygon.hpp"
 
 namespace kernel {
@@ -113,12 +114,15 @@ void polygon_exchange_areas(In<double, 3> vertices, double tolerance, int highes
     const Patches patches = patches_of(vertices.data(), vertices.shape(0));
     const Demand demand{tolerance, highest_order, 1e-15 * patches.extent};
     const std::int64_t n = patches.n;
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 2)
     for (std::int64_t i = 0; i < n; ++i) {
+        if (interruption.stopped()) continue;
         double *row = exchange.data() + i * n;
         row[i] = 0;
         exchange_areas_of_row(patches, demand, i, nullptr, n - 1 - i, row + i + 1);
     }
+    interruption.finish();
     mirror(exchange.data(), n);
 }
 

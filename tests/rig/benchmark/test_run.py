@@ -136,7 +136,7 @@ def test_only_accuracy_decides_the_exit_status(monkeypatch, capsys, kind, status
     assert ("MISSED" in line) == bool(status)
 
 
-@pytest.mark.parametrize("name", ["form-factors", "solve", "image", "plan", "compensate", "live"])
+@pytest.mark.parametrize("name", ["form-factors", "solve", "image", "plan", "compensate", "live", "meshes"])
 def test_each_quick_bench_gives_the_promised_json_and_meets_its_accuracy(name, capsys, tmp_path: Path):
     table = tmp_path / "points.csv"
     assert run_command(["bench", name, "--quick", "--json", "--csv", str(table)]) == 0

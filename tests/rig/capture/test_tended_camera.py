@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -35,7 +35,6 @@ class CodeBench:
     """A world that costs nothing: what is shown is what is seen."""
 
     settings: SimulationSettings
-    vignetting: NDArray[np.float32] = field(default_factory=lambda: np.ones(SHAPE, np.float32))
 
     def __post_init__(self) -> None:
         self.camera = make_optics(self.settings.camera, SHAPE)
@@ -43,6 +42,9 @@ class CodeBench:
 
     def light(self, codes: Codes) -> SimpleNamespace:
         return SimpleNamespace(total=(codes / 255).astype(np.float32))
+
+    def through_lens(self, radiosity: NDArray[np.float32]) -> NDArray[np.float32]:
+        return radiosity
 
 
 def coded(number: int) -> Codes:

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.capture.rig import open_rig
-from rig.devices.simulated.devices import simulated_world_of, simulated_worlds_of
+from rig.devices.simulated.rigs import simulated_world_of, simulated_worlds_of
 from rig.errors import CalibrationFailed, ProfileError
 from rig.files.channels import image_of
 from rig.files.pictures import write_png

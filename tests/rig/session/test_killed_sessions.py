@@ -78,7 +78,7 @@ def test_killed_at_any_journal_line_it_ends_with_the_same_bytes(
 ) -> None:
     write = journal.Journal._write
     lines = len((tmp_path / "whole" / "journal.jsonl").read_bytes().splitlines())
-    assert lines == 13
+    assert lines == 14
     for k in range(lines):
         countdown = iter(range(k, -1, -1))
 

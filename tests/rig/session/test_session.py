@@ -118,7 +118,7 @@ def test_a_lost_file_is_repeated_and_nothing_else(tmp_path: Path, tiny_profile: 
         assert session.finished("gray").frame_names == [f"gray-column-0{k}" for k in range(3)]
 
 
-def test_a_changed_byte_is_found_on_verify(tmp_path: Path, tiny_profile: Profile) -> None:
+def test_a_changed_byte_is_found(tmp_path: Path, tiny_profile: Profile) -> None:
     with Session.open(tmp_path / "s", tiny_profile) as session:
         workflow(session)
     path = tmp_path / "s" / "frames" / "gray" / "0001.exr"
@@ -126,10 +126,14 @@ def test_a_changed_byte_is_found_on_verify(tmp_path: Path, tiny_profile: Profile
     data[-1] ^= 1
     path.write_bytes(data)
     with Session.open(tmp_path / "s") as session:
-        assert session.finished("gray").has_frame("gray-column-01")
-        assert not session.finished("gray").has_frame("gray-column-01", verify=True)
-    with Session.open(tmp_path / "s", verify=True) as session, pytest.raises(SessionCorrupt, match="damaged"):
-        session.finished("gray")
+        with pytest.raises(SessionCorrupt, match=r"files of step 'gray' are lost or damaged, first frames/gray/0001"):
+            session.finished("gray")
+        gray = session.step("gray", settings={"bits": [0, 1, 2]}, needs=["black"])
+        assert [gray.has_frame(f"gray-column-0{k}") for k in range(3)] == [True, False, True]
+        with pytest.raises(
+            SessionCorrupt, match=r"0001\.exr: is missing, or not as step 'gray' wrote it; run `rig run"
+        ):
+            gray.load_frame("gray-column-01")
 
 
 def test_a_second_process_is_told_who_has_it(tmp_path: Path, tiny_profile: Profile) -> None:
@@ -263,7 +267,7 @@ def test_a_record_that_is_not_what_it_should_be_is_damaged(tmp_path: Path, tiny_
         step = session.finished("gray")
         path = tmp_path / "s" / "calibration" / "fit-001.json"
         path.write_text(text.ljust(_size_of(session, "fit-001.json")))
-        with pytest.raises(SessionCorrupt, match=r"fit-001\.json: is damaged; delete it"):
+        with pytest.raises(SessionCorrupt, match=r"fit-001\.json: is missing, or not as step 'gray' wrote it"):
             step.load_record("fit", Fit)
 
 

@@ -1,15 +1,22 @@
 """Step `gray` and `correspondence`: patterns as light, photographs as light, reasons in the report."""
 
 from types import SimpleNamespace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from calibration import CODES, Pattern, PixelReason
+from calibration import CODES, CalibrationError, Pattern, PixelReason
 from calibration.radiometry.response import Response, linear_from_codes
 from rig.report.pictures import REASONS
+from rig.session import Session
 from rig.stages import correspondence
-from rig.stages.correspondence import _as_light, _has_inverses
+from rig.stages.correspondence import _as_light, _has_inverses, read_code
+from rig.stages.photograph import frame_name
+from rig.stages.radiometry import load_radiometric_calibration
+
+if TYPE_CHECKING:
+    from tests.rig.conftest import Finished
 
 LEVELS = np.arange(256.0)
 RESPONSES = tuple(Response(LEVELS, (LEVELS / 255) ** gamma, 0.0) for gamma in (1.8, 2.2, 2.6))
@@ -40,10 +47,36 @@ def test_black_and_white_are_shown_as_they_are(monkeypatch: pytest.MonkeyPatch) 
     assert list(_as_light([pattern], session=None)) == [pattern]  # type: ignore[arg-type]
 
 
+def test_the_response_is_looked_up_once_for_all_patterns(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+
+    def load(session: object) -> SimpleNamespace:
+        asked.append(session)
+        return SimpleNamespace(projector=RESPONSES)
+
+    monkeypatch.setattr(correspondence, "load_radiometric_calibration", load)
+    assert len(list(_as_light(CODES["three-frequency"].patterns((48, 64)), session=None))) == 24  # type: ignore[arg-type]
+    assert len(asked) == 1
+
+
 @pytest.mark.parametrize("name", sorted(CODES))
 def test_codes_without_inverses_are_read_in_light(name: str) -> None:
     needs_light = name in ("gray-plain", "gray-phase", "three-frequency", "micro-phase")
     assert _has_inverses(CODES[name].pattern_names((48, 64))) != needs_light
+
+
+def test_a_stale_frame_of_a_session_is_refused_by_name(finished: "Finished") -> None:
+    code = CODES["long-run"]
+    with Session.open(finished.folder) as session:
+        gray, radiometric = session.finished("gray"), load_radiometric_calibration(session)
+        shape = session.profile.projector.shape
+        frames = {
+            name: gray.load_frame(frame_name(name)).pixels for name in ("white", "black", *code.pattern_names(shape))
+        }
+    assert read_code(code, frames.__getitem__, shape, radiometric).valid.mean() > 0.5
+    late, before = code.pattern_names(shape)[7], code.pattern_names(shape)[6]
+    with pytest.raises(CalibrationError, match=late.removesuffix("-inverse")):
+        read_code(code, {**frames, late: frames[before]}.__getitem__, shape, radiometric)
 
 
 def test_the_report_knows_every_reason() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,9 @@ from calibration.geometry.pinhole import PinholeModel
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
 from rig.stages.correspondence import DevicePair
+from rig.stages.maps.sampling import sample
 from rig.stages.scene_model import (
+    ColouredRoom,
     MeasuredLight,
     PosedCamera,
     PosedLens,
@@ -21,7 +25,6 @@ from rig.stages.scene_model import (
     cast_pixels,
     posed_lens,
     projector_view,
-    sample,
     unit_emission,
 )
 from rig.truth.scores import ground_truth_reflectance
@@ -68,12 +71,13 @@ def scene_model(world: SimulatedWorld) -> SceneModel:
     gain[~inside.reshape(gain.shape)] = 0
     flux = settings.projector.flux / (height * width) * settings.projector.focal_px**2
     emission = unit_emission(scene, projector)
+    own = PosedProjector(device=projector, hits=cast_pixels(scene, projector), flux=flux, unit_emission=emission)
     xy = np.where(inside[:, None], xy, np.nan).reshape(*gain.shape, 2)
     return SceneModel(
         scene=scene,
         form_factors=form_factors(scene),
         cameras={"camera": PosedCamera(camera, seen)},
-        projectors={"projector": PosedProjector(projector, cast_pixels(scene, projector), flux, emission)},
+        projectors={"projector": own},
         measured={DevicePair("camera", "projector"): MeasuredLight(gain, xy)},
     )
 
@@ -133,3 +137,43 @@ def test_samples_next_to_missing_pixels_are_missing() -> None:
     values = sample(image, np.array([[2.5, 2.5], [0.5, 0.5], [9.0, 1.0]]))
     assert values[0] == 1.0
     assert np.isnan(values[1:]).all()
+
+
+def with_blur(scene_model: SceneModel, own_px2: float, seen_px2: float) -> SceneModel:
+    """The same with a projector whose lens has one variance, of which the camera sees another."""
+    ((pair, light),) = scene_model.measured.items()
+    ((name, projector),) = scene_model.projectors.items()
+    variance = np.full((*light.direct_gain.shape, 2), seen_px2)
+    own = np.full(scene_model.projector.lens.shape, own_px2)
+    return replace(
+        scene_model,
+        measured={pair: replace(light, variance_px2=variance)},
+        projectors={name: replace(projector, blur_variance_px2=own)},
+    )
+
+
+def test_on_the_wall_there_is_the_projectors_blur_and_the_cameras_in_its_picture(scene_model: SceneModel) -> None:
+    blurred = with_blur(scene_model, own_px2=0.4, seen_px2=1.5)
+    on_wall, in_camera = projector_view(blurred, blurred.active).blur, camera_view(blurred, blurred.active).blur
+    assert on_wall is not None
+    assert in_camera is not None
+    assert on_wall.variance_px2 == pytest.approx(0.4)
+    assert in_camera.variance_px2 == pytest.approx(1.5 - 1 / 12)
+
+
+def test_a_sharp_picture_through_the_camera_is_as_blurred_as_the_camera_alone(scene_model: SceneModel) -> None:
+    room = ColouredRoom((with_blur(scene_model, own_px2=0.4, seen_px2=1.5),), np.eye(1))
+    point = np.zeros((int(room.active.sum()), 1))
+    middle = np.flatnonzero(np.flatnonzero(room.active) == 96 * 256 + 128)
+    point[middle] = 1.0
+    seen = np.zeros(room.active.size)
+    seen[room.active] = room.through_camera(point)[:, 0]
+    x = np.arange(256) - 128
+    assert (seen.reshape(192, 256).sum(axis=0) * x**2).sum() == pytest.approx(1.1 - 1 / 12, rel=0.02)
+
+
+def test_without_a_known_blur_a_picture_is_seen_as_it_is(scene_model: SceneModel) -> None:
+    room = ColouredRoom((scene_model,), np.eye(1))
+    picture = np.random.default_rng(5).uniform(size=(int(room.active.sum()), 1))
+    assert np.array_equal(room.through_camera(picture), picture)
+    assert projector_view(scene_model, scene_model.active).blur is None

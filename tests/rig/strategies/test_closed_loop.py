@@ -142,14 +142,15 @@ def test_where_nothing_was_measured_the_picture_stays(room: ControlledScene) -> 
 
 def test_a_model_that_predicts_what_is_seen_changes_nothing(room: ControlledScene) -> None:
     image = room.solved("bounded", room.wanted).projector_image
-    light = room.transport.forward(image)
+    light = room.model.room.through_camera(room.transport.forward(image))
     seen = CapturedLight(image, light, np.full_like(light, 1e-12))
     assert corrected(room, Loop("bounded", 2, "model"), image, seen) == pytest.approx(image, abs=1e-6)
 
 
 def test_a_pixel_that_is_too_dark_gets_more_light_and_no_more_than_there_is(room: ControlledScene) -> None:
     image = np.full_like(room.wanted, 0.99)
-    seen = CapturedLight(image, room.wanted - 0.02 * room.operator.diagonal, np.full_like(image, 1e-12))
+    wanted = room.model.room.through_camera(room.wanted)
+    seen = CapturedLight(image, wanted - 0.02 * room.operator.diagonal, np.full_like(image, 1e-12))
     after = corrected(room, Loop("none", 2, "image"), image, seen)
     assert after == pytest.approx(np.full_like(image, min(0.99 + 0.02 * room.damping, 1.0)))
     assert 0.5 < room.damping < 1.0

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rig.cli.app import run_command
-from rig.devices.simulated.devices import simulated_world_of
+from rig.devices.simulated.rigs import simulated_world_of
 from rig.errors import SessionError
 from rig.profile.schema import Profile
 from rig.run.session import OpenSession

@@ -1,10 +1,12 @@
 """Each strategy on two patches, where its answer can be worked out by hand; what diverges; what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from sim.compensation import STRATEGIES, compensate
+from sim.compensation import STRATEGIES, Strategy, compensate
 from sim.compensation.spectrum import spectral_radius
 from sim.compensation.split_transport import split_transport_of
 from sim.errors import SimulationError
@@ -226,3 +228,59 @@ def test_targets_that_do_not_fit_are_refused(name):
 def test_options_out_of_their_limits_are_refused(name, options, words):
     with pytest.raises(SimulationError, match=words):
         compensate(name, two_patches(G, D), [0.3, 0.2], **options)
+
+
+# What is asked: one door for all
+
+
+@pytest.mark.parametrize("name", list(STRATEGIES))
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (np.nan, "1 of 2 values of its direct light are NaN, infinite"),
+        (np.inf, "1 of 2 values of its direct light are NaN, infinite"),
+        (1e200, "above 1e[+]60"),
+    ],
+)
+def test_a_transport_that_is_not_finite_is_refused_by_every_strategy(name, spoil, words):
+    transport = two_patches(G, D)
+    transport.direct_matrix.data[0] = spoil
+    with pytest.raises(SimulationError, match=words):
+        compensate(name, transport, [0.3, 0.2])
+
+
+@pytest.mark.parametrize("name", list(STRATEGIES))
+@pytest.mark.parametrize(
+    ("target", "words"),
+    [
+        ([np.nan, 0.2], "1 of 2 values not finite"),
+        ([np.inf, 0.2], "1 of 2 values not finite"),
+        (
+            [1e200, 0.2],
+            "values up to 1e[+]200, where the brightest direct light is 0.5; give it in the transport's unit",
+        ),
+        ([1e-300, 0.0], "values up to 1e-300"),
+    ],
+)
+def test_a_target_in_no_unit_of_the_transport_is_refused_by_every_strategy(name, target, words):
+    with pytest.raises(SimulationError, match=words):
+        compensate(name, two_patches(G, D), target)
+
+
+@pytest.mark.parametrize("name", list(STRATEGIES))
+def test_a_black_target_is_black_for_every_strategy(name):
+    assert np.isfinite(compensate(name, two_patches(G, D), [0.0, 0.0]).projector_image).all()
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(0.0, np.inf), (-np.inf, 1.0), (np.nan, 1.0), (1.0, 0.0)])
+def test_a_range_that_is_none_is_refused(lower, upper):
+    with pytest.raises(SimulationError, match=r"projector range|give a finite number"):
+        compensate("bounded", two_patches(G, D), [0.3, 0.2], lower=lower, upper=upper)
+
+
+def test_an_answer_that_is_not_finite_is_refused_with_the_name_of_its_strategy():
+    def broken(transport, target, lower, upper):
+        return replace(compensate("direct", transport, target), projector_image=np.array([np.nan, 0.0]))
+
+    with pytest.raises(SimulationError, match="strategy broken: 1 of 2 values of its picture are NaN"):
+        Strategy(name="broken", solve=broken, summary="of another package").compensate(two_patches(G, D), [0.3, 0.2])

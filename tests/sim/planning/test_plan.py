@@ -6,9 +6,11 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.light.lighting import make_test_lighting
+from sim.planning.methods import MOST_SHADOW_S, SHADOW_S
 from sim.planning.plan import bounces_needed, plan
 from sim.planning.simulation import Model, refined_check, simulate
 from sim.scenes.catalogue import SURFACES
+from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.scenes.gridded import corner, paper_room
 
 HONEST = [
@@ -66,10 +68,35 @@ def test_a_tighter_tolerance_costs_more_patches_and_bounces():
     assert tight.peak_mb > loose.peak_mb
 
 
-def test_occlusion_is_planned_only_where_something_stands_in_the_way_and_as_well_as_needed():
+def test_occlusion_is_planned_only_where_something_stands_in_the_way_and_as_well_as_needed(monkeypatch):
+    monkeypatch.setattr("sim.planning.methods.RAY_S", 1.0)
     assert planned("paper-room", 3.0).model.visibility == "none"
     assert planned("room-with-box", 4.0).model.visibility == "fair"
     assert planned("room-with-box", 0.99, light="uniform").model.visibility == "exact"
+
+
+def test_rays_are_planned_where_exact_shadows_take_longer_and_the_plan_stays_honest(monkeypatch):
+    monkeypatch.setitem(SHADOW_S, "fair", 1e-5)
+    monkeypatch.setitem(MOST_SHADOW_S, "fair", 1e-5)
+    made = planned("room-with-box", 2.5)
+    assert (made.model.method, made.model.visibility) == ("rays", "rays")
+    assert any("rays each" in reason for reason in made.reasons)
+    assert made.error_percent <= 2.5
+    assert 0.25 <= checked(made, most_patches=1) <= 2.5
+
+
+def test_a_mesh_of_many_facets_is_planned_on_its_own_facets():
+    scene = corner_with_ball(600)
+    made = plan(scene, 6.0, "uniform")
+    assert made.patches == scene.n_patches
+    assert made.model.method == "rays"
+    assert 0.6 <= checked(made, most_patches=1) <= 6.0
+
+
+def test_facets_that_others_pierce_are_cut_until_the_plan_is_honest():
+    made = plan(random_corner(1, 600), 3.0, "uniform")
+    assert made.patches > random_corner(1, 600).n_patches
+    assert 0.3 <= checked(made, most_patches=1) <= 3.0
 
 
 def test_the_closed_form_is_planned_for_rectangles_and_polygons_for_the_rest():

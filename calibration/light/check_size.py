@@ -1,0 +1,75 @@
+"""How large checks have to be on this rig, from the blur of stripes that are photographed before them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arrays import BoolArray, FloatArray
+from calibration.light.blur import PointSpread, footprint_map
+from calibration.structured_light.correspondence import Correspondence
+from calibration.structured_light.patterns import Pattern
+
+PICTURES_AN_AXIS = 4
+"""Of stripes: two and their inverses, or four."""
+_WIDE_ENOUGH_PX = 12
+"""Stripes' least width: as :mod:`calibration.light.two_level` needs it for a blur of up to 3 px."""
+_TOO_FINE, _LARGE_ENOUGH = 3.0, 4.0
+"""Standard deviations of what a camera pixel sees of the picture, in a check. With 3.4 a random rig's direct light is
+right to 0.9 %; checks that are too fine are made so large that blur leaves their middles alone."""
+_SHARE = 0.9
+"""Of the lit pixels that the checks have to suit; the others are at grazing walls."""
+_LEAST_CHECKS = 8
+"""Along the picture's shorter side: with fewer, light of other walls changes from check to check."""
+_BLACK_AND_WHITE = (0, 255)
+
+
+def stripes_that_tell(patterns: Sequence[Pattern]) -> list[Pattern]:
+    """Return the stripes with the most edges among those wide enough, the same number along columns and rows.
+
+    None where a code has not black and white stripes along both.
+    """
+    stripes = [pattern for pattern in patterns if np.isin(pattern.codes, _BLACK_AND_WHITE).all()]
+    found = []
+    for axis in (0, 1):
+        edges = [_edges(pattern, axis) for pattern in stripes]
+        there = [k for k in range(len(stripes)) if len(edges[k])]
+        there.sort(key=lambda k: (-min(_narrowest_px(edges[k]), _WIDE_ENOUGH_PX), -len(edges[k])))
+        found.append([stripes[k] for k in there[:PICTURES_AN_AXIS]])
+    return found[0] + found[1] if min(map(len, found)) == PICTURES_AN_AXIS else []
+
+
+def _edges(pattern: Pattern, axis: int) -> NDArray[np.intp]:
+    """Places of the changes along the first column (0) or the first row (1)."""
+    line = pattern.codes[:, 0] if axis == 0 else pattern.codes[0]
+    return np.flatnonzero(line[1:] != line[:-1])
+
+
+def _narrowest_px(edges: NDArray[np.intp]) -> int:
+    """Width of the narrowest stripe between two edges; of a single edge, wide enough."""
+    return int(np.diff(edges).min(initial=_WIDE_ENOUGH_PX))
+
+
+def blur_of_picture_px(spread: PointSpread, correspondence: Correspondence, lit: BoolArray) -> float:
+    """Return the standard deviation in projector pixels that nine lit camera pixels out of ten stay below."""
+    variance: FloatArray = footprint_map(spread, correspondence).variance_px2[lit & correspondence.valid]
+    return float(np.sqrt(np.quantile(variance.max(axis=-1), _SHARE)))
+
+
+def check_size_px(least_px: int, blur_px: float, projector_shape: tuple[int, int]) -> int:
+    """Return the side of a check: as small as was asked for, unless blur makes that too fine; then even.
+
+    Parameters
+    ----------
+    least_px : int
+        What was asked for.
+    blur_px : float
+        Of :func:`blur_of_picture_px`.
+    projector_shape : (height, width)
+    """
+    if least_px >= _TOO_FINE * blur_px:
+        return least_px
+    wanted = 2 * int(np.ceil(_LARGE_ENOUGH * blur_px / 2))
+    return max(least_px, min(wanted, min(projector_shape) // _LEAST_CHECKS))

@@ -1,0 +1,296 @@
+"""Form factors by rays: each patch sends some as it sends light, and the patches that they meet are counted.
+
+Rays leave evenly from a patch, by the cosine to its normal, along Sobol's points with Owen's scrambling; a row can be
+lengthened by going on in its sequence. What a ray meets first is found by a tree
+(``sim/kernel/geometry/wide_tree.hpp``).
+
+A ray of i stands for nu_i = rays_i / A_i rays a square metre. Both patches of a pair tell of one exchange area, and
+their counts are weighed by these densities,
+
+    K_ij = (c_ij + c_ji) / (nu_i + nu_j),
+
+so that a small patch's many rays a square metre count for more. The rows of K are then scaled, on both sides alike, to
+their own measured sums A_i s_i, which a row's own even points know far better than any single entry. K stays
+symmetric, and no row may sum to more than A_i: the spectral radius of diag(rho) F is at most the largest rho.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
+
+from sim import _kernel
+from sim.arrays import FloatArray, IntArray
+from sim.errors import SimulationError
+from sim.geometry.surface import Surface
+
+FEWEST_RAYS, MOST_RAYS = 16, 1 << 20
+"""Of a patch: two halves of 8, and as far as single precision finds its hits."""
+MOST_SCALINGS = 30
+"""Rounds of scaling rows to their sums; light is as good with 8 as with 40 (corner with a ball, 32 to 1,024 rays a
+patch), more are for closed surfaces, whose sums are known."""
+SUMS_ERROR = 1e-4
+"""Of row sums, at which scaling ends."""
+RAYS_AT_A_TIME = 1 << 22
+"""Their indices take 17 MB."""
+
+
+_trees: WeakKeyDictionary[Surface, _kernel.RayTree] = WeakKeyDictionary()
+
+
+def tree_of(surface: Surface) -> _kernel.RayTree:
+    """Return the tree over a surface's patches that tells what a ray meets first, built once."""
+    if surface not in _trees:
+        _trees[surface] = _kernel.RayTree(np.ascontiguousarray(surface.vertices, dtype=np.float64))
+    return _trees[surface]
+
+
+@dataclass(frozen=True, eq=False)
+class _Batch:
+    """Rays of some rows, one piece of their sequences."""
+
+    rows: IntArray
+    met: NDArray[np.int32]
+    """(rows, rays) patch that each ray meets; below 0: none, or one from behind."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Halves:
+    """A mean over rays, and over the first and the second half of each row's sequence: (P,) or (P, K) each."""
+
+    mean: FloatArray
+    first: FloatArray
+    second: FloatArray
+
+    @property
+    def standard_error(self) -> FloatArray:
+        """Half the difference of the halves: the sequence as a whole is a little more even than that tells."""
+        return np.asarray(np.abs(self.first - self.second) / 2)
+
+
+@dataclass(eq=False)
+class RaySample:
+    """Rays of all patches of a surface, to which more can be added."""
+
+    surface: Surface
+    seed: int = 0
+    """Another one for other rays; the same one for the same rays, whatever the number of threads."""
+    rays: IntArray = field(init=False)
+    """(P,) of each patch so far."""
+    _batches: list[_Batch] = field(init=False, default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.rays = np.zeros(self.surface.n_patches, dtype=np.intp)
+
+    def lengthen(self, rays: IntArray | int) -> None:
+        """Send more rays, until each patch has ``rays``, a power of 2; rows that have as many keep theirs.
+
+        Parameters
+        ----------
+        rays : int or (P,) int array
+            16 to 1,048,576.
+
+        Raises
+        ------
+        SimulationError
+            For a number that is no power of 2 or out of range.
+        """
+        wanted = np.broadcast_to(np.asarray(rays, dtype=np.intp), self.rays.shape)
+        odd = (wanted < FEWEST_RAYS) | (wanted > MOST_RAYS) | (wanted & (wanted - 1) != 0)
+        if odd.any():
+            raise SimulationError(
+                f"{int(wanted[odd][0])} rays a patch; give a power of 2 from {FEWEST_RAYS} to {MOST_RAYS:,}"
+            )
+        while (short := np.flatnonzero(self.rays < wanted)).size:
+            # In pieces that double a sequence, so that its second half is its last piece.
+            for have in np.unique(self.rays[short]):
+                self._add(short[self.rays[short] == have], int(have), int(max(have, FEWEST_RAYS // 2)))
+
+    def _add(self, rows: IntArray, first: int, count: int) -> None:
+        tree, step = tree_of(self.surface), max(1, RAYS_AT_A_TIME // count)
+        for k in range(0, len(rows), step):
+            part = np.ascontiguousarray(rows[k : k + step], dtype=np.int64)
+            met = np.empty((len(part), count), dtype=np.int32)
+            tree.sample(part, self.seed, first, met)
+            self._batches.append(_Batch(part, met))
+            self.rays[part] += count
+
+    def halves(self, x: ArrayLike) -> Halves:
+        """Return what each patch's rays bring from radiosities x, (P,), as a whole and by halves.
+
+        Parameters
+        ----------
+        x : (P,) array
+            Radiosities.
+
+        Returns
+        -------
+        Halves
+        """
+        # Rays that meet nothing have index -1, or -2 from behind.
+        values = np.concatenate([np.asarray(x, dtype=np.float64), [0.0, 0.0]])
+        total, count, first, second = np.zeros((4, self.surface.n_patches))
+        for batch in self._batches:
+            rows, n = batch.rows, batch.met.shape[1]
+            mean = values[batch.met].mean(axis=1)
+            first[rows] = total[rows] / np.maximum(count[rows], 1)
+            second[rows] = mean
+            total[rows] += n * mean
+            count[rows] += n
+        return Halves(mean=total / np.maximum(count, 1), first=first, second=second)
+
+    @property
+    def met_behind(self) -> FloatArray:
+        """(P,) share of each patch's rays that meet another from behind: where some are, a mesh may be inside out."""
+        behind = np.zeros(self.surface.n_patches)
+        for batch in self._batches:
+            behind[batch.rows] += (batch.met == _MET_BEHIND).sum(axis=1)
+        return behind / np.maximum(self.rays, 1)
+
+    def counts(self) -> csr_array:
+        """Return (P, P) how many rays of i meet j."""
+        total = csr_array((self.surface.n_patches, self.surface.n_patches))
+        for batch in self._batches:
+            total = total + _counted(batch, self.surface.n_patches)
+        return csr_array(total)
+
+
+def _counted(batch: _Batch, n_patches: int) -> csr_array:
+    """(P, P) counts of one batch: sorted within each row, what is equal lies side by side."""
+    met = np.sort(batch.met, axis=1)
+    first = met >= 0
+    first[:, 1:] &= met[:, 1:] != met[:, :-1]
+    place = np.flatnonzero(first)
+    # The next different one, or the end of the row, ends a run.
+    end = np.append(place[1:], met.size)
+    row = place // met.shape[1]
+    runs = np.minimum(end, (row + 1) * met.shape[1]) - place
+    entries = np.zeros(n_patches + 1, dtype=np.int64)
+    np.add.at(entries, batch.rows + 1, np.bincount(row, minlength=len(met)))
+    # Rows of a batch ascend, so that its entries already lie in their order.
+    return csr_array((runs.astype(np.float64), met.ravel()[place], np.cumsum(entries)), shape=(n_patches, n_patches))
+
+
+_MET_BEHIND = -2
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SampledFormFactors:
+    """Form factors counted by rays, sparse; a ``sim.light.radiosity.FormFactorOperator``."""
+
+    areas: FloatArray
+    """(P,) patch areas [m²]."""
+    exchange_areas: csr_array
+    """(P, P) K = diag(A) F, symmetric [m²]."""
+    row_sums: FloatArray
+    """(P,) row sums of F, none above 1."""
+    closure_max: float
+    """Closed surface: largest ``|row sum - 1|``. Any other: 0."""
+    rays: IntArray
+    """(P,) that each patch sent."""
+    seconds: float
+    method: str = "rays"
+    visibility: str = "rays"
+
+    def apply(self, x: ArrayLike) -> FloatArray:
+        """Return F x: what each patch receives from radiosities x.
+
+        Parameters
+        ----------
+        x : (P,) or (P, K) array
+            Radiosities, one column for each of K lights.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            Irradiances, in the unit of x.
+        """
+        values = np.asarray(x, dtype=np.float64)
+        areas = self.areas if values.ndim == 1 else self.areas[:, None]
+        return np.asarray(self.exchange(values) / areas)
+
+    def exchange(self, x: FloatArray) -> FloatArray:
+        """Return diag(A) F x, the symmetric product.
+
+        Parameters
+        ----------
+        x : (P,) or (P, K) array
+            Radiosities.
+
+        Returns
+        -------
+        (P,) or (P, K) array
+            In the unit of x times m².
+        """
+        return np.asarray(self.exchange_areas @ x)
+
+    @property
+    def stored_mb(self) -> float:
+        """Memory of the sparse matrix [MB = 1e6 bytes]."""
+        K = self.exchange_areas
+        return float(K.data.nbytes + K.indices.nbytes + K.indptr.nbytes) / 1e6
+
+
+def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
+    """Return the form factors that rays have counted, made reciprocal, their row sums kept.
+
+    Parameters
+    ----------
+    sample : RaySample
+        Of at least 16 rays a patch.
+
+    Returns
+    -------
+    SampledFormFactors
+
+    Raises
+    ------
+    SimulationError
+        If a patch has sent no rays.
+    """
+    if not sample.rays.all():
+        raise SimulationError("a patch without rays has no form factors; lengthen the sample first")
+    started = time.perf_counter()
+    areas = np.asarray(sample.surface.areas)
+    counts = sample.counts()
+    sums = np.asarray(counts.sum(axis=1)).ravel() / sample.rays
+    K = _weighed(counts, sample.rays / areas)
+    K = _scaled(K, areas * sums, areas)
+    row_sums = np.asarray(K.sum(axis=1)).ravel() / areas
+    closure = float(np.abs(row_sums - 1).max()) if sample.surface.closed else 0.0
+    return SampledFormFactors(
+        areas=areas,
+        exchange_areas=K,
+        row_sums=row_sums,
+        closure_max=closure,
+        rays=sample.rays.copy(),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def _weighed(counts: csr_array, density: FloatArray) -> csr_array:
+    """Exchange areas of counts from both sides, by rays a square metre."""
+    both = csr_array(counts + counts.T)
+    rows = np.repeat(np.arange(both.shape[0]), np.diff(both.indptr))
+    both.data = both.data / (density[rows] + density[both.indices])
+    return both
+
+
+def _scaled(K: csr_array, sums: FloatArray, areas: FloatArray) -> csr_array:
+    """K scaled on both sides until its rows sum to ``sums``, or nearly; none to more than its area."""
+    scale = np.ones(len(areas))
+    for _ in range(MOST_SCALINGS):
+        here = np.asarray(scale * (K @ scale))
+        if (np.abs(here - sums) <= SUMS_ERROR * areas).all():
+            break
+        scale *= np.sqrt(np.divide(sums, here, out=np.zeros_like(sums), where=here > 0))
+    here = np.asarray(scale * (K @ scale))
+    # Both sides of a row shrink by what it has too much, so that it ends below its area whatever the others do.
+    scale *= np.minimum(1.0, np.divide(areas, here, out=np.ones_like(areas), where=here > areas) * (1 - 1e-12))
+    rows = np.repeat(np.arange(len(areas)), np.diff(K.indptr))
+    return csr_array((K.data * (scale[rows] * scale[K.indices]), K.indices, K.indptr), shape=K.shape)

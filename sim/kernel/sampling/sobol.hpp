@@ -1,0 +1,87 @@
+// Sobol's points with Owen's scrambling: evenly spread in four dimensions, other ones for every seed.
+//
+// Direction numbers: Joe and Kuo, "Constructing Sobol sequences with better two-dimensional projections", SIAM J. Sci.
+// Comput. 30, 2008. Scrambling by a hash whose low bits never depend on higher ones: Laine and Karras, "Stratified
+// sampling for stochastic transparency", Computer Graphics Forum 30, 2011; constants by Vegdahl, 2021.
+#pragma once
+#include <array>
+#include <cstdint>
+#include <vector>
+
+namespace kernel::sampling {
+
+constexpr int DIMENSIONS = 4;
+
+inline std::uint32_t reversed(std::uint32_t x) {
+    x = __builtin_bswap32(x);
+    x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
+    x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
+    return ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
+}
+
+// Of an integer, every bit about evenly.
+inline std::uint32_t hashed(std::uint32_t x) {
+    x = (x ^ (x >> 16)) * 0x21f0aaadu;
+    x = (x ^ (x >> 15)) * 0xd35a2d97u;
+    return x ^ (x >> 15);
+}
+
+// A number in [0, 1) from one whose bits are reversed.
+inline double scrambled(std::uint32_t x, std::uint32_t seed) {
+    x ^= x * 0x3d20adeau;
+    x += seed;
+    x *= (seed >> 16) | 1;
+    x ^= x * 0x05526c56u;
+    x ^= x * 0x53a22864u;
+    return reversed(x) * 0x1p-32;
+}
+
+// Points first ... first + count - 1, bits reversed.
+class SobolPoints {
+  public:
+    using Point = std::array<std::uint32_t, DIMENSIONS>;
+
+    SobolPoints(std::uint32_t first, std::uint32_t count) : points_(count) {
+        const auto directions = direction_numbers();
+        for (std::uint32_t k = 0; k < count; ++k)
+            for (int d = 0; d < DIMENSIONS; ++d) {
+                std::uint32_t x = 0;
+                for (int bit = 0; bit < 32; ++bit)
+                    if ((first + k) >> bit & 1) x ^= directions[d][bit];
+                points_[k][d] = reversed(x);
+            }
+    }
+
+    const Point &operator[](std::size_t k) const { return points_[k]; }
+
+  private:
+    using Directions = std::array<std::array<std::uint32_t, 32>, DIMENSIONS>;
+
+    static Directions direction_numbers() {
+        // Degree and inner coefficients of each primitive polynomial, and its first odd numbers.
+        struct Start {
+            int degree;
+            unsigned inner, odd[3];
+        };
+        constexpr Start STARTS[DIMENSIONS - 1] = {{1, 0, {1, 0, 0}}, {2, 1, {1, 3, 0}}, {3, 1, {1, 3, 1}}};
+        Directions v{};
+        for (int bit = 0; bit < 32; ++bit) v[0][bit] = 1u << (31 - bit);
+        for (int d = 1; d < DIMENSIONS; ++d) {
+            const Start &start = STARTS[d - 1];
+            for (int bit = 0; bit < 32; ++bit) {
+                if (bit < start.degree) {
+                    v[d][bit] = start.odd[bit] << (31 - bit);
+                    continue;
+                }
+                v[d][bit] = v[d][bit - start.degree] ^ (v[d][bit - start.degree] >> start.degree);
+                for (int k = 1; k < start.degree; ++k)
+                    if (start.inner >> (start.degree - 1 - k) & 1) v[d][bit] ^= v[d][bit - k];
+            }
+        }
+        return v;
+    }
+
+    std::vector<Point> points_;
+};
+
+}  // namespace kernel::sampling

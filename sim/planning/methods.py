@@ -1,0 +1,63 @@
+"""Which form factors are the cheapest for so many patches at a tolerance: exact ones, compressed ones, or rays.
+
+Seconds are predicted from constants that were measured on two cores of a busy machine, so that the same scene always
+gets the same plan. What rays take hardly depends on what stands in the way; exact shadows take ever longer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sim.form_factors.sampled import MOST_RAYS
+from sim.light.sampled_light import FIRST_RAYS
+
+PAIR_S = {"closed_form": 1e-7, "polygon": 2e-7}
+"""A pair without shadows: room-with-box, spheres and sloped rooms of 320 to 2,304 patches. [s]"""
+SHADOW_S = {"none": 0.0, "fair": 4e-8, "exact": 1.5e-7}
+"""And its shadow, for each occluder of the scene, if they are few: room-with-box, 700 and 1,800 patches. [s]"""
+MOST_SHADOW_S = {"none": 0.0, "fair": 7e-6, "exact": 3e-5}
+"""However many there are: corner with a ball, 134 to 614 patches. [s]"""
+RAY_S = 2e-7
+"""One ray with its count in the matrix, on two cores, 2,000 to 100,000 patches. [s]"""
+RAY_PRODUCT_S = 4e-9
+"""A ray's share of a product with the sparse matrix. [s]"""
+SAMPLING_START_S = 0.05
+"""Rounds of solving and of looking where rays are missing. [s]"""
+USUAL_ERROR, USUAL_RAYS, ERROR_POWER = 0.013, 64, 1.4
+"""RMS of the radiosity by so many rays a patch, and how their number grows with a smaller error: corners with a ball
+and with other things, 64 to 1,024 rays."""
+PREFER_EXACT = 1.5
+"""Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
+RAY_MB = 1e-4
+"""Peak memory of a ray: index, counts and matrix from both sides."""
+
+
+def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:
+    """Return what the whole matrix of exact form factors takes [s]."""
+    shadow_s = min(SHADOW_S[visibility] * occluders, MOST_SHADOW_S[visibility])
+    return patches**2 * (PAIR_S[method] + shadow_s)
+
+
+def rays_needed(error: float) -> float:
+    """Return the rays a patch that an RMS error of the radiosity usually takes; 1 = white."""
+    return float(np.clip(USUAL_RAYS * (USUAL_ERROR / error) ** ERROR_POWER, FIRST_RAYS, MOST_RAYS))
+
+
+def sampled_s(patches: int, error: float) -> float:
+    """Return what form factors by rays take [s]."""
+    return SAMPLING_START_S + patches * rays_needed(error) * RAY_S
+
+
+def sampled_mb(patches: int, error: float) -> float:
+    """Return the peak memory of form factors by rays."""
+    return patches * rays_needed(error) * RAY_MB
+
+
+def largest_sampled(memory_mb: float, error: float) -> int:
+    """Return the most patches whose rays fit."""
+    return int(memory_mb / (RAY_MB * rays_needed(error)))
+
+
+def rays_pay(patches: int, error: float, exact: float) -> bool:
+    """Tell if rays are so much faster than the exact factors' seconds that their noise is worth it."""
+    return PREFER_EXACT * sampled_s(patches, error) < exact

@@ -1,0 +1,236 @@
+"""Form factors by rays: known answers, reciprocity, energy, convergence, the same bits everywhere."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from sim import _kernel
+from sim.errors import SimulationError
+from sim.form_factors import form_factors
+from sim.form_factors.sampled import RaySample, sampled_form_factors
+from sim.geometry.mesh import Mesh
+from sim.light.radiosity import Radiosity
+from sim.light.sampled_light import sampled_light
+from sim.scenes.cluttered import corner_with_ball, random_corner
+from sim.scenes.gridded import paper_room, room_with_box
+from sim.scenes.meshes import grid_of_quad, integrating_sphere
+from sim.threads import set_threads
+
+
+@pytest.fixture
+def restored():
+    threads, instructions = _kernel.threads(), _kernel.instruction_set()
+    yield
+    set_threads(threads)
+    _kernel.set_instruction_set(instructions)
+
+
+def sampled(surface, rays, seed=0):
+    sample = RaySample(surface, seed)
+    sample.lengthen(rays)
+    return sampled_form_factors(sample)
+
+
+def mesh_of(*quads):
+    vertices = np.array(quads, dtype=float)
+    return Mesh(name="plates", vertices=vertices, reflectance=np.full(len(vertices), 0.5))
+
+
+def hits(surface, rays=64, seed=0):
+    met = np.empty((surface.n_patches, rays), dtype=np.int32)
+    _kernel.RayTree(np.ascontiguousarray(surface.vertices)).sample(np.arange(surface.n_patches), seed, 0, met)
+    return met
+
+
+def test_parallel_and_perpendicular_unit_squares_have_their_published_factors():
+    # Howell, A Catalog of Radiation Heat Transfer Configuration Factors, C-11 and C-14.
+    parallel = mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0, 1], [0, 1, 1], [1, 1, 1], [1, 0, 1]])
+    perpendicular = mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 0, 0], [0, 1, 0], [0, 1, 1], [0, 0, 1]])
+    assert form_factors(parallel, method="rays", rays=1 << 14).matrix[0, 1] == pytest.approx(0.199825, abs=1e-3)
+    assert form_factors(perpendicular, method="rays", rays=1 << 14).matrix[0, 1] == pytest.approx(0.200044, abs=1e-3)
+
+
+def test_inside_a_sphere_every_patch_sees_all_others_by_their_share_of_the_surface():
+    sphere = integrating_sphere(3)
+    light = np.random.default_rng(0).uniform(size=sphere.n_patches)
+    received = sampled(sphere, 1024).apply(light)
+    # Facets of an icosahedron cut three times: 0.5 % off the sphere's own factor.
+    assert received == pytest.approx(np.average(light, weights=sphere.areas), rel=0.05)
+    assert received.mean() == pytest.approx(np.average(light, weights=sphere.areas), rel=5e-3)
+
+
+@pytest.mark.parametrize("surface", [paper_room(), integrating_sphere(2)], ids=["room", "sphere"])
+def test_no_ray_leaves_a_closed_surface_and_rows_sum_to_one(surface):
+    assert (hits(surface) >= 0).all()
+    factors = sampled(surface, 64)
+    assert factors.row_sums == pytest.approx(1.0, abs=2e-3)
+    assert factors.row_sums.max() <= 1
+
+
+def test_reciprocity_is_exact():
+    K = sampled(random_corner(1, 800), 64).exchange_areas
+    assert abs(K - K.T).max() == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_light_never_grows_even_with_white_walls_and_few_rays(seed):
+    surface = random_corner(seed, 500)
+    factors = sampled(surface, 16, seed)
+    assert factors.row_sums.max() <= 1
+    assert Radiosity(factors, 1.0).spectral_radius() <= 1
+    dense = form_factors(surface, method="rays", rays=16)
+    assert dense.spectral_radius <= 1
+
+
+def test_two_patches_that_see_nobody_else_do_not_create_light():
+    # Their measured sums contradict each other: no scaling meets both.
+    large, small = (
+        [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]],
+        [[0, 0, 0.3], [0, 0.1, 0.3], [0.1, 0.1, 0.3], [0.1, 0, 0.3]],
+    )
+    factors = sampled(mesh_of(large, small), 16)
+    assert factors.row_sums.max() <= 1
+
+
+def test_shadows_of_rays_and_of_polygons_agree():
+    scene = room_with_box()
+    E = scene.reflectance * (scene.region == 0)
+    exact = Radiosity(form_factors(scene), scene.reflectance).solve(E)
+    by_rays = Radiosity(form_factors(scene, method="rays", rays=1024), scene.reflectance).solve(E)
+    assert np.sqrt(((exact - by_rays) ** 2).mean()) < 0.004
+
+
+def test_four_times_the_rays_halve_the_error_at_least():
+    room = paper_room(patch_size_m=0.8)
+    light = room.centres[:, 2]
+    exact = form_factors(room).apply(light)
+    errors = [np.sqrt(((sampled(room, rays).apply(light) - exact) ** 2).mean()) for rays in (64, 256, 1024)]
+    assert errors[1] < errors[0] / 2
+    assert errors[2] < errors[1] / 2
+
+
+def test_the_halves_tell_the_error_within_a_factor_of_two():
+    room = paper_room(patch_size_m=0.4)
+    light = room.centres[:, 2]
+    sample = RaySample(room)
+    sample.lengthen(128)
+    halves = sample.halves(light)
+    actual = np.sqrt(((halves.mean - form_factors(room).apply(light)) ** 2).mean())
+    assert 0.7 < np.sqrt((halves.standard_error**2).mean()) / actual < 2
+
+
+def test_a_longer_sample_goes_on_where_the_shorter_one_ended():
+    surface = corner_with_ball(400)
+    grown, at_once = RaySample(surface), RaySample(surface)
+    grown.lengthen(32)
+    grown.lengthen(np.where(np.arange(surface.n_patches) % 2, 128, 32))
+    grown.lengthen(128)
+    at_once.lengthen(128)
+    assert (grown.counts() != at_once.counts()).nnz == 0
+
+
+def test_threads_and_instruction_sets_change_no_bit(restored):
+    surface = corner_with_ball(500)
+    set_threads(1)
+    expected = hits(surface)
+    for instructions in _kernel.instruction_sets():
+        _kernel.set_instruction_set(instructions)
+        for threads in (1, 2):
+            set_threads(threads)
+            assert (hits(surface) == expected).all()
+
+
+def test_another_seed_sends_other_rays():
+    surface = corner_with_ball(400)
+    assert (hits(surface, seed=1) != hits(surface, seed=2)).mean() > 0.3
+
+
+def test_what_is_met_from_behind_takes_the_light_away():
+    floor = grid_of_quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], 2, 2)
+    lid_facing_up = grid_of_quad([[-9, -9, 0.1], [9, -9, 0.1], [9, 9, 0.1], [-9, 9, 0.1]], 1, 1)
+    surface = Mesh(name="lid", vertices=np.concatenate([floor, lid_facing_up]), reflectance=np.full(5, 0.5))
+    sample = RaySample(surface)
+    sample.lengthen(64)
+    assert sample.met_behind[:4] == pytest.approx(1.0, abs=0.05)
+    assert sampled_form_factors(sample).row_sums[:4] == pytest.approx(0.0)
+
+
+def test_a_sheet_with_two_lit_sides_does_not_shade_itself():
+    sheet = np.array([[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], dtype=float)
+    roof = np.array([[0, 0, 2], [0, 1, 2], [1, 1, 2], [1, 0, 2]], dtype=float)
+    floor = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], dtype=float)
+    surface = Mesh(name="sheet", vertices=np.stack([sheet, sheet[::-1], roof, floor]), reflectance=np.full(4, 0.5))
+    F = form_factors(surface, method="rays", rays=1 << 12).matrix
+    assert F[0, 2] == pytest.approx(0.199825, abs=2e-3)
+    assert F[1, 3] == pytest.approx(0.199825, abs=2e-3)
+    assert F[2, 3] == F[0, 1] == 0
+
+
+def test_rays_are_sent_until_the_light_is_as_exact_as_wanted():
+    surface = corner_with_ball(500)
+    E = surface.reflectance
+    truth = sampled_light(surface, E, surface.reflectance, error=1e-3, seed=9).B
+    for error in (0.02, 0.006):
+        found = sampled_light(surface, E, surface.reflectance, error=error)
+        actual = np.sqrt((surface.areas * (found.B - truth) ** 2).sum() / surface.areas.sum())
+        assert error / 10 < actual < error
+        assert found.error <= error
+
+
+def test_rows_that_matter_little_get_few_rays():
+    surface = corner_with_ball(500)
+    black = np.where(np.arange(surface.n_patches) < 100, 0.0, 0.7)
+    found = sampled_light(surface, np.ones(surface.n_patches), black, error=0.005)
+    assert found.sample.rays[:100].mean() < found.sample.rays[100:].mean() / 2
+
+
+@pytest.mark.parametrize("rays", [0, 8, 100, 1 << 21])
+def test_odd_numbers_of_rays_are_refused(rays):
+    with pytest.raises(SimulationError, match="power of 2"):
+        RaySample(paper_room()).lengthen(rays)
+
+
+def test_rays_with_another_visibility_are_refused():
+    with pytest.raises(SimulationError, match="finds shadows itself"):
+        form_factors(paper_room(), method="rays", visibility="exact")
+
+
+def test_a_sample_without_rays_has_no_factors():
+    with pytest.raises(SimulationError, match="without rays"):
+        sampled_form_factors(RaySample(paper_room()))
+
+
+INTERRUPTED = """
+import signal, sys, threading, time
+import subprocess
+import sys
+
+import numpy as np
+from sim import _kernel, form_factors
+from sim.scenes.cluttered import corner_with_ball
+from sim.form_factors.sampled import RaySample
+
+scene = corner_with_ball(2144)
+work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(scene).lengthen(1 << 18)}[sys.argv[1]]
+sent = []
+def send():
+    sent.append(time.monotonic())
+    signal.raise_signal(signal.SIGINT)
+threading.Timer(1.0, send).start()
+try:
+    work()
+except KeyboardInterrupt:
+    print(time.monotonic() - sent[0])
+"""
+
+
+@pytest.mark.parametrize("work", ["exact", "rays"])
+def test_ctrl_c_ends_long_work_of_the_kernel(work):
+    # Exact shadows of this scene take minutes. What a loop's iteration takes on a busy machine is not the point here.
+    run = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, work], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    assert float(run.stdout) < 20
