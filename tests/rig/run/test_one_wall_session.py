@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from rig.devices.simulated.devices import simulated_world_of
+from rig.devices.simulated.rigs import box_world_of
 from rig.profile.schema import load_profile
 from rig.run.request import SessionRequest
 from rig.run.session import run_session
@@ -103,7 +103,7 @@ def test_the_pose_lies_within_three_sigmas_of_the_simulated_worlds(wall: OneWall
 @pytest.mark.parametrize("half", ["left", "top"])
 def test_the_light_of_half_a_picture_comes_back_as_the_model_says_to_a_fifth(wall: OneWall, half: str) -> None:
     with Session.open(wall.folder) as session:
-        model, world = load_model(session), simulated_world_of(session.profile)
+        model, world = load_model(session), box_world_of(session.profile)
     height, width = world.projector.shape
     codes = {name: np.zeros((height, width), np.uint8) for name in ("black", "white", "left", "top")}
     codes["white"][:], codes["left"][:, : width // 2], codes["top"][: height // 2] = 255, 255, 255
