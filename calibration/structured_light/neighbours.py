@@ -41,7 +41,7 @@ def isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float) 
         Of each axis that is coded.
     valid : (H, W) bool
     limit : float
-        In the unit of the coordinates.
+        In the unit of the coordinates; infinite: only pixels without neighbours count.
 
     Returns
     -------
@@ -65,6 +65,8 @@ def _isolated(coordinates: Sequence[Coordinate], valid: BoolArray, limit: float)
     judged = valid & (count >= _ENOUGH_NEIGHBOURS)
     far = np.asarray(count < _LEAST_NEIGHBOURS)
     square = np.ones(window, np.uint8)
+    if not np.isfinite(limit):
+        return far
     for each in coordinates:
         low, high = _filled(each, valid)
         spread = cv2.subtract(cv2.dilate(low, square), cv2.erode(high, square))

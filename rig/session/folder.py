@@ -87,7 +87,10 @@ def _read_copy(folder: Path, sha256: str) -> bytes:
     except OSError as error:
         raise SessionCorrupt(f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it") from error
     if hashlib.sha256(raw).hexdigest() != sha256:
-        raise SessionCorrupt(f"{folder / 'profile.toml'}: was changed; restore it, or start a new session")
+        raise SessionCorrupt(
+            f"{folder / 'profile.toml'}: is not the one that {folder / 'session.json'} names; one of them was changed: "
+            "restore it, or start a new session"
+        )
     return raw
 
 

@@ -160,13 +160,10 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
         raise SimulationError(f"target of shape {values.shape}; the transport has {pixels} camera pixels{bands}")
     if not np.isfinite(values).all():
         raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
-    if not -LARGEST < number_of("lower", lower) < number_of("upper", upper) < LARGEST:
-        raise SimulationError(
-            f"projector range {lower:g} ... {upper:g} is empty or not finite; lower must be below upper"
-        )
+    reach = _checked_reach(lower, upper)
     split = split_transport_of(transport)
     _check_numbers(split)
-    _check_unit(values, float(split.diagonal.max(initial=0.0)) * max(abs(lower), abs(upper)))
+    _check_unit(values, float(split.diagonal.max(initial=0.0)) * reach)
     return Problem(
         transport=split,
         target=np.asfortranarray(values.reshape(pixels, channels)),
@@ -175,6 +172,16 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
         grey=not colour,
         started_s=started_s,
     )
+
+
+def _checked_reach(lower: float, upper: float) -> float:
+    """Return the larger bound of a projector's range, 1 where a side is open. Raises SimulationError for no range."""
+    bounds = [number_of(name, bound) for name, bound in (("lower", lower), ("upper", upper)) if not np.isinf(bound)]
+    if not lower < upper or any(abs(bound) > LARGEST for bound in bounds):
+        raise SimulationError(
+            f"projector range {lower:g} ... {upper:g} is empty or beyond {LARGEST:g}; lower must be below upper"
+        )
+    return max((abs(bound) for bound in bounds), default=1.0)
 
 
 def _check_numbers(split: SplitTransport) -> None:

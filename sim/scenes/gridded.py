@@ -228,7 +228,8 @@ def _check_sizes(lengths_m: Sequence[float], patch_size_m: float) -> None:
                 f"a size of {length:g} m; every edge and the patch size must be above 0, and finite: "
                 f"{smallest_m:g} ... {largest_m:g} m"
             )
-    patches = 6 * (max(lengths_m) / patch_size_m) ** 2
+    boxes = [[max(1.0, edge / patch_size_m) for edge in lengths_m[k : k + 3]] for k in range(0, len(lengths_m), 3)]
+    patches = sum(2 * (a * b + b * c + c * a) for a, b, c in boxes)
     if patches > MOST_PATCHES:
         raise SimulationError(
             f"edges of {max(lengths_m):g} m in patches of {patch_size_m:g} m are up to {patches:.3g} patches, the "

@@ -18,9 +18,13 @@ def test_a_frame_gets_the_codes_that_the_sessions_exact_compensation_has(finishe
         target = np.rint(step.load_image("target")["grey"]).astype(np.uint8)
         wanted = step.load_image("projector-exact")["codes"]
     codes = FrameCompensator(model.frames, "exact").frame(np.repeat(target[..., None], 3, axis=2))
+    # The session sharpens edges, which the projector would blur; live pictures stay as they are.
+    square = np.ones((7, 7), np.uint8)
+    flat = cv2.dilate(target, square) - cv2.erode(target, square) < 8
     difference = np.abs(codes[..., 1].astype(float) - wanted)
+    assert flat.mean() > 0.2
     assert np.median(difference) <= 1
-    assert difference.mean() < 3
+    assert difference[flat].mean() < 1.5
     assert (codes[~model.frames.active] == 0).all()
 
 

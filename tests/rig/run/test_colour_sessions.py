@@ -201,7 +201,7 @@ def test_a_band_that_is_too_dark_gets_its_light_from_all_channels(coloured: Colo
         room = controlled_scene_of(session, session.finished("compensate"), load_target(None, (192, 256), channels=3))
     image = np.full_like(room.wanted, 0.5)
     error = np.array([0.0, 0.02, 0.0]) * room.operator.diagonal
-    seen = CapturedLight(image, room.wanted - error, np.full_like(image, 1e-12))
+    seen = CapturedLight(image, room.model.room.through_camera(room.wanted) - error, np.full_like(image, 1e-12))
     change = corrected(room, Loop("bounded", 2, "image"), image, seen) - image
     assert (np.abs(change).mean(axis=0) > 1e-4).all()
     assert change @ room.transport.mixing.T == pytest.approx(

@@ -215,6 +215,7 @@ from sim.form_factors.sampled import RaySample
 scene = corner_with_ball(2144)
 work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(scene).lengthen(1 << 18)}[sys.argv[1]]
 sent = []
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
 def send():
     sent.append(time.monotonic())
     signal.raise_signal(signal.SIGINT)
