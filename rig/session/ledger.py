@@ -209,8 +209,9 @@ class Ledger:
     def record_open(self, versions: Mapping[str, str]) -> None:
         """Journal that this process works on the session, with the versions of its libraries."""
         header = hash_json(self.header.as_json())
-        self.record({"event": "open", "pid": os.getpid(), "versions": dict(versions), "header_sha256": header})
+        # Before the line that holds its hash: killed between both, a process leaves a session and no contradiction.
         self.write_summary()
+        self.record({"event": "open", "pid": os.getpid(), "versions": dict(versions), "header_sha256": header})
 
     def is_intact(self, entry: FileEntry) -> bool:
         """Tell whether the file is there with its journalled bytes."""

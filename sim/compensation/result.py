@@ -175,13 +175,15 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
 
 
 def _checked_reach(lower: float, upper: float) -> float:
-    """Return the larger bound of a projector's range, 1 where a side is open. Raises SimulationError for no range."""
-    bounds = [number_of(name, bound) for name, bound in (("lower", lower), ("upper", upper)) if not np.isinf(bound)]
+    """Return the larger bound of a projector's range, 1 where both sides are open. Raises SimulationError for none."""
+    if (lower, upper) == (-np.inf, np.inf):
+        return 1.0
+    bounds = [number_of(name, bound) for name, bound in (("lower", lower), ("upper", upper))]
     if not lower < upper or any(abs(bound) > LARGEST for bound in bounds):
         raise SimulationError(
             f"projector range {lower:g} ... {upper:g} is empty or beyond {LARGEST:g}; lower must be below upper"
         )
-    return max((abs(bound) for bound in bounds), default=1.0)
+    return max(abs(bound) for bound in bounds)
 
 
 def _check_numbers(split: SplitTransport) -> None:
