@@ -176,7 +176,7 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
 
 def _checked_reach(lower: float, upper: float) -> float:
     """Return the larger bound of a projector's range, 1 where both sides are open. Raises SimulationError for none."""
-    if (lower, upper) == (-np.inf, np.inf):
+    if isinstance(lower, float) and isinstance(upper, float) and (lower, upper) == (-np.inf, np.inf):
         return 1.0
     bounds = [number_of(name, bound) for name, bound in (("lower", lower), ("upper", upper))]
     if not lower < upper or any(abs(bound) > LARGEST for bound in bounds):
