@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from rig.devices.simulated.mesh.scene import TriangleScene
 from rig.devices.simulated.mesh.world import MeshWorld, prepare_scene
 from rig.devices.simulated.settings import SimulationSettings
-from rig.devices.simulated.worlds.library import SCENES
+from rig.devices.simulated.worlds.scenes import SCENES
 
 FloatArray = NDArray[np.float64]
 

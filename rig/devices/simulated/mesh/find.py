@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.devices.simulated.mesh.scene import FloatArray, TriangleScene
 from rig.devices.simulated.settings import BANDS, SimulatedMaterial, SimulationSettings
-from rig.devices.simulated.worlds.library import SCENES, library_scene
+from rig.devices.simulated.worlds.scenes import SCENES, library_scene
 from rig.errors import ProfileError, UsageError
 from rig.files.mesh import read_triangles
 

@@ -16,7 +16,7 @@ from rig.devices.simulated.mesh.scene import TriangleScene, made_fit
 from rig.devices.simulated.mesh.tracer import Tracer
 from rig.devices.simulated.mesh.world import MeshWorld, exchange_of, prepare_scene
 from rig.devices.simulated.settings import SimulatedMaterial, SimulationSettings
-from rig.devices.simulated.worlds.library import SCENES, library_scene
+from rig.devices.simulated.worlds.scenes import SCENES, library_scene
 from rig.devices.simulated.worlds.shapes import quad, room
 from rig.errors import ProfileError
 from rig.profile.schema import Profile, load_profile
