@@ -224,7 +224,7 @@ def _better(
     """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
     limit = _BETTER * _unexplained(refused)
     for bundle in islice(others, _OTHERS):
-        if bundle is refused or _unexplained(bundle) > limit:
+        if _unexplained(bundle) > limit:
             continue
         try:
             return hold_against_all(x1, x2, bundle, nominal, weight=weight)
