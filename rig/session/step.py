@@ -96,38 +96,7 @@ class Step:
         -------
         bool
         """
-        return self._has("frame", name)
-
-    def has_image(self, name: str) -> bool:
-        """Tell whether an image was journalled and its file is intact.
-
-        Parameters
-        ----------
-        name
-            Of the image.
-
-        Returns
-        -------
-        bool
-        """
-        return self._has("image", name)
-
-    def has_record(self, name: str) -> bool:
-        """Tell whether a record was journalled and its file is intact.
-
-        Parameters
-        ----------
-        name
-            Of the record.
-
-        Returns
-        -------
-        bool
-        """
-        return self._has("record", name)
-
-    def _has(self, kind: FileKind, name: str) -> bool:
-        entry = self._run.files.get((kind, name))
+        entry = self._run.files.get(("frame", name))
         return entry is not None and self._ledger.is_intact(entry)
 
     def save_frame(
