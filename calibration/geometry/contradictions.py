@@ -13,7 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
-from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, refit
+from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
 from calibration.geometry.support import Bends, bends_of, exclusive_points, mixed_share, plane_errors_px
 
 SIGMAS = 4.0
@@ -31,7 +31,13 @@ MOST_DISTANCE_SIGMA = 0.1
 
 
 def hold_against_all(
-    x1: FloatArray, x2: FloatArray, bundle: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
+    x1: FloatArray,
+    x2: FloatArray,
+    bundle: BundleSolution,
+    nominal: NominalIntrinsics,
+    *,
+    weight: FloatArray,
+    margin_share: float = MARGIN_SHARE,
 ) -> BundleSolution:
     """Fit to all points, and refuse what contradicts itself, a fit without right angles, or the data sheets.
 
@@ -45,6 +51,8 @@ def hold_against_all(
         Of both lenses.
     weight : (N, 2)
         By which each coordinate of the projector counts.
+    margin_share : float
+        Of the projector's width: points that a second plane predicts within it are not used.
 
     Returns
     -------
@@ -55,17 +63,17 @@ def hold_against_all(
     CalibrationError
         With the contradiction, its numbers and what to try.
     """
-    rounds = Rounds(limits_px=(1.0,), iterations=8)
+    rounds = Rounds(limits_px=(1.0,), iterations=8, margin_share=margin_share)
     rough = adjust(x1, x2, bundle, nominal, rounds=rounds, weight=weight) or bundle
     check_one_surface(rough, x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
-    rounds = Rounds(limits_px=(2.0, 1.0), iterations=10)
+    rounds = Rounds(limits_px=(2.0, 1.0), iterations=10, margin_share=margin_share)
     free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
     check_flat(free or rough, a if free else x1)
     if free is not None:
         _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
-    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance)
+    rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance, margin_share=margin_share)
     final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
     check_determined(final, final.covariance)

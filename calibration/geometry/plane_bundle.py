@@ -22,7 +22,7 @@ from calibration.geometry.robust_fit import Fit, robust_fit
 
 USUAL_VARIANCE_PX2 = 0.02
 """Of an independent observation, before it is measured: noise of 0.1 px, some neighbours with one error. [px²]"""
-_MARGIN_SHARE = 0.008
+MARGIN_SHARE = 0.008
 """Points that two planes predict within this share of the projector's width lie near an edge: not used."""
 _LEAST_POINTS = 200
 """Correspondences for some forty unknowns."""
@@ -93,6 +93,8 @@ class Rounds:
     """At most, a round."""
     variance_px2: float = USUAL_VARIANCE_PX2
     """Of an independent observation: what the points weigh against the priors. [px²]"""
+    margin_share: float = MARGIN_SHARE
+    """Of the projector's width: points that a second plane predicts within it are not used."""
 
 
 def adjust(
@@ -127,7 +129,7 @@ def adjust(
     scene, axes = start, start.axes
     z = unknowns_of(start, nominal)
     priors = priors_of(len(z), nominal, rounds.variance_px2)
-    margin_px = _MARGIN_SHARE * nominal.projector_shape[1]
+    margin_px = rounds.margin_share * nominal.projector_shape[1]
     weight = np.ones_like(x2) if weight is None else weight
     for limit_px in rounds.limits_px:
         label = _label(scene, x1, x2, limit_px=limit_px, margin_px=margin_px)

@@ -22,6 +22,7 @@ from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_u
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.one_wall import fit_where_flat
+from calibration.geometry.flat.third_wall import WeighedPoints, with_third_wall
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
@@ -191,9 +192,9 @@ def calibrate_stereo(
     """
     report = on_step or _silent
     _check_count(len(camera_xy_px))
-    order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
-    x1, x2 = camera_xy_px[order], projector_xy_px[order]
-    weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
+    order = np.random.default_rng(0).permutation(len(camera_xy_px))
+    every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], _weights(sigma_px, order))
+    x1, x2, weight = every.camera_xy_px[:_MANY], every.projector_xy_px[:_MANY], every.weight[:_MANY]
     flat = fit_where_flat(x1, x2, nominal, weight=weight, one_wall=one_wall)
     if flat is not None:
         return replace(_finished(flat.solution, x1, x2, nominal), notes=flat.notes)
@@ -208,8 +209,9 @@ def calibrate_stereo(
         if better is None:
             raise
         final = better
+    resting = with_third_wall(final, every, nominal, n_fitted=_MANY)
     report(3, 3)
-    return _finished(final, x1, x2, nominal)
+    return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
 
 
 def _better(
@@ -239,14 +241,16 @@ def _unexplained(bundle: BundleSolution) -> float:
     return bundle.share * own + (1 - bundle.share)
 
 
-def _weight(sigma_px: FloatArray) -> FloatArray:
+def _weights(sigma_px: FloatArray | None, order: IntArray) -> FloatArray:
     """(N, 2) by which residuals count, so that uncertain ones come to the scatter of those of the better half.
 
     Where a stripe's edge falls on the same place of many neighbouring camera pixels, their codes are rounded alike, and
     no window averages that out: a tenth of a picture may be off by five times the noise of the rest, in waves.
     """
-    usual = float(np.nanmedian(sigma_px.min(axis=1)))
-    return np.asarray(usual / np.fmax(sigma_px, usual))
+    if sigma_px is None:
+        return np.ones((len(order), 2))
+    usual = float(np.nanmedian(sigma_px[order[:_MANY]].min(axis=1)))
+    return np.asarray(usual / np.fmax(sigma_px[order], usual))
 
 
 def _silent(_done: int, _total: int) -> None:

@@ -55,17 +55,22 @@ def standing_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolA
     enough = max(_LEAST_SHARE * len(x1), _LEAST_POINTS)
     while standing.any():
         kept = np.flatnonzero(standing)
-        counts = [_side_by_side(x1, own) for own in exclusive_points(errors[kept])]
+        counts = [side_by_side(x1, own) for own in exclusive_points(errors[kept])]
         if min(counts) >= enough:
             break
         standing[kept[int(np.argmin(counts))]] = False
     return standing
 
 
+def explained_within_px(best_px: FloatArray) -> float:
+    """Return the distance within which a plane explains a point, of all points' distances from their nearest (N,)."""
+    return float(np.clip(_LIMIT_SCALES * np.median(best_px), _LEAST_LIMIT_PX, _LARGEST_LIMIT_PX))
+
+
 def exclusive_points(errors_px: FloatArray) -> BoolArray:
     """(K, N) points that a plane explains and no other comes near to, of errors (K, N)."""
     best = errors_px.min(axis=0)
-    limit = float(np.clip(_LIMIT_SCALES * np.median(best), _LEAST_LIMIT_PX, _LARGEST_LIMIT_PX))
+    limit = explained_within_px(best)
     if len(errors_px) == 1:
         return errors_px <= limit
     second = np.partition(errors_px, 1, axis=0)[1]
@@ -74,7 +79,7 @@ def exclusive_points(errors_px: FloatArray) -> BoolArray:
     return np.asarray((nearest[None] == np.arange(len(errors_px))[:, None]) & alone)
 
 
-def _side_by_side(x1: FloatArray, own: BoolArray) -> int:
+def side_by_side(x1: FloatArray, own: BoolArray) -> int:
     """How many of a plane's points lie in one connected piece of the camera's picture."""
     low, high = x1.min(axis=0), x1.max(axis=0)
     side = float(np.sqrt(np.prod(high - low + 1) * _POINTS_A_CELL / len(x1)))

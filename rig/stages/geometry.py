@@ -122,6 +122,7 @@ def geometry_settings(session: Session) -> JsonObject:
         "hfov_deg": [hfov_deg_of(profile, profile.camera), hfov_deg_of(profile, profile.projector)],
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.box.model_dump(mode="json", exclude=unused),
+        "third_wall": "strips of it, too",
     }
 
 
