@@ -38,6 +38,8 @@ _GLOBAL_ERROR = 0.02
 _INDEPENDENT_PATCHES = 12
 """All patches together are worth so many observations: what the model is too coarse for is alike in neighbours, and
 half a percent of it in all."""
+_FAR_OFF = 0.03
+"""Of a patch's global light, relative, from which on it counts less: its seen part may be a corner of it."""
 _REFITS, _MOST_MISFIT = 3, 1.5
 _DIRECT_ERROR = 0.018
 """Relative standard deviation of a patch's mean direct light: what is not seen of it differs from what is."""
@@ -74,6 +76,8 @@ class ReflectanceFit:
     """Relative residual of the global light over lit, seen patches."""
     flux_sigma: float
     unseen_sigma: float
+    usual_misfit: float = 0.0
+    """As `global_rms`, but patches that are far off count less: what most of them leave."""
     returned_share: float = 0.0
     """Of a lone wall's mean radiosity, what arrives at it again, evenly, from surfaces that the model has not."""
 
@@ -223,7 +227,8 @@ class _Room:
     def fit(self, z: FloatArray, covariance: FloatArray) -> ReflectanceFit:
         """The result, with what the covariance of z makes of every patch."""
         rho, arriving = self.solve(z)
-        rms = float(np.sqrt(np.mean(self.global_errors(rho, arriving) ** 2)))
+        errors = self.global_errors(rho, arriving)
+        rms = float(np.sqrt(np.mean(errors**2)))
         # A misfit beyond that of coarse patches is a wrong room: it does not average out, and the flux bears it.
         covariance = covariance.copy()
         covariance[0, 0] += max(rms - _COARSE_MISFIT, 0.0) ** 2
@@ -242,6 +247,7 @@ class _Room:
             flux=float(np.exp(z[0])),
             unseen_reflectance=float(rho[unseen].mean()) if unseen.any() else float(rho.mean()),
             global_rms=rms,
+            usual_misfit=float(_FAR_OFF * np.sqrt(np.mean(2 * (np.hypot(1.0, errors / _FAR_OFF) - 1)))),
             flux_sigma=float(np.exp(z[0]) * steps[0]),
             unseen_sigma=float(np.sqrt(shares @ covariance[1:, 1:] @ shares)),
         )

@@ -6,57 +6,52 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
 from calibration.light import faces as walls
-from calibration.light.open_wall import ANOTHER_PICTURE, estimate_open_wall
-from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
-from calibration.light.vignetting import Vignetting, fit_vignetting
+from calibration.light.open_wall import ANOTHER_PICTURE
+from calibration.light.reflectance import ReflectanceFit
+from calibration.light.vignetting import Vignetting
 from rig.files.channels import bands_of, image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
-from rig.stages.geometry import GeometryRecord, load_geometry
+from rig.stages.geometry import load_geometry
+from rig.stages.light.fit import (
+    LEAST_PIXELS,
+    BandLight,
+    BareRoom,
+    bare_room,
+    direct_gain,
+    fit_lenses,
+    fit_reflectance,
+    lit_pixels,
+)
+from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import (
     ColouredRoom,
     MeasuredLight,
-    PixelHits,
     PosedCamera,
-    PosedLens,
     PosedProjector,
     SceneModel,
-    box_scene,
     camera_view,
     cast_pixels,
     face_of_pixels,
     on_the_model,
-    posed_lens,
-    seen_from,
     unit_emission,
-    wall_of_patches,
-    white_irradiance,
     with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
 from rig.terminal import OnStep
 from sim.form_factors import form_factors
-from sim.geometry.optics import project
-from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_LEAST_DIRECT = 0.05
-_LEAST_IN_A_BAND = 0.005
-"""A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
-_LEAST_PIXELS = 40
-"""Camera pixels that a patch needs before its light counts."""
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 
@@ -114,6 +109,8 @@ class ModelRecord(Record):
     level: float
     """Camera value of a target's 255, in each band."""
     lit_share_of_image: float
+    placed: tuple[PlacedByLight, ...] = ()
+    """Walls that nobody measured, an entry an axis."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -143,29 +140,6 @@ class FittedScene:
         return len(self.room.bands)
 
 
-@dataclass(frozen=True, eq=False)
-class _BandLight:
-    """One band's light of white in parts, (H, W) each."""
-
-    direct: NDArray[np.float32]
-    global_: NDArray[np.float32]
-    white: NDArray[np.float32]
-
-
-@dataclass(frozen=True, eq=False)
-class _Geometry:
-    """The scene without any reflectance, and the devices in it; vignetting once it is fitted."""
-
-    scene: Scene
-    camera: PosedLens
-    projector: PosedLens
-    camera_hits: PixelHits
-
-    def with_vignetting(self, vignetting: Vignetting) -> _Geometry:
-        camera = replace(self.camera, vignetting=vignetting.camera)
-        return replace(self, camera=camera, projector=replace(self.projector, vignetting=vignetting.projector))
-
-
 def model_settings(session: Session) -> JsonObject:
     """Return what step `model` depends on."""
     profile = session.profile
@@ -173,73 +147,69 @@ def model_settings(session: Session) -> JsonObject:
         "patch_size_m": profile.box.patch_size_m,
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
-        "least_pixels": _LEAST_PIXELS,
+        "least_pixels": LEAST_PIXELS,
         "global_gain": "of white",
         "blur": "of both lenses",
-        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit"],
+        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light"],
     }
 
 
 def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `model`: fit what light does in the measured room; decide the brightness scale."""
     on_step("build model", 0, 4)
-    bare = _bare_geometry(load_geometry(session), session.profile.box.patch_size_m)
     bands, valid = _light(session)
-    lit = _lit(bands, valid)
+    lit = lit_pixels(bands, valid)
     blur = session.finished("separation").load_image("blur")
     border = np.maximum(blur["white_share"], np.float32(_LEAST_WHITE_SHARE))
-    gains = [_direct_gain(light, lit, bare.camera_hits) / border for light in bands]
+    projector_xy_px = np.stack([blur["column"], blur["row"]], axis=-1)
+    seen = SeenInWhite(light=_together(bands), lit=lit, projector_xy_px=projector_xy_px, border=border)
+    placed = _placed(session, seen, on_step)
+    bare = bare_room(load_geometry(session), session.profile.box.patch_size_m, shift_of(placed))
+    gains = [direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
-    on_model = on_the_model(bare.projector, bare.camera_hits, np.stack([blur["column"], blur["row"]], axis=-1))
+    on_model = on_the_model(bare.projector, bare.camera_hits, projector_xy_px)
     inner = walls.on_model_of(lit, on_model) & walls.away_from_edges(face_of_pixels(bare.camera_hits, lit.shape))
-    vignetting = _fit_lenses(bare, np.mean(gains, axis=0), inner)
+    vignetting = fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)
-    fits = [_fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
+    fits = [fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
     on_step("build model", 3, 4)
     band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
     models = _scene_models(session, geometry, zip(band_models, [fit.flux for fit in fits], strict=True), gains)
     ratios = [_global_gain(scene_model, light, lit) for scene_model, light in zip(models, bands, strict=True)]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
-    step.save_record("model", _record(session.profile, vignetting, fits, bands=band_models, lit=lit))
+    record = _record(session.profile, vignetting, fits, bands=band_models, lit=lit)
+    step.save_record("model", replace(record, placed=placed))
     on_step("build model", 4, 4)
 
 
-def _light(session: Session) -> tuple[list[_BandLight], BoolArray]:
+def _light(session: Session) -> tuple[list[BandLight], BoolArray]:
     """The light of white in each band, and where it is valid."""
     image = session.finished("separation").load_image("separation")
     direct, global_, white = (bands_of(image_of(image, name)) for name in ("direct", "global", "white"))
-    bands = [_BandLight(*parts) for parts in zip(direct, global_, white, strict=True)]
+    bands = [BandLight(*parts) for parts in zip(direct, global_, white, strict=True)]
     return bands, load_correspondence(session).valid & (image["valid"] > 0)
 
 
-def _bare_geometry(record: GeometryRecord, patch_size_m: float) -> _Geometry:
-    camera, projector = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
-    scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
-    return _Geometry(scene, camera, projector, cast_pixels(scene, camera))
+def _together(bands: list[BandLight]) -> BandLight:
+    """The mean of the bands."""
+    if len(bands) == 1:
+        return bands[0]
+    direct, global_, white = (
+        np.mean([getattr(light, part) for light in bands], axis=0) for part in ("direct", "global_", "white")
+    )
+    return BandLight(direct, global_, white)
 
 
-def _lit(bands: list[_BandLight], valid: BoolArray) -> BoolArray:
-    direct = np.mean([light.direct for light in bands], axis=0)
-    if not (direct[valid] > 0).any():
-        raise CalibrationError("no valid pixel has direct light; look at the correspondence map and at the checkers")
-    enough = [light.direct > _LEAST_IN_A_BAND * np.median(light.direct[valid]) for light in bands]
-    return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
+def _placed(session: Session, seen: SeenInWhite, on_step: OnStep) -> tuple[PlacedByLight, ...]:
+    """Walls that nobody measured: none in nearly all rooms."""
+    record, box = load_geometry(session), session.profile.box
+    axes = unmeasured_axes(record.surface, height_known=box.lens_height_m is not None)
+    return place_unseen_walls(record, axes, box.patch_size_m, seen=seen, on_step=on_step)
 
 
-def _direct_gain(light: _BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
-    """(H, W) direct light of white, 0 where not lit.
-
-    The checkers tell the share of direct light with noise; that share is smooth along a wall (reflectance and
-    vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
-    """
-    share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
-    face = face_of_pixels(camera_hits, lit.shape)
-    return walls.smoothed_along_faces(share, lit, face, SMOOTHING_SHARE) * light.white
-
-
-def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> FloatArray:
+def _global_gain(scene_model: SceneModel, light: BandLight, lit: BoolArray) -> FloatArray:
     """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
     direct_of_white, modelled = _simulated_white(scene_model)
     face = face_of_pixels(scene_model.camera_hits, lit.shape)
@@ -248,50 +218,7 @@ def _global_gain(scene_model: SceneModel, light: _BandLight, lit: BoolArray) -> 
     return np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE), 1.0)
 
 
-def _fit_lenses(geometry: _Geometry, gain: FloatArray, lit: BoolArray) -> Vignetting:
-    hits, points = geometry.camera_hits.hits, geometry.camera_hits.points_m
-    e = white_irradiance(geometry.scene, geometry.projector, points, hits.patch)
-    usable = np.flatnonzero(lit.ravel() & (e > 0) & (gain.ravel() > 0))
-    sample = usable[:: max(1, len(usable) // 20000)]
-    camera_xy = geometry.camera.lens.pixel_grid()[sample]
-    projector_xy = project(geometry.projector.lens, geometry.projector.pose, points[sample])
-    return fit_vignetting(
-        gain.ravel()[sample],
-        e[sample],
-        face=hits.face[sample],
-        camera_r=geometry.camera.radius(camera_xy),
-        projector_r=geometry.projector.radius(projector_xy),
-    )
-
-
-def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, lit: BoolArray) -> ReflectanceFit:
-    """Patch means of what the camera saw, its vignetting taken out, to the inverse radiosity problem."""
-    scene, hits, projector = geometry.scene, geometry.camera_hits.hits, geometry.projector
-    e = white_irradiance(scene, projector, geometry.camera_hits.points_m, hits.patch)
-    brightness = geometry.camera.illumination(geometry.camera.lens.pixel_grid())
-    direct = np.where(e > 0, gain.ravel() / np.where(e > 0, e * brightness, 1.0), 0.0)
-    lit_flat = lit.ravel() & (e > 0)
-    # Outside the lit area all light is global; close to its border the lens mixes both.
-    border = cv2.dilate((light.direct > 0.02 * np.median(light.direct[lit])).astype(np.uint8), np.ones((9, 9)))
-    dark = (border == 0).ravel() & (hits.patch >= 0)
-    global_light = np.where(lit_flat, light.white.ravel() - gain.ravel(), light.white.ravel()) / brightness
-    counts = walls.PatchCounts(scene.n_patches, _LEAST_PIXELS)
-    per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
-    per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
-    irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
-    if len(scene.faces) == 1:
-        return estimate_open_wall(per_lit, per_global, irradiance, scene.areas)
-    return estimate_reflectance(
-        per_lit,
-        per_global,
-        irradiance,
-        form_factors(scene).matrix,
-        wall=wall_of_patches(scene),
-        seen_from=seen_from(scene, hits, lit_flat | dark),
-    )
-
-
-def _band_model(fit: ReflectanceFit, light: _BandLight, lit: BoolArray) -> BandModel:
+def _band_model(fit: ReflectanceFit, light: BandLight, lit: BoolArray) -> BandModel:
     return BandModel(
         reflectance=tuple(fit.reflectance.tolist()),
         source=tuple(int(source) for source in fit.source),
@@ -338,7 +265,7 @@ def _simulated_white(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
 
 
 def _scene_models(
-    session: Session, geometry: _Geometry, surfaces: Iterable[tuple[BandModel, float]], gains: list[FloatArray]
+    session: Session, geometry: BareRoom, surfaces: Iterable[tuple[BandModel, float]], gains: list[FloatArray]
 ) -> list[SceneModel]:
     """The scene in each band, of which reflectance and flux are known; what depends on geometry alone is made once."""
     pair, scene = pair_of(session.profile), geometry.scene
@@ -389,12 +316,19 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         white=image_of(light, "white").astype(np.float64),
         white_variance=image_of(light, "white_variance").astype(np.float64),
         uncertainty=light_uncertainty(session),
-        global_error=max(float(np.hypot(b.global_rms, ANOTHER_PICTURE * (b.returned_share > 0))) for b in record.bands),
+        global_error=max(_global_error(band, record.placed) for band in record.bands),
     )
+
+
+def _global_error(band: BandModel, placed: tuple[PlacedByLight, ...]) -> float:
+    """Relative standard deviation of what the patches make of global light."""
+    of_return = ANOTHER_PICTURE * (band.returned_share > 0)
+    return float(np.linalg.norm([band.global_rms, of_return, *(one.light_error for one in placed)]))
 
 
 def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatArray]) -> list[SceneModel]:
     camera, projector = only(record.cameras), only(record.projectors)
     vignetting = Vignetting(camera.vignetting, projector.vignetting, record.vignetting_rms)
-    geometry = _bare_geometry(load_geometry(session), record.patch_size_m).with_vignetting(vignetting)
+    bare = bare_room(load_geometry(session), record.patch_size_m, shift_of(record.placed))
+    geometry = bare.with_vignetting(vignetting)
     return _scene_models(session, geometry, zip(record.bands, projector.flux, strict=True), gains)

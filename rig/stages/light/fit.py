@@ -1,0 +1,154 @@
+"""What light does in a room whose shape is known: direct light, vignetting of both lenses, reflectance of patches."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.light import faces as walls
+from calibration.light.open_wall import estimate_open_wall
+from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
+from calibration.light.vignetting import Vignetting, fit_vignetting
+from rig.stages.correspondence import only
+from rig.stages.geometry import GeometryRecord
+from rig.stages.maps.uncertainty import SMOOTHING_SHARE
+from rig.stages.scene_model import (
+    PixelHits,
+    PosedLens,
+    box_scene,
+    cast_pixels,
+    face_of_pixels,
+    posed_lens,
+    seen_from,
+    unit_emission,
+    wall_of_patches,
+    white_irradiance,
+)
+from sim.form_factors import form_factors
+from sim.geometry.optics import Pose, project
+from sim.geometry.scene import Scene
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+Shift = tuple[float, float, float]
+"""x, y, z. [m]"""
+NO_SHIFT: Shift = (0.0, 0.0, 0.0)
+
+_LEAST_DIRECT = 0.05
+_LEAST_IN_A_BAND = 0.005
+"""A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
+LEAST_PIXELS = 40
+"""Camera pixels that a patch needs before its light counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class BandLight:
+    """One band's light of white in parts, (H, W) each."""
+
+    direct: NDArray[np.float32]
+    global_: NDArray[np.float32]
+    white: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class BareRoom:
+    """The scene without any reflectance, and the devices in it; vignetting once it is fitted."""
+
+    scene: Scene
+    camera: PosedLens
+    projector: PosedLens
+    camera_hits: PixelHits
+
+    def with_vignetting(self, vignetting: Vignetting) -> BareRoom:
+        """Return the room with both lenses' vignetting."""
+        camera = replace(self.camera, vignetting=vignetting.camera)
+        return replace(self, camera=camera, projector=replace(self.projector, vignetting=vignetting.projector))
+
+    def moved(self, by_m: Shift) -> BareRoom:
+        """Return the room with both devices moved."""
+        camera, projector = (_moved(device, by_m) for device in (self.camera, self.projector))
+        return BareRoom(self.scene, camera, projector, cast_pixels(self.scene, camera))
+
+
+def bare_room(record: GeometryRecord, patch_size_m: float, shift_m: Shift = NO_SHIFT) -> BareRoom:
+    """Return the measured room in patches, its devices moved by so much against walls that nobody measured."""
+    devices = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
+    camera, projector = (_moved(device, shift_m) for device in devices)
+    scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
+    return BareRoom(scene, camera, projector, cast_pixels(scene, camera))
+
+
+def _moved(device: PosedLens, by_m: Shift) -> PosedLens:
+    pose = device.pose
+    there = Pose(pose.rotation, pose.translation_m - pose.rotation @ np.array(by_m))
+    return replace(device, pose=there)
+
+
+def lit_pixels(bands: list[BandLight], valid: BoolArray) -> BoolArray:
+    """Return (H, W) valid pixels with direct light in every band. Raises CalibrationError where there is none."""
+    direct = np.mean([light.direct for light in bands], axis=0)
+    if not (direct[valid] > 0).any():
+        raise CalibrationError("no valid pixel has direct light; look at the correspondence map and at the checkers")
+    enough = [light.direct > _LEAST_IN_A_BAND * np.median(light.direct[valid]) for light in bands]
+    return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
+
+
+def direct_gain(light: BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
+    """Return (H, W) direct light of white, 0 where not lit.
+
+    The checkers tell the share of direct light with noise; that share is smooth along a wall (reflectance and
+    vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
+    """
+    share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
+    face = face_of_pixels(camera_hits, lit.shape)
+    return walls.smoothed_along_faces(share, lit, face, SMOOTHING_SHARE) * light.white
+
+
+def fit_lenses(geometry: BareRoom, gain: FloatArray, lit: BoolArray) -> Vignetting:
+    """Fit the vignetting of both lenses to direct light (H, W) on the lit pixels."""
+    hits, points = geometry.camera_hits.hits, geometry.camera_hits.points_m
+    e = white_irradiance(geometry.scene, geometry.projector, points, hits.patch)
+    usable = np.flatnonzero(lit.ravel() & (e > 0) & (gain.ravel() > 0))
+    sample = usable[:: max(1, len(usable) // 20000)]
+    camera_xy = geometry.camera.lens.pixel_grid()[sample]
+    projector_xy = project(geometry.projector.lens, geometry.projector.pose, points[sample])
+    return fit_vignetting(
+        gain.ravel()[sample],
+        e[sample],
+        face=hits.face[sample],
+        camera_r=geometry.camera.radius(camera_xy),
+        projector_r=geometry.projector.radius(projector_xy),
+    )
+
+
+def fit_reflectance(
+    geometry: BareRoom, gain: FloatArray, light: BandLight, lit: BoolArray, *, least_pixels: int = LEAST_PIXELS
+) -> ReflectanceFit:
+    """Fit the patches' reflectance to means of what the camera saw, its vignetting taken out: inverse radiosity."""
+    scene, hits, projector = geometry.scene, geometry.camera_hits.hits, geometry.projector
+    e = white_irradiance(scene, projector, geometry.camera_hits.points_m, hits.patch)
+    brightness = geometry.camera.illumination(geometry.camera.lens.pixel_grid())
+    direct = np.where(e > 0, gain.ravel() / np.where(e > 0, e * brightness, 1.0), 0.0)
+    lit_flat = lit.ravel() & (e > 0)
+    # Outside the lit area all light is global; close to its border the lens mixes both.
+    border = cv2.dilate((light.direct > 0.02 * np.median(light.direct[lit])).astype(np.uint8), np.ones((9, 9)))
+    dark = (border == 0).ravel() & (hits.patch >= 0)
+    global_light = np.where(lit_flat, light.white.ravel() - gain.ravel(), light.white.ravel()) / brightness
+    counts = walls.PatchCounts(scene.n_patches, least_pixels)
+    per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
+    per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
+    irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
+    if len(scene.faces) == 1:
+        return estimate_open_wall(per_lit, per_global, irradiance, scene.areas)
+    return estimate_reflectance(
+        per_lit,
+        per_global,
+        irradiance,
+        form_factors(scene).matrix,
+        wall=wall_of_patches(scene),
+        seen_from=seen_from(scene, hits, lit_flat | dark),
+    )
