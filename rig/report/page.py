@@ -46,6 +46,8 @@ _STRATEGY_NOTE = (
 _CORRESPONDENCE_TEXT = (
     "Projector pixel that each camera pixel sees, from Gray code with inverses, and why a pixel has none."
 )
+_FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
+_NEAR_WALL = {"x": "x0", "y": "y0", "z": "the floor"}
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,16 @@ def _geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
     return (
         f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
         f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}. "
-        f"{geometry.room_notes}{_colour_words(model)}"
+        f"{geometry.room_notes}{_placed_words(model)}{_colour_words(model)}"
+    )
+
+
+def _placed_words(model: ModelResult) -> str:
+    """Where walls stand that nobody saw; empty where all were measured."""
+    return "".join(
+        f" {_FAR_WALLS[one.axis]} are where reflectances explain the light best that comes back from them: the "
+        f"projector's lens is {one.projector_m:.2f} ± {one.sigma_m:.2f} m from {_NEAR_WALL[one.axis]}."
+        for one in model.placed
     )
 
 

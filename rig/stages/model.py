@@ -28,6 +28,7 @@ from rig.stages.light.fit import (
     fit_lenses,
     fit_reflectance,
     lit_pixels,
+    on_the_model,
 )
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
@@ -41,7 +42,6 @@ from rig.stages.scene_model import (
     camera_view,
     cast_pixels,
     face_of_pixels,
-    on_the_model,
     unit_emission,
     with_even_return,
 )
@@ -167,7 +167,7 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     bare = bare_room(load_geometry(session), session.profile.box.patch_size_m, shift_of(placed))
     gains = [direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
-    on_model = on_the_model(bare.projector, bare.camera_hits, projector_xy_px)
+    on_model = on_the_model(bare, projector_xy_px)
     inner = walls.on_model_of(lit, on_model) & walls.away_from_edges(face_of_pixels(bare.camera_hits, lit.shape))
     vignetting = fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)

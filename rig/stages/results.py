@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from rig.records import Record, Verdict
 from rig.stages.comparison import ModelErrors
+from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
 
 ByBand = float | tuple[float, ...]
@@ -64,6 +65,8 @@ class ModelResult(Record):
     vignetting_projector: tuple[float, float]
     level: float
     """Camera value of a target's 255."""
+    placed: tuple[PlacedByLight, ...] = ()
+    """Walls that nobody saw, where the light tells; an entry an axis."""
     mixing: tuple[tuple[float, ...], ...] | None = None
     """Of a colour rig: share of white in each band that each channel of the projector makes."""
     mixing_variation: float | None = None

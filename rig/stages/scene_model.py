@@ -37,8 +37,6 @@ Vignetting = tuple[float, float]
 
 SQUARE_PIXEL_PX2, FOUR_PIXELS_PX2 = 1 / 12, 1 / 6
 """Mean variance of a square pixel, and of sharing a place out to the four nearest pixels by distance."""
-_MOST_OFF_PX = 4.0
-"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
 LEAST_GAIN = 0.02
 """Projector pixels with less direct light than this share of the median are left black."""
 
@@ -152,14 +150,6 @@ def seen_from(scene: Scene, hits: Hits, chosen: BoolArray) -> csr_array:
     shape = (scene.n_patches, len(chosen))
     sums = csr_array((np.ones(len(pixels)), (hits.patch[pixels], pixels)), shape=shape) @ weights
     return csr_array(diags_array(1 / np.maximum(count, 1)) @ sums + diags_array((count == 0).astype(float)))
-
-
-def on_the_model(projector: PosedLens, camera_hits: PixelHits, projector_xy_px: NDArray[np.float32]) -> BoolArray:
-    """Return (H, W) pixels that see in the model what the code says: not a floor that was put where nobody looked."""
-    expected = project(projector.lens, projector.pose, camera_hits.points_m)
-    with np.errstate(invalid="ignore"):
-        off = np.abs(expected.reshape(projector_xy_px.shape) - projector_xy_px).max(axis=-1)
-        return np.asarray(off < _MOST_OFF_PX)
 
 
 @dataclass(frozen=True, eq=False)

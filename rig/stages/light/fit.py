@@ -41,6 +41,8 @@ NO_SHIFT: Shift = (0.0, 0.0, 0.0)
 _LEAST_DIRECT = 0.05
 _LEAST_IN_A_BAND = 0.005
 """A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
+_MOST_OFF_PX = 4.0
+"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
 LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
 
@@ -95,6 +97,14 @@ def lit_pixels(bands: list[BandLight], valid: BoolArray) -> BoolArray:
         raise CalibrationError("no valid pixel has direct light; look at the correspondence map and at the checkers")
     enough = [light.direct > _LEAST_IN_A_BAND * np.median(light.direct[valid]) for light in bands]
     return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
+
+
+def on_the_model(room: BareRoom, projector_xy_px: NDArray[np.float32], most_off_px: float = _MOST_OFF_PX) -> BoolArray:
+    """Return (H, W) pixels that see in the model what the code says: not a floor that was put where nobody looked."""
+    expected = project(room.projector.lens, room.projector.pose, room.camera_hits.points_m)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(expected.reshape(projector_xy_px.shape) - projector_xy_px).max(axis=-1)
+        return np.asarray(off < most_off_px)
 
 
 def direct_gain(light: BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:

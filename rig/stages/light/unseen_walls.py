@@ -25,8 +25,9 @@ from rig.stages.light.fit import (
     direct_gain,
     fit_lenses,
     fit_reflectance,
+    on_the_model,
 )
-from rig.stages.scene_model import PosedLens, face_of_pixels, on_the_model, unit_emission
+from rig.stages.scene_model import PosedLens, face_of_pixels, unit_emission
 from rig.terminal import OnStep
 from sim.form_factors import form_factors
 
@@ -39,6 +40,10 @@ _FAR_M = 20.0
 """By which a room is longer, each way, while it is asked how far its lit walls reach."""
 _REACH = (0.2, 99.8)
 """Percentiles of the lit points: wrong codes lie beyond."""
+_ROOM_M = 0.05
+"""Between a lens and the nearest wall, at least."""
+_ON_WALL_PX = 0.5
+"""Of the projector, five times the noise: a strip of a floor that was not found is off by more, but for its rim."""
 _GRID, _REFINEMENTS = 9, 6
 """Places that are tried, evenly between those that can be, and then around the best."""
 _INDEPENDENT = 12
@@ -169,11 +174,16 @@ def _possible(record: GeometryRecord, k: int, seen: SeenInWhite, before: Shift) 
     longer[k] += 2 * _FAR_M
     surface = replace(record.surface, size_m=(longer[0], longer[1], longer[2]), faces=record.surface.seen)
     room = bare_room(replace(record, surface=surface), max(longer), _with(before, k, _FAR_M))
-    known = seen.lit & on_the_model(room.projector, room.camera_hits, seen.projector_xy_px)
+    known = seen.lit & on_the_model(room, seen.projector_xy_px, _ON_WALL_PX)
     points = room.camera_hits.points_m[known.ravel(), k] - _FAR_M
     lowest, highest = np.percentile(points, _REACH) if len(points) else (0.0, 0.0)
-    low, high = -float(lowest), size_m - float(highest)
-    return (low, high) if low <= high else ((low + high) / 2,) * 2
+    ends = -float(lowest), size_m - float(highest)
+    devices_m = [float(device.pose.position_m[k]) - _FAR_M for device in (room.camera, room.projector)]
+    # Walls that reach further than the room is long: the tape or the geometry is off, by as much as the place may be.
+    # But no device stands in a wall.
+    inside = _ROOM_M - min(devices_m), size_m - _ROOM_M - max(devices_m)
+    low, high = np.clip([min(ends), max(ends)], *inside).tolist()
+    return low, high
 
 
 def _spread(tried: dict[float, float], best: float) -> float:
@@ -200,7 +210,7 @@ class _Search:
     def begun(cls, record: GeometryRecord, patch_size_m: float, shift_m: Shift, *, seen: SeenInWhite) -> _Search:
         full = bare_room(record, _COARSER * patch_size_m, shift_m)
         gain = direct_gain(seen.light, seen.lit, full.camera_hits) / seen.border
-        on_model = on_the_model(full.projector, full.camera_hits, seen.projector_xy_px)
+        on_model = on_the_model(full, seen.projector_xy_px)
         away = walls.away_from_edges(face_of_pixels(full.camera_hits, seen.lit.shape))
         inner = walls.on_model_of(seen.lit, on_model) & away
         full = full.with_vignetting(fit_lenses(full, gain, inner))
