@@ -134,7 +134,7 @@ def _placed(
     k = "xyz".index(axis)
     low, high = _possible(record, k, seen, before)
     guess = _with(before, k, (low + high) / 2)
-    search = _Search.begun(record, patch_size_m, guess, seen=seen)
+    search = _CoarseRoom.begun(record, patch_size_m, guess, seen=seen)
     total = _GRID + _REFINEMENTS
     tried: dict[float, float] = {}
 
@@ -195,8 +195,8 @@ def _spread(tried: dict[float, float], best: float) -> float:
     return float(np.hypot(np.sqrt(np.average((fine - best) ** 2, weights=weight)), _LEAST_SIGMA_M))
 
 
-@dataclass(frozen=True, eq=False)
-class _Search:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _CoarseRoom:
     """The room in few patches and few pixels, with the light that any place of its walls has to explain."""
 
     room: BareRoom
@@ -207,7 +207,7 @@ class _Search:
     inner: BoolArray
 
     @classmethod
-    def begun(cls, record: GeometryRecord, patch_size_m: float, shift_m: Shift, *, seen: SeenInWhite) -> _Search:
+    def begun(cls, record: GeometryRecord, patch_size_m: float, shift_m: Shift, *, seen: SeenInWhite) -> _CoarseRoom:
         full = bare_room(record, _COARSER * patch_size_m, shift_m)
         gain = direct_gain(seen.light, seen.lit, full.camera_hits) / seen.border
         on_model = on_the_model(full, seen.projector_xy_px)
@@ -217,7 +217,7 @@ class _Search:
         few = (slice(None, None, _EVERY_PX),) * 2
         light = BandLight(seen.light.direct[few], seen.light.global_[few], seen.light.white[few])
         room = replace(full, camera=_fewer(full.camera), projector=_fewer(full.projector))
-        return cls(room, shift_m, gain[few], light, inner[few])
+        return cls(room=room, began=shift_m, gain=gain[few], light=light, inner=inner[few])
 
     def at(self, shift_m: Shift) -> BareRoom:
         by_m = (np.array(shift_m) - self.began).tolist()
