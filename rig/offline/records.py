@@ -52,6 +52,35 @@ class SimulationOutcome(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class MeshRemark(Record):
+    """One kind of thing that was found in a mesh file."""
+
+    kind: str
+    outcome: str
+    """``mended`` or ``note``."""
+    message: str
+    facets: int
+    """How many it is about."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSummary(Record):
+    """A mesh file as it was read, mended and, where it has very many facets, simplified."""
+
+    file_facets: int
+    """Triangles of the file."""
+    facets: int
+    """That the plan was made of."""
+    remarks: tuple[MeshRemark, ...]
+    simplified_rms_m: float | None = None
+    """Distance of the file's surface from the simpler one, RMS; None: not simplified."""
+    simplified_max_m: float | None = None
+    """The largest of all that were sampled."""
+    faults: Path | None = None
+    """File of facets in colours, if one was asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimulationResult(Record):
     """A planned simulation, and its outcome once it was done: ``rig simulate --json``."""
 
@@ -61,6 +90,8 @@ class SimulationResult(Record):
     plan: PlanSummary
     estimated: Estimate
     actual: SimulationOutcome | None = None
+    mesh: MeshSummary | None = None
+    """Of a mesh file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import time
 import tracemalloc
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
-from rig.offline.records import Estimate, PlanSummary, SimulationOutcome, SimulationResult
+from rig.offline.mesh_file import MeshOptions, as_records, open_mesh_file, write_faults
+from rig.offline.records import Estimate, MeshSummary, PlanSummary, SimulationOutcome, SimulationResult
 from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
@@ -21,12 +21,9 @@ from sim.planning.simulation import Simulation, refined_check, simulate
 from sim.planning.time_limit import plan_within
 from sim.scenes.catalogue import SURFACES
 
-if TYPE_CHECKING:
-    from rig.files.mesh import Unit
-
 WHITE = 255
 """Grey levels of white."""
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb")
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 MOST_REFINED_PATCHES = 16_000
 """Of a check: its dense factors take 2 GB."""
 
@@ -43,8 +40,8 @@ class SimulationRequest:
     """One of ``sim.light.lighting.TEST_LIGHTINGS``; None: the scene's standard."""
     reflectance: tuple[float, ...] = ()
     """One number, or one for each colour; empty: the scene's."""
-    unit: Unit = "m"
-    """Of a mesh file."""
+    mesh: MeshOptions = field(default_factory=MeshOptions)
+    """How a mesh file is read."""
     memory_mb: float | None = None
     """What may be used; None: half of what is free."""
     seconds: float | None = None
@@ -100,11 +97,19 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     """
     on_step("plan", 0, 1)
     started = time.perf_counter()
-    surface, light = _surface(request)
+    prepared = _prepared(request, on_step)
+    light = request.light or prepared.light
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
 
     def make_plan(tolerance: float) -> Plan:
-        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=request.reflectance or None)
+        return plan(
+            prepared.surface,
+            tolerance,
+            light,
+            memory_limit_mb=memory_mb,
+            reflectances=request.reflectance or None,
+            by_rays=prepared.by_rays,
+        )
 
     try:
         planned = make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
@@ -116,6 +121,7 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
         tolerance=planned.tolerance_percent,
         plan=_summary(planned, light, time.perf_counter() - started),
         estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
+        mesh=prepared.mesh,
     )
 
 
@@ -173,17 +179,36 @@ def _possible_mb(memory_mb: float) -> float:
     return memory_mb
 
 
-def _surface(request: SimulationRequest) -> tuple[Surface, str]:
-    """The surface and the name of its light."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Prepared:
+    """A scene that can be planned."""
+
+    surface: Surface
+    light: str
+    """Its standard."""
+    by_rays: bool = False
+    mesh: MeshSummary | None = None
+
+
+def _prepared(request: SimulationRequest, on_step: OnStep) -> _Prepared:
+    """The surface of a request: of the library, or of a file, mended."""
     if request.scene in SURFACES:
         entry = SURFACES[request.scene]
-        return entry.build(), request.light or entry.light
+        return _Prepared(surface=entry.build(), light=entry.light)
     if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
         raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
-    from rig.files.mesh import read_mesh
-
     reflectance = max(request.reflectance) if request.reflectance else None
-    return read_mesh(request.scene, reflectance=reflectance, unit=request.unit), request.light or "floor"
+    file = open_mesh_file(Path(request.scene), request.mesh, reflectance, on_step)
+    made = file.mend(file.facets, request.mesh.sides)
+    remarks = (*file.cleaned, *made.remarks)
+    write_faults(request.mesh.faults, file.file_corners, remarks)
+    summary = MeshSummary(
+        file_facets=len(file.file_corners),
+        facets=made.mesh.n_patches,
+        remarks=as_records(remarks),
+        faults=request.mesh.faults,
+    )
+    return _Prepared(surface=made.mesh, light="floor", by_rays=made.by_rays, mesh=summary)
 
 
 def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:
