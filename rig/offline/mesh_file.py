@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.offline.records import MeshRemark
+from rig.offline.records import MeshRemark, MeshSummary
 from rig.terminal import OnStep
 from sim.errors import SimulationError
-from sim.geometry.mending.mend import MendedMesh, Sides, cleaned_facets, facets_of, mended
+from sim.geometry.mending.mend import MendedMesh, Sides, cleaned_facets, facets_of, mended, oriented_facets
 from sim.geometry.mending.remarks import DamagedMesh, Facets, Outcome, Remark
+from sim.planning.simplified_plan import SimplifiedPlan
 
 if TYPE_CHECKING:
     from rig.files.mesh import Unit, UpAxis
@@ -57,7 +58,7 @@ class MeshFile:
     facets: Facets
     cleaned: tuple[Remark, ...]
 
-    def mend(self, facets: Facets, sides: Sides) -> MendedMesh:
+    def mend(self, facets: Facets) -> MendedMesh:
         """Return the mesh of the file's facets, or of fewer that stand for them.
 
         Raises
@@ -66,10 +67,32 @@ class MeshFile:
             If it cannot be mended; the faulty facets are in the file of faults, if one was asked for.
         """
         unit, given = self.options.unit or "m", self.options.unit is not None
+        sides = self.options.sides
         try:
             return mended(self.path.stem, facets, sides=sides, up=self.up, unit=unit, unit_given=given)
         except DamagedMesh as error:
             raise self.refused(error) from error
+
+    def oriented(self, facets: Facets) -> Facets:
+        """Return facets with the sides lit that :meth:`mend` lights. Raises UsageError as it does."""
+        try:
+            return oriented_facets(self.path.stem, facets, self.options.sides)
+        except DamagedMesh as error:
+            raise self.refused(error) from error
+
+    def summary(self, chosen: SimplifiedPlan) -> MeshSummary:
+        """Return what is to be said of the file and its plan; write the file of faults, if one was asked for."""
+        remarks = (*self.cleaned, *chosen.mesh.remarks)
+        write_faults(self.options.faults, self.file_corners, remarks)
+        error = chosen.error
+        return MeshSummary(
+            file_facets=len(self.file_corners),
+            facets=chosen.mesh.mesh.n_patches,
+            remarks=as_records(remarks),
+            simplified_rms_m=None if error is None else error.distance_rms_m,
+            simplified_max_m=None if error is None else error.distance_max_m,
+            faults=self.options.faults,
+        )
 
     def refused(self, error: DamagedMesh) -> UsageError:
         """Return the refusal in the user's words, the faults written where they were asked for."""

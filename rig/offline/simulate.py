@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import time
 import tracemalloc
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.errors import UsageError
-from rig.offline.mesh_file import MeshOptions, as_records, open_mesh_file, write_faults
+from rig.offline.mesh_file import MeshOptions, open_mesh_file
 from rig.offline.records import Estimate, MeshSummary, PlanSummary, SimulationOutcome, SimulationResult
 from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
@@ -17,6 +18,7 @@ from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.surface import Surface
 from sim.planning.cost import largest_dense
 from sim.planning.plan import Plan, plan
+from sim.planning.simplified_plan import SimplifiedPlan, SimplifyingPlanner
 from sim.planning.simulation import Simulation, refined_check, simulate
 from sim.planning.time_limit import plan_within
 from sim.scenes.catalogue import SURFACES
@@ -24,6 +26,8 @@ from sim.scenes.catalogue import SURFACES
 WHITE = 255
 """Grey levels of white."""
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
+MESH_LIGHT = "floor"
+"""Standard light of a mesh file."""
 MOST_REFINED_PATCHES = 16_000
 """Of a check: its dense factors take 2 GB."""
 
@@ -97,22 +101,20 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     """
     on_step("plan", 0, 1)
     started = time.perf_counter()
-    prepared = _prepared(request, on_step)
-    light = request.light or prepared.light
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
+    light = request.light or (SURFACES[request.scene].light if request.scene in SURFACES else MESH_LIGHT)
 
-    def make_plan(tolerance: float) -> Plan:
-        return plan(
-            prepared.surface,
-            tolerance,
-            light,
-            memory_limit_mb=memory_mb,
-            reflectances=request.reflectance or None,
-            by_rays=prepared.by_rays,
-        )
+    def make_plan(surface: Surface, tolerance: float, by_rays: bool = False) -> Plan:
+        reflectances = request.reflectance or None
+        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays)
 
+    summary = None
     try:
-        planned = make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
+        if request.scene in SURFACES:
+            surface = SURFACES[request.scene].build()
+            planned = _within(request, lambda tolerance: make_plan(surface, tolerance))
+        else:
+            planned, summary = _plan_of_file(request, make_plan, on_step)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
@@ -121,8 +123,38 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
         tolerance=planned.tolerance_percent,
         plan=_summary(planned, light, time.perf_counter() - started),
         estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
-        mesh=prepared.mesh,
+        mesh=summary,
     )
+
+
+def _within(request: SimulationRequest, make_plan: Callable[[float], Plan]) -> Plan:
+    """The plan for a request's tolerance, or for its time."""
+    return make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
+
+
+def _plan_of_file(
+    request: SimulationRequest, make_plan: Callable[[Surface, float, bool], Plan], on_step: OnStep
+) -> tuple[Plan, MeshSummary]:
+    """The plan of a mesh file, simplified where it has very many facets, and what is to be said of the file."""
+    if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
+        raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
+    reflectance = max(request.reflectance) if request.reflectance else None
+    file = open_mesh_file(Path(request.scene), request.mesh, reflectance, on_step)
+    planner = SimplifyingPlanner(
+        original=file.facets,
+        mend=file.mend,
+        oriented=file.oriented,
+        make_plan=lambda mesh, tolerance: make_plan(mesh.mesh, tolerance, mesh.by_rays),
+    )
+    made: list[SimplifiedPlan] = []
+
+    def plan_file(tolerance: float) -> Plan:
+        made.append(planner.plan(tolerance))
+        return made[-1].plan
+
+    planned = _within(request, plan_file)
+    chosen = next(one for one in made if one.plan is planned)
+    return planned, file.summary(chosen)
 
 
 def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> SimulationOutcome:
@@ -177,38 +209,6 @@ def _possible_mb(memory_mb: float) -> float:
     if memory_mb > machine_mb:
         raise UsageError(f"--memory-mb {memory_mb:g}: this machine has {machine_mb:.0f} MB; give less, or leave it out")
     return memory_mb
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Prepared:
-    """A scene that can be planned."""
-
-    surface: Surface
-    light: str
-    """Its standard."""
-    by_rays: bool = False
-    mesh: MeshSummary | None = None
-
-
-def _prepared(request: SimulationRequest, on_step: OnStep) -> _Prepared:
-    """The surface of a request: of the library, or of a file, mended."""
-    if request.scene in SURFACES:
-        entry = SURFACES[request.scene]
-        return _Prepared(surface=entry.build(), light=entry.light)
-    if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
-        raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
-    reflectance = max(request.reflectance) if request.reflectance else None
-    file = open_mesh_file(Path(request.scene), request.mesh, reflectance, on_step)
-    made = file.mend(file.facets, request.mesh.sides)
-    remarks = (*file.cleaned, *made.remarks)
-    write_faults(request.mesh.faults, file.file_corners, remarks)
-    summary = MeshSummary(
-        file_facets=len(file.file_corners),
-        facets=made.mesh.n_patches,
-        remarks=as_records(remarks),
-        faults=request.mesh.faults,
-    )
-    return _Prepared(surface=made.mesh, light="floor", by_rays=made.by_rays, mesh=summary)
 
 
 def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:

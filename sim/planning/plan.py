@@ -228,6 +228,7 @@ class _Search:
     def _go_by_rays(self) -> None:
         """Find the patches by rays, and what the rays of the model may leave of the tolerance."""
         self.by_rays = True
+        self.most_cells = largest_sampled(self.memory_limit_mb, self.sampling)
         few = self.whole.n_patches < FIRST_PROBE
         self.sampled = patches_by_rays(
             uniform_patches(self.whole, FIRST_PROBE) if few else self.whole,

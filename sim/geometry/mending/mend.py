@@ -14,9 +14,12 @@ from sim.geometry.checks import refuse_extent
 from sim.geometry.mending.cleaning import border_edges, cleaned
 from sim.geometry.mending.judgement import judged
 from sim.geometry.mending.orientation import oriented, sheets_of
-from sim.geometry.mending.remarks import DamagedMesh, Facets, Remark
+from sim.geometry.mending.remarks import DamagedMesh, Facets, Remark, counted, named
 from sim.geometry.mesh import Mesh
 from sim.geometry.quads import quads_from_triangles
+
+ASTRAY_SHARE, ASTRAY_TIMES = 0.05, 1e3
+"""Facets so few that reach so many times farther out than the others are taken for damaged."""
 
 Sides = Literal["judged", "file", "both"]
 
@@ -68,6 +71,8 @@ def cleaned_facets(name: str, facets: Facets, merge_m: float | None = None) -> t
     DamagedMesh
         If a corner is not finite, nothing is left, or the scene is smaller than 1 cm or larger than 1 km.
     """
+    astray = _astray(facets)
+    refuse_remarks(name, astray)
     try:
         refuse_extent(name, facets.points[np.unique(facets.triangles[facets.finite])])
     except SimulationError as error:
@@ -117,12 +122,45 @@ def mended(
     return MendedMesh(mesh=mesh, remarks=tuple(remarks), by_rays=judgement.by_rays or sides == "both")
 
 
+def _astray(facets: Facets) -> list[Remark]:
+    """A few facets that reach so far out that nothing else has a size beside them."""
+    corners = facets.corners[facets.finite]
+    if not len(corners):
+        return []
+    reach = np.abs(corners - np.median(corners.reshape(-1, 3), axis=0)).max(axis=(1, 2))
+    usual = float(np.quantile(reach, 1 - ASTRAY_SHARE, method="lower"))
+    far = np.flatnonzero(reach > ASTRAY_TIMES * usual)
+    if not len(far) or usual == 0:
+        return []
+    which = np.flatnonzero(facets.finite)[far]
+    message = (
+        f"{counted(len(far))} reach {reach.max():.3g} m out of a scene of {2 * usual:.3g} m: {named(facets, which)}; "
+        "correct the corner, or remove what lies far away"
+    )
+    return [Remark(kind="astray", outcome="refused", message=message, facets=facets.source[which])]
+
+
 def refuse_remarks(name: str, remarks: list[Remark]) -> None:
     """Raise DamagedMesh, a line for each remark that is ``refused``."""
     refused = [remark for remark in remarks if remark.outcome == "refused"]
     if refused:
         lines = "".join(f"\n  {remark}" for remark in refused)
         raise DamagedMesh(f"mesh {name}: bad geometry{lines}", tuple(remarks))
+
+
+def oriented_facets(name: str, facets: Facets, sides: Sides) -> Facets:
+    """Return facets with the sides lit that :func:`mended` lights.
+
+    Raises
+    ------
+    DamagedMesh
+        For a sheet with one side only.
+    """
+    if sides == "file":
+        return facets
+    facets, remarks = oriented(facets)
+    refuse_remarks(name, remarks)
+    return _with_second_sides(facets) if sides == "both" else facets
 
 
 def _with_second_sides(facets: Facets) -> Facets:

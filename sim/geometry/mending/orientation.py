@@ -15,10 +15,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.stats import qmc
 
-from sim import _kernel
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.mending.remarks import Facets, Remark, counted, named
-from sim.geometry.scene import hits_of_tracer
+from sim.geometry.mending.tracing import Tracing
 from sim.geometry.topology import Topology
 
 RAYS = 1 << 17
@@ -29,8 +28,6 @@ NOTHING, SOMETHING = 0.02, 0.1
 """Shares of rays below which a side sees nothing, and from which it sees something."""
 SURROUNDED = 0.9
 """Share of the rays from a body's outside that meet the lit sides of others, from which it stands in their room."""
-LIFT = 1e-6
-"""Of the scene's size: rays begin this far above their facet."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,10 +138,19 @@ def _to_turn(facets: Facets, label: IntArray) -> tuple[IntArray, IntArray]:
     lit = np.zeros(int(label.max()) + 1, dtype=bool)
     front, back = rays.looks(1, lit), rays.looks(-1, lit)
     outwards = (front.anything < NOTHING) & (back.anything > SOMETHING)
+    # Of a sheet that has a second side already, that one is lit.
+    outwards[label[_with_twins(facets)]] = False
     front, back = rays.looks(1, outwards), rays.looks(-1, outwards)
     itself_only = (front.anything > 1 - NOTHING) & (front.others < NOTHING)
     inside_out = ~outwards & itself_only & (back.lit_others > SURROUNDED)
     return np.flatnonzero(outwards[label]), np.flatnonzero(inside_out[label])
+
+
+def _with_twins(facets: Facets) -> IntArray:
+    """Facets in whose place another looks the other way."""
+    corners = np.sort(facets.triangles, axis=1)
+    _, number, count = np.unique(corners, axis=0, return_inverse=True, return_counts=True)
+    return np.flatnonzero(count[number.reshape(-1)] > 1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -162,27 +168,19 @@ class _Rays:
 
     @classmethod
     def of(cls, facets: Facets, label: IntArray) -> _Rays:
-        corners, areas = facets.corners, facets.areas
-        facet = _spread(label, areas)
+        facet = _spread(label, facets.areas)
         n = len(facet)
         u = qmc.Sobol(4, seed=0).random_base2(int(n - 1).bit_length())[:n]
-        fold = u[:, 0] + u[:, 1] > 1
-        u[fold, :2] = 1 - u[fold, :2]
-        a, b, c = np.moveaxis(corners[facet], 1, 0)
-        normal = np.cross(b - a, c - a)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-        place = a + u[:, :1] * (b - a) + u[:, 1:2] * (c - a)
-        along = (b - a) / np.linalg.norm(b - a, axis=1, keepdims=True)
-        angle, radius = 2 * np.pi * u[:, 2:3], np.sqrt(u[:, 3:])
-        level = radius * (np.cos(angle) * along + np.sin(angle) * np.cross(normal, along))
-        up = np.sqrt(1 - radius**2) * normal
-        lift = LIFT * float(np.ptp(corners.reshape(-1, 3), axis=0).max()) * normal
-        origins = np.concatenate([place + lift, place - lift])
-        face, cosine = _first_met(facets, origins, np.concatenate([level + up, level - up]))
+        tracing = Tracing.of(facets)
+        places, normals = tracing.points(facet, u[:, :2])
+        up = tracing.directions(facet, u[:, 2:])
+        down = up - 2 * (up * normals).sum(axis=1, keepdims=True) * normals
+        lift = tracing.lift_m * normals
+        met, cosine, _ = tracing.first_met(np.concatenate([places + lift, places - lift]), np.concatenate([up, down]))
         return cls(
             sheet=np.tile(label[facet], 2),
             side=np.repeat([1, -1], n),
-            met=np.where(face >= 0, label[face], -1),
+            met=np.where(met >= 0, label[met], -1),
             met_side=np.where(cosine > 0, 1, -1),
         )
 
@@ -214,16 +212,3 @@ def _spread(label: IntArray, areas: FloatArray) -> IntArray:
     height = begin[sheet] + area[sheet] * (step + 0.5) / count[sheet]
     place = np.clip(np.searchsorted(end, height), (last - np.bincount(label, minlength=sheets) + 1)[sheet], last[sheet])
     return np.asarray(order[place])
-
-
-def _first_met(facets: Facets, origins: FloatArray, directions: FloatArray) -> tuple[IntArray, FloatArray]:
-    """(N,) facet that each ray meets first, -1 none, and the cosine there, below 0 from behind."""
-    corners = np.ascontiguousarray(facets.patches)
-    along = corners[:, 1] - corners[:, 0]
-    along = along / np.linalg.norm(along, axis=1, keepdims=True)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
-    frames = np.stack([corners.mean(axis=1), along, np.cross(normal, along), normal], axis=1)
-    tracer = _kernel.Tracer(np.zeros((0, 15)), corners, np.ascontiguousarray(frames.reshape(-1, 12)))
-    hits = hits_of_tracer(tracer, origins, directions)
-    return hits.face, hits.cos_incidence
