@@ -13,8 +13,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from tests.sim.geometry.answers import answer_to
-from tests.sim.geometry.damaged_meshes import damaged
+from tests.sim.geometry.mending.answers import answer_to
+from tests.sim.geometry.mending.damaged_meshes import damaged
 
 LONGEST_S = 60.0
 

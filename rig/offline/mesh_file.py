@@ -89,8 +89,7 @@ class MeshFile:
             file_facets=len(self.file_corners),
             facets=chosen.mesh.mesh.n_patches,
             remarks=as_records(remarks),
-            simplified_rms_m=None if error is None else error.distance_rms_m,
-            simplified_max_m=None if error is None else error.distance_max_m,
+            simplified_within_m=None if error is None else error.distance_m,
             faults=self.options.faults,
         )
 

@@ -72,10 +72,8 @@ class MeshSummary(Record):
     facets: int
     """That the plan was made of."""
     remarks: tuple[MeshRemark, ...]
-    simplified_rms_m: float | None = None
-    """Distance of the file's surface from the simpler one, RMS; None: not simplified."""
-    simplified_max_m: float | None = None
-    """The largest of all that were sampled."""
+    simplified_within_m: float | None = None
+    """Distance within which 95 % of the file's surface lies of the simpler one; None: not simplified."""
     faults: Path | None = None
     """File of facets in colours, if one was asked for."""
 

@@ -10,7 +10,7 @@ from sim.geometry.topology import PARALLEL, WELD, Topology
 
 CHUNK = 200_000
 """Pairs looked at together: about 100 MB."""
-MOST_PAIRS = 10_000_000
+MOST_PAIRS = 3_000_000
 """Pairs of patches that may be near each other, counted both ways; more take minutes and gigabytes."""
 
 

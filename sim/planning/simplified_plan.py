@@ -70,8 +70,8 @@ class SimplifyingPlanner:
             if 100 * error.light <= tolerance_percent:
                 reason = (
                     f"{self.original.n_facets:,} facets simplified to {mesh.mesh.n_patches:,} patches, "
-                    f"{1e3 * error.distance_rms_m:.2g} mm rms off ({1e3 * error.distance_max_m:.2g} mm at most, "
-                    f"sampled): {100 * error.light:.2g} % expected in all, by rays on the file's own facets"
+                    f"95 % of the surface within {1e3 * error.distance_m:.2g} mm: "
+                    f"{100 * error.light:.2g} % expected in all, by rays on the file's own facets"
                 )
                 expected = max(100 * error.light, made.error_percent)
                 reasons = (*made.reasons, reason)

@@ -138,7 +138,9 @@ def _crossings(facets: Facets) -> tuple[list[Remark], bool]:
         found.append(_remark("intersecting", "note", message, facets.source[which]))
     if same_side.any():
         which = np.unique(overlap[same_side])
-        share = facets.areas[overlap[same_side]].min(axis=1).sum() / facets.areas.sum()
+        areas, pairs = facets.areas, overlap[same_side]
+        smaller = np.unique(np.take_along_axis(pairs, areas[pairs].argmin(axis=1)[:, None], axis=1))
+        share = areas[smaller].sum() / areas.sum()
         message = (
             f"{counted(len(which))} share area in one plane, up to {100 * share:.2g} % of the surface counts twice "
             f"(limit {100 * MOST_SHARED:g} %): {named(facets, which)}; remove or cut one of each pair"
@@ -156,9 +158,7 @@ def _upright(facets: Facets, up: str) -> list[Remark]:
     shortest = int(size.argmin())
     others = np.delete(size, shortest)
     flat = others.min() > FLATTER * size[shortest] > 0
-    if shortest == 2 or not flat or _covered(facets, 2) > COVERED > 1 - _covered(facets, shortest):
-        return []
-    if _covered(facets, shortest) < COVERED:
+    if shortest == 2 or not flat or _covered(facets, shortest) < COVERED:
         return []
     message = (
         f"read with {up} up the scene is {size[2]:.3g} m high and only {size[shortest]:.3g} m deep between two flat "

@@ -17,6 +17,7 @@ from scipy.spatial import KDTree
 
 from sim.arrays import BoolArray, FloatArray
 from sim.errors import SimulationError
+from sim.geometry.mending.cleaning import cleaned
 from sim.geometry.mending.remarks import Facets
 from sim.geometry.mending.tracing import Tracing
 
@@ -62,12 +63,14 @@ def simplified(facets: Facets, count: int) -> Facets:
         triangles.append(corners.astype(np.intp) + have)
         have += len(place)
     index = np.concatenate(source)
-    return Facets(
+    simple = Facets(
         points=np.concatenate(points),
         triangles=np.concatenate(triangles),
         reflectance=facets.reflectance[index],
         source=facets.source[index],
     )
+    # Collapsing edges leaves some facets without area.
+    return cleaned(simple, merge_m=0.0)[0]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -113,10 +116,8 @@ class SimplificationError:
 
     light: float
     """RMS over the surface of the radiosity, with two standard deviations; 1 = white."""
-    distance_rms_m: float
-    """Of the original from the simpler surface."""
-    distance_max_m: float
-    """The largest of the sampled points."""
+    distance_m: float
+    """Within which 95 % of the original lies of the simpler surface, along its normals."""
 
 
 def simplification_error(
@@ -150,6 +151,5 @@ def simplification_error(
     light = np.sqrt(max(squared - common**2, 0.0)) + common / max(1 - spectral_radius, 1e-6)
     return SimplificationError(
         light=float(light),
-        distance_rms_m=float(np.sqrt((distance_m**2).mean())),
-        distance_max_m=float(distance_m.max()),
+        distance_m=float(np.quantile(distance_m, 0.95)),
     )

@@ -11,7 +11,7 @@ from sim.geometry.mending.mend import cleaned_facets, facets_of, mended
 from sim.geometry.mending.remarks import DamagedMesh
 from sim.planning.plan import plan
 from sim.planning.simulation import simulate
-from tests.sim.geometry.damaged_meshes import Damaged
+from tests.sim.geometry.mending.damaged_meshes import Damaged
 
 RHO = 0.8
 MEMORY_MB = 20.0

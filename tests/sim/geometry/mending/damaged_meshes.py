@@ -170,7 +170,8 @@ def pierced(rng: Rng, t: Floats) -> Floats:
 
 def covered(rng: Rng, t: Floats) -> Floats:
     """A second, other cut of a large facet's plane."""
-    a, b, c = t[np.argmax(np.linalg.norm(np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0]), axis=1))]
+    sound = t[np.isfinite(t).all(axis=(1, 2))]
+    a, b, c = sound[np.argmax(np.linalg.norm(np.cross(sound[:, 1] - sound[:, 0], sound[:, 2] - sound[:, 0]), axis=1))]
     return np.concatenate([t, [[a, b, (a + 3 * c) / 4]]])
 
 
