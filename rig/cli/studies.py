@@ -112,7 +112,25 @@ def simulate(
     reflectance: Annotated[
         str, Parameter(help="One number, or one for each colour, separated by commas; default: the scene's own.")
     ] = "",
-    unit: Annotated[Literal["m", "cm", "mm", "in", "ft"], Parameter(help="Unit of a mesh file.")] = "m",
+    unit: Annotated[
+        Literal["m", "cm", "mm", "in", "inch", "ft"] | None, Parameter(help="Unit of a mesh file; default: m.")
+    ] = None,
+    up: Annotated[
+        Literal["x", "y", "z", "-x", "-y", "-z"] | None,
+        Parameter(help="Axis of a mesh file that points up; default: y of glTF, z of others."),
+    ] = None,
+    sides: Annotated[
+        Literal["judged", "file", "both"],
+        Parameter(help="Sides of a mesh file's facets that are lit: judged, as in the file, or open sheets on both."),
+    ] = "judged",
+    merge_mm: Annotated[
+        float | None,
+        Parameter(help="Open borders of a mesh file nearer than this become one; default: 1e-5 of its size."),
+    ] = None,
+    faults: Annotated[
+        Path | None,
+        Parameter(help="PLY file to write: the facets of a mesh file, coloured by what is wrong."),
+    ] = None,
     memory_mb: Annotated[float | None, Parameter(help="Memory that may be used; default: half of the free.")] = None,
     seconds: Annotated[
         float | None, Parameter(help="Limit instead of a tolerance: the smallest error that fits into the time.")
@@ -126,6 +144,7 @@ def simulate(
 
     Example: rig simulate paper-room --tolerance 0.5
     """
+    from rig.offline.mesh_file import MeshOptions
     from rig.offline.simulate import SimulationRequest, plan_simulation, reflectances_of, run_planned, tolerance_of
     from rig.offline.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
@@ -136,7 +155,7 @@ def simulate(
         tolerance=percent,
         light=light,
         reflectance=reflectances_of(reflectance),
-        unit=unit,
+        mesh=MeshOptions(unit=unit, up=up, sides=sides, merge_mm=merge_mm, faults=faults),
         memory_mb=memory_mb,
         seconds=seconds,
     )

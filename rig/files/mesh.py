@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,19 +12,32 @@ import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.files.obj_mesh import obj_with_cut_faces
 from rig.files.pictures import LUMINANCE, linear_of_srgb
+from rig.files.ply_mesh import read_ply_mesh
 from sim.errors import SimulationError
 from sim.geometry.checks import mesh_faults, refuse, refuse_extent
+from sim.geometry.mending.judgement import UNITS_M as ROOM_UNITS_M
 from sim.geometry.mesh import Mesh
 from sim.geometry.quads import quads_from_triangles
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
-Unit = Literal["m", "cm", "mm", "in", "ft"]
+Unit = Literal["m", "cm", "mm", "in", "inch", "ft"]
+UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
 
-UNITS_M = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Metres of each unit."""
-FORMATS = (".obj", ".ply", ".gltf", ".glb")
+UNITS_M = {**ROOM_UNITS_M, "inch": ROOM_UNITS_M["in"]}
+"""Metres of each unit, by all its names."""
+TURNED_UP: dict[UpAxis, tuple[list[int], tuple[int, int, int]]] = {
+    "x": ([1, 2, 0], (1, 1, 1)),
+    "y": ([0, 2, 1], (1, -1, 1)),
+    "z": ([0, 1, 2], (1, 1, 1)),
+    "-x": ([1, 2, 0], (1, -1, -1)),
+    "-y": ([0, 2, 1], (1, 1, -1)),
+    "-z": ([0, 1, 2], (1, -1, -1)),
+}
+"""Which of a file's axes become x, y, z where one of them points up, and their signs: turned, never mirrored."""
+FORMATS = (".obj", ".ply", ".stl", ".gltf", ".glb")
 
 
 def read_mesh(
@@ -31,7 +45,7 @@ def read_mesh(
     *,
     reflectance: float | None = None,
     unit: Unit = "m",
-    up: Literal["y", "z"] | None = None,
+    up: UpAxis | None = None,
     colours: bool = True,
     join_quads: bool = True,
     thorough: bool = True,
@@ -48,9 +62,9 @@ def read_mesh(
     ----------
     reflectance : float, optional
         For patches without a colour. None: each needs one.
-    unit : {"m", "cm", "mm", "in", "ft"}
+    unit : {"m", "cm", "mm", "in", "inch", "ft"}
         What the file's numbers are.
-    up : {"y", "z"}, optional
+    up : {"x", "y", "z", "-x", "-y", "-z"}, optional
         The file's axis that points up. None: y for glTF, as its standard says, else z.
     colours : bool
         False: ignore the file's colours; ``reflectance`` holds for all.
@@ -74,9 +88,7 @@ def read_mesh(
     soup = _soup(_loaded(path), linear_colours=is_gltf)
     if not len(soup.triangles):
         raise UsageError(f"{path}: no faces in it; export surfaces, not points or lines")
-    points = soup.points * UNITS_M[unit]
-    if (up or ("y" if is_gltf else "z")) == "y":
-        points = points[:, [0, 2, 1]] * (1, -1, 1)
+    points = _turned_up(soup.points * UNITS_M[unit], up or standard_up(path))
     rho = _reflectances(path, soup.luminance, reflectance, colours)
     try:
         refuse_extent(path.stem, points)
@@ -108,7 +120,14 @@ def _loaded(path: Path) -> Any:
     if not path.is_file():
         raise UsageError(f"{path}: no such file")
     try:
+        if path.suffix.lower() == ".ply":
+            return read_ply_mesh(path)
+        if path.suffix.lower() == ".obj":
+            text, folder = obj_with_cut_faces(path), trimesh.resolvers.FilePathResolver(str(path))
+            return trimesh.load_scene(BytesIO(text.encode()), file_type="obj", resolver=folder, process=False)
         return trimesh.load_scene(path, process=False)
+    except UsageError:
+        raise
     except Exception as error:
         raise UsageError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {error}; export it again") from error
 
@@ -139,6 +158,21 @@ def _linear(colours: NDArray[np.uint8], already: bool) -> FloatArray:
     """(N, 3) linear light of (N, 4) 8-bit colours, by the curve of sRGB unless they are linear already."""
     share = np.asarray(colours, dtype=np.float64)[:, :3] / 255
     return share if already else linear_of_srgb(share)
+
+
+def standard_up(path: Path) -> UpAxis:
+    """Return the axis that points up in files of a format: y of glTF, z of all others."""
+    return "y" if path.suffix.lower() in (".gltf", ".glb") else "z"
+
+
+def _turned_up(points: FloatArray, up: UpAxis) -> FloatArray:
+    order, signs = TURNED_UP[up]
+    return np.asarray(points[:, order] * signs)
+
+
+def reflectances_of_soup(path: Path, soup: TriangleSoup, reflectance: float | None) -> FloatArray:
+    """Return (T,) reflectance of each triangle: the luminance of its colour, else the one given. Raises UsageError."""
+    return _reflectances(path, np.asarray(soup.colours @ LUMINANCE), reflectance, colours=True)
 
 
 def _reflectances(path: Path, luminance: FloatArray, reflectance: float | None, colours: bool) -> FloatArray:
@@ -176,7 +210,7 @@ class TriangleSoup:
     """(T,) name of each triangle's material, else of its part."""
 
 
-def read_triangles(path: str | Path, *, unit: Unit = "m", up: Literal["y", "z"] | None = None) -> TriangleSoup:
+def read_triangles(path: str | Path, *, unit: Unit = "m", up: UpAxis | None = None) -> TriangleSoup:
     """Read the triangles of a file with their colours, for who takes any mesh.
 
     Parameters
@@ -195,9 +229,7 @@ def read_triangles(path: str | Path, *, unit: Unit = "m", up: Literal["y", "z"] 
     soup = _soup(scene, linear_colours=is_gltf)
     if not len(soup.triangles):
         raise UsageError(f"{path}: no faces in it; export surfaces, not points or lines")
-    points = soup.points * UNITS_M[unit]
-    if (up or ("y" if is_gltf else "z")) == "y":
-        points = points[:, [0, 2, 1]] * (1, -1, 1)
+    points = _turned_up(soup.points * UNITS_M[unit], up or standard_up(path))
     colours, materials = [], []
     for node in scene.graph.nodes_geometry:
         name = scene.graph[node][1]

@@ -52,6 +52,33 @@ class SimulationOutcome(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class MeshRemark(Record):
+    """One kind of thing that was found in a mesh file."""
+
+    kind: str
+    outcome: str
+    """``mended`` or ``note``."""
+    message: str
+    facets: int
+    """How many it is about."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeshSummary(Record):
+    """A mesh file as it was read, mended and, where it has very many facets, simplified."""
+
+    file_facets: int
+    """Triangles of the file."""
+    facets: int
+    """That the plan was made of."""
+    remarks: tuple[MeshRemark, ...]
+    simplified_within_m: float | None = None
+    """Distance within which 95 % of the file's surface lies of the simpler one; None: not simplified."""
+    faults: Path | None = None
+    """File of facets in colours, if one was asked for."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class SimulationResult(Record):
     """A planned simulation, and its outcome once it was done: ``rig simulate --json``."""
 
@@ -61,6 +88,8 @@ class SimulationResult(Record):
     plan: PlanSummary
     estimated: Estimate
     actual: SimulationOutcome | None = None
+    mesh: MeshSummary | None = None
+    """Of a mesh file."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,28 +5,29 @@ from __future__ import annotations
 import os
 import time
 import tracemalloc
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
-from rig.offline.records import Estimate, PlanSummary, SimulationOutcome, SimulationResult
+from rig.offline.mesh_file import MeshOptions, open_mesh_file
+from rig.offline.records import Estimate, MeshSummary, PlanSummary, SimulationOutcome, SimulationResult
 from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.surface import Surface
 from sim.planning.cost import largest_dense
 from sim.planning.plan import Plan, plan
+from sim.planning.simplified_plan import SimplifiedPlan, SimplifyingPlanner
 from sim.planning.simulation import Simulation, refined_check, simulate
 from sim.planning.time_limit import plan_within
 from sim.scenes.catalogue import SURFACES
 
-if TYPE_CHECKING:
-    from rig.files.mesh import Unit
-
 WHITE = 255
 """Grey levels of white."""
-MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off", ".gltf", ".glb")
+MESH_SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
+MESH_LIGHT = "floor"
+"""Standard light of a mesh file."""
 MOST_REFINED_PATCHES = 16_000
 """Of a check: its dense factors take 2 GB."""
 
@@ -43,8 +44,8 @@ class SimulationRequest:
     """One of ``sim.light.lighting.TEST_LIGHTINGS``; None: the scene's standard."""
     reflectance: tuple[float, ...] = ()
     """One number, or one for each colour; empty: the scene's."""
-    unit: Unit = "m"
-    """Of a mesh file."""
+    mesh: MeshOptions = field(default_factory=MeshOptions)
+    """How a mesh file is read."""
     memory_mb: float | None = None
     """What may be used; None: half of what is free."""
     seconds: float | None = None
@@ -100,14 +101,20 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     """
     on_step("plan", 0, 1)
     started = time.perf_counter()
-    surface, light = _surface(request)
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
+    light = request.light or (SURFACES[request.scene].light if request.scene in SURFACES else MESH_LIGHT)
 
-    def make_plan(tolerance: float) -> Plan:
-        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=request.reflectance or None)
+    def make_plan(surface: Surface, tolerance: float, by_rays: bool = False) -> Plan:
+        reflectances = request.reflectance or None
+        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays)
 
+    summary = None
     try:
-        planned = make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
+        if request.scene in SURFACES:
+            surface = SURFACES[request.scene].build()
+            planned = _within(request, lambda tolerance: make_plan(surface, tolerance))
+        else:
+            planned, summary = _plan_of_file(request, make_plan, on_step)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
@@ -116,7 +123,38 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
         tolerance=planned.tolerance_percent,
         plan=_summary(planned, light, time.perf_counter() - started),
         estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
+        mesh=summary,
     )
+
+
+def _within(request: SimulationRequest, make_plan: Callable[[float], Plan]) -> Plan:
+    """The plan for a request's tolerance, or for its time."""
+    return make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
+
+
+def _plan_of_file(
+    request: SimulationRequest, make_plan: Callable[[Surface, float, bool], Plan], on_step: OnStep
+) -> tuple[Plan, MeshSummary]:
+    """The plan of a mesh file, simplified where it has very many facets, and what is to be said of the file."""
+    if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
+        raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
+    reflectance = max(request.reflectance) if request.reflectance else None
+    file = open_mesh_file(Path(request.scene), request.mesh, reflectance, on_step)
+    planner = SimplifyingPlanner(
+        original=file.facets,
+        mend=file.mend,
+        oriented=file.oriented,
+        make_plan=lambda mesh, tolerance: make_plan(mesh.mesh, tolerance, mesh.by_rays),
+    )
+    made: list[SimplifiedPlan] = []
+
+    def plan_file(tolerance: float) -> Plan:
+        made.append(planner.plan(tolerance))
+        return made[-1].plan
+
+    planned = _within(request, plan_file)
+    chosen = next(one for one in made if one.plan is planned)
+    return planned, file.summary(chosen)
 
 
 def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> SimulationOutcome:
@@ -171,19 +209,6 @@ def _possible_mb(memory_mb: float) -> float:
     if memory_mb > machine_mb:
         raise UsageError(f"--memory-mb {memory_mb:g}: this machine has {machine_mb:.0f} MB; give less, or leave it out")
     return memory_mb
-
-
-def _surface(request: SimulationRequest) -> tuple[Surface, str]:
-    """The surface and the name of its light."""
-    if request.scene in SURFACES:
-        entry = SURFACES[request.scene]
-        return entry.build(), request.light or entry.light
-    if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
-        raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
-    from rig.files.mesh import read_mesh
-
-    reflectance = max(request.reflectance) if request.reflectance else None
-    return read_mesh(request.scene, reflectance=reflectance, unit=request.unit), request.light or "floor"
 
 
 def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:

@@ -8,6 +8,11 @@ from rig.terminal import print_table
 
 def print_simulation_plan(result: SimulationResult) -> None:
     """Print what is going to be done, why, and what it is expected to cost."""
+    if result.mesh is not None:
+        for remark in result.mesh.remarks:
+            print(f"- mesh, {remark.outcome}: {remark.kind}: {remark.message}")
+        if result.mesh.faults is not None:
+            print(f"- mesh: facets in colours written to {result.mesh.faults}")
     for reason in result.plan.reasons:
         print(f"- {reason}")
     estimated = result.estimated

@@ -10,6 +10,19 @@ from sim.geometry.topology import PARALLEL, WELD, Topology
 
 CHUNK = 200_000
 """Pairs looked at together: about 100 MB."""
+MOST_PAIRS = 3_000_000
+"""Pairs of patches that may be near each other, counted both ways; more take minutes and gigabytes."""
+
+
+def count_near_pairs(vertices: FloatArray) -> int:
+    """Return at least how many pairs of patches, (P, 4, 3) corners, must be looked at to find all that cut or cover."""
+    centre, radius, classes = _classes(vertices)
+    trees = [KDTree(centre[members]) for members in classes]
+    return sum(
+        int(trees[i].count_neighbors(trees[j], float(radius[classes[i]].max() + radius[classes[j]].max())))
+        for i in range(len(classes))
+        for j in range(i, len(classes))
+    )
 
 
 def piercing_and_overlapping(topology: Topology) -> tuple[IntArray, IntArray]:
@@ -37,9 +50,7 @@ def _near_pairs(vertices: FloatArray) -> IntArray:
     Patches are sorted into classes by size, so that a large one does not widen the search of all small ones.
     """
     low, high = vertices.min(axis=1), vertices.max(axis=1)
-    centre, radius = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
-    grade = np.floor(np.log2(radius)).astype(int)
-    classes = [np.flatnonzero(grade == value) for value in np.unique(grade)]
+    centre, radius, classes = _classes(vertices)
     trees = [KDTree(centre[members]) for members in classes]
     found = [np.zeros((0, 2), dtype=np.intp)]
     for i, members in enumerate(classes):
@@ -51,6 +62,14 @@ def _near_pairs(vertices: FloatArray) -> IntArray:
             meet &= (first < second) | (i != j)
             found.append(np.stack([first[meet], second[meet]], axis=1))
     return np.concatenate(found)
+
+
+def _classes(vertices: FloatArray) -> tuple[FloatArray, FloatArray, list[IntArray]]:
+    """(P, 3) middles and (P,) radii of boxes, and the patches of each class of size."""
+    low, high = vertices.min(axis=1), vertices.max(axis=1)
+    centre, radius = (low + high) / 2, np.linalg.norm(high - low, axis=1) / 2
+    grade = np.floor(np.log2(radius)).astype(int)
+    return centre, radius, [np.flatnonzero(grade == value) for value in np.unique(grade)]
 
 
 def _pierce(a: FloatArray, b: FloatArray, *, normals: tuple[FloatArray, FloatArray], tolerance_m: float) -> BoolArray:

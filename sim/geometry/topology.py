@@ -17,6 +17,10 @@ WELD = 1e-7
 PARALLEL = 1e-4
 """Sine of the angle below which neighbours lie in one plane: float32 turns patches of 4 cm by 1e-5."""
 
+MOST_PIECES = 2_000_000
+"""Of loose edges about which other corners are looked for."""
+PIECES_AT_A_TIME = 50_000
+
 MANY = 30_000_000
 """Products of directions and corners up to which trying all is faster than walking over the hull."""
 
@@ -198,10 +202,8 @@ def _cut_at_corners(
         return none, none, none
     candidates = np.unique(np.concatenate([start, end]))
     a, b = points[start], points[end]
-    length = np.linalg.norm(b - a, axis=1)
-    near = KDTree(points[candidates]).query_ball_point((a + b) / 2, length / 2 + tolerance_m)
-    edge = np.repeat(np.arange(len(start)), [len(some) for some in near])
-    point = candidates[np.concatenate([np.asarray(some, dtype=np.intp) for some in near])]
+    edge, near = _near_edges(points[candidates], a, b, tolerance_m)
+    point = candidates[near]
     along, across = _on_line(points[point], a[edge], b[edge])
     inside = (across < tolerance_m) & (point != start[edge]) & (point != end[edge]) & (along > 0) & (along < 1)
     edges = np.arange(len(start))
@@ -212,6 +214,29 @@ def _cut_at_corners(
     edge, point = edge[order], point[order]
     piece = edge[1:] == edge[:-1]
     return edge[1:][piece], point[:-1][piece], point[1:][piece]
+
+
+def _near_edges(points: FloatArray, a: FloatArray, b: FloatArray, tolerance_m: float) -> tuple[IntArray, IntArray]:
+    """(N,) edges from a to b, (E, 3) each, and (N,) points that may lie on them, each pair once.
+
+    Points are looked for about pieces of edges, so that a long edge does not meet all that lie around its middle.
+    """
+    length = np.linalg.norm(b - a, axis=1)
+    piece_m = max(extent(points) / np.sqrt(len(points)), float(length.sum()) / MOST_PIECES, np.finfo(float).tiny)
+    count = np.ceil(length / piece_m).astype(np.intp).clip(1)
+    edge = np.repeat(np.arange(len(a)), count)
+    step = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count)
+    middle = a[edge] + ((step + 0.5) / count[edge])[:, None] * (b - a)[edge]
+    tree, found = KDTree(points), [np.zeros((0, 2), dtype=np.intp)]
+    for k in range(0, len(edge), PIECES_AT_A_TIME):
+        part = slice(k, k + PIECES_AT_A_TIME)
+        near = tree.query_ball_point(middle[part], (length / count / 2)[edge[part]] + tolerance_m)
+        sizes = np.fromiter((len(some) for some in near), dtype=np.intp, count=len(near))
+        both = np.stack([np.repeat(edge[part], sizes), np.concatenate([*near, []]).astype(np.intp)], axis=1)
+        along, across = _on_line(points[both[:, 1]], a[both[:, 0]], b[both[:, 0]])
+        found.append(both[(across < tolerance_m) & (along >= 0) & (along <= 1)])
+    pairs = np.unique(np.concatenate(found), axis=0)
+    return pairs[:, 0], pairs[:, 1]
 
 
 def _on_line(points: FloatArray, a: FloatArray, b: FloatArray) -> tuple[FloatArray, FloatArray]:

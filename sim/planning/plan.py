@@ -106,6 +106,7 @@ def plan(
     *,
     memory_limit_mb: float = 4096.0,
     reflectances: tuple[float, ...] | None = None,
+    by_rays: bool = False,
 ) -> Plan:
     """Return the cheapest model of a surface that meets a tolerance.
 
@@ -121,6 +122,8 @@ def plan(
         What may be used. [MB = 1e6 bytes]
     reflectances : tuple of float, optional
         One for each colour, the same on all surfaces, instead of the surface's own.
+    by_rays : bool
+        Form factors by rays whatever they cost: they create no light where patches cut or cover each other.
 
     Returns
     -------
@@ -148,7 +151,7 @@ def plan(
         residual=SOLVER_SHARE * tolerance_percent / 100,
     )
     search = _Search(whole, chosen_light, model, tolerance=tolerance_percent / 100, memory_limit_mb=memory_limit_mb)
-    search.run()
+    search.run(by_rays)
     model = replace(search.model_for(search.cells), reflectances=colours)
     channels = 1 if colours is None else len(colours)
     radius = search.solved.spectral_radius
@@ -199,9 +202,9 @@ class _Search:
         self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
         self.correction = 1.0
 
-    def run(self) -> None:
+    def run(self, by_rays: bool = False) -> None:
         """Find the patches."""
-        if self._rays_pay(max(FIRST_PROBE, self.whole.n_patches)):
+        if by_rays or self._rays_pay(max(FIRST_PROBE, self.whole.n_patches)):
             return self._go_by_rays()
         many = self.whole.n_patches >= FIRST_PROBE
         probe_cells, adapted = self.whole if many else uniform_patches(self.whole, FIRST_PROBE), many
@@ -225,6 +228,7 @@ class _Search:
     def _go_by_rays(self) -> None:
         """Find the patches by rays, and what the rays of the model may leave of the tolerance."""
         self.by_rays = True
+        self.most_cells = largest_sampled(self.memory_limit_mb, self.sampling)
         few = self.whole.n_patches < FIRST_PROBE
         self.sampled = patches_by_rays(
             uniform_patches(self.whole, FIRST_PROBE) if few else self.whole,

@@ -7,6 +7,7 @@ import pytest
 
 from rig.cli.app import run_command
 from rig.errors import UsageError
+from rig.offline.mesh_file import MeshOptions
 from rig.offline.simulate import SimulationRequest, reflectances_of, run_simulate, tolerance_of
 from rig.terminal import silent
 from sim.scenes.catalogue import SURFACES
@@ -60,7 +61,9 @@ def test_the_memory_estimate_is_of_the_right_size():
 def test_a_mesh_file_is_planned_like_a_library_scene(tmp_path):
     # The faces are seen from inside: corners run clockwise seen from outside.
     (tmp_path / "room.obj").write_text(SQUARE_ROOM, encoding="utf-8")
-    request = SimulationRequest(scene=str(tmp_path / "room.obj"), tolerance=3.0, reflectance=(0.6,), unit="mm")
+    request = SimulationRequest(
+        scene=str(tmp_path / "room.obj"), tolerance=3.0, reflectance=(0.6,), mesh=MeshOptions(unit="mm")
+    )
     result = run_simulate(request, silent, check=True)
     assert result.plan.method == "closed_form"
     assert result.plan.light == "floor"
