@@ -57,22 +57,24 @@ def _plan(request: SessionRequest, as_json: bool) -> int:
 
 
 def _run(request: SessionRequest, as_json: bool) -> int:
-    from rig.report.tables import print_result
-    from rig.run.session import run_session
     from rig.terminal import TerminalProgress
 
-    with TerminalProgress() as progress:
+    with TerminalProgress() as progress:  # something is to be seen before what takes its time is imported
+        from rig.report.tables import print_result
+        from rig.run.session import run_session
+
         result = run_session(request, progress)
     print_json(result) if as_json else print_result(result)
     return 0 if result.within_limits else 1
 
 
 def _part(verb: Verb, request: SessionRequest, as_json: bool) -> int:
-    from rig.report.tables import print_part
-    from rig.run.session import run_part
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
+        from rig.report.tables import print_part
+        from rig.run.session import run_part
+
         result = run_part(request, verb, progress)
     print_json(result) if as_json else print_part(verb, result)
     return 0

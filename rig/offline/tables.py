@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from rig.offline.records import ScanResult, SimulationResult
-from rig.terminal import print_table
+from rig.terminal import print_table, say
 
 
 def print_simulation_plan(result: SimulationResult) -> None:
     """Print what is going to be done, why, and what it is expected to cost."""
     for reason in result.plan.reasons:
-        print(f"- {reason}")
+        say(f"- {reason}")
     estimated = result.estimated
     print(f"expected: {estimated.error:.2g} %, {estimated.seconds:.2g} s, {estimated.peak_mb:.3g} MB", flush=True)
 
@@ -27,6 +27,6 @@ def print_scan(result: ScanResult) -> None:
     said = ("mended", "warnings")
     print_table("Scan", ["what", "value"], [item for item in result.as_json().items() if item[0] not in said])
     for sentence in result.mended:
-        print(f"mended: {sentence}")
+        say(f"mended: {sentence}")
     for sentence in result.warnings:
-        print(f"warning: {sentence}")
+        say(f"warning: {sentence}")

@@ -15,7 +15,7 @@ from rig.files.journal import JOURNAL_NAME, Event, Journal
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of, read_record
 from rig.session.folder import check_folder, is_session, own_versions, read_folder, read_or_create
-from rig.session.ledger import METRICS_NAME, Ledger, hash_json
+from rig.session.ledger import METRICS_NAME, FileEntry, Ledger, hash_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name
 
@@ -267,6 +267,30 @@ class Session:
         """End of the last journalled frame on the rig's clock; 0 when there is none."""
         frames = [event["frame"] for event in self._ledger.events if event["event"] == "frame"]
         return float(frames[-1]["started_s"] + frames[-1]["exposure_s"]) if frames else 0.0
+
+    def files(self) -> list[tuple[str, FileEntry]]:
+        """Return the files of the last run of each step, in the order in which the steps were begun.
+
+        Returns
+        -------
+        list of (step, FileEntry)
+            Frames, images and maps; not the records.
+
+        Raises
+        ------
+        SessionCorrupt
+            One is lost or damaged.
+        """
+        found = []
+        for name in self._ledger.runs:
+            run = self._ledger.runs[name][-1]
+            if broken := Step(self._ledger, run).damaged_files:
+                raise SessionCorrupt(
+                    f"{self.path}: {len(broken)} files of step {name!r} are lost or damaged, first {broken[0]}; run "
+                    f"`rig run {self.path}` to repeat what is missing"
+                )
+            found += [(name, entry) for entry in run.files.values() if entry.kind != "record"]
+        return found
 
     def note(self, event: Record | Mapping[str, object]) -> None:
         """Journal something worth knowing later: a rejected frame, a retry, a warning.

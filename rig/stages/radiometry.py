@@ -29,7 +29,7 @@ from rig.stages.linear_light import (
     merge_exposures,
 )
 from rig.stages.photograph import ExposureBracket, frame_name, photograph, shoot_one
-from rig.terminal import OnStep
+from rig.terminal import OnStep, part_of
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -225,8 +225,11 @@ def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnSte
         (list(level_patterns(shape, levels)), bracket),
         (pure_colours(shape, rig.camera.shape[2]), bracket),
     ]
+    total, before = sum(len(patterns) * how.frames_per_pattern for patterns, how in sets), 0
     for patterns, how in sets:
-        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
+        counted = part_of(on_step, before, total)
+        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=counted)
+        before += len(patterns) * how.frames_per_pattern
 
 
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:

@@ -9,10 +9,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from rig.files.atomic import write_bytes
 from rig.files.channels import codes_of, image_of
@@ -23,12 +19,11 @@ from rig.stages.model import load_model
 from rig.stages.prediction import JudgedPixels, judged_pixels
 from rig.strategies.figures import TitledRow, errors_figure, loops_figure, mean_of, speed_figure, title_of
 from rig.strategies.records import ClosedLoop, ComparedPicture, ComparisonResult, StrategyRow
-from rig.terminal import OnStep
+from rig.terminal import OnStep, print_table, say
 
 FloatArray = NDArray[np.float64]
 
 PAGE = "strategies.html"
-_WIDTH = 150
 LEGEND = (
     "mean, sd and max are of |shown - target| over the judged pixels, rms and bias of shown - target, in grey levels "
     "of 255. ΔE is the mean CIEDE2000 difference of the pictures as light, white at 255. SSIM compares structure, 1 is "
@@ -56,22 +51,15 @@ class PaperPictures:
 
 def print_strategies(result: ComparisonResult) -> None:
     """Print a table a picture; then closed loops, ratios, warnings, and where the page is."""
-    console = Console(width=max(Console().width, _WIDTH), highlight=False)
     for picture in result.pictures:
-        table = Table(title=escape(f"{picture.name}: {picture.title}"), title_justify="left", box=SIMPLE_HEAD)
-        head, rows = _table(_all_rows(result, picture))
-        for k, cell in enumerate(head):
-            table.add_column(cell, justify="left" if k == 0 else "right")
-        for row in rows:
-            table.add_row(*map(escape, row))
-        console.print(table)
+        print_table(f"{picture.name}: {picture.title}", *_table(_all_rows(result, picture)))
     for loop in result.loops:
         after = ", ".join(f"{number}: {errors.mean:.2f}" for number, errors in loop.after.items())
-        print(f"closed loop of {loop.strategy}, measured mean error by captures: {after} ({loop.stopped})")
+        say(f"closed loop of {loop.strategy}, measured mean error by captures: {after} ({loop.stopped})")
     for name, ratio in result.ratios.items():
         print(f"{name}: {ratio:.3f}")
     for text in result.warnings:
-        print(f"worse than direct light alone: {text}")
+        say(f"worse than direct light alone: {text}")
     if result.report is not None:
         print(f"report: {result.report}")
 
