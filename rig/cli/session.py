@@ -10,6 +10,7 @@ from rig.cli.options import (
     DEFAULT_STRATEGIES,
     Fit,
     Json,
+    Linear,
     ProfileOption,
     SessionFolder,
     Strategies,
@@ -29,6 +30,7 @@ def run(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     dry_run: Annotated[bool, Parameter(negative="", help="Print the plan and stop.")] = False,
     as_json: Json = False,
@@ -39,7 +41,9 @@ def run(
 
     Example: rig run runs/first -p sim-room --target picture.png
     """
-    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    request = SessionRequest(
+        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+    )
     return _plan(request, as_json) if dry_run else _run(request, as_json)
 
 
@@ -110,6 +114,7 @@ def compensate(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -117,7 +122,9 @@ def compensate(
 
     Example: rig compensate runs/first --target picture.png --strategies paper,bounded
     """
-    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    request = SessionRequest(
+        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+    )
     return _part("compensate", request, as_json)
 
 
@@ -127,6 +134,7 @@ def compare(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -134,7 +142,9 @@ def compare(
 
     Example: rig compare runs/first --target picture.png
     """
-    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    request = SessionRequest(
+        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+    )
     return _run(request, as_json)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from rig.cli.options import Fit, Json, ProfileOption, Strategies, Target, names_of, print_json
+from rig.cli.options import Fit, Json, Linear, ProfileOption, Strategies, Target, names_of, print_json
 from rig.errors import UsageError
 
 
@@ -21,6 +21,7 @@ def compare_strategies(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = "all",
     loop: Annotated[str, Parameter(help="Strategies whose loop is closed, separated by commas; or none.")] = "bounded",
     captures: Annotated[int, Parameter(help="Most captures of a closed loop, the uncorrected one included.")] = 4,
@@ -61,7 +62,7 @@ def compare_strategies(
             result = compare_on_paper(names_of(strategies), report, progress)
         else:
             request = SessionRequest(
-                folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies)
+                folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
             )
             loops = () if loop == "none" else names_of(loop)
             wanted = Comparison(

@@ -28,11 +28,13 @@ from rig.stages.results import (
     GeometryResult,
     ModelResult,
     SessionResult,
+    ShownTarget,
     StrategyResult,
     TruthErrors,
 )
 from rig.stages.separation import load_separation_record
 from rig.terminal import OnStep
+from rig.terminal.line import counted
 from rig.version import __version__
 
 _SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
@@ -147,7 +149,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         frame_text=_frame_text(session, len(notes)),
         frame_events=notes[:_MAX_EVENTS],
         repeat=f"rig run {session.path.name} -p {profile.name}",
-        provenance=_provenance(session),
+        provenance=_provenance(session, result.compensation.target),
         footer=f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig {__version__}.",
     )
 
@@ -212,16 +214,18 @@ def _colour_words(model: ModelResult) -> str:
 
 
 def _frame_text(session: Session, n_notes: int) -> str:
-    n_frames = sum(event["event"] == "frame" for event in session.frame_log())
+    n_frames = len({event["file"] for event in session.frame_log() if event["event"] == "frame"})
     cut = f" The first {_MAX_EVENTS} are shown." if n_notes > _MAX_EVENTS else ""
-    return f"{n_frames} frames, {n_notes} events (stale or lost frames, retries).{cut}"
+    frames, events = counted(n_frames, "frame"), counted(n_notes, "event")
+    return f"{frames}, {events} (stale or lost frames, retries).{cut}"
 
 
-def _provenance(session: Session) -> str:
+def _provenance(session: Session, target: ShownTarget | None) -> str:
     profile, settings = session.profile, session.finished("compensate").settings
     return (
         f"Profile {profile.name}, sha256 {profile.sha256[:16]}…; the session folder holds an exact copy. "
-        f"Target: {settings['target']}, sha256 {str(settings['target_sha256'])[:16]}…. "
+        f"Target: {target.sentence if target else settings['target']}, "
+        f"sha256 {str(settings['target_sha256'])[:16]}…. "
         f"Measured with procam-rig {session.versions['procam-rig']}."
     )
 

@@ -15,6 +15,8 @@ def print_steps(title: str, steps: list[tuple[str, bool, int]]) -> None:
 
 def print_result(result: SessionResult) -> None:
     """Print what a compared session has measured."""
+    if result.compensation.target is not None:
+        say(f"target: {result.compensation.target.sentence}")
     rows = []
     for name, entry in result.strategies.items():
         measured, predicted = entry.measured, entry.predicted

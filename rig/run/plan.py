@@ -13,7 +13,7 @@ from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
 from rig.session import Session
 from rig.session.folder import read_folder
-from rig.stages.target import CompensationRequest, requested_compensation
+from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,7 +98,7 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
     folder = Path(request.folder)
     is_new = not Session.exists(folder)
     profile = _profile(request, folder, is_new=is_new)
-    showing = _showing(request, profile) if verb in ("compensate", "compare") else None
+    showing = _showing(request, profile, None if is_new else folder) if verb in ("compensate", "compare") else None
     return SessionPlan(folder=folder, verb=verb, profile=profile, is_new=is_new, showing=showing)
 
 
@@ -112,11 +112,15 @@ def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
     return own
 
 
-def _showing(request: SessionRequest, profile: Profile) -> CompensationRequest:
+def _showing(request: SessionRequest, profile: Profile, folder: Path | None) -> CompensationRequest:
+    """What was named; of a session that has shown something, its last target where none is named."""
+    if request.target is None and folder is not None and (shown := last_target(Session.read(folder))) is not None:
+        return CompensationRequest(shown, check_strategies(request.strategies))
     return requested_compensation(
         request.target,
         request.strategies,
         profile.projector,
         channels=profile.camera.channels,
         fit=request.fit,
+        is_linear=request.linear,
     )

@@ -7,15 +7,17 @@ import json
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.atomic import sha256_of, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line, read_events
+from rig.profile.schema import Profile
 from rig.records import Json, JsonObject, Record
-from rig.session.header import SessionHeader
+from rig.session.folder import NEXT_PROFILE, finish_profile_change
+from rig.session.header import ProfileStamp, SessionHeader
 
 METRICS_NAME = "metrics.json"
 _SETTLED_S = 1.0
@@ -38,6 +40,15 @@ class FrameDetails(Record):
     sequence: int
     signature: str = ""
     """Of the codes that were shown (:func:`rig.devices.protocols.signature_of`); empty when not known."""
+    codes_sha256: str = ""
+    """Of the codes that were shown, every one of them; empty when not known."""
+    asked_s: float | None = None
+    """Exposure that was asked for; None when not known."""
+
+    @property
+    def shown_as(self) -> tuple[str, str, str, float | None]:
+        """What makes two photographs photographs of the same: codes, devices and the exposure that was asked for."""
+        return self.codes_sha256, self.camera, self.projector, self.asked_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -109,8 +120,10 @@ class Ledger:
 
     def _check_header(self) -> None:
         """Raise SessionCorrupt when session.json is not the one with which the session was begun."""
-        begun = next((event["header_sha256"] for event in self.events if "header_sha256" in event), None)
-        if begun is not None and begun != hash_json(self.header.as_json()):
+        known = [event for event in self.events if "header_sha256" in event]
+        # The change of a profile is journalled first: a process that was killed then has left the header before it.
+        current = known[-2:] if known and known[-1]["event"] == "profile" else known[-1:]
+        if known and hash_json(self.header.as_json()) not in {event["header_sha256"] for event in current}:
             raise SessionCorrupt(
                 f"{self.folder / 'session.json'}: was changed; restore it from a copy, or start a new session"
             )
@@ -171,6 +184,13 @@ class Ledger:
             self.write_summary()
         return self.runs[step][-1]
 
+    def earlier_frames(self, run: StepRun) -> list[FileEntry]:
+        """Return the intact frames of the earlier runs of a run's step that it has not taken over, oldest first."""
+        taken = {entry.file for entry in run.files.values()}
+        entries = [entry for one in self.runs[run.step] if one is not run for entry in one.files.values()]
+        left = {entry.file: entry for entry in entries if entry.frame is not None and entry.file not in taken}
+        return [entry for entry in left.values() if self.is_intact(entry)]
+
     def add_file(self, run: StepRun, entry: FileEntry) -> None:
         """Journal a file that is on the disk, unless the journal has it with the same bytes."""
         if run.files.get((entry.kind, entry.name)) == entry:
@@ -212,6 +232,16 @@ class Ledger:
         # Before the line that holds its hash: killed between both, a process leaves a session and no contradiction.
         self.write_summary()
         self.record({"event": "open", "pid": os.getpid(), "versions": dict(versions), "header_sha256": header})
+
+    def change_profile(self, profile: Profile) -> None:
+        """Take another profile over, whichever moment the process may be killed at. Raises SessionError."""
+        stamp = ProfileStamp(name=profile.name, sha256=profile.sha256, source=str(profile.path))
+        header = replace(self.header, profile=stamp)
+        write_bytes(self.folder / NEXT_PROFILE, profile.raw)
+        self.record({"event": "profile", "sha256": profile.sha256, "header_sha256": hash_json(header.as_json())})
+        self.header = header
+        self.write_summary()
+        finish_profile_change(self.folder, profile.sha256)
 
     def is_intact(self, entry: FileEntry) -> bool:
         """Tell whether the file is there with its journalled bytes."""

@@ -14,7 +14,14 @@ from rig.files.atomic import PART_SUFFIX, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of, read_record
-from rig.session.folder import check_folder, is_session, own_versions, read_folder, read_or_create
+from rig.session.folder import (
+    check_folder,
+    finish_profile_change,
+    is_session,
+    own_versions,
+    read_folder,
+    read_or_create,
+)
 from rig.session.ledger import METRICS_NAME, FileEntry, Ledger, hash_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name
@@ -60,7 +67,8 @@ class Session:
         path
             Its folder.
         profile
-            Needed for a new session; has to be the same one later (or left out).
+            Needed for a new session; later left out, the same one, or one that differs only in what may change
+            (lengths by tape, the surface, patterns, brightness, limits): what depends on it is done again.
         seed
             Of a new session, for every random choice in it.
 
@@ -87,7 +95,10 @@ class Session:
             for leftover in folder.rglob(f"*{PART_SUFFIX}"):
                 leftover.unlink()
             ledger = Ledger(folder, header, Journal(folder / JOURNAL_NAME))
+            finish_profile_change(folder, header.profile.sha256)
             ledger.record_open(own_versions())
+            if own_profile.sha256 != header.profile.sha256:
+                ledger.change_profile(own_profile)
         except BaseException:
             lock.release()
             raise
@@ -237,6 +248,22 @@ class Session:
             )
         return step
 
+    def begun(self, name: str) -> Step | None:
+        """Return the last run of a step for reading, whether or not it is finished and intact.
+
+        Parameters
+        ----------
+        name
+            Of the step.
+
+        Returns
+        -------
+        Step or None
+            None when it was never begun.
+        """
+        run = self._ledger.last_run(name)
+        return None if run is None else Step(self._ledger, run)
+
     def is_finished(self, name: str) -> bool:
         """Tell whether the last run of a step is finished.
 
@@ -264,9 +291,9 @@ class Session:
 
     @property
     def last_clock_s(self) -> float:
-        """End of the last journalled frame on the rig's clock; 0 when there is none."""
+        """End of the latest journalled frame on the rig's clock; 0 when there is none."""
         frames = [event["frame"] for event in self._ledger.events if event["event"] == "frame"]
-        return float(frames[-1]["started_s"] + frames[-1]["exposure_s"]) if frames else 0.0
+        return max((float(frame["started_s"] + frame["exposure_s"]) for frame in frames), default=0.0)
 
     def files(self) -> list[tuple[str, FileEntry]]:
         """Return the files of the last run of each step, in the order in which the steps were begun.
