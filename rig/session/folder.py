@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import shlex
 import socket
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -28,7 +30,7 @@ CHANGEABLE = {
     "limits": "[limits]",
     "description": "description",
 }
-"""Fields of a profile that may change within a session, as the file calls them; all others say what was photographed."""
+"""Fields of a profile that may change within a session, as the file calls them; of all others photographs depend."""
 NEXT_PROFILE = "profile.next.toml"
 """A changed profile before it takes its place."""
 _OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
@@ -134,3 +136,11 @@ def own_versions() -> dict[str, str]:
     modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "OpenImageIO": oiio}
     own = {"procam-rig": __version__, "python": platform.python_version()}
     return own | {name: str(module.__version__) for name, module in modules.items()}
+
+
+def own_command() -> str:
+    """Return the command line of this process, as typed; empty when it is not the program `rig`."""
+    program, *words = sys.orig_argv[1:] if len(sys.orig_argv) > 1 else [""]
+    if program == "-m" and words[:1] == ["rig"]:
+        return shlex.join(words)
+    return shlex.join(["rig", *words]) if Path(program).name == "rig" else ""

@@ -40,13 +40,13 @@ class FrameDetails(Record):
     sequence: int
     signature: str = ""
     """Of the codes that were shown (:func:`rig.devices.protocols.signature_of`); empty when not known."""
-    codes_sha256: str = ""
-    """Of the codes that were shown, every one of them; empty when not known."""
+    codes_sha256: str | None = None
+    """Of the codes that were shown, every one of them; None when not known."""
     asked_s: float | None = None
     """Exposure that was asked for; None when not known."""
 
     @property
-    def shown_as(self) -> tuple[str, str, str, float | None]:
+    def shown_as(self) -> tuple[str | None, str, str, float | None]:
         """What makes two photographs photographs of the same: codes, devices and the exposure that was asked for."""
         return self.codes_sha256, self.camera, self.projector, self.asked_s
 
@@ -226,12 +226,13 @@ class Ledger:
         entries = (entry for runs in self.runs.values() for run in runs for entry in run.files.values())
         return len({entry.file for entry in entries if entry.file.startswith(prefix)})
 
-    def record_open(self, versions: Mapping[str, str]) -> None:
-        """Journal that this process works on the session, with the versions of its libraries."""
+    def record_open(self, versions: Mapping[str, str], command: str) -> None:
+        """Journal that this process works on the session, with its libraries' versions and its command, if any."""
         header = hash_json(self.header.as_json())
         # Before the line that holds its hash: killed between both, a process leaves a session and no contradiction.
         self.write_summary()
-        self.record({"event": "open", "pid": os.getpid(), "versions": dict(versions), "header_sha256": header})
+        known: JsonObject = {"pid": os.getpid(), "versions": dict(versions), "header_sha256": header}
+        self.record({"event": "open", **known, **({"command": command} if command else {})})
 
     def change_profile(self, profile: Profile) -> None:
         """Take another profile over, whichever moment the process may be killed at. Raises SessionError."""

@@ -181,7 +181,7 @@ class Step:
             started_s=float(raw.started_s),
             sequence=int(raw.sequence),
             signature="" if codes is None else signature_of(codes),
-            codes_sha256="" if codes is None or asked_s is None else _sha256_of(codes),
+            codes_sha256=None if codes is None or asked_s is None else _sha256_of(codes),
             asked_s=asked_s,
         )
         self._add("frame", name, path, details)

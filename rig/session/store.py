@@ -18,6 +18,7 @@ from rig.session.folder import (
     check_folder,
     finish_profile_change,
     is_session,
+    own_command,
     own_versions,
     read_folder,
     read_or_create,
@@ -96,7 +97,7 @@ class Session:
                 leftover.unlink()
             ledger = Ledger(folder, header, Journal(folder / JOURNAL_NAME))
             finish_profile_change(folder, header.profile.sha256)
-            ledger.record_open(own_versions())
+            ledger.record_open(own_versions(), own_command())
             if own_profile.sha256 != header.profile.sha256:
                 ledger.change_profile(own_profile)
         except BaseException:
@@ -291,9 +292,14 @@ class Session:
 
     @property
     def last_clock_s(self) -> float:
-        """End of the latest journalled frame on the rig's clock; 0 when there is none."""
-        frames = [event["frame"] for event in self._ledger.events if event["event"] == "frame"]
-        return max((float(frame["started_s"] + frame["exposure_s"]) for frame in frames), default=0.0)
+        """End of the frame that was photographed last, on the rig's clock; 0 when there is none."""
+        # A file is journalled again by a run that takes an earlier frame over: that is not when it was photographed.
+        frames: dict[str, Event] = {}
+        for event in self._ledger.events:
+            if event["event"] == "frame":
+                frames.setdefault(event["file"], event["frame"])
+        last = next(reversed(frames.values()), None)
+        return 0.0 if last is None else float(last["started_s"] + last["exposure_s"])
 
     def files(self) -> list[tuple[str, FileEntry]]:
         """Return the files of the last run of each step, in the order in which the steps were begun.
@@ -338,6 +344,17 @@ class Session:
             As journalled, each with its time of day.
         """
         return [dict(event) for event in self._ledger.events if event["event"] in ("frame", "note")]
+
+    def commands(self) -> list[str]:
+        """Return the commands that opened the session to write, in order, none twice in a row.
+
+        Returns
+        -------
+        list of str
+            As typed; empty for a session that only scripts worked on.
+        """
+        typed = [event["command"] for event in self._ledger.events if event["event"] == "open" and "command" in event]
+        return [command for k, command in enumerate(typed) if k == 0 or typed[k - 1] != command]
 
     def events(self) -> list[Event]:
         """Return everything that the journal says, in order.

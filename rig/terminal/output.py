@@ -90,7 +90,7 @@ class TerminalProgress:
         if self._console.is_terminal:
             self._task = self._progress.add_task(label, total=None, count="")
         elif label == "start":
-            self._print("rig: starting")
+            self._print("starting")
 
     def _finish_line(self) -> None:
         """Leave a line behind for the step that was at work."""

@@ -78,7 +78,7 @@ def test_the_first_line_comes_before_anything_heavy_is_imported(tmp_path: Path) 
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert said.returncode == 7
-    assert said.stderr == "rig: starting\n"
+    assert said.stderr == "starting\n"
 
 
 @pytest.mark.parametrize("shell_name", ["bash", "zsh", "fish"])

@@ -218,4 +218,4 @@ def test_progress_without_a_terminal_is_a_line_a_step_on_stderr(capsys: pytest.C
         progress("decode", 1, 2)
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "rig: starting\nphotograph: 5 of 5 done\ndecode: 1 of 2 done\n"
+    assert captured.err == "starting\nphotograph: 5 of 5 done\ndecode: 1 of 2 done\n"

@@ -129,4 +129,4 @@ def test_progress_of_a_step_that_learns_how_much_it_has_to_do_never_shows_less(c
     with TerminalProgress() as progress:
         for done, total in ((9, 10), (1, 20), (19, 20)):
             progress("plan", done, total)
-    assert capsys.readouterr().err == "rig: starting\nplan: 19 of 20 done\n"
+    assert capsys.readouterr().err == "starting\nplan: 19 of 20 done\n"
