@@ -120,11 +120,11 @@ def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
 
 
 def _label_walls(axes: Axes, scene_model: SceneModel, ends: tuple[FloatArray, FloatArray]) -> None:
-    """Names of the upright walls that the model has, outside of the outline, as profiles and tables call them."""
+    """Names of the upright walls that the model has, inside of the outline, as profiles and tables call them."""
     (x0, y0, _), (x1, y1, _) = ends
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
-    places = {"x0": (x0, y, "right", "center"), "x1": (x1, y, "left", "center")}
-    places |= {"y0": (x, y0, "center", "top"), "y1": (x, y1, "center", "bottom")}
+    places = {"x0": (x0, y, "left", "center"), "x1": (x1, y, "right", "center")}
+    places |= {"y0": (x, y0, "center", "bottom"), "y1": (x, y1, "center", "top")}
     known = {face.name for face in scene_model.scene.faces}
     for name, (at_x, at_y, horizontal, vertical) in places.items():
         if name in known:

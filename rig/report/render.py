@@ -40,7 +40,7 @@ def rendered(template: str, page: object) -> str:
         A record whose fields are the template's names, or a mapping.
     """
     environment = Environment(autoescape=True, loader=FunctionLoader(_text_of), undefined=StrictUndefined)
-    environment.globals["word"] = _word
+    environment.globals["explain"] = _explained
     return environment.get_template(template).render(_names_of(page))
 
 
@@ -52,7 +52,7 @@ def _names_of(page: object) -> Mapping[str, object]:
     raise TypeError(f"a page is a record or a mapping, not {type(page).__name__}")
 
 
-def _word(text: str) -> Markup:
+def _explained(text: str) -> Markup:
     """A word, with what it means where a pointer rests on it."""
     meaning = explanation(text)
     return Markup('<abbr title="{}">{}</abbr>').format(meaning, text) if meaning else escape(text)

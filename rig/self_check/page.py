@@ -9,6 +9,7 @@ from pathlib import Path
 from rig.errors import UsageError
 from rig.profile.apply import AppliedValues
 from rig.records import Verdict
+from rig.report.links import link_pages
 from rig.report.render import rendered
 from rig.self_check.figures import check_figures
 from rig.self_check.results import SelfCheck
@@ -67,12 +68,13 @@ def write_check_page(result: SelfCheck, path: Path) -> Path:
             {"part": part, "verdict": verdict, "value": number(verdict.value), "limit": limit_of(verdict)}
             for part, verdict in rows
         ],
-        "failures": broken,
+        "failed": broken,
         "toml": toml_of(result.suggested),
         "figures": check_figures(result),
     }
     try:
         path.write_text(rendered("self_check/check.html", context), encoding="utf-8")
+        link_pages(path.parent)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}; give a file in a folder that exists") from error
     return path

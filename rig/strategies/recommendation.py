@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rig.strategies.records import ComparisonResult, StrategyRow
+from rig.terminal.line import counted
 
 _AS_GOOD = 1.03
 """Of the least mean error: closer strategies are told apart by their speed, no eye sees the difference."""
@@ -17,6 +18,7 @@ _LOOP_GAIN = 0.95
 _MUCH_CLIPPED = 0.1
 """Of the driven pixels: from here on the projector's range is what is left to improve."""
 _FASTER = 3.0
+"""Times: below that a difference in computing time is no reason to choose."""
 
 
 def recommendation(result: ComparisonResult) -> tuple[str, ...]:
@@ -37,19 +39,20 @@ def recommendation(result: ComparisonResult) -> tuple[str, ...]:
     if chosen.strategy == "none" or chosen.shown.mean > _LITTLE_GAIN * none.shown.mean:
         return (
             f"Compensation hardly helps here: the target at its best single gain leaves {_grey(none)}, and "
-            f"{chosen.strategy}, the best, {chosen.shown.mean:.1f}. The walls send little light to each other, or noise "
-            "hides it.",
+            f"{chosen.strategy}, the best, {chosen.shown.mean:.1f}. The walls send little light to each other, or "
+            "noise hides it.",
         )
     sentences = (_first(chosen, none), _others(chosen, rows), _limits(chosen), _loops(result, chosen))
     return tuple(sentence for sentence in sentences if sentence)
 
 
 def _chosen(rows: Sequence[StrategyRow]) -> StrategyRow:
-    """The fastest of those whose error cannot be told from the least."""
+    """The one of the least error, or one that cannot be told from it and is much faster."""
     best = min(rows, key=lambda row: row.shown.mean)
     mean = best.shown.mean
     alike = [row for row in rows if row.shown.mean <= max(_AS_GOOD * mean, mean + _noise(best, row))]
-    return min(alike, key=lambda row: row.seconds or 0.0)
+    fastest = min(alike, key=lambda row: row.seconds or 0.0)
+    return fastest if (fastest.seconds or 0.0) < (best.seconds or 0.0) / _FASTER else best
 
 
 def _noise(one: StrategyRow, other: StrategyRow) -> float:
@@ -65,8 +68,8 @@ def _first(chosen: StrategyRow, none: StrategyRow) -> str:
     ratio = none.shown.mean / max(chosen.shown.mean, 1e-9)
     how = "photographed" if chosen.measured is not None else "as the model predicts it"
     return (
-        f"Use {chosen.strategy}: {how}, it leaves {_grey(chosen)}, {ratio:.1f} times less than the uncompensated picture "
-        f"({none.shown.mean:.1f})."
+        f"Use {chosen.strategy}: {how}, it leaves {_grey(chosen)}, {ratio:.1f} times less than the uncompensated "
+        f"picture ({none.shown.mean:.1f})."
     )
 
 
@@ -82,8 +85,8 @@ def _others(chosen: StrategyRow, rows: Sequence[StrategyRow]) -> str:
     truest = min(rows, key=lambda row: row.shown.mean_at_best_gain)
     if truest.shown.mean_at_best_gain < chosen.shown.mean_at_best_gain / _AS_GOOD:
         said.append(
-            f"If the picture may be darker or brighter as a whole, {truest.strategy} keeps it truer: after the gain that "
-            f"suits each best it leaves {truest.shown.mean_at_best_gain:.1f}, {chosen.strategy} "
+            f"If the picture may be darker or brighter as a whole, {truest.strategy} keeps it truer: after the gain "
+            f"that suits each best it leaves {truest.shown.mean_at_best_gain:.1f}, {chosen.strategy} "
             f"{chosen.shown.mean_at_best_gain:.1f}."
         )
     return " ".join(said)
@@ -94,8 +97,8 @@ def _limits(chosen: StrategyRow) -> str:
     if (chosen.clipped_share or 0.0) < _MUCH_CLIPPED:
         return ""
     return (
-        f"{100 * (chosen.clipped_share or 0.0):.0f} % of the projector's pixels are at black or at white already: darker "
-        "walls, or a lower brightness.target_white_share in the profile, would help more than another strategy."
+        f"{100 * (chosen.clipped_share or 0.0):.0f} % of the projector's pixels are at black or at white already: "
+        "darker walls, or a lower brightness.target_white_share in the profile, would help more than another strategy."
     )
 
 
@@ -107,6 +110,6 @@ def _loops(result: ComparisonResult, chosen: StrategyRow) -> str:
     if best.kept.mean >= _LOOP_GAIN * chosen.shown.mean:
         return "Closing the loop over the camera gains little here: the model explains the room."
     return (
-        f"For a picture that stays, close the loop over the camera: {best.strategy} corrected by {best.best} photographs "
-        f"leaves {best.kept.mean:.1f}."
+        f"For a picture that stays, close the loop over the camera: {best.strategy} corrected by "
+        f"{counted(best.best, 'photograph')} leaves {best.kept.mean:.1f}."
     )
