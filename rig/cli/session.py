@@ -56,7 +56,7 @@ def _plan(request: SessionRequest, as_json: bool) -> int:
         print_json(plan)
     else:
         steps = [(step.step, step.done, step.frames) for step in plan.steps]
-        print_steps(f"{plan.folder} with {plan.profile.name}: about", steps)
+        print_steps(plan.title, steps)
     return 0
 
 

@@ -11,9 +11,11 @@ from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
+from rig.run.time_left import in_words, seconds_left
 from rig.session import Session
 from rig.session.folder import read_folder
 from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
+from rig.terminal.line import counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +50,24 @@ class SessionPlan:
             for each in steps_up_to(self.verb)
         )
 
+    @cached_property
+    def seconds_left(self) -> float:
+        """About how long the steps that are to do will take."""
+        session = None if self.is_new else Session.read(self.folder, self.profile)
+        return seconds_left([(step.step, step.done, step.frames) for step in self.steps], self.profile, session)
+
+    @property
+    def title(self) -> str:
+        """Where it is, with what, and how much is left."""
+        to_do = [step for step in self.steps if not step.done]
+        if not to_do:
+            return f"{self.folder} with {self.profile.name}: all is done"
+        frames = counted(sum(step.frames for step in to_do), "frame")
+        return (
+            f"{self.folder} with {self.profile.name}: {len(self.steps) - len(to_do)} of {len(self.steps)} steps done, "
+            f"{frames} and {in_words(self.seconds_left)} to go"
+        )
+
     def _done(self, session: Session) -> set[str]:
         """Names of the steps that would have nothing left to do; what follows an unfinished one is not among them."""
         done: set[str] = set()
@@ -71,6 +91,7 @@ class SessionPlan:
             "session": str(self.folder),
             "profile": self.profile.name,
             "exists": not self.is_new,
+            "seconds_left": self.seconds_left,
             "steps": json_of(self.steps),
         }
 

@@ -54,14 +54,15 @@ def check_figures(result: SelfCheck) -> list[Chart]:
     return found
 
 
-def _limit_lines(axes: Axes, limit: float | None, *, both_sides: bool = True) -> None:
-    """Draw a limit across an axes, and below zero too where either sign is judged."""
+def _limit_lines(axes: Axes, limit: float | None) -> None:
+    """Draw a limit across an axes, above zero and below."""
     if limit is None:
         return
-    axes.axhline(limit, color=_LIMIT, lw=1, ls="--", label=f"limit {limit:g}")
-    if both_sides:
-        axes.axhline(-limit, color=_LIMIT, lw=1, ls="--")
-    axes.legend(fontsize=8, frameon=False)
+    for value in (limit, -limit):
+        axes.axhline(value, color=_LIMIT, lw=1, ls="--")
+    at, within = (1.0, limit), ("axes fraction", "data")
+    words = {"xytext": (0, 3), "textcoords": "offset points", "fontsize": 8, "color": _LIMIT}
+    axes.annotate(f"limit {limit:g}", at, xycoords=within, ha="right", annotation_clip=False, **words)
 
 
 @singledispatch
@@ -104,7 +105,8 @@ def _linearity(n: Linearity, limits: LimitsByName) -> Chart:
     figure.subplots_adjust(wspace=0.25)
     text = (
         f"Mean of the pixels of one level, code {n.code}, above the dark level of {n.dark_level_dn:.1f} dn; "
-        f"exposures are {'whole refreshes' if n.whole_refreshes else 'shares of one, not whole refreshes'}."
+        f"exposures are {'whole refreshes' if n.whole_refreshes else 'shares of one, not whole refreshes'}. "
+        "The limit is for what the camera's fitted curve leaves."
     )
     return Chart("Linearity of the camera", text, figure)
 
