@@ -39,11 +39,13 @@ class SessionPlan:
     """There is no session yet."""
     showing: CompensationRequest | None
     """None when the plan ends before anything is shown."""
+    session: Session | None
+    """As it is, to read; None of a new one."""
 
     @cached_property
     def steps(self) -> tuple[PlannedStep, ...]:
         """Which steps are done, and about how many frames each takes; looks at the session when it is first asked."""
-        done = set() if self.is_new else self._done(Session.read(self.folder, self.profile))
+        done = set() if self.session is None else self._done(self.session)
         n_strategies = 0 if self.showing is None else len(self.showing.strategies)
         return tuple(
             PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, self.profile, n_strategies))
@@ -53,8 +55,7 @@ class SessionPlan:
     @cached_property
     def seconds_left(self) -> float:
         """About how long the steps that are to do will take."""
-        session = None if self.is_new else Session.read(self.folder, self.profile)
-        return seconds_left([(step.step, step.done, step.frames) for step in self.steps], self.profile, session)
+        return seconds_left([(step.step, step.done, step.frames) for step in self.steps], self.profile, self.session)
 
     @property
     def title(self) -> str:
@@ -119,8 +120,9 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
     folder = Path(request.folder)
     is_new = not Session.exists(folder)
     profile = _profile(request, folder, is_new=is_new)
-    showing = _showing(request, profile, None if is_new else folder) if verb in ("compensate", "compare") else None
-    return SessionPlan(folder=folder, verb=verb, profile=profile, is_new=is_new, showing=showing)
+    session = None if is_new else Session.read(folder, profile)
+    showing = _showing(request, profile, session) if verb in ("compensate", "compare") else None
+    return SessionPlan(folder=folder, verb=verb, profile=profile, is_new=is_new, showing=showing, session=session)
 
 
 def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
@@ -133,9 +135,9 @@ def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
     return own
 
 
-def _showing(request: SessionRequest, profile: Profile, folder: Path | None) -> CompensationRequest:
+def _showing(request: SessionRequest, profile: Profile, session: Session | None) -> CompensationRequest:
     """What was named; of a session that has shown something, its last target where none is named."""
-    if request.target is None and folder is not None and (shown := last_target(Session.read(folder))) is not None:
+    if request.target is None and session is not None and (shown := last_target(session)) is not None:
         return CompensationRequest(shown, check_strategies(request.strategies))
     return requested_compensation(
         request.target,

@@ -61,8 +61,17 @@ def _limit_lines(axes: Axes, limit: float | None) -> None:
     for value in (limit, -limit):
         axes.axhline(value, color=_LIMIT, lw=1, ls="--")
     at, within = (1.0, limit), ("axes fraction", "data")
-    words = {"xytext": (0, 3), "textcoords": "offset points", "fontsize": 8, "color": _LIMIT}
-    axes.annotate(f"limit {limit:g}", at, xycoords=within, ha="right", annotation_clip=False, **words)
+    axes.annotate(
+        f"limit {limit:g}",
+        at,
+        xycoords=within,
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="right",
+        fontsize=8,
+        color=_LIMIT,
+        annotation_clip=False,
+    )
 
 
 @singledispatch

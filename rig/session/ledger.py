@@ -23,6 +23,9 @@ METRICS_NAME = "metrics.json"
 _SETTLED_S = 1.0
 """A file that was written later than that may change without a change of its time, whose steps are coarse."""
 
+_HASHED: dict[tuple[str, int, int, int], str] = {}
+"""SHA-256 of files by path, inode, size and time of change: each is read once a process for it."""
+
 FileKind = Literal["frame", "image", "record"]
 
 
@@ -108,8 +111,6 @@ class Ledger:
         self.events: list[Event] = []
         self.runs: dict[str, list[StepRun]] = {}
         self._journal = journal
-        self._hashed: dict[tuple[str, int, int, int], str] = {}
-        """SHA-256 of files by path, inode, size and time of change: each is read once for it."""
         path = folder / JOURNAL_NAME
         for number, event in enumerate(read_events(path), start=1):
             try:
@@ -256,13 +257,13 @@ class Ledger:
         try:
             status = path.stat()
             key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns)
-            if key not in self._hashed or time.time() - status.st_mtime < _SETTLED_S:
-                self._hashed[key] = sha256_of(path)
+            if key not in _HASHED or time.time() - status.st_mtime < _SETTLED_S:
+                _HASHED[key] = sha256_of(path)
         except OSError as error:
             raise SessionError(
                 f"{path}: cannot be read: {error.strerror}; check the file, then run the same command again"
             ) from error
-        return self._hashed[key]
+        return _HASHED[key]
 
     def write_metrics(self, metrics: Json) -> Path:
         """Write metrics.json, and journal what it holds."""
