@@ -58,7 +58,9 @@ def _with_usual_stack() -> int:
 def _status(arguments: list[str]) -> int:
     try:
         from rig.cli.app import run_command  # here, so that Ctrl-C during the import is quiet too
+        from rig.terminal.plain import write_plainly
 
+        write_plainly()
         status = _printed(run_command(arguments))
     except KeyboardInterrupt:
         print("rig: interrupted; nothing is lost, run the same command again to go on", file=sys.stderr)

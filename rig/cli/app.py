@@ -7,12 +7,14 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from typing import Annotated, Literal
 
 import cyclopts
-from cyclopts import App
+from cyclopts import App, Group, Parameter
 
-from rig.cli import hardware, live, session, studies
-from rig.errors import RigError
+from rig.cli import by_hand, hardware, live, session, studies
+from rig.errors import RigError, UsageError
+from rig.terminal.sentences import say
 
 
 def _version() -> str:
@@ -30,28 +32,76 @@ app = App(
     version_flags=["--version", "-V"],
     suppress_keyboard_interrupt=False,
 )
-VERBS: dict[str, Callable[..., int]] = {
-    "run": session.run,
-    "calibrate": session.calibrate,
-    "separate": session.separate,
-    "model": session.model,
-    "compensate": session.compensate,
-    "compare": session.compare,
-    "compare-strategies": studies.compare_strategies,
-    "report": session.report,
-    "live": live.live,
-    "check": hardware.check,
-    "devices": hardware.devices,
-    "emulate": hardware.emulate,
-    "lenses": studies.lenses,
-    "scan": studies.scan,
-    "simulate": studies.simulate,
-    "paper": studies.paper,
-    "bench": studies.bench,
+_SET_UP = Group("Set up a rig", sort_key=1)
+_SESSION = Group("A session, in order", sort_key=2)
+_SHOW = Group("Show and compare", sort_key=3)
+_OFFLINE = Group("Without a rig", sort_key=4)
+_PROGRAM = Group("The program", sort_key=5)
+VERBS: dict[str, tuple[Callable[..., int], Group]] = {
+    "devices": (hardware.devices, _SET_UP),
+    "show": (by_hand.show, _SET_UP),
+    "look": (by_hand.look, _SET_UP),
+    "check": (hardware.check, _SET_UP),
+    "lenses": (studies.lenses, _SET_UP),
+    "emulate": (hardware.emulate, _SET_UP),
+    "run": (session.run, _SESSION),
+    "calibrate": (session.calibrate, _SESSION),
+    "separate": (session.separate, _SESSION),
+    "model": (session.model, _SESSION),
+    "compensate": (session.compensate, _SESSION),
+    "compare": (session.compare, _SESSION),
+    "report": (session.report, _SESSION),
+    "export": (by_hand.export, _SESSION),
+    "live": (live.live, _SHOW),
+    "compare-strategies": (studies.compare_strategies, _SHOW),
+    "simulate": (studies.simulate, _OFFLINE),
+    "scan": (studies.scan, _OFFLINE),
+    "paper": (studies.paper, _OFFLINE),
+    "bench": (studies.bench, _OFFLINE),
 }
-for name, verb in VERBS.items():
-    app.command(verb, name=name)
+"""By name, in the order of use, with the group in which `rig --help` lists them."""
+
+
+def help_of(*verb: Annotated[str, Parameter(help="Verb to explain; default: all.")]) -> int:
+    """Explain a verb: the same as `rig VERB --help`.
+
+    Example: rig help run
+    """
+    app.help_print(list(verb)) if _is_verb(verb) else _refuse_verb(verb)
+    return 0
+
+
+def completion(
+    shell: Annotated[Literal["bash", "zsh", "fish"], Parameter(help="bash, zsh or fish.")],
+) -> int:
+    """Print a script that completes verbs and options in a shell.
+
+    bash: rig completion bash > ~/.local/share/bash-completion/completions/rig; zsh: into a file _rig of a folder of
+    $fpath; fish: into ~/.config/fish/completions/rig.fish.
+
+    Example: rig completion bash
+    """
+    print(app.generate_completion(shell=shell))
+    return 0
+
+
+def _is_verb(words: tuple[str, ...]) -> bool:
+    inner = {"profile": {*hardware.profile_app}}
+    return not words or (words[0] in {*app} and (len(words) == 1 or words[1] in inner.get(words[0], set())))
+
+
+def _refuse_verb(words: tuple[str, ...]) -> None:
+    raise UsageError(f"there is no verb {' '.join(words)!r}; rig --help lists all")
+
+
+for position, (name, (verb, group)) in enumerate(VERBS.items()):
+    app.command(verb, name=name, group=group, sort_key=position)
+hardware.profile_app.group, hardware.profile_app.sort_key = _SET_UP, 0
 app.command(hardware.profile_app)
+app.command(help_of, name="help", group=_PROGRAM)
+app.command(completion, group=_PROGRAM)
+app["--help"].group = _PROGRAM
+app["--version"].group = _PROGRAM
 
 
 _SMALLER = "give smaller pictures, coarser patches or a looser tolerance, or free some memory"
@@ -62,18 +112,18 @@ def run_command(arguments: list[str]) -> int:
     try:
         result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except cyclopts.CycloptsError as error:
-        print(f"rig: {error}\ntry: {_help_of(arguments)}", file=sys.stderr)
+        say(f"rig: {error}\ntry: {_help_of(arguments)}", sys.stderr)
         return 2
     except RigError as error:
-        print(f"rig: {error}", *getattr(error, "__notes__", ()), sep="\nrig: ", file=sys.stderr)
+        say("\nrig: ".join([f"rig: {error}", *getattr(error, "__notes__", ())]), sys.stderr)
         return error.exit_code
     except MemoryError as error:
-        print(f"rig: not enough memory: {error or 'the system gives no more'}; {_SMALLER}", file=sys.stderr)
+        say(f"rig: not enough memory: {error or 'the system gives no more'}; {_SMALLER}", sys.stderr)
         return 2
     except BrokenPipeError:  # whoever reads the result has seen enough: the process ends quietly
         raise
     except OSError as error:  # a disk or a file that refuses
-        print(f"rig: {error}; check the disk, then run the same command again", file=sys.stderr)
+        say(f"rig: {error}; check the disk, then run the same command again", sys.stderr)
         return 4
     return result if isinstance(result, int) else 0
 

@@ -55,13 +55,14 @@ def check(
 
     Example: rig check -p sim-room --only latency,noise --report check.html
     """
-    from rig.profile.apply import apply_values, own_file
-    from rig.self_check import run_check
-    from rig.self_check.page import print_check, write_check_page
     from rig.terminal import TerminalProgress
 
-    own = own_file(profile) if apply else None
     with TerminalProgress() as progress:
+        from rig.profile.apply import apply_values, own_file
+        from rig.self_check import run_check
+        from rig.self_check.page import print_check, write_check_page
+
+        own = own_file(profile) if apply else None
         result = run_check(profile, progress, names_of(only) if only else ())
     if report is not None:
         result = result.with_report(write_check_page(result, report))

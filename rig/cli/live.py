@@ -51,13 +51,14 @@ def live(
 
     Example: rig live runs/first --source film.mp4
     """
-    from rig.live.latency import with_light_latency
-    from rig.live.plan import LiveRequest, plan_live
-    from rig.live.run import run_live
-    from rig.live.sources.choose import parse_size
-    from rig.live.status import StatusLine, print_live
     from rig.terminal import TerminalProgress
 
+    with TerminalProgress():
+        from rig.live.latency import with_light_latency
+        from rig.live.plan import LiveRequest, plan_live
+        from rig.live.run import run_live
+        from rig.live.sources.choose import parse_size
+        from rig.live.status import StatusLine, print_live
     request = LiveRequest(
         folder=session,
         profile=profile,

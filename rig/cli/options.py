@@ -17,7 +17,16 @@ ProfileOption = Annotated[
     Parameter(name=["--profile", "-p"], help="Profile file or name; needed once, then the session keeps its copy."),
 ]
 SessionFolder = Annotated[Path, Parameter(help="Folder of the session; made if it does not exist.")]
-Target = Annotated[Path | None, Parameter(help="Picture to show (PNG, JPEG, TIFF, EXR); default: a test picture.")]
+Target = Annotated[
+    Path | None,
+    Parameter(
+        help="Picture to show (PNG, JPEG, TIFF, EXR), or default: a test picture. Without it the session's last one."
+    ),
+]
+Linear = Annotated[
+    bool,
+    Parameter(name="--linear", negative="", help="The target's codes are linear light; default: sRGB (EXR is linear)."),
+]
 Fit = Annotated[
     bool, Parameter(name="--fit", negative="", help="Scale and crop a target of another size to the projector's.")
 ]

@@ -10,6 +10,7 @@ from rig.cli.options import (
     DEFAULT_STRATEGIES,
     Fit,
     Json,
+    Linear,
     ProfileOption,
     SessionFolder,
     Strategies,
@@ -29,6 +30,7 @@ def run(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     dry_run: Annotated[bool, Parameter(negative="", help="Print the plan and stop.")] = False,
     as_json: Json = False,
@@ -39,7 +41,9 @@ def run(
 
     Example: rig run runs/first -p sim-room --target picture.png
     """
-    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    request = SessionRequest(
+        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+    )
     return _plan(request, as_json) if dry_run else _run(request, as_json)
 
 
@@ -52,27 +56,29 @@ def _plan(request: SessionRequest, as_json: bool) -> int:
         print_json(plan)
     else:
         steps = [(step.step, step.done, step.frames) for step in plan.steps]
-        print_steps(f"{plan.folder} with {plan.profile.name}: about", steps)
+        print_steps(plan.title, steps)
     return 0
 
 
 def _run(request: SessionRequest, as_json: bool) -> int:
-    from rig.report.tables import print_result
-    from rig.run.session import run_session
     from rig.terminal import TerminalProgress
 
-    with TerminalProgress() as progress:
+    with TerminalProgress() as progress:  # something is to be seen before what takes its time is imported
+        from rig.report.tables import print_result
+        from rig.run.session import run_session
+
         result = run_session(request, progress)
     print_json(result) if as_json else print_result(result)
     return 0 if result.within_limits else 1
 
 
 def _part(verb: Verb, request: SessionRequest, as_json: bool) -> int:
-    from rig.report.tables import print_part
-    from rig.run.session import run_part
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
+        from rig.report.tables import print_part
+        from rig.run.session import run_part
+
         result = run_part(request, verb, progress)
     print_json(result) if as_json else print_part(verb, result)
     return 0
@@ -108,6 +114,7 @@ def compensate(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -115,7 +122,9 @@ def compensate(
 
     Example: rig compensate runs/first --target picture.png --strategies paper,bounded
     """
-    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    request = SessionRequest(
+        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+    )
     return _part("compensate", request, as_json)
 
 
@@ -125,6 +134,7 @@ def compare(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -132,7 +142,9 @@ def compare(
 
     Example: rig compare runs/first --target picture.png
     """
-    request = SessionRequest(folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies))
+    request = SessionRequest(
+        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+    )
     return _run(request, as_json)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from rig.cli.options import Fit, Json, ProfileOption, Strategies, Target, names_of, print_json
+from rig.cli.options import Fit, Json, Linear, ProfileOption, Strategies, Target, names_of, print_json
 from rig.errors import UsageError
 
 
@@ -21,6 +21,7 @@ def compare_strategies(
     profile: ProfileOption = None,
     target: Target = None,
     fit: Fit = False,
+    linear: Linear = False,
     strategies: Strategies = "all",
     loop: Annotated[str, Parameter(help="Strategies whose loop is closed, separated by commas; or none.")] = "bounded",
     captures: Annotated[int, Parameter(help="Most captures of a closed loop, the uncorrected one included.")] = 4,
@@ -46,21 +47,22 @@ def compare_strategies(
 
     Example: rig compare-strategies --paper --report strategies.html
     """
-    from rig.paper.comparison import compare_on_paper
-    from rig.run.request import SessionRequest
-    from rig.strategies.comparison import Comparison
-    from rig.strategies.comparison import compare_strategies as compared
-    from rig.strategies.page import print_strategies
     from rig.terminal import TerminalProgress
 
     if (session is None) != on_paper:
         raise UsageError("name a session or give --paper, one of the two")
     with TerminalProgress() as progress:
+        from rig.paper.comparison import compare_on_paper
+        from rig.run.request import SessionRequest
+        from rig.strategies.comparison import Comparison
+        from rig.strategies.comparison import compare_strategies as compared
+        from rig.strategies.page import print_strategies
+
         if session is None:
             result = compare_on_paper(names_of(strategies), report, progress)
         else:
             request = SessionRequest(
-                folder=session, profile=profile, target=target, fit=fit, strategies=names_of(strategies)
+                folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
             )
             loops = () if loop == "none" else names_of(loop)
             wanted = Comparison(
@@ -85,11 +87,12 @@ def paper(
 
     Example: rig paper --figures figures/
     """
-    from rig.paper.experiments import run_paper
-    from rig.paper.tables import print_paper
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
+        from rig.paper.experiments import run_paper
+        from rig.paper.tables import print_paper
+
         result = run_paper(figures, progress)
     print_json(result.as_json()) if as_json else print_paper(result)
     return 0
@@ -183,13 +186,14 @@ def bench(
 
     Example: rig bench form-factors
     """
-    from rig.benchmark import run_bench
-    from rig.benchmark.tables import print_bench
     from rig.terminal import TerminalProgress
 
     if quick and full:
         raise UsageError("--quick and --full exclude each other; give one")
     with TerminalProgress() as progress:
+        from rig.benchmark import run_bench
+        from rig.benchmark.tables import print_bench
+
         result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
     print_json(result.as_json()) if as_json else print_bench(result)
     return 0 if result.within_limits else 1
@@ -207,11 +211,12 @@ def scan(
 
     Example: rig scan photographs/replay.toml -o cloud.ply
     """
-    from rig.offline.scan import run_scan
-    from rig.offline.tables import print_scan
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
+        from rig.offline.scan import run_scan
+        from rig.offline.tables import print_scan
+
         result = run_scan(manifest, output, on_step=progress)
     print_json(result.as_json()) if as_json else print_scan(result)
     return 1 if result.warnings else 0
@@ -230,12 +235,13 @@ def lenses(
 
     Example: rig lenses boards/lenses.toml -o lens-file.toml
     """
-    from rig.lenses.run import run_lenses
-    from rig.lenses.tables import print_lenses
     from rig.terminal import TerminalProgress
 
     page = output.with_suffix(".html") if report is None else report
     with TerminalProgress() as progress:
+        from rig.lenses.run import run_lenses
+        from rig.lenses.tables import print_lenses
+
         result = run_lenses(manifest, output, page, on_step=progress)
     print_json(result.as_json()) if as_json else print_lenses(result)
     return 0 if result.within_limits else 1

@@ -87,7 +87,7 @@ def run_emulated(
 
 def _display(profile: Profile, display: str | None, picture: Path | None) -> tuple[OpenableDisplay, str]:
     if picture is not None:
-        target = load_target(picture, profile.projector.shape, fit=True)
+        target = load_target(picture, profile.projector.shape, fit=True, is_linear=True)  # codes of a display
         return still(np.rint(target.grey).astype(np.uint8)), str(picture)
     return open_display(profile, display), display or profile.projector.output or ""
 

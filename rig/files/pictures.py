@@ -112,12 +112,19 @@ def _upright(pixels: NDArray[np.generic], orientation: int) -> NDArray[np.generi
     return pixels
 
 
-def read_picture(path: str | os.PathLike[str]) -> Float32Array:
+def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Float32Array:
     """Read a target picture: (H, W, C) float32, C = 1 or 3, grey levels 0 … 255 that are linear in light.
 
-    The numbers in the file are taken as they are, as in the paper: 8-bit codes are the levels, 16-bit codes
-    are divided by 257, EXR values (0 … 1) are multiplied by 255. No display gamma is undone; transparency
-    is ignored; the orientation that a camera noted is applied.
+    Codes of 8 and 16 bits are sRGB, as everywhere, unless they are said to be linear light as in the paper (8-bit codes
+    are then the levels, 16-bit codes are divided by 257); EXR values (0 … 1) always are linear light. Transparency is
+    ignored; the orientation that a camera noted is applied.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    is_linear
+        Codes of 8 and 16 bits are linear light.
 
     Raises
     ------
@@ -125,7 +132,7 @@ def read_picture(path: str | os.PathLike[str]) -> Float32Array:
         The file is missing or unreadable, or has NaN, infinite or negative values.
     """
     path = Path(path)
-    levels = _grey_levels(_colours(path))
+    levels = _grey_levels(_colours(path), is_linear=is_linear)
     _check_levels(path, levels)
     return levels
 
@@ -140,9 +147,13 @@ def _colours(path: Path) -> NDArray[np.generic]:
     return image.pixels[..., [image.channels.index(name) for name in known]]
 
 
-def _grey_levels(picture: NDArray[np.generic]) -> Float32Array:
-    full_scale = 256**picture.dtype.itemsize - 1 if picture.dtype.kind == "u" else 1
-    return (picture.astype(np.float64) * (255.0 / full_scale)).astype(np.float32)
+def _grey_levels(picture: NDArray[np.generic], *, is_linear: bool) -> Float32Array:
+    full_scale = int(256**picture.dtype.itemsize) - 1 if picture.dtype.kind == "u" else 1
+    if is_linear or picture.dtype.kind != "u":
+        return (picture.astype(np.float64) * (255.0 / full_scale)).astype(np.float32)
+    table = (255.0 * linear_of_srgb(np.arange(full_scale + 1) / full_scale)).astype(np.float32)
+    levels: Float32Array = np.take(table, picture.astype(np.intp))
+    return levels
 
 
 def _check_levels(path: Path, levels: Float32Array) -> None:
@@ -270,9 +281,9 @@ def in_channels(picture: Float32Array, channels: int) -> Float32Array:
 
 
 def read_picture_of_shape(
-    path: str | os.PathLike[str], shape: tuple[int, int], *, channels: int, fit: bool
-) -> Float32Array:
-    """Read a target picture as a projector takes it: (height, width, channels) grey levels of linear light.
+    path: str | os.PathLike[str], shape: tuple[int, int], *, channels: int, fit: bool, is_linear: bool = False
+) -> tuple[Float32Array, bool]:
+    """Read a target picture as a projector takes it: its grey levels, and whether they had colours that are gone.
 
     Parameters
     ----------
@@ -284,13 +295,22 @@ def read_picture_of_shape(
         1 or 3.
     fit
         Scale and crop a picture of another size.
+    is_linear
+        As for :func:`read_picture`.
+
+    Returns
+    -------
+    levels, lost_colours
+        (height, width, channels) grey levels of linear light; True where a coloured picture became grey.
 
     Raises
     ------
     UsageError
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
-    picture = in_channels(read_picture(path), channels)
+    read = read_picture(path, is_linear=is_linear)
+    lost_colours = channels == 1 and bool((read != read[..., :1]).any())
+    picture = in_channels(read, channels)
     if picture.shape[:2] != shape and not fit:
         raise UsageError(
             f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the projector has {shape[1]} x {shape[0]} px; "
@@ -299,7 +319,7 @@ def read_picture_of_shape(
     picture = picture if picture.shape[:2] == shape else fitted(picture, shape)
     if picture.max() > _BRIGHTEST:
         raise UsageError(f"{path}: grey levels up to {picture.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
-    return np.ascontiguousarray(picture, dtype=np.float32)
+    return np.ascontiguousarray(picture, dtype=np.float32), lost_colours
 
 
 def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
@@ -319,3 +339,8 @@ def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
 def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:
     """Linear light of sRGB codes, both 0 … 1 (IEC 61966-2-1)."""
     return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_of_linear(share: NDArray[np.float64]) -> NDArray[np.float64]:
+    """SRGB codes of linear light, both 0 … 1 (IEC 61966-2-1)."""
+    return np.where(share <= 0.0031308, 12.92 * share, 1.055 * np.maximum(share, 0.0) ** (1 / 2.4) - 0.055)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rig.lenses.records import DeviceLens, LensesResult
-from rig.terminal import print_table
+from rig.terminal import print_table, say
 
 
 def print_lenses(result: LensesResult) -> None:
@@ -26,10 +26,10 @@ def print_lenses(result: LensesResult) -> None:
     print_table("Limits", ["what", "value", "limit", ""], limits)
     for row in result.limits:
         if not row.met:
-            print(f"{row.what}: {row.advice}")
+            say(f"{row.what}: {row.advice}")
     for line in result.warnings:
-        print(line)
-    print(f"next pose: {result.next_pose}")
+        say(line)
+    say(f"next pose: {result.next_pose}")
     print(f"lens file: {result.output}" + (f"\nreport: {result.report}" if result.report else ""))
 
 

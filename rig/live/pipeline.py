@@ -15,14 +15,14 @@ from rig.errors import DeviceError
 from rig.live.plan import LivePlan, LiveRequest
 from rig.live.record import Recorder
 from rig.live.show.frame_mailbox import FrameMailbox
-from rig.live.show.keys import Keyboard
 from rig.live.show.loop import LiveLoop, LoopArguments, nothing_more
 from rig.live.show.output import ThreadedOutput
-from rig.live.show.signals import EndSignals
 from rig.live.sources.choose import SourceSettings, make_source
 from rig.live.sources.reader import Reader
 from rig.live.sources.source import Source
 from rig.profile.schema import Profile
+from rig.terminal.keys import Keyboard
+from rig.terminal.signals import EndSignals
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,8 +16,8 @@ from rig.live.plan import LivePlan
 from rig.live.results import Recorded, ShowResult, SourceFailure
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
-from rig.live.show.signals import EndSignals, Interrupted
 from rig.stages.error_tree import one_error_tree
+from rig.terminal.signals import EndSignals, Interrupted
 
 _STATUS_S = 0.5
 """Between two lines of status: a person reads no faster."""

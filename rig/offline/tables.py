@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from rig.offline.records import ScanResult, SimulationResult
-from rig.terminal import print_table
+from rig.terminal import print_table, say
 
 
 def print_simulation_plan(result: SimulationResult) -> None:
@@ -14,7 +14,7 @@ def print_simulation_plan(result: SimulationResult) -> None:
         if result.mesh.faults is not None:
             print(f"- mesh: facets in colours written to {result.mesh.faults}")
     for reason in result.plan.reasons:
-        print(f"- {reason}")
+        say(f"- {reason}")
     estimated = result.estimated
     print(f"expected: {estimated.error:.2g} %, {estimated.seconds:.2g} s, {estimated.peak_mb:.3g} MB", flush=True)
 
@@ -32,6 +32,6 @@ def print_scan(result: ScanResult) -> None:
     said = ("mended", "warnings")
     print_table("Scan", ["what", "value"], [item for item in result.as_json().items() if item[0] not in said])
     for sentence in result.mended:
-        print(f"mended: {sentence}")
+        say(f"mended: {sentence}")
     for sentence in result.warnings:
-        print(f"warning: {sentence}")
+        say(f"warning: {sentence}")

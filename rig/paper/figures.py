@@ -16,7 +16,7 @@ from rig.paper.records import ConfigurationResult, MeanError, PictureScores, Pub
 FloatArray = NDArray[np.float64]
 
 OURS, PUBLISHED = "#2b6cb0", "#c8c8c8"
-STRATEGY_TITLES = {"paper": "the paper's rule", "exact": "exact inverse", "bounded": "bounded optimum"}
+STRATEGY_TITLES = {"paper": "paper", "exact": "exact", "bounded": "bounded"}
 DPI = 130
 
 

@@ -5,10 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-
 from rig.paper.experiments import SHOWN
 from rig.paper.records import (
     ConfigurationResult,
@@ -19,10 +15,9 @@ from rig.paper.records import (
     PublishedFigures,
     StrategyScores,
 )
+from rig.terminal import print_table, say
 from sim.light.criteria import Spread
 
-_WIDTH = 128
-"""Characters: narrower than this the table cannot be read."""
 TABLE_COLUMNS = (
     "configuration",
     "lit",
@@ -37,24 +32,23 @@ TABLE_COLUMNS = (
 
 
 def print_paper(result: PaperResult) -> None:
-    """Print the six configurations, the published figures under each; not narrower than it can be read."""
-    console = Console(width=max(Console().width, _WIDTH))
-    console.print(paper_table(result))
-    console.print(strategies_table(result.configurations))
+    """Print the six configurations, the published figures under each."""
+    print_table("Dehos et al. 2014 again, grey levels of 255", TABLE_COLUMNS, paper_rows(result))
+    head = ("strategy", *(configuration.title for configuration in result.configurations))
+    print_table("Every strategy: mean error ± deviation, grey levels", head, strategies_rows(result.configurations))
+    print("* worse than direct, clamped")
     for name, text in result.conventions.items():
-        print(f"{name}: {text}")
+        say(f"{name}: {text}")
     for text in result.exceptions:
-        print(f"exception: {text}")
+        say(f"exception: {text}")
 
 
-def paper_table(result: PaperResult) -> Table:
-    """The table of ours, and under each row the published figures."""
-    table = Table(title="Dehos et al. 2014 again, grey levels of 255", title_justify="left", box=SIMPLE_HEAD)
-    for column in TABLE_COLUMNS:
-        table.add_column(column, no_wrap=True, justify="left" if column == TABLE_COLUMNS[0] else "right")
+def paper_rows(result: PaperResult) -> list[list[str]]:
+    """Return a row of ours, and under each the published figures."""
+    rows = []
     for configuration in result.configurations:
         strategies = configuration.strategies
-        table.add_row(
+        own = [
             configuration.title,
             f"{100 * configuration.coverage:.0f} %",
             _range(configuration.indirect),
@@ -62,9 +56,9 @@ def paper_table(result: PaperResult) -> Table:
             _range(configuration.required_emission),
             _error(configuration.error_uncompensated),
             *(_error(strategies[name]) for name in SHOWN),
-        )
-        table.add_row(*_published_row(configuration.published), style="dim", end_section=True)
-    return table
+        ]
+        rows += [own, _published_row(configuration.published)]
+    return rows
 
 
 def _published_row(published: PublishedFigures) -> list[str]:
@@ -95,16 +89,12 @@ def _error(error: MeanError | PictureScores | None) -> str:
     return f"{error.mean:.1f}{spread_text}"
 
 
-def strategies_table(configurations: Sequence[ConfigurationResult]) -> Table:
-    """Mean error and deviation of every strategy; a star where ``direct`` is better and the strategy says so."""
-    table = Table(title="Every strategy: mean error ± deviation, grey levels", title_justify="left", box=SIMPLE_HEAD)
-    table.add_column("strategy", no_wrap=True)
-    for configuration in configurations:
-        table.add_column(configuration.title, justify="right")
-    for name in configurations[0].strategies:
-        table.add_row(name, *(_cell(configuration.strategies[name]) for configuration in configurations))
-    table.caption = "* worse than direct, clamped"
-    return table
+def strategies_rows(configurations: Sequence[ConfigurationResult]) -> list[list[str]]:
+    """Return mean error and deviation of every strategy; a star where ``direct`` is better and the strategy says so."""
+    return [
+        [name, *(_cell(configuration.strategies[name]) for configuration in configurations)]
+        for name in configurations[0].strategies
+    ]
 
 
 def _cell(score: StrategyScores) -> str:

@@ -27,6 +27,7 @@ from rig.profile.tables import (
     Scale,
     Surface,
     Viewer,
+    check_patches,
 )
 
 SCHEMA = 2
@@ -234,6 +235,14 @@ def refuse_what_comes_later(profile: Profile) -> None:
     """Raise ProfileError, a line for each reason, when this version reads a profile but cannot run it."""
     if later := not_yet_run(profile):
         raise ProfileError("\n".join(f"{profile.path}: {line}" for line in later))
+
+
+def refuse_many_patches(size_m: tuple[float, float, float], patch_size_m: float) -> None:
+    """Raise ProfileError, before memory is asked for, when a measured room has more patches than fit in it."""
+    try:
+        check_patches(size_m, patch_size_m, "surface.patch_size_m")
+    except ValueError as error:
+        raise ProfileError(str(error)) from error
 
 
 def _problems(path: Path, data: dict[str, Any]) -> list[str]:

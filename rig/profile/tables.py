@@ -14,12 +14,16 @@ Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Share = Annotated[float, Field(gt=0, le=1)]
 Count = Annotated[int, Field(ge=1)]
+FewCount = Annotated[int, Field(ge=1, le=1000)]
+"""Of frames: more of one kind than a session can mean."""
 FieldOfView = Annotated[float, Field(gt=0, lt=180)]
 Pixel = tuple[float, float]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=40)]
 """Fit for a file's name."""
 
 
+MOST_PATCHES = 15_000
+"""Of a room: the light between them then takes 1.8 GB, in three bands three times that."""
 MOST_PX = 128 << 20
 """Of a device: one frame of more, in numbers, fills a gigabyte, and a session takes hundreds."""
 
@@ -56,6 +60,17 @@ def _check_size(width_px: int, height_px: int) -> None:
         raise ValueError(
             f"{width_px} x {height_px} px is {width_px * height_px / 1e6:.4g} megapixels, the limit is "
             f"{MOST_PX >> 20}: no frame of it fits in memory; correct width_px and height_px"
+        )
+
+
+def check_patches(size_m: tuple[float, float, float], patch_size_m: float, key: str) -> None:
+    """Raise ValueError for a room in so many patches that the light between all of them fits in no memory."""
+    x, y, z = size_m
+    patches = 2 * (x * y + y * z + z * x) / patch_size_m**2
+    if patches > MOST_PATCHES:
+        raise ValueError(
+            f"{key} {patch_size_m:g} m makes {patches:.3g} patches of a room of {x:g} x {y:g} x {z:g} m, the limit is "
+            f"{MOST_PATCHES}: the light between them would take {8e-9 * patches**2:.3g} GB; give larger patches"
         )
 
 
@@ -221,6 +236,12 @@ class Box(Table):
     patch_size_m: Positive = 0.3
     right_angles: bool = True
 
+    @model_validator(mode="after")
+    def _has_few_patches(self) -> Box:
+        if self.size_m is not None:
+            check_patches(self.size_m, self.patch_size_m, "patch_size_m")
+        return self
+
 
 class Planes(Table):
     """Any number of flat pieces, at any angle."""
@@ -273,11 +294,11 @@ class Patterns(Table):
     code: str = "long-run"
     """Structured-light code: ``gray``, ``long-run``, or that of another package."""
     checker_size_px: Count = 8
-    checker_shifts: Count = 25
+    checker_shifts: FewCount = 25
     response_levels: Annotated[int, Field(ge=3, le=256)] = 17
-    exposures: Annotated[tuple[Positive, ...], Field(min_length=1)] = (1.0, 8.0)
+    exposures: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=16)] = (1.0, 8.0)
     """Multiples of the reference exposure that are merged."""
-    frames_averaged: Count = 1
+    frames_averaged: FewCount = 1
 
 
 class Brightness(Table):

@@ -39,6 +39,18 @@ def error_scale() -> str:
     return svg(figure)
 
 
+def colour_bar(colours: str, low: float, high: float, label: str, gamma: float = 1.0) -> str:
+    """Return a colour bar from one value to another; with a gamma, as pictures of light are shown."""
+    figure = Figure(figsize=(4.2, 0.62))
+    axes = figure.add_subplot()
+    shades = np.linspace(0, 1, 256)[None, :] ** (1 / gamma)
+    axes.imshow(shades, aspect="auto", cmap=colours, vmin=0, vmax=1, extent=(low, high, 0, 1))
+    axes.set_yticks([])
+    axes.tick_params(labelsize=8, colors=_SOFT)
+    axes.set_xlabel(label, fontsize=8, color=_SOFT)
+    return svg(figure)
+
+
 def response_figure(camera: Response, projector: Sequence[Response]) -> str:
     """Return both devices' response curves, the projector's by channel."""
     figure = Figure(figsize=(10, 3.4))
@@ -84,6 +96,7 @@ def room_figure(scene_model: SceneModel) -> str:
 def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
     low, high = scene_model.scene.vertices.min(axis=(0, 1)), scene_model.scene.vertices.max(axis=(0, 1))
     axes.plot([low[0], high[0], high[0], low[0], low[0]], [low[1], low[1], high[1], high[1], low[1]], color=_INK, lw=2)
+    _label_walls(axes, scene_model, (low, high))
     low, high = _extent(scene_model)
     for name, device, colour in (
         ("camera", scene_model.camera, _CAMERA),
@@ -104,6 +117,28 @@ def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
     axes.set_aspect("equal")
     axes.legend(fontsize=8, frameon=False, loc="upper center", bbox_to_anchor=(0.5, 1.14), ncols=2)
     style(axes, "x, m", "y, m")
+
+
+def _label_walls(axes: Axes, scene_model: SceneModel, ends: tuple[FloatArray, FloatArray]) -> None:
+    """Names of the upright walls that the model has, inside of the outline, as profiles and tables call them."""
+    (x0, y0, _), (x1, y1, _) = ends
+    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    places = {"x0": (x0, y, "left", "center"), "x1": (x1, y, "right", "center")}
+    places |= {"y0": (x, y0, "center", "bottom"), "y1": (x, y1, "center", "top")}
+    known = {face.name for face in scene_model.scene.faces}
+    for name, (at_x, at_y, horizontal, vertical) in places.items():
+        if name in known:
+            axes.annotate(
+                name,
+                (at_x, at_y),
+                xytext=({"right": -5, "left": 5}.get(horizontal, 0), {"top": -5, "bottom": 5}.get(vertical, 0)),
+                textcoords="offset points",
+                ha=horizontal,
+                va=vertical,
+                fontsize=10,
+                color=_INK,
+                weight="bold",
+            )
 
 
 def _extent(scene_model: SceneModel) -> tuple[FloatArray, FloatArray]:
@@ -135,6 +170,13 @@ def _draw_view(axes: Axes3D, scene_model: SceneModel) -> None:
     axes.add_collection3d(
         Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4)
     )
+    for face in scene_model.scene.faces:
+        own = slice(face.first_patch, face.first_patch + face.n_patches)
+        if behind[own].all():
+            middle = vertices[own].mean(axis=(0, 1))
+            axes.text(
+                *middle, face.name, color="white", fontsize=11, weight="bold", ha="center", va="center", zorder=12
+            )
     for device, colour in ((scene_model.camera, _CAMERA), (scene_model.projector, _PROJECTOR)):
         position, size = device.pose.position_m, 0.9
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (device.lens.width_px - 1, device.lens.height_px - 1)

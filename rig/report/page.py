@@ -10,11 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from rig.files.channels import PRIMARIES, codes_of, image_of
+from rig.profile.apply import guessed_keys
 from rig.records import Verdict
 from rig.report import figures, pictures
 from rig.report.focus import focus_figure, focus_of, focus_text
+from rig.report.links import link_pages
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import Headline, TextTable, headline_of, rendered
+from rig.report.terms import explained
 from rig.report.timing import seconds_by_step
 from rig.session import Session
 from rig.stages.compensation import load_compensation
@@ -28,21 +31,23 @@ from rig.stages.results import (
     GeometryResult,
     ModelResult,
     SessionResult,
+    ShownTarget,
     StrategyResult,
     TruthErrors,
 )
 from rig.stages.separation import load_separation_record
 from rig.terminal import OnStep
+from rig.terminal.line import counted
 from rig.version import __version__
 
 _SHOWN_FIRST = ("none", "direct", "paper", "exact", "bounded")
-_TITLES = {"direct": "direct only", "exact": "exact inverse"}
 _MAX_EVENTS = 40
 """Rows of the frame log that still make a page to read."""
 _STRATEGY_NOTE = (
     "none = the target at its best single gain. Clipped: share of driven projector pixels that their range holds back. "
     "All errors over lit, valid camera pixels."
 )
+_LIGHT_SCALE = "light, 1 = the camera's full scale at the reference exposure"
 _CORRESPONDENCE_TEXT = (
     "Projector pixel that each camera pixel sees, from Gray code with inverses, and why a pixel has none."
 )
@@ -75,6 +80,7 @@ class _SessionPage:
     subtitle: str
     met: bool
     verdict: str
+    failed: Sequence[Verdict]
     headline: Sequence[Headline]
     brightness: str
     strategies: Sequence[_PictureRow]
@@ -85,12 +91,14 @@ class _SessionPage:
     comparison_table: TextTable
     separation_text: str
     separation_images: Sequence[EmbeddedPicture]
+    light_scale: str
     focus_text: str
     focus_figure: str
     geometry_text: str
     room_figure: str
     correspondence_text: str
     correspondence_images: Sequence[EmbeddedPicture]
+    correspondence_scales: Sequence[str]
     reasons: Sequence[_Reason]
     response_figure: str
     truth_table: TextTable | None
@@ -100,6 +108,9 @@ class _SessionPage:
     frame_text: str
     frame_events: Sequence[FrameNote]
     repeat: str
+    folder: str
+    guesses: Sequence[str]
+    words: Mapping[str, str]
     provenance: str
     footer: str
 
@@ -110,6 +121,7 @@ def write_report(session: Session, result: SessionResult, on_step: OnStep) -> Pa
     page = _page(session, result, load_model(session))
     on_step("write report", 1, 2)
     path = session.write_report(rendered("report/session.html", page))
+    link_pages(session.path)
     on_step("write report", 2, 2)
     return path
 
@@ -124,6 +136,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         f"{profile.camera.height_px} px, projector {profile.projector.width_px} × {profile.projector.height_px} px.",
         met=result.within_limits,
         verdict=f"{sum(row.met for row in result.limits)} of {len(result.limits)} limits kept",
+        failed=tuple(row for row in result.limits if not row.met),
         headline=_headline(result),
         brightness=f"{profile.brightness.target_white_share:g} × the median of projector white",
         strategies=_picture_rows(session, model, names),
@@ -134,12 +147,14 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         comparison_table=_comparison_table(result),
         separation_text=_separation_text(session, model),
         separation_images=_separation_images(session, model),
+        light_scale=figures.colour_bar("gray", 0.0, _light_at_white(session, model), _LIGHT_SCALE, gamma=2.2),
         focus_text=focus_text(focus),
         focus_figure=focus_figure(focus),
         geometry_text=_geometry_text(result.geometry, result.model),
         room_figure=figures.room_figure(model.scene_model),
         correspondence_text=_CORRESPONDENCE_TEXT,
         correspondence_images=correspondence_images(session),
+        correspondence_scales=_correspondence_scales(session),
         reasons=_reasons(session),
         response_figure=figures.response_figure(radiometric.camera, radiometric.projector),
         truth_table=_truth_table(result.truth),
@@ -148,8 +163,11 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         timing_figure=figures.timing_figure(seconds_by_step(session)),
         frame_text=_frame_text(session, len(notes)),
         frame_events=notes[:_MAX_EVENTS],
-        repeat=f"rig run {session.path.name} -p {profile.name}",
-        provenance=_provenance(session),
+        repeat="\n".join(session.commands()) or f"rig run {session.path} -p {profile.path}",
+        folder=str(session.path),
+        guesses=guessed_keys(profile.raw.decode("utf-8")),
+        words=explained(_words_of(result, names)),
+        provenance=_provenance(session, result.compensation.target),
         footer=f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig {__version__}.",
     )
 
@@ -223,16 +241,18 @@ def _colour_words(model: ModelResult) -> str:
 
 
 def _frame_text(session: Session, n_notes: int) -> str:
-    n_frames = sum(event["event"] == "frame" for event in session.frame_log())
+    n_frames = len({event["file"] for event in session.frame_log() if event["event"] == "frame"})
     cut = f" The first {_MAX_EVENTS} are shown." if n_notes > _MAX_EVENTS else ""
-    return f"{n_frames} frames, {n_notes} events (stale or lost frames, retries).{cut}"
+    frames, events = counted(n_frames, "frame"), counted(n_notes, "event")
+    return f"{frames}, {events} (stale or lost frames, retries).{cut}"
 
 
-def _provenance(session: Session) -> str:
+def _provenance(session: Session, target: ShownTarget | None) -> str:
     profile, settings = session.profile, session.finished("compensate").settings
     return (
         f"Profile {profile.name}, sha256 {profile.sha256[:16]}…; the session folder holds an exact copy. "
-        f"Target: {settings['target']}, sha256 {str(settings['target_sha256'])[:16]}…. "
+        f"Target: {target.sentence if target else settings['target']}, "
+        f"sha256 {str(settings['target_sha256'])[:16]}…. "
         f"Measured with procam-rig {session.versions['procam-rig']}."
     )
 
@@ -269,7 +289,7 @@ def _picture_rows(session: Session, model: FittedScene, names: Sequence[str]) ->
             pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {name}"),
             pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {name}"),
         ]
-        rows.append(_PictureRow(_TITLES.get(name, name), images))
+        rows.append(_PictureRow(name, images))
     return rows
 
 
@@ -281,7 +301,7 @@ def _strategy_table(entries: Mapping[str, StrategyResult], names: Sequence[str])
         m, p = entries[name].measured, entries[name].predicted
         cells = [f"{m.mean:.1f}", f"{m.sd:.1f}", f"{m.max:.0f}", f"{m.rms:.1f}", f"{m.ssim:.3f}"]
         cells += [f"{p.mean:.1f}", f"{p.rms:.1f}", f"{100 * entries[name].clipped_share:.1f}"]
-        rows.append([_TITLES.get(name, name), *cells, str(entries[name].iterations)])
+        rows.append([name, *cells, str(entries[name].iterations)])
     return TextTable(head, rows)
 
 
@@ -306,10 +326,28 @@ def _check_words(session: Session) -> str:
     )
 
 
+def _light_at_white(session: Session, model: FittedScene) -> float:
+    """Light that pictures of it show as white: nearly the brightest of projector white."""
+    measured = session.finished("separation").load_image("separation")
+    return float(np.quantile(image_of(measured, "white")[model.lit], 0.98))
+
+
+def _words_of(result: SessionResult, names: Sequence[str]) -> list[str]:
+    """What the page's tables and grids call things."""
+    tables = (_strategy_table(result.strategies, names), _comparison_table(result))
+    heads = [cell for table in tables for cell in table.head]
+    return [
+        *names,
+        *("target", "projected", "predicted", "measured", "error"),
+        *heads,
+        *(r.what for r in result.limits),
+    ]
+
+
 def _separation_images(session: Session, model: FittedScene) -> list[EmbeddedPicture]:
     measured = session.finished("separation").load_image("separation")
     simulated = session.finished("compare").load_image("simulated-white")
-    scale = 255 / float(np.quantile(image_of(measured, "white")[model.lit], 0.98))
+    scale = 255 / _light_at_white(session, model)
     shown = [
         ("Direct, measured", image_of(measured, "direct")),
         ("Direct, simulated", image_of(simulated, "direct")),
@@ -327,6 +365,17 @@ def correspondence_images(session: Session) -> list[EmbeddedPicture]:
         pictures.picture(pictures.ramp(image["column"], valid, "turbo"), "Projector column"),
         pictures.picture(pictures.ramp(image["row"], valid, "turbo"), "Projector row"),
         pictures.picture(pictures.reasons(image["reason"]), "Validity: why a pixel is or is not used"),
+    ]
+
+
+def _correspondence_scales(session: Session) -> list[str]:
+    """A colour bar below each of the two maps of places."""
+    image = session.finished("correspondence").load_image(map_name(session.profile))
+    valid = image["reason"] == 0
+    ends = {name: image[name][valid] if valid.any() else np.zeros(1) for name in ("column", "row")}
+    return [
+        figures.colour_bar("turbo", float(values.min()), float(values.max()), f"projector {name}, px")
+        for name, values in ends.items()
     ]
 
 

@@ -35,7 +35,7 @@ class EmbeddedPicture:
     """What it shows, in words."""
 
 
-def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 420) -> EmbeddedPicture:
+def picture(rgb: NDArray[np.uint8], alt: str, width_px: int = 640) -> EmbeddedPicture:
     """Return a small PNG of (H, W) or (H, W, 3) codes, at most so wide."""
     if rgb.shape[1] > width_px:
         height = round(rgb.shape[0] * width_px / rgb.shape[1])

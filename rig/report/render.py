@@ -7,6 +7,9 @@ from dataclasses import dataclass, fields, is_dataclass
 from importlib.resources import files
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup, escape
+
+from rig.report.terms import explanation
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ def rendered(template: str, page: object) -> str:
         A record whose fields are the template's names, or a mapping.
     """
     environment = Environment(autoescape=True, loader=FunctionLoader(_text_of), undefined=StrictUndefined)
+    environment.globals["explain"] = _explained
     return environment.get_template(template).render(_names_of(page))
 
 
@@ -46,6 +50,12 @@ def _names_of(page: object) -> Mapping[str, object]:
     if is_dataclass(page):
         return {field.name: getattr(page, field.name) for field in fields(page)}
     raise TypeError(f"a page is a record or a mapping, not {type(page).__name__}")
+
+
+def _explained(text: str) -> Markup:
+    """A word, with what it means where a pointer rests on it."""
+    meaning = explanation(text)
+    return Markup('<abbr title="{}">{}</abbr>').format(meaning, text) if meaning else escape(text)
 
 
 def headline_of(value: float, unit: str, text: str) -> Headline:

@@ -38,6 +38,7 @@ class _StoppedPage:
     frames: Sequence[EmbeddedPicture]
     correspondence_images: Sequence[EmbeddedPicture]
     repeat: str
+    profile: str
     footer: str
 
 
@@ -67,7 +68,8 @@ def write_stopped_page(session: Session, steps: Sequence[str], error: Exception)
         steps=_steps(session, steps),
         frames=_frames(session),
         correspondence_images=correspondence_images(session) if session.is_finished("correspondence") else (),
-        repeat=f"rig run {session.path.name} -p {session.profile.name}",
+        repeat=(session.commands() or [f"rig run {session.path}"])[-1],
+        profile=str(session.profile.path),
         footer=f"Written by procam-rig {__version__}.",
     )
     return session.write_report(rendered("report/stopped.html", page))

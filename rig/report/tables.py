@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rig.records import Record
 from rig.stages.results import PartialResult, SessionResult
-from rig.terminal import print_table
+from rig.terminal import print_table, say
 
 
 def print_steps(title: str, steps: list[tuple[str, bool, int]]) -> None:
@@ -15,6 +15,8 @@ def print_steps(title: str, steps: list[tuple[str, bool, int]]) -> None:
 
 def print_result(result: SessionResult) -> None:
     """Print what a compared session has measured."""
+    if result.compensation.target is not None:
+        say(f"target: {result.compensation.target.sentence}")
     rows = []
     for name, entry in result.strategies.items():
         measured, predicted = entry.measured, entry.predicted
@@ -26,10 +28,10 @@ def print_result(result: SessionResult) -> None:
     print_table("Limits", ["what", "value", "limit", "unit", ""], limits)
     for row in result.limits:
         if not row.met:
-            print(f"{row.what}: {row.advice}")
+            say(f"{row.what}: {row.advice}")
     for figure in result.expected:
         if not figure.as_expected:
-            print(
+            say(
                 f"{figure.what}: {figure.value:.3g} {figure.unit}, on this rig {figure.low:.3g} ... {figure.high:.3g} "
                 f"is to be expected ({figure.because}); raised by {figure.raised_by}; {figure.remedy}"
             )

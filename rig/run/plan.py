@@ -11,9 +11,11 @@ from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
+from rig.run.time_left import in_words, seconds_left
 from rig.session import Session
 from rig.session.folder import read_folder
-from rig.stages.target import CompensationRequest, requested_compensation
+from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
+from rig.terminal.line import counted
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,15 +39,34 @@ class SessionPlan:
     """There is no session yet."""
     showing: CompensationRequest | None
     """None when the plan ends before anything is shown."""
+    session: Session | None
+    """As it is, to read; None of a new one."""
 
     @cached_property
     def steps(self) -> tuple[PlannedStep, ...]:
         """Which steps are done, and about how many frames each takes; looks at the session when it is first asked."""
-        done = set() if self.is_new else self._done(Session.read(self.folder, self.profile))
+        done = set() if self.session is None else self._done(self.session)
         n_strategies = 0 if self.showing is None else len(self.showing.strategies)
         return tuple(
             PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, self.profile, n_strategies))
             for each in steps_up_to(self.verb)
+        )
+
+    @cached_property
+    def seconds_left(self) -> float:
+        """About how long the steps that are to do will take."""
+        return seconds_left([(step.step, step.done, step.frames) for step in self.steps], self.profile, self.session)
+
+    @property
+    def title(self) -> str:
+        """Where it is, with what, and how much is left."""
+        to_do = [step for step in self.steps if not step.done]
+        if not to_do:
+            return f"{self.folder} with {self.profile.name}: all is done"
+        frames = counted(sum(step.frames for step in to_do), "frame")
+        return (
+            f"{self.folder} with {self.profile.name}: {len(self.steps) - len(to_do)} of {len(self.steps)} steps done, "
+            f"{frames} and {in_words(self.seconds_left)} to go"
         )
 
     def _done(self, session: Session) -> set[str]:
@@ -71,6 +92,7 @@ class SessionPlan:
             "session": str(self.folder),
             "profile": self.profile.name,
             "exists": not self.is_new,
+            "seconds_left": self.seconds_left,
             "steps": json_of(self.steps),
         }
 
@@ -98,8 +120,9 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
     folder = Path(request.folder)
     is_new = not Session.exists(folder)
     profile = _profile(request, folder, is_new=is_new)
-    showing = _showing(request, profile) if verb in ("compensate", "compare") else None
-    return SessionPlan(folder=folder, verb=verb, profile=profile, is_new=is_new, showing=showing)
+    session = None if is_new else Session.read(folder, profile)
+    showing = _showing(request, profile, session) if verb in ("compensate", "compare") else None
+    return SessionPlan(folder=folder, verb=verb, profile=profile, is_new=is_new, showing=showing, session=session)
 
 
 def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
@@ -112,11 +135,15 @@ def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
     return own
 
 
-def _showing(request: SessionRequest, profile: Profile) -> CompensationRequest:
+def _showing(request: SessionRequest, profile: Profile, session: Session | None) -> CompensationRequest:
+    """What was named; of a session that has shown something, its last target where none is named."""
+    if request.target is None and session is not None and (shown := last_target(session)) is not None:
+        return CompensationRequest(shown, check_strategies(request.strategies))
     return requested_compensation(
         request.target,
         request.strategies,
         profile.projector,
         channels=profile.camera.channels,
         fit=request.fit,
+        is_linear=request.linear,
     )

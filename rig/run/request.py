@@ -18,8 +18,11 @@ class SessionRequest:
     profile: str | Path | None = None
     """File, or the bare name of one in ``hw_profiles``; None: the copy that the session has."""
     target: str | Path | None = None
-    """Picture to show; None: a photograph that ships with scikit-image."""
+    """Picture to show; None: the session's last one, in a new session (or as ``default``) a photograph that ships with
+    scikit-image."""
     fit: bool = False
     """Scale and crop a target of another size to the projector's."""
+    linear: bool = False
+    """The target's codes are linear light; else sRGB."""
     strategies: tuple[str, ...] = DEFAULT_STRATEGIES
     """Names of compensation strategies, or ``all``."""

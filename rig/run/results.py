@@ -27,6 +27,7 @@ from rig.stages.results import (
     PartialResult,
     SeparationResult,
     SessionResult,
+    ShownTarget,
     StrategyResult,
     TruthErrors,
 )
@@ -152,7 +153,14 @@ def _colour(session: Session) -> PairRadiometry | None:
 
 def _compensation(session: Session) -> CompensationResult:
     record = load_compensation(session)
-    return CompensationResult(strategy=record.best, clipped_share=record.strategies[record.best].clipped_share)
+    settings = session.finished("compensate").settings
+    target = ShownTarget(
+        name=str(settings["target"]),
+        light=str(settings.get("light", "linear light")),
+        lost_colours=bool(settings.get("lost_colours")),
+    )
+    clipped_share = record.strategies[record.best].clipped_share
+    return CompensationResult(strategy=record.best, clipped_share=clipped_share, target=target)
 
 
 def _strategies(session: Session) -> dict[str, StrategyResult]:

@@ -20,7 +20,7 @@ from rig.run.steps import Verb
 from rig.session import Session
 from rig.stages.error_tree import one_error_tree
 from rig.stages.results import SessionResult
-from rig.stages.target import requested_compensation
+from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
 from rig.terminal import OnStep, silent
 
 
@@ -114,6 +114,7 @@ def compensate(
     on_step: OnStep = silent,
     *,
     fit: bool = False,
+    linear: bool = False,
 ) -> None:
     """Compute each strategy's projector image for a target and predict its camera image. Needs :func:`model`.
 
@@ -122,12 +123,14 @@ def compensate(
     session, on_step
         As for :func:`calibrate`.
     target
-        A picture of the projector's size, (H, W) or (H, W, 3) grey levels of 255 in linear light; default: a
+        A picture of the projector's size, in sRGB (EXR: in linear light); default: the session's last one, at first a
         photograph that ships with scikit-image.
     strategies
         Names, or ``all``; ``none`` is always among them.
     fit
         Scale and crop a picture of another size.
+    linear
+        The picture's codes are linear light.
 
     Raises
     ------
@@ -137,9 +140,14 @@ def compensate(
         The session has no model.
     """
     profile = session.profile
-    showing = requested_compensation(
-        target, tuple(strategies), profile.projector, channels=profile.camera.channels, fit=fit
-    )
+    shown = last_target(session) if target is None else None
+    if shown is not None:
+        showing = CompensationRequest(shown, check_strategies(tuple(strategies)))
+    else:
+        channels = profile.camera.channels
+        showing = requested_compensation(
+            target, tuple(strategies), profile.projector, channels=channels, fit=fit, is_linear=linear
+        )
     _do(OpenSession(session, _no_rig, showing=showing), "compensate", on_step)
 
 

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import singledispatch
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from rig.records import Record
 from rig.report.figures import style
@@ -19,7 +22,9 @@ from rig.self_check.parts.ramp import Ramp
 from rig.self_check.parts.stability import Stability
 from rig.self_check.results import SelfCheck
 
-_BLUE, _ORANGE, _SOFT = "#2557a7", "#c4561c", "#5d6678"
+_BLUE, _ORANGE, _SOFT, _LIMIT = "#2557a7", "#c4561c", "#5d6678", "#b3312c"
+LimitsByName = Mapping[str, float]
+"""Limits of a part's verdicts, by what is judged."""
 _ORDER = (Latency, Linearity, Noise, Flicker, Ramp, Stability)
 """In which the page shows them."""
 
@@ -39,24 +44,51 @@ class Chart:
 
 
 def check_figures(result: SelfCheck) -> list[Chart]:
-    """Draw a chart of each part that was measured and has one."""
-    measured = [part.numbers for part in result.parts.values() if part.numbers is not None]
-    return [_chart(numbers) for kind in _ORDER for numbers in measured if isinstance(numbers, kind)]
+    """Draw a chart of each part that was measured and has one, with the limits that its axes can show."""
+    found = []
+    for kind in _ORDER:
+        for part in result.parts.values():
+            if isinstance(part.numbers, kind):
+                limits = {verdict.what: verdict.limit for verdict in part.verdicts if verdict.limit is not None}
+                found.append(_chart(part.numbers, limits))
+    return found
+
+
+def _limit_lines(axes: Axes, limit: float | None) -> None:
+    """Draw a limit across an axes, above zero and below."""
+    if limit is None:
+        return
+    for value in (limit, -limit):
+        axes.axhline(value, color=_LIMIT, lw=1, ls="--")
+    at, within = (1.0, limit), ("axes fraction", "data")
+    axes.annotate(
+        f"limit {limit:g}",
+        at,
+        xycoords=within,
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="right",
+        fontsize=8,
+        color=_LIMIT,
+        annotation_clip=False,
+    )
 
 
 @singledispatch
-def _chart(numbers: Record) -> Chart:
+def _chart(numbers: Record, _: LimitsByName) -> Chart:
     raise TypeError(f"{type(numbers).__name__} has no chart")
 
 
 @_chart.register
-def _latency(n: Latency) -> Chart:
+def _latency(n: Latency, limits: LimitsByName) -> Chart:
     values_ms = 1e3 * np.asarray(n.values_s)
     figure = Figure(figsize=(10, 2.8))
     axes = figure.add_subplot()
     axes.hist(values_ms, bins=max(8, len(values_ms) // 3), color=_BLUE, rwidth=0.92)
     for value, name in ((n.median, "median"), (n.safe_s, "suggested")):
         axes.axvline(1e3 * value, color=_ORANGE, lw=1.4, ls="--" if name == "median" else "-", label=name)
+    if (limit_s := limits.get("latency of the display")) is not None:
+        axes.axvline(1e3 * limit_s, color=_LIMIT, lw=1, ls="--", label=f"limit {1e3 * limit_s:g} (the profile's)")
     axes.legend(fontsize=8, frameon=False)
     style(axes, "from the display's time stamp to light, ms", "changes")
     text = (
@@ -67,7 +99,7 @@ def _latency(n: Latency) -> Chart:
 
 
 @_chart.register
-def _linearity(n: Linearity) -> Chart:
+def _linearity(n: Linearity, limits: LimitsByName) -> Chart:
     times_ms, signals = 1e3 * n.exposures_s, n.signals_dn
     line = n.slope_dn_per_s * n.exposures_s + n.intercept_dn
     figure = Figure(figsize=(10, 3.4))
@@ -77,17 +109,19 @@ def _linearity(n: Linearity) -> Chart:
     style(left, "exposure, ms", "signal, dn")
     right.axhline(0, color=_SOFT, lw=0.8)
     right.plot(times_ms, 100 * (signals - line) / signals.max(), "o-", color=_BLUE, ms=5, lw=1)
+    _limit_lines(right, limits.get("nonlinearity that the camera's curve leaves"))
     style(right, "exposure, ms", "off the straight line, % of brightest")
     figure.subplots_adjust(wspace=0.25)
     text = (
         f"Mean of the pixels of one level, code {n.code}, above the dark level of {n.dark_level_dn:.1f} dn; "
-        f"exposures are {'whole refreshes' if n.whole_refreshes else 'shares of one, not whole refreshes'}."
+        f"exposures are {'whole refreshes' if n.whole_refreshes else 'shares of one, not whole refreshes'}. "
+        "The limit is for what the camera's fitted curve leaves."
     )
     return Chart("Linearity of the camera", text, figure)
 
 
 @_chart.register
-def _noise(n: Noise) -> Chart:
+def _noise(n: Noise, _: LimitsByName) -> Chart:
     signals, variances = n.signals_dn, n.variances_dn2
     figure = Figure(figsize=(10, 3.6))
     axes = figure.add_subplot()
@@ -107,10 +141,11 @@ def _noise(n: Noise) -> Chart:
 
 
 @_chart.register
-def _flicker(n: Flicker) -> Chart:
+def _flicker(n: Flicker, limits: LimitsByName) -> Chart:
     figure = Figure(figsize=(10, 3.0))
     left, right = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2)
     left.plot(n.series_s, 100 * (n.series - 1), ".-", color=_BLUE, lw=0.8, ms=4)
+    _limit_lines(left, limits.get("flicker of white from frame to frame"))
     style(left, "time, s", "white, % off its mean")
     right.plot(n.frequencies_hz, n.amplitude_percent, color=_BLUE, lw=1)
     right.axhline(n.noise_percent, color=_SOFT, lw=0.8, ls=":")
@@ -120,17 +155,20 @@ def _flicker(n: Flicker) -> Chart:
 
 
 @_chart.register
-def _ramp(n: Ramp) -> Chart:
+def _ramp(n: Ramp, _: LimitsByName) -> Chart:
     codes, light = np.asarray(n.codes), np.asarray(n.light_dn)
     figure = Figure(figsize=(10, 3.0))
     axes = figure.add_subplot()
     axes.plot(codes, light, ".-", color=_BLUE, lw=0.8, ms=5)
+    for first, last in ((112, 128), (236, 255)):
+        axes.axvspan(first, last, color=_SOFT, alpha=0.15, lw=0, label="judged, code by code" if last == 255 else None)
+    axes.legend(fontsize=8, frameon=False)
     style(axes, "code", "mean of the lit pixels, dn")
     return Chart("Ramp of codes", "Each code is a picture of its own; steps between neighbours are judged.", figure)
 
 
 @_chart.register
-def _stability(n: Stability) -> Chart:
+def _stability(n: Stability, limits: LimitsByName) -> Chart:
     shifts = n.shifts_px
     times_s, light = n.white_times_s, n.white_light_dn
     figure = Figure(figsize=(10, 3.0))
@@ -139,9 +177,14 @@ def _stability(n: Stability) -> Chart:
     left.axhline(0, color=_SOFT, lw=0.6)
     left.axvline(0, color=_SOFT, lw=0.6)
     reach = max(0.02, 1.2 * float(np.abs(shifts).max()))
+    if (limit_px := limits.get("shift of the picture since the beginning")) is not None:
+        left.add_patch(Circle((0, 0), limit_px, fill=False, color=_LIMIT, lw=1, ls="--", label=f"limit {limit_px:g}"))
+        left.legend(fontsize=8, frameon=False, loc="upper right")
+        reach = max(reach, 1.1 * limit_px)
     left.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     style(left, "shift in x, px", "shift in y, px")
     right.plot(times_s - times_s[0], 100 * (light / light[0] - 1), ".-", color=_ORANGE, lw=0.8, ms=5)
+    _limit_lines(right, limits.get("change of white between first and last frame"))
     style(right, "time, s", "white, % off the first")
     figure.subplots_adjust(wspace=0.25)
     return Chart(

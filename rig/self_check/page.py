@@ -6,39 +6,25 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
-
 from rig.errors import UsageError
 from rig.profile.apply import AppliedValues
 from rig.records import Verdict
+from rig.report.links import link_pages
 from rig.report.render import rendered
 from rig.self_check.figures import check_figures
 from rig.self_check.results import SelfCheck
-
-_WIDTH = 116
+from rig.terminal import print_table, say
 
 
 def print_check(result: SelfCheck, applied: AppliedValues | None = None) -> None:
     """Value, limit and status of every row; what to do about those that fail; profile values to paste."""
-    table = Table(title=escape(f"{result.profile}: self-test"), title_justify="left")
-    for name in ("part", "what"):
-        table.add_column(name, overflow="fold")
-    for name in ("value", "limit"):
-        table.add_column(name, justify="right", overflow="fold")
-    table.add_column("unit", overflow="fold")
-    table.add_column("status")
-    part = ""
+    rows, part = [], ""
     for name, verdict in result.rows:
-        table.add_section() if name != part else None
         shown, part = ("" if name == part else name), name
-        cells = (shown, verdict.what, number(verdict.value), limit_of(verdict), verdict.unit, verdict.status)
-        table.add_row(*map(escape, cells), style="" if verdict.met else "bold")
-    console = Console()
-    Console(width=max(console.width, _WIDTH)).print(table)
+        rows.append((shown, verdict.what, number(verdict.value), limit_of(verdict), verdict.unit, verdict.status))
+    print_table(f"{result.profile}: self-test", ("part", "what", "value", "limit", "unit", "status"), rows)
     for verdict in result.broken:
-        print(f"{verdict.what}: {verdict.advice}")
+        say(f"{verdict.what}: {verdict.advice}")
     print(f"values for the profile, measured:\n{toml_of(result.suggested)}")
     if applied is not None:
         print(applied.diff or f"{applied.path}: has these values already")
@@ -82,12 +68,13 @@ def write_check_page(result: SelfCheck, path: Path) -> Path:
             {"part": part, "verdict": verdict, "value": number(verdict.value), "limit": limit_of(verdict)}
             for part, verdict in rows
         ],
-        "failures": broken,
+        "failed": broken,
         "toml": toml_of(result.suggested),
         "figures": check_figures(result),
     }
     try:
         path.write_text(rendered("self_check/check.html", context), encoding="utf-8")
+        link_pages(path.parent)
     except OSError as error:
         raise UsageError(f"{path}: cannot be written: {error.strerror}; give a file in a folder that exists") from error
     return path

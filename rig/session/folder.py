@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import shlex
 import socket
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -20,6 +22,17 @@ from rig.profile.schema import Profile
 from rig.session.header import SCHEMA, ProfileStamp, SessionHeader, read_header
 from rig.version import __version__
 
+CHANGEABLE = {
+    "scales": "[[scale]]",
+    "surface": "[surface]",
+    "patterns": "[patterns]",
+    "brightness": "[brightness]",
+    "limits": "[limits]",
+    "description": "description",
+}
+"""Fields of a profile that may change within a session, as the file calls them; of all others photographs depend."""
+NEXT_PROFILE = "profile.next.toml"
+"""A changed profile before it takes its place."""
 _OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
 
 
@@ -65,25 +78,49 @@ def read_or_create(folder: Path, profile: Profile | None, seed: int) -> tuple[Se
 
 
 def read_folder(folder: Path, profile: Profile | None) -> tuple[SessionHeader, Profile]:
-    """Return the header and the profile of a session: the one that is handed in, if it is the same, else the copy.
+    """Return the header and the profile of a session: the one that is handed in, if it may stand for it, else the copy.
+
+    One that differs only in what calibration reads after the photographs (:data:`CHANGEABLE`) may: steps that depend
+    on it are done again.
 
     Raises SessionError for another profile or a layout that this version does not read, SessionCorrupt.
     """
     header = read_header(folder / "session.json")
     made_with = header.profile
-    if profile is not None and profile.sha256 != made_with.sha256:
+    own = Profile.parse(_read_copy(folder, made_with.sha256), Path(made_with.source))
+    if profile is None or profile.sha256 == made_with.sha256:
+        return header, profile or own
+    if changed := _changed_devices(own, profile):
         raise SessionError(
             f"{folder}: was made with profile {made_with.name!r} ({made_with.sha256[:12]}), not {profile.name!r} "
-            f"({profile.sha256[:12]}); leave the profile out, or give a new folder"
+            f"({profile.sha256[:12]}): they differ in {', '.join(changed)}; leave the profile out, or give a new "
+            f"folder (only {', '.join(CHANGEABLE.values())} may change within a session)"
         )
-    copy = _read_copy(folder, made_with.sha256)
-    return header, profile or Profile.parse(copy, Path(made_with.source))
+    return header, profile
+
+
+def _changed_devices(own: Profile, other: Profile) -> list[str]:
+    """Tables in which two profiles differ, of those that have to stay as they were photographed with."""
+    before, after = (profile.model_dump(mode="json", exclude=set(CHANGEABLE)) for profile in (own, other))
+    names = {"cameras": "camera", "projectors": "projector"}
+    return [names.get(key, key) for key in before if before[key] != after[key]]
+
+
+def finish_profile_change(folder: Path, sha256: str) -> None:
+    """Put the profile of a change that was cut short in its place. Raises SessionError when the disk refuses."""
+    following = folder / NEXT_PROFILE
+    if following.is_file() and hashlib.sha256(following.read_bytes()).hexdigest() == sha256:
+        write_bytes(folder / "profile.toml", following.read_bytes())
+        following.unlink()
 
 
 def _read_copy(folder: Path, sha256: str) -> bytes:
     """Return the exact bytes of the session's profile; its paths are relative to where the original lies."""
     try:
         raw = (folder / "profile.toml").read_bytes()
+        following = folder / NEXT_PROFILE
+        if hashlib.sha256(raw).hexdigest() != sha256 and following.is_file():
+            raw = following.read_bytes()
     except OSError as error:
         raise SessionCorrupt(f"{folder / 'profile.toml'}: cannot be read: {error.strerror}; restore it") from error
     if hashlib.sha256(raw).hexdigest() != sha256:
@@ -99,3 +136,11 @@ def own_versions() -> dict[str, str]:
     modules = {"numpy": np, "scipy": scipy, "opencv": cv2, "OpenImageIO": oiio}
     own = {"procam-rig": __version__, "python": platform.python_version()}
     return own | {name: str(module.__version__) for name, module in modules.items()}
+
+
+def own_command() -> str:
+    """Return the command line of this process, as typed; empty when it is not the program `rig`."""
+    program, *words = sys.orig_argv[1:] if len(sys.orig_argv) > 1 else [""]
+    if program == "-m" and words[:1] == ["rig"]:
+        return shlex.join(words)
+    return shlex.join(["rig", *words]) if Path(program).name == "rig" else ""

@@ -7,19 +7,24 @@ import json
 import os
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.atomic import sha256_of, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line, read_events
+from rig.profile.schema import Profile
 from rig.records import Json, JsonObject, Record
-from rig.session.header import SessionHeader
+from rig.session.folder import NEXT_PROFILE, finish_profile_change
+from rig.session.header import ProfileStamp, SessionHeader
 
 METRICS_NAME = "metrics.json"
 _SETTLED_S = 1.0
 """A file that was written later than that may change without a change of its time, whose steps are coarse."""
+
+_HASHED: dict[tuple[str, int, int, int], str] = {}
+"""SHA-256 of files by path, inode, size and time of change: each is read once a process for it."""
 
 FileKind = Literal["frame", "image", "record"]
 
@@ -38,6 +43,15 @@ class FrameDetails(Record):
     sequence: int
     signature: str = ""
     """Of the codes that were shown (:func:`rig.devices.protocols.signature_of`); empty when not known."""
+    codes_sha256: str | None = None
+    """Of the codes that were shown, every one of them; None when not known."""
+    asked_s: float | None = None
+    """Exposure that was asked for; None when not known."""
+
+    @property
+    def shown_as(self) -> tuple[str | None, str, str, float | None]:
+        """What makes two photographs photographs of the same: codes, devices and the exposure that was asked for."""
+        return self.codes_sha256, self.camera, self.projector, self.asked_s
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,8 +111,6 @@ class Ledger:
         self.events: list[Event] = []
         self.runs: dict[str, list[StepRun]] = {}
         self._journal = journal
-        self._hashed: dict[tuple[str, int, int, int], str] = {}
-        """SHA-256 of files by path, inode, size and time of change: each is read once for it."""
         path = folder / JOURNAL_NAME
         for number, event in enumerate(read_events(path), start=1):
             try:
@@ -109,8 +121,10 @@ class Ledger:
 
     def _check_header(self) -> None:
         """Raise SessionCorrupt when session.json is not the one with which the session was begun."""
-        begun = next((event["header_sha256"] for event in self.events if "header_sha256" in event), None)
-        if begun is not None and begun != hash_json(self.header.as_json()):
+        known = [event for event in self.events if "header_sha256" in event]
+        # The change of a profile is journalled first: a process that was killed then has left the header before it.
+        current = known[-2:] if known and known[-1]["event"] == "profile" else known[-1:]
+        if known and hash_json(self.header.as_json()) not in {event["header_sha256"] for event in current}:
             raise SessionCorrupt(
                 f"{self.folder / 'session.json'}: was changed; restore it from a copy, or start a new session"
             )
@@ -171,6 +185,13 @@ class Ledger:
             self.write_summary()
         return self.runs[step][-1]
 
+    def earlier_frames(self, run: StepRun) -> list[FileEntry]:
+        """Return the intact frames of the earlier runs of a run's step that it has not taken over, oldest first."""
+        taken = {entry.file for entry in run.files.values()}
+        entries = [entry for one in self.runs[run.step] if one is not run for entry in one.files.values()]
+        left = {entry.file: entry for entry in entries if entry.frame is not None and entry.file not in taken}
+        return [entry for entry in left.values() if self.is_intact(entry)]
+
     def add_file(self, run: StepRun, entry: FileEntry) -> None:
         """Journal a file that is on the disk, unless the journal has it with the same bytes."""
         if run.files.get((entry.kind, entry.name)) == entry:
@@ -206,12 +227,23 @@ class Ledger:
         entries = (entry for runs in self.runs.values() for run in runs for entry in run.files.values())
         return len({entry.file for entry in entries if entry.file.startswith(prefix)})
 
-    def record_open(self, versions: Mapping[str, str]) -> None:
-        """Journal that this process works on the session, with the versions of its libraries."""
+    def record_open(self, versions: Mapping[str, str], command: str) -> None:
+        """Journal that this process works on the session, with its libraries' versions and its command, if any."""
         header = hash_json(self.header.as_json())
         # Before the line that holds its hash: killed between both, a process leaves a session and no contradiction.
         self.write_summary()
-        self.record({"event": "open", "pid": os.getpid(), "versions": dict(versions), "header_sha256": header})
+        known: JsonObject = {"pid": os.getpid(), "versions": dict(versions), "header_sha256": header}
+        self.record({"event": "open", **known, **({"command": command} if command else {})})
+
+    def change_profile(self, profile: Profile) -> None:
+        """Take another profile over, whichever moment the process may be killed at. Raises SessionError."""
+        stamp = ProfileStamp(name=profile.name, sha256=profile.sha256, source=str(profile.path))
+        header = replace(self.header, profile=stamp)
+        write_bytes(self.folder / NEXT_PROFILE, profile.raw)
+        self.record({"event": "profile", "sha256": profile.sha256, "header_sha256": hash_json(header.as_json())})
+        self.header = header
+        self.write_summary()
+        finish_profile_change(self.folder, profile.sha256)
 
     def is_intact(self, entry: FileEntry) -> bool:
         """Tell whether the file is there with its journalled bytes."""
@@ -225,13 +257,13 @@ class Ledger:
         try:
             status = path.stat()
             key = (str(path), status.st_ino, status.st_size, status.st_mtime_ns)
-            if key not in self._hashed or time.time() - status.st_mtime < _SETTLED_S:
-                self._hashed[key] = sha256_of(path)
+            if key not in _HASHED or time.time() - status.st_mtime < _SETTLED_S:
+                _HASHED[key] = sha256_of(path)
         except OSError as error:
             raise SessionError(
                 f"{path}: cannot be read: {error.strerror}; check the file, then run the same command again"
             ) from error
-        return self._hashed[key]
+        return _HASHED[key]
 
     def write_metrics(self, metrics: Json) -> Path:
         """Write metrics.json, and journal what it holds."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, TypeVar
 
@@ -99,6 +101,38 @@ class Step:
         entry = self._run.files.get(("frame", name))
         return entry is not None and self._ledger.is_intact(entry)
 
+    def reuse_frame(
+        self, name: str, *, pattern: str, codes: Codes, asked_s: float, camera: str, projector: str
+    ) -> bool:
+        """Take over a frame of an earlier run that shows the same codes, so that nothing is photographed twice.
+
+        Parameters
+        ----------
+        name
+            As it shall be called in this run.
+        pattern
+            What is shown.
+        codes
+            Its codes; all of them have to be the same.
+        asked_s
+            Exposure that would be asked for. [s]
+        camera, projector
+            Names of the devices.
+
+        Returns
+        -------
+        bool
+            Whether there was one; each is taken over once a run, so that repeats stay different exposures.
+        """
+        wanted = (_sha256_of(codes), camera, projector, float(asked_s))
+        for entry in self._ledger.earlier_frames(self._run):
+            if entry.frame is not None and entry.frame.shown_as == wanted:
+                self._check_unfinished()
+                known = replace(entry, name=name, frame=replace(entry.frame, pattern=pattern))
+                self._ledger.add_file(self._run, known)
+                return True
+        return False
+
     def save_frame(
         self,
         name: str,
@@ -108,6 +142,7 @@ class Step:
         codes: Codes | None = None,
         camera: str = "",
         projector: str = "",
+        asked_s: float | None = None,
     ) -> None:
         """Write a frame to ``frames/STEP/NNNN.exr``; which devices made it, and when, goes to the journal.
 
@@ -123,6 +158,8 @@ class Step:
             What was shown; a replay refuses to show the frame for a picture that is not like it.
         camera, projector
             Names of the devices.
+        asked_s
+            Exposure that was asked for; a later run takes the frame over for the same codes and exposure. [s]
 
         Raises
         ------
@@ -144,6 +181,8 @@ class Step:
             started_s=float(raw.started_s),
             sequence=int(raw.sequence),
             signature="" if codes is None else signature_of(codes),
+            codes_sha256=None if codes is None or asked_s is None else _sha256_of(codes),
+            asked_s=asked_s,
         )
         self._add("frame", name, path, details)
 
@@ -310,3 +349,7 @@ class Step:
                 f"`rig run {self._ledger.folder}`, which makes it anew"
             )
         return entry
+
+
+def _sha256_of(codes: Codes) -> str:
+    return hashlib.sha256(repr(codes.shape).encode() + np.ascontiguousarray(codes).tobytes()).hexdigest()

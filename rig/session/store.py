@@ -14,8 +14,16 @@ from rig.files.atomic import PART_SUFFIX, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of, read_record
-from rig.session.folder import check_folder, is_session, own_versions, read_folder, read_or_create
-from rig.session.ledger import METRICS_NAME, Ledger, hash_json
+from rig.session.folder import (
+    check_folder,
+    finish_profile_change,
+    is_session,
+    own_command,
+    own_versions,
+    read_folder,
+    read_or_create,
+)
+from rig.session.ledger import METRICS_NAME, FileEntry, Ledger, hash_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name
 
@@ -60,7 +68,8 @@ class Session:
         path
             Its folder.
         profile
-            Needed for a new session; has to be the same one later (or left out).
+            Needed for a new session; later left out, the same one, or one that differs only in what may change
+            (lengths by tape, the surface, patterns, brightness, limits): what depends on it is done again.
         seed
             Of a new session, for every random choice in it.
 
@@ -87,7 +96,10 @@ class Session:
             for leftover in folder.rglob(f"*{PART_SUFFIX}"):
                 leftover.unlink()
             ledger = Ledger(folder, header, Journal(folder / JOURNAL_NAME))
-            ledger.record_open(own_versions())
+            finish_profile_change(folder, header.profile.sha256)
+            ledger.record_open(own_versions(), own_command())
+            if own_profile.sha256 != header.profile.sha256:
+                ledger.change_profile(own_profile)
         except BaseException:
             lock.release()
             raise
@@ -237,6 +249,22 @@ class Session:
             )
         return step
 
+    def begun(self, name: str) -> Step | None:
+        """Return the last run of a step for reading, whether or not it is finished and intact.
+
+        Parameters
+        ----------
+        name
+            Of the step.
+
+        Returns
+        -------
+        Step or None
+            None when it was never begun.
+        """
+        run = self._ledger.last_run(name)
+        return None if run is None else Step(self._ledger, run)
+
     def is_finished(self, name: str) -> bool:
         """Tell whether the last run of a step is finished.
 
@@ -264,9 +292,38 @@ class Session:
 
     @property
     def last_clock_s(self) -> float:
-        """End of the last journalled frame on the rig's clock; 0 when there is none."""
-        frames = [event["frame"] for event in self._ledger.events if event["event"] == "frame"]
-        return float(frames[-1]["started_s"] + frames[-1]["exposure_s"]) if frames else 0.0
+        """End of the frame that was photographed last, on the rig's clock; 0 when there is none."""
+        # A file is journalled again by a run that takes an earlier frame over: that is not when it was photographed.
+        frames: dict[str, Event] = {}
+        for event in self._ledger.events:
+            if event["event"] == "frame":
+                frames.setdefault(event["file"], event["frame"])
+        last = next(reversed(frames.values()), None)
+        return 0.0 if last is None else float(last["started_s"] + last["exposure_s"])
+
+    def files(self) -> list[tuple[str, FileEntry]]:
+        """Return the files of the last run of each step, in the order in which the steps were begun.
+
+        Returns
+        -------
+        list of (step, FileEntry)
+            Frames, images and maps; not the records.
+
+        Raises
+        ------
+        SessionCorrupt
+            One is lost or damaged.
+        """
+        found = []
+        for name in self._ledger.runs:
+            run = self._ledger.runs[name][-1]
+            if broken := Step(self._ledger, run).damaged_files:
+                raise SessionCorrupt(
+                    f"{self.path}: {len(broken)} files of step {name!r} are lost or damaged, first {broken[0]}; run "
+                    f"`rig run {self.path}` to repeat what is missing"
+                )
+            found += [(name, entry) for entry in run.files.values() if entry.kind != "record"]
+        return found
 
     def note(self, event: Record | Mapping[str, object]) -> None:
         """Journal something worth knowing later: a rejected frame, a retry, a warning.
@@ -287,6 +344,17 @@ class Session:
             As journalled, each with its time of day.
         """
         return [dict(event) for event in self._ledger.events if event["event"] in ("frame", "note")]
+
+    def commands(self) -> list[str]:
+        """Return the commands that opened the session to write, in order, none twice in a row.
+
+        Returns
+        -------
+        list of str
+            As typed; empty for a session that only scripts worked on.
+        """
+        typed = [event["command"] for event in self._ledger.events if event["event"] == "open" and "command" in event]
+        return [command for k, command in enumerate(typed) if k == 0 or typed[k - 1] != command]
 
     def events(self) -> list[Event]:
         """Return everything that the journal says, in order.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from sim.light.colour import ColourTransport
 
 BEST_FIRST = ("bounded", "exact", "paper", "direct", "none")
 """Which strategy stands for 'compensated': the most complete one that was asked for."""
+_SEEDS = 900
+"""Below the distance between the seeds of two channels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +56,13 @@ class CompensationRecord(Record):
 
 def compensation_settings(request: CompensationRequest) -> JsonObject:
     """Return what step `compensate` depends on."""
+    target = request.target
+    # Said only where it is not the case from before there was a choice: sessions that are done stay done.
+    read: JsonObject = {"light": target.light} if target.light != "linear light" else {}
+    lost: JsonObject = {"lost_colours": True} if target.lost_colours else {}
     return {
+        **read,
+        **lost,
         "target": request.target.name,
         "target_sha256": request.target.sha256,
         "strategies": json_of(request.strategies),
@@ -66,6 +75,12 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
 def versions_of(strategies: Iterable[str]) -> JsonObject:
     """Return the strategies' versions: a new one, of this program or of another package, is computed again."""
     return {name: plug_ins.strategy_version(name) for name in strategies}
+
+
+def dither_seed(strategy: str) -> int:
+    """Return the seed of a strategy's dither: the same whichever others are shown, so that its codes are."""
+    usual = tuple(reversed(BEST_FIRST))
+    return usual.index(strategy) + 1 if strategy in usual else len(usual) + 1 + crc32(strategy.encode()) % _SEEDS
 
 
 def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **options: float) -> Compensation:
@@ -95,7 +110,7 @@ def compute_compensation(session: Session, step: Step, request: CompensationRequ
         on_step("compute compensation images", k, len(request.strategies))
         solution = solve(name, transport, wanted, **options.get(name, {}))
         linear = whole_picture(model, solution.projector_image)
-        codes = channel_codes(responses, linear, seed=k + 1)
+        codes = channel_codes(responses, linear, seed=dither_seed(name))
         step.save_image(f"projector-{name}", layers("linear", linear) | code_layers(codes))
         step.save_image(f"predicted-{name}", predict(model, responses, codes).channels)
         computed[name] = _computed(solution, model.level)

@@ -80,9 +80,18 @@ def photograph(
             for repeat in range(bracket.repeats):
                 name = frame_name(pattern.name, exposure, repeat)
                 if not step.has_frame(name):
-                    shoot_one(rig, session, step, pattern, name=name, exposure_s=exposure_s)
+                    take_one(rig, session, step, pattern, name=name, exposure_s=exposure_s)
                 done += 1
                 on_step(f"photograph: {step.name}", done, total)
+
+
+def take_one(rig: Rig, session: Session, step: Step, pattern: Pattern, *, name: str, exposure_s: float) -> None:
+    """Take a frame over from an earlier run of the step that showed the same at the same exposure, else shoot it."""
+    camera, projector = rig.profile.camera.name, rig.profile.projector.name
+    if not step.reuse_frame(
+        name, pattern=pattern.name, codes=pattern.codes, asked_s=exposure_s, camera=camera, projector=projector
+    ):
+        shoot_one(rig, session, step, pattern, name=name, exposure_s=exposure_s)
 
 
 def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, *, name: str, exposure_s: float) -> None:
@@ -99,6 +108,7 @@ def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, *, name:
         codes=pattern.codes,
         camera=rig.profile.camera.name,
         projector=rig.profile.projector.name,
+        asked_s=exposure_s,
     )
 
 

@@ -28,8 +28,8 @@ from rig.stages.linear_light import (
     ResponseRecord,
     merge_exposures,
 )
-from rig.stages.photograph import ExposureBracket, frame_name, photograph, shoot_one
-from rig.terminal import OnStep
+from rig.stages.photograph import ExposureBracket, frame_name, photograph, take_one
+from rig.terminal import OnStep, part_of
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
@@ -134,7 +134,7 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
         on_step("photograph: exposure", attempt, _MAX_TRIES)
         name = frame_name("white", attempt)
         if not step.has_frame(name):
-            shoot_one(rig, session, step, white, name=name, exposure_s=exposure_s)
+            take_one(rig, session, step, white, name=name, exposure_s=exposure_s)
         level = brightest_share(step.load_frame(name).pixels, full_scale)
         chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s, earlier=earlier)
         if chosen_s is None:
@@ -143,7 +143,7 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
     on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
     black_name, black = frame_name("black"), flat(rig.projector.shape, 0, "black")
     if not step.has_frame(black_name):
-        shoot_one(rig, session, step, black, name=black_name, exposure_s=exposure_s)
+        take_one(rig, session, step, black, name=black_name, exposure_s=exposure_s)
     dark, bright = (step.load_frame(name).pixels for name in (black_name, frame_name("white", attempt)))
     refuse_darkness(bright, dark, full_scale_dn=full_scale, exposure_s=exposure_s)
     found = CameraExposure(exposure_s=exposure_s, brightest_share_of_full_scale=level)
@@ -225,8 +225,11 @@ def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnSte
         (list(level_patterns(shape, levels)), bracket),
         (pure_colours(shape, rig.camera.shape[2]), bracket),
     ]
+    total, before = sum(len(patterns) * how.frames_per_pattern for patterns, how in sets), 0
     for patterns, how in sets:
-        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
+        counted = part_of(on_step, before, total)
+        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=counted)
+        before += len(patterns) * how.frames_per_pattern
 
 
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:

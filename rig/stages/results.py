@@ -91,11 +91,29 @@ class TruthErrors(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ShownTarget(Record):
+    """What was to be seen."""
+
+    name: str
+    light: str
+    """How its file was read: sRGB, or linear light."""
+    lost_colours: bool
+    """Its colours became grey, for the rig is grey."""
+
+    @property
+    def sentence(self) -> str:
+        """The same in words."""
+        return f"{self.name}, taken as {self.light}" + ("; it becomes grey: the camera is grey" * self.lost_colours)
+
+
+@dataclass(frozen=True, kw_only=True)
 class CompensationResult(Record):
     """The strategy that stands for 'compensated'."""
 
     strategy: str
     clipped_share: float
+    target: ShownTarget | None = None
+    """None of sessions of older versions."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,16 +5,23 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig import plug_ins
-from rig.errors import UsageError
+from rig.errors import SessionCorrupt, SessionError, UsageError
+from rig.files.channels import image_of
 from rig.files.pictures import astronaut, in_channels, read_picture_of_shape
 from rig.profile.tables import ProjectorProfile
+from rig.session import Session
 
 Float32Array = NDArray[np.float32]
+Light = Literal["sRGB", "linear light"]
+DEFAULT = "default"
+"""In place of a target's file: the test picture, though the session has shown another one."""
+_TEST_PICTURE = "photograph 'astronaut' of scikit-image, mean 123, sd 46"
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +31,10 @@ class Target:
     name: str
     levels: Float32Array
     """(H, W, C); C = 1, or 3 in colour."""
+    light: Light = "linear light"
+    """How the numbers of its file were read."""
+    lost_colours: bool = False
+    """Its file has colours, which a grey rig cannot show."""
 
     @property
     def grey(self) -> Float32Array:
@@ -46,14 +57,43 @@ class CompensationRequest:
 
 
 def requested_compensation(
-    target: str | Path | None, strategies: tuple[str, ...], projector: ProjectorProfile, *, channels: int, fit: bool
+    target: str | Path | None,
+    strategies: tuple[str, ...],
+    projector: ProjectorProfile,
+    *,
+    channels: int,
+    fit: bool,
+    is_linear: bool = False,
 ) -> CompensationRequest:
     """Read the picture that is to be shown, and check the names of the strategies.
 
     Raises what :func:`load_target` and :func:`check_strategies` raise.
     """
     names = check_strategies(strategies)
-    return CompensationRequest(load_target(target, projector.shape, fit, channels=channels), names)
+    shown = load_target(target, projector.shape, fit, channels=channels, is_linear=is_linear)
+    return CompensationRequest(shown, names)
+
+
+def last_target(session: Session) -> Target | None:
+    """Return the target that a session showed last, as it was; None where it showed none, or the test picture.
+
+    Raises
+    ------
+    SessionCorrupt
+        It is lost.
+    """
+    step = session.begun("compensate")
+    if step is None or (settings := step.settings)["target"] == _TEST_PICTURE:
+        return None
+    try:
+        levels = image_of(step.load_image("target"), "grey")
+    except SessionError as error:
+        raise SessionCorrupt(
+            f"{session.path}: its last target, {settings['target']}, is lost or was not written yet; name the picture "
+            "again: --target FILE, or --target default for the test picture"
+        ) from error
+    light: Light = "sRGB" if settings.get("light") == "sRGB" else "linear light"
+    return Target(str(settings["target"]), levels, light, lost_colours=bool(settings.get("lost_colours")))
 
 
 def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -69,7 +109,14 @@ def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
     return ("none", *(name for name in dict.fromkeys(names) if name != "none"))
 
 
-def load_target(path: str | Path | None, shape: tuple[int, int], fit: bool = False, *, channels: int = 1) -> Target:
+def load_target(
+    path: str | Path | None,
+    shape: tuple[int, int],
+    fit: bool = False,
+    *,
+    channels: int = 1,
+    is_linear: bool = False,
+) -> Target:
     """Read a target. For a grey rig colour is turned to grey by Rec. 709 luminance; in colour, grey is a colour, too.
 
     Parameters
@@ -82,12 +129,16 @@ def load_target(path: str | Path | None, shape: tuple[int, int], fit: bool = Fal
         Scale and crop a picture of another size.
     channels
         C of the target.
+    is_linear
+        Codes of 8 and 16 bits are linear light; else sRGB. EXR always is linear light.
 
     Raises
     ------
     UsageError
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
-    if path is None:
-        return Target("photograph 'astronaut' of scikit-image, mean 123, sd 46", astronaut(shape, channels))
-    return Target(Path(path).name, read_picture_of_shape(path, shape, channels=channels, fit=fit))
+    if path is None or (str(path) == DEFAULT and not Path(path).exists()):
+        return Target(_TEST_PICTURE, astronaut(shape, channels))
+    levels, lost_colours = read_picture_of_shape(path, shape, channels=channels, fit=fit, is_linear=is_linear)
+    light: Light = "linear light" if is_linear or Path(path).suffix.lower() == ".exr" else "sRGB"
+    return Target(Path(path).name, levels, light, lost_colours)

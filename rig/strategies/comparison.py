@@ -18,7 +18,7 @@ from rig.run.session import OpenSession, opened_session
 from rig.run.steps import required
 from rig.session import Session, Step
 from rig.session.ledger import write_json
-from rig.stages.compensation import solve, versions_of
+from rig.stages.compensation import dither_seed, solve, versions_of
 from rig.stages.linear_light import merge_exposures
 from rig.stages.model import load_model
 from rig.stages.photograph import ExposureBracket, photograph
@@ -104,7 +104,7 @@ def _compare_picture(
         for k, name in enumerate(names):
             on_step(f"compute strategies: {picture.name}", k, len(names))
             solution = room.solved(name, room.wanted)
-            computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=k + 1)
+            computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=dither_seed(name))
         on_step(f"compute strategies: {picture.name}", len(names), len(names))
         rows = photographed_rows(work, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step)
         record = ComparedPicture(name=picture.name, title=picture.target.name, rows=rows)
@@ -206,7 +206,7 @@ def oracle_rows(
         for k, name in enumerate(names):
             on_step("knowing the simulated world", k + 1, len(names) + 1)
             solution = solve(name, transport, room.wanted)
-            computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=k + 1)
+            computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=dither_seed(name))
         on_step("knowing the simulated world", len(names) + 1, len(names) + 1)
         rows = photographed_rows(work, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step)
         step.save_record("oracle", OracleRows(rows=rows))

@@ -16,16 +16,6 @@ LEAST_SECONDS = 1e-3
 """Times below count as this on the logarithmic axis."""
 
 
-TITLES = {
-    "none": "none",
-    "direct": "direct only",
-    "paper": "paper",
-    "exact": "exact inverse",
-    "bounded": "bounded optimum",
-}
-"""Of strategies whose own name is no title; the others are called as they are, without underscores."""
-
-
 @dataclass(frozen=True)
 class TitledRow:
     """A row of the page: a strategy, a closed loop, or a strategy that knows the simulated world."""
@@ -34,11 +24,6 @@ class TitledRow:
     figures: StrategyRow
     is_timed: bool = True
     """Whether its seconds are those of a strategy, to be drawn against its error."""
-
-
-def title_of(strategy: str) -> str:
-    """Return a strategy's name in words."""
-    return TITLES.get(strategy, strategy.replace("_", " "))
 
 
 def mean_of(errors: JudgedErrors | None) -> float | None:
@@ -103,11 +88,11 @@ def loops_figure(loops: Sequence[ClosedLoop], oracle: Sequence[StrategyRow]) -> 
     for colour, loop in zip(np.resize(colours, len(loops)), loops, strict=True):
         errors = [capture.mean for capture in loop.captures]
         numbers = np.arange(1, len(errors) + 1)
-        axes.plot(numbers, errors, "o-", color=colour, label=f"{title_of(loop.strategy)}, rule '{loop.rule}'")
+        axes.plot(numbers, errors, "o-", color=colour, label=f"{loop.strategy}, rule '{loop.rule}'")
         axes.plot(loop.best, loop.kept.mean, "o", ms=11, mfc="none", color=colour)
     for row in oracle:
         error = row.shown.mean
-        axes.axhline(error, color=SOFT, ls="--", lw=1, label=f"{title_of(row.strategy)}, world known: {error:.2f}")
+        axes.axhline(error, color=SOFT, ls="--", lw=1, label=f"{row.strategy}, world known: {error:.2f}")
     axes.set_xticks(np.arange(1, max(len(loop.captures) for loop in loops) + 1))
     _plain(axes, "captures", "measured mean error [grey levels of 255]")
     axes.margins(y=0.15)
@@ -119,7 +104,7 @@ def _hang(axes: Axes, seconds: float, loop: ClosedLoop) -> None:
     errors = [capture.mean for capture in loop.captures[: loop.best]]
     axes.plot([seconds] * len(errors), errors, "-", color=LOOP, lw=1)
     axes.plot(seconds, errors[-1], "o", color=LOOP, ms=7)
-    label = f"{title_of(loop.strategy)}, closed loop of {loop.best} captures"
+    label = f"{loop.strategy}, closed loop of {loop.best} captures"
     axes.annotate(label, (seconds, errors[-1]), xytext=(8, -4), textcoords="offset points", fontsize=9, color=LOOP)
 
 

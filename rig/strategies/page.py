@@ -9,26 +9,25 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from rig.files.atomic import write_bytes
 from rig.files.channels import codes_of, image_of
 from rig.report import figures, pictures
+from rig.report.links import link_pages
 from rig.report.render import headline_of, rendered
+from rig.report.terms import explained
 from rig.session import Session, Step
 from rig.stages.model import load_model
 from rig.stages.prediction import JudgedPixels, judged_pixels
-from rig.strategies.figures import TitledRow, errors_figure, loops_figure, mean_of, speed_figure, title_of
+from rig.strategies.figures import TitledRow, errors_figure, loops_figure, mean_of, speed_figure
+from rig.strategies.recommendation import recommendation
 from rig.strategies.records import ClosedLoop, ComparedPicture, ComparisonResult, StrategyRow
-from rig.terminal import OnStep
+from rig.terminal import OnStep, print_table, say
+from rig.terminal.line import counted
 
 FloatArray = NDArray[np.float64]
 
 PAGE = "strategies.html"
-_WIDTH = 150
 LEGEND = (
     "mean, sd and max are of |shown - target| over the judged pixels, rms and bias of shown - target, in grey levels "
     "of 255. ΔE is the mean CIEDE2000 difference of the pictures as light, white at 255. SSIM compares structure, 1 is "
@@ -56,22 +55,17 @@ class PaperPictures:
 
 def print_strategies(result: ComparisonResult) -> None:
     """Print a table a picture; then closed loops, ratios, warnings, and where the page is."""
-    console = Console(width=max(Console().width, _WIDTH), highlight=False)
     for picture in result.pictures:
-        table = Table(title=escape(f"{picture.name}: {picture.title}"), title_justify="left", box=SIMPLE_HEAD)
-        head, rows = _table(_all_rows(result, picture))
-        for k, cell in enumerate(head):
-            table.add_column(cell, justify="left" if k == 0 else "right")
-        for row in rows:
-            table.add_row(*map(escape, row))
-        console.print(table)
+        print_table(f"{picture.name}: {picture.title}", *_table(_all_rows(result, picture)))
+    for text in recommendation(result) if result.session is not None else ():
+        say(text)
     for loop in result.loops:
         after = ", ".join(f"{number}: {errors.mean:.2f}" for number, errors in loop.after.items())
-        print(f"closed loop of {loop.strategy}, measured mean error by captures: {after} ({loop.stopped})")
+        say(f"closed loop of {loop.strategy}, measured mean error by captures: {after} ({loop.stopped})")
     for name, ratio in result.ratios.items():
         print(f"{name}: {ratio:.3f}")
     for text in result.warnings:
-        print(f"worse than direct light alone: {text}")
+        say(f"worse than direct light alone: {text}")
     if result.report is not None:
         print(f"report: {result.report}")
 
@@ -92,8 +86,10 @@ def write_strategies_page(session: Session, result: ComparisonResult, on_step: O
     ]
     context = _frame(f"Strategies: session {session.path.name}", session.profile.description, result)
     context |= {"headline": headline, "pictures": shown, "warnings": result.warnings}
+    context |= {"recommendation": recommendation(result)}
     path = session.path / PAGE
     write_bytes(path, rendered("strategies/strategies.html", context).encode())
+    link_pages(session.path)
     on_step("write page of strategies", total, total)
     return path
 
@@ -110,7 +106,7 @@ def paper_page(result: ComparisonResult, images: Mapping[str, PaperPictures]) ->
     return rendered(
         "strategies/strategies.html",
         _frame("Strategies on the paper's configurations", "Simulated, Dehos et al. 2014; nothing is measured.", result)
-        | {"headline": [], "pictures": sections, "warnings": result.warnings},
+        | {"headline": [], "pictures": sections, "warnings": result.warnings, "recommendation": ()},
     )
 
 
@@ -121,23 +117,30 @@ def _frame(title: str, subtitle: str, result: ComparisonResult) -> dict[str, obj
         "subtitle": subtitle,
         "met": True,
         "word": f"{len(result.pictures[0].rows)} strategies",
-        "verdict": f"{len(result.pictures)} pictures; {warned} results are worse than direct light alone",
+        "verdict": f"{counted(len(result.pictures), 'picture')}; {counted(warned, 'result')} worse than direct light "
+        "alone",
+        "words": explained(_words_of(result)),
         "legend": LEGEND,
         "error_scale": figures.error_scale(),
         "footer": f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig.",
     }
 
 
+def _words_of(result: ComparisonResult) -> list[str]:
+    """What the page's tables and grids call things."""
+    rows = _all_rows(result, result.pictures[0])
+    return [*(row.title for row in rows), *_table(rows)[0]]
+
+
 def _all_rows(result: ComparisonResult, picture: ComparedPicture) -> list[TitledRow]:
     """A picture's rows with titles; for the first picture also closed loops, and strategies that know the world."""
-    rows = [TitledRow(title_of(row.strategy), row) for row in picture.rows]
+    rows = [TitledRow(row.strategy, row) for row in picture.rows]
     if picture is not result.pictures[0]:
         return rows
     rows += [
-        TitledRow(f"{title_of(loop.strategy)}, closed loop", _row_of(loop, picture), is_timed=False)
-        for loop in result.loops
+        TitledRow(f"{loop.strategy}, closed loop", _row_of(loop, picture), is_timed=False) for loop in result.loops
     ]
-    return rows + [TitledRow(f"{title_of(row.strategy)}, world known", row, is_timed=False) for row in result.oracle]
+    return rows + [TitledRow(f"{row.strategy}, world known", row, is_timed=False) for row in result.oracle]
 
 
 def _row_of(loop: ClosedLoop, picture: ComparedPicture) -> StrategyRow:
@@ -216,27 +219,27 @@ def _measured_row(step: Step, picture: str, strategy: str, view: JudgedPixels, s
         image_of(step.load_image(f"{kind}-{picture}-{strategy}"), "light") * scale for kind in ("predicted", "measured")
     )
     images = [
-        pictures.picture(pictures.photograph(target, mask), "Target as the camera should see it", 320),
-        pictures.picture(codes, f"Codes sent to the projector, {strategy}", 320),
-        pictures.picture(pictures.photograph(predicted, mask), f"Predicted camera image, {strategy}", 320),
-        pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {strategy}", 320),
-        pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {strategy}", 320),
+        pictures.picture(pictures.photograph(target, mask), "Target as the camera should see it"),
+        pictures.picture(codes, f"Codes sent to the projector, {strategy}"),
+        pictures.picture(pictures.photograph(predicted, mask), f"Predicted camera image, {strategy}"),
+        pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {strategy}"),
+        pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {strategy}"),
     ]
-    return {"name": title_of(strategy), "images": images}
+    return {"name": strategy, "images": images}
 
 
 def _paper_section(picture: ComparedPicture, shown: PaperPictures) -> dict[str, object]:
-    rows = [TitledRow(title_of(row.strategy), row) for row in picture.rows]
+    rows = [TitledRow(row.strategy, row) for row in picture.rows]
     head, cells = _table(rows)
     desired, seen = shown.desired, shown.seen
     grid = []
     for row in rows:
         projected, predicted = shown.projected[row.figures.strategy], shown.predicted[row.figures.strategy]
         images = [
-            pictures.picture(pictures.photograph(desired, seen), "Target", 240),
-            pictures.picture(pictures.photograph(projected), f"Projector image, {row.title}", 240),
-            pictures.picture(pictures.photograph(predicted, seen), f"Seen in the room, {row.title}", 240),
-            pictures.picture(pictures.signed_error(predicted - desired, seen), f"Difference, {row.title}", 240),
+            pictures.picture(pictures.photograph(desired, seen), "Target", 320),
+            pictures.picture(pictures.photograph(projected), f"Projector image, {row.title}", 320),
+            pictures.picture(pictures.photograph(predicted, seen), f"Seen in the room, {row.title}", 320),
+            pictures.picture(pictures.signed_error(predicted - desired, seen), f"Difference, {row.title}", 320),
         ]
         grid.append({"name": row.title, "images": images})
     charts = [

@@ -181,6 +181,10 @@ class SimulatedMaterial(Table):
     """Width of the lobe (GGX alpha): 0.05 is a gloss floor, 0.3 satin paint."""
 
 
+MOST_CELLS = 20_000
+"""Of a simulated box: the light between them then takes 3.2 GB."""
+
+
 class SimulationSettings(Table):
     """The whole truth of a simulated rig."""
 
@@ -264,6 +268,12 @@ class SimulationSettings(Table):
             }
         )
 
+    @property
+    def _cells(self) -> float:
+        """How many cells the faces of the box have."""
+        x, y, z = self.size_m
+        return 2 * (x * y + y * z + z * x) / self.cell_size_m**2
+
     @model_validator(mode="after")
     def _has_a_scene(self) -> SimulationSettings:
         if self.is_mesh_file:
@@ -273,6 +283,11 @@ class SimulationSettings(Table):
                 )
         elif min(self.size_m) <= 0:
             raise ValueError(f"size_m {self.size_m}: give the width, depth and height of the room, in metres")
+        elif (cells := self._cells) > MOST_CELLS:
+            raise ValueError(
+                f"cell_size_m {self.cell_size_m:g} m makes {cells:.3g} cells of a room of {self.size_m}, the limit is "
+                f"{MOST_CELLS}: the light between them would take {8e-9 * cells**2:.3g} GB; give larger cells"
+            )
         if self.scene is None and not self.reflectance:
             raise ValueError("reflectance: missing; a box needs that of each face that is there")
         if self.scene is None and self.materials:

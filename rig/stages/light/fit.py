@@ -13,6 +13,7 @@ from calibration.light import faces as walls
 from calibration.light.open_wall import estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
+from rig.profile.schema import refuse_many_patches
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE
@@ -80,6 +81,7 @@ def bare_room(record: GeometryRecord, patch_size_m: float, shift_m: Shift = NO_S
     """Return the measured room in patches, its devices moved by so much against walls that nobody measured."""
     devices = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
     camera, projector = (_moved(device, shift_m) for device in devices)
+    refuse_many_patches(record.surface.size_m, patch_size_m)
     scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
     return BareRoom(scene, camera, projector, cast_pixels(scene, camera))
 

@@ -55,12 +55,23 @@ def test_png_round_trips_through_another_reader(tmp_path: Path) -> None:
     picture = random_generator().integers(0, 256, (12, 9, 3), dtype=np.uint8)
     write_png(tmp_path / "p.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "p.png"))[..., ::-1], picture)
-    np.testing.assert_array_equal(read_picture(tmp_path / "p.png"), picture)
+    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True), picture)
 
 
 def test_sixteen_bit_pictures_are_scaled_to_255(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "p.png"), np.array([[0, 257 * 100, 65535]], dtype=np.uint16))
-    np.testing.assert_allclose(read_picture(tmp_path / "p.png"), [[[0], [100], [255]]], rtol=1e-6)
+    np.testing.assert_allclose(read_picture(tmp_path / "p.png", is_linear=True), [[[0], [100], [255]]], rtol=1e-6)
+
+
+def test_codes_are_srgb_unless_they_are_said_to_be_linear(tmp_path: Path) -> None:
+    """Of sRGB 188 is half of the light (IEC 61966-2-1), of 16 bits too."""
+    cv2.imwrite(str(tmp_path / "p.png"), np.array([[0, 10, 188, 255]], dtype=np.uint8))
+    cv2.imwrite(str(tmp_path / "q.png"), np.array([[0, 10, 188, 255]], dtype=np.uint16) * 257)
+    for name in ("p.png", "q.png"):
+        levels = read_picture(tmp_path / name)[0, :, 0]
+        np.testing.assert_allclose(levels, [0, 10 / 12.92, 127.5, 255], atol=0.8)
+        assert levels[2] == pytest.approx(127.5, abs=0.8)
+        np.testing.assert_allclose(read_picture(tmp_path / name, is_linear=True)[0, :, 0], [0, 10, 188, 255], rtol=1e-6)
 
 
 def test_exr_pictures_go_from_one_to_255(tmp_path: Path) -> None:
@@ -71,7 +82,7 @@ def test_exr_pictures_go_from_one_to_255(tmp_path: Path) -> None:
 
 def test_transparency_does_not_darken_a_picture(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "p.png"), np.full((2, 2, 4), (10, 20, 200, 128), dtype=np.uint8))
-    np.testing.assert_array_equal(read_picture(tmp_path / "p.png")[0, 0], [200, 20, 10])
+    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True)[0, 0], [200, 20, 10])
 
 
 def test_a_jpeg_is_turned_as_its_camera_noted(tmp_path: Path) -> None:

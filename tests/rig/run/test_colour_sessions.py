@@ -250,8 +250,10 @@ def test_a_coloured_target_keeps_its_colours_and_a_grey_one_is_grey_in_all(tmp_p
     rgb = np.random.default_rng(1).integers(0, 256, (6, 8, 3), dtype=np.uint8)
     write_png(tmp_path / "colour.png", rgb)
     write_png(tmp_path / "grey.png", rgb[..., 0])
-    assert np.array_equal(load_target(tmp_path / "colour.png", (6, 8), channels=3).levels, rgb)
-    assert np.array_equal(load_target(tmp_path / "grey.png", (6, 8), channels=3).levels, rgb[..., :1].repeat(3, axis=2))
+    assert np.array_equal(load_target(tmp_path / "colour.png", (6, 8), channels=3, is_linear=True).levels, rgb)
+    assert np.array_equal(
+        load_target(tmp_path / "grey.png", (6, 8), channels=3, is_linear=True).levels, rgb[..., :1].repeat(3, axis=2)
+    )
 
 
 def test_the_default_target_is_a_colour_photograph() -> None:

@@ -39,9 +39,23 @@ def test_colours_become_grey_by_their_luminance(tmp_path: Path) -> None:
     rgb = np.zeros((2, 3, 3), np.uint8)
     rgb[0], rgb[1, :, 1] = (200, 200, 200), 100
     write_png(tmp_path / "a.png", rgb)
-    grey = load_target(tmp_path / "a.png", (2, 3)).grey
+    grey = load_target(tmp_path / "a.png", (2, 3), is_linear=True).grey
     assert grey[0] == pytest.approx(200, abs=1e-3)
     assert grey[1] == pytest.approx(71.52, abs=1e-3)
+
+
+def test_a_target_says_how_it_was_read_and_what_is_lost(tmp_path: Path) -> None:
+    rgb = np.full((6, 8, 3), (200, 100, 50), np.uint8)
+    write_png(tmp_path / "colour.png", rgb)
+    write_png(tmp_path / "grey.png", rgb[..., 0])
+    write_exr(tmp_path / "light.exr", {"Y": np.full((6, 8), 0.5)})
+    colour, grey = (load_target(tmp_path / name, (6, 8)) for name in ("colour.png", "grey.png"))
+    assert (colour.light, colour.lost_colours) == ("sRGB", True)
+    assert (grey.light, grey.lost_colours) == ("sRGB", False)
+    assert not load_target(tmp_path / "colour.png", (6, 8), channels=3).lost_colours
+    assert load_target(tmp_path / "grey.png", (6, 8), is_linear=True).light == "linear light"
+    assert load_target(tmp_path / "light.exr", (6, 8)).light == "linear light"
+    assert load_target(tmp_path / "light.exr", (6, 8)).grey == pytest.approx(127.5)
 
 
 def test_fit_scales_to_cover_and_crops_the_middle(tmp_path: Path) -> None:
@@ -49,7 +63,7 @@ def test_fit_scales_to_cover_and_crops_the_middle(tmp_path: Path) -> None:
     wide = np.zeros((40, 160), np.uint8)
     wide[:, 40:120] = 200
     write_png(tmp_path / "wide.png", wide)
-    grey = load_target(tmp_path / "wide.png", (20, 40), fit=True).grey
+    grey = load_target(tmp_path / "wide.png", (20, 40), fit=True, is_linear=True).grey
     assert grey.shape == (20, 40)
     assert grey == pytest.approx(200, abs=1e-3)
 
@@ -67,7 +81,7 @@ def test_fit_enlarges_without_leaving_the_range(tmp_path: Path) -> None:
 def test_a_target_of_the_right_size_is_not_touched_by_fit(tmp_path: Path) -> None:
     levels = np.arange(48, dtype=np.uint8).reshape(6, 8)
     write_png(tmp_path / "a.png", levels)
-    plain, fitted = (load_target(tmp_path / "a.png", (6, 8), fit) for fit in (False, True))
+    plain, fitted = (load_target(tmp_path / "a.png", (6, 8), fit, is_linear=True) for fit in (False, True))
     assert np.array_equal(plain.grey, levels)
     assert plain.sha256 == fitted.sha256
     write_png(tmp_path / "b.png", levels + np.uint8(1))
@@ -204,4 +218,4 @@ def test_progress_without_a_terminal_is_a_line_a_step_on_stderr(capsys: pytest.C
         progress("decode", 1, 2)
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "photograph: 5 of 5 done\ndecode: 1 of 2 done\n"
+    assert captured.err == "starting\nphotograph: 5 of 5 done\ndecode: 1 of 2 done\n"

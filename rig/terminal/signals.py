@@ -34,6 +34,11 @@ class EndSignals:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
+    @property
+    def name(self) -> str:
+        """The first signal's name; empty before there was one."""
+        return "" if self.received is None else signal.Signals(self.received).name
+
     def _note(self, number: int, _frame: FrameType | None) -> None:
         is_first = self.received is None
         self.received = number if is_first else self.received

@@ -1,0 +1,75 @@
+"""What the words of tables and pages mean, each in one sentence: pages show it where a pointer rests on the word."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+STRATEGIES: Mapping[str, str] = {
+    "none": "The target at the single gain that makes its mean error smallest: nothing is compensated.",
+    "direct": "Each pixel by its own brightness; light between the walls is left out.",
+    "paper": "The rule of Dehos et al. 2014, which takes the light between the walls off.",
+    "exact": "The inverse of the light transport, clipped to what the projector can show.",
+    "bounded": "The picture between black and white whose squared error is smallest.",
+    "reverse_radiosity": "The radiosity equation solved backwards, patch by patch.",
+    "block_fixed_point": "The light between the walls taken off again and again, in blocks.",
+    "tikhonov": "A least-squares inverse that is held back where noise would grow.",
+    "series": "The inverse as a sum over bounces, cut off after some.",
+    "dual": "The optimum between black and white, found from its dual problem.",
+    "perceptual": "Errors weighed as eyes weigh them, between black and white.",
+    "remap": "The target's range made narrower until all of it can be shown.",
+    "content_scale": "The target darkened until all of it can be shown.",
+    "smooth_attenuation": "The target darkened smoothly where it cannot be shown.",
+}
+"""By name, as the command line knows them."""
+WORDS: Mapping[str, str] = {
+    "strategy": "The rule that computes what the projector shows; named as on the command line.",
+    "mean": "Mean of |shown - target| over the judged pixels, in grey levels of 255.",
+    "measured mean": "Mean of |photographed - target| over the judged pixels, in grey levels of 255.",
+    "predicted mean": "The same of what the model expects the camera to see.",
+    "sd": "Standard deviation of |shown - target|.",
+    "max": "Largest |shown - target|.",
+    "rms": "Root mean square: large errors weigh more than in the mean.",
+    "predicted rms": "Root mean square error of what the model expects the camera to see.",
+    "bias": "Mean of shown - target: above 0 too bright.",
+    "SSIM": "Structural similarity (Wang et al. 2004): 1 is the same picture.",
+    "ΔE": "Mean colour difference CIEDE2000: 1 is just seen.",
+    "mean at best gain": "Mean error after the one gain that suits best: what an eye that adapts is left with.",
+    "clipped, %": "Share of the driven projector pixels that their range, black to white, holds back.",
+    "clipped %": "Share of the driven projector pixels that their range, black to white, holds back.",
+    "iterations": "Steps that the strategy's solver took.",
+    "gain": "What the strategy scales the target by.",
+    "time s": "Seconds to compute the projector image.",
+    "captures": "Photographs that a closed loop took.",
+    "contrast": "Mean light where white is wanted over that where black is.",
+    "within 3 σ, %": "Pixels within three standard deviations of noise and model: 99.7 if both are known well.",
+    "noise rms": "What the photograph's noise alone makes of the difference.",
+    "frame": "A photograph: of a strategy's picture, or of one that nothing was fitted to (held-out).",
+    "limit": "From the profile's [limits], or from what the method needs.",
+    "expected": "The range that this rig's own noise and geometry let one expect.",
+    "target": "The picture that is wanted, as the camera should see it.",
+    "projected": "The codes that were sent to the projector.",
+    "predicted": "What the model expects the camera to see.",
+    "measured": "What the camera saw, in linear light on the target's scale.",
+    "error": "Measured minus target: blue too dark, red too bright.",
+    "measured - target": "Blue too dark, red too bright.",
+    "predicted - target": "Blue too dark, red too bright.",
+    "geometry: reprojection rms": "How far the fitted lenses and walls miss the places where pixels were seen.",
+    "geometry: uncertainty of the room's lengths": "Standard deviation of the least certain length, tape included.",
+    "geometry: directions in which no wall was measured": "Along these the place of walls is only a guess.",
+    "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
+    "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",
+    "measured - simulated: rms": "Photograph minus prediction, on pictures that nothing was fitted to.",
+    "measured - simulated: |bias|": "Mean of photograph minus prediction, whichever sign.",
+    "lamp: drift of white": "How fast projector white gets brighter or darker.",
+}
+"""Heads of columns, and rows that are judged."""
+
+
+def explanation(word: str) -> str:
+    """Return what a word means, empty where that needs no words."""
+    return STRATEGIES.get(word) or WORDS.get(word) or STRATEGIES.get(word.partition(",")[0], "")
+
+
+def explained(words: Iterable[str]) -> dict[str, str]:
+    """Return the words that have an explanation, each once, with it."""
+    return {word: text for word in words if (text := explanation(word))}
