@@ -1,9 +1,10 @@
 """The model's gloss against the simulated world and Mitsuba 3: python benchmarks/gloss_against_world.py [SCENE ...].
 
 Glossy scenes of the library (``glossy``, ``gain-screen``), a white picture and one of bright blocks, seen by a pinhole
-camera apart from a pinhole projector. The truth is the simulated world (Embree, code of its own) with two seeds, or with
-``--mitsuba`` a path tracer. Held against it: the model with its lobes (``gloss``), and a matte model that sends back as
-much of even light (``matte``). As a control, both without any gloss (``control``): what patches and edges leave.
+camera apart from a pinhole projector. The truth is the simulated world (Embree, code of its own) with two seeds, or
+with ``--mitsuba`` a path tracer. Held against it: the model with its lobes (``gloss``), and a matte model that sends
+back as much of even light (``matte``). As a control, both without any gloss (``control``): what patches and edges
+leave.
 Pictures are compared in blocks of 8 x 8 camera pixels. Printed in percent of the mean: bias, rms of the blocks'
 differences, the truth's own noise (from its seeds), and the rms without it. Exit status 1 when a bias of ``gloss`` is
 above --bias.

@@ -112,6 +112,10 @@ def simulate(
     reflectance: Annotated[
         str, Parameter(help="One number, or one for each colour, separated by commas; default: the scene's own.")
     ] = "",
+    gloss: Annotated[
+        float | None, Parameter(help="Share of light that all patches send back glossy; default: the mesh file's.")
+    ] = None,
+    roughness: Annotated[float | None, Parameter(help="Of that gloss: alpha of GGX; default: 0.3.")] = None,
     unit: Annotated[Literal["m", "cm", "mm", "in", "ft"], Parameter(help="Unit of a mesh file.")] = "m",
     memory_mb: Annotated[float | None, Parameter(help="Memory that may be used; default: half of the free.")] = None,
     seconds: Annotated[
@@ -139,6 +143,8 @@ def simulate(
         unit=unit,
         memory_mb=memory_mb,
         seconds=seconds,
+        gloss=gloss,
+        roughness=roughness,
     )
     with TerminalProgress() as progress:
         planned, result = plan_simulation(request, progress)

@@ -11,6 +11,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.files.mesh_gloss import gloss_of_material
 from rig.files.pictures import LUMINANCE, linear_of_srgb
 from sim.errors import SimulationError
 from sim.geometry.checks import mesh_faults, refuse, refuse_extent
@@ -171,9 +172,15 @@ class TriangleSoup:
     triangles: IntArray
     """(T, 3) into points."""
     colours: FloatArray
-    """(T, 3) linear colour; NaN where the file gives none."""
+    """(T, 3) linear colour of the matte part; NaN where the file gives none."""
     materials: tuple[str, ...]
     """(T,) name of each triangle's material, else of its part."""
+    gloss: FloatArray
+    """(T,) share of light that a glossy lobe sends back at most (:mod:`rig.files.mesh_gloss`)."""
+    roughness: FloatArray
+    """(T,) its alpha."""
+    matte_share: FloatArray
+    """(T,) of the file's colour, that is matte and in ``colours``."""
 
 
 def read_triangles(path: str | Path, *, unit: Unit = "m", up: Literal["y", "z"] | None = None) -> TriangleSoup:
@@ -198,16 +205,21 @@ def read_triangles(path: str | Path, *, unit: Unit = "m", up: Literal["y", "z"] 
     points = soup.points * UNITS_M[unit]
     if (up or ("y" if is_gltf else "z")) == "y":
         points = points[:, [0, 2, 1]] * (1, -1, 1)
-    colours, materials = [], []
+    colours, materials, lobes = [], [], []
     for node in scene.graph.nodes_geometry:
         name = scene.graph[node][1]
         geometry = scene.geometry[name]
         if isinstance(geometry, trimesh.Trimesh):
-            colours.append(_colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf))
+            material = gloss_of_material(getattr(geometry.visual, "material", None))
+            lobe = (material.gloss, material.roughness, material.matte_share)
+            lobes.append(np.tile(lobe, (len(geometry.faces), 1)))
+            shades = _colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf)
+            colours.append(material.matte_share * shades)
             materials += [str(getattr(getattr(geometry.visual, "material", None), "name", None) or name)] * len(
                 geometry.faces
             )
-    return TriangleSoup(points, soup.triangles, np.concatenate(colours), tuple(materials))
+    each = np.concatenate(lobes).T
+    return TriangleSoup(points, soup.triangles, np.concatenate(colours), tuple(materials), *each)
 
 
 def _colours(visual: Any, faces: IntArray, linear_colours: bool) -> FloatArray:

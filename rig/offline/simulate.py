@@ -10,12 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import UsageError
-from rig.offline.records import Estimate, PlanSummary, SimulationOutcome, SimulationResult
+from rig.offline.gloss import GlossyScene, reason_of, summary_of_gloss, with_gloss, with_gloss_of_file
+from rig.offline.records import Estimate, GlossSummary, PlanSummary, SimulationOutcome, SimulationResult
 from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
-from sim.geometry.surface import Surface
-from sim.planning.cost import largest_dense
+from sim.light.gloss.material import Gloss
+from sim.planning.cost import Cost, largest_dense
+from sim.planning.gloss import GlossySimulation, gloss_cost, gloss_of_cells, glossy_simulation, refined_gloss_check
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import Simulation, refined_check, simulate
 from sim.planning.time_limit import plan_within
@@ -49,6 +51,10 @@ class SimulationRequest:
     """What may be used; None: half of what is free."""
     seconds: float | None = None
     """For plan and solution; the tolerance is then the smallest that fits."""
+    gloss: float | None = None
+    """Of all patches; None: the mesh file's own."""
+    roughness: float | None = None
+    """Of that gloss."""
 
 
 def tolerance_of(percent: float | None, grey_levels: float | None, seconds: float | None = None) -> float:
@@ -85,12 +91,22 @@ def reflectances_of(text: str) -> tuple[float, ...]:
     return values
 
 
-def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, SimulationResult]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlannedSimulation:
+    """What is to be carried out."""
+
+    plan: Plan
+    """With matte patches."""
+    gloss: Gloss | None
+    """Of the plan's cells, where matte patches are not enough."""
+
+
+def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[PlannedSimulation, SimulationResult]:
     """Plan and estimate a simulation.
 
     Returns
     -------
-    Plan, SimulationResult
+    PlannedSimulation, SimulationResult
         The plan to carry out, and what it will cost; nothing ``actual`` yet.
 
     Raises
@@ -100,32 +116,42 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     """
     on_step("plan", 0, 1)
     started = time.perf_counter()
-    surface, light = _surface(request)
+    scene, light = _scene(request)
+    surface, reflectances = scene.as_matte, scene.reflectances(request.reflectance)
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
 
     def make_plan(tolerance: float) -> Plan:
-        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=request.reflectance or None)
+        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=reflectances)
 
     try:
         planned = make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
+        summary = summary_of_gloss(scene, light, planned.tolerance_percent, memory_mb)
+        lobes = scene.gloss if summary is not None and summary.needed else None
+        gloss = None if lobes is None else gloss_of_cells(planned.cells, scene.surface, lobes)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
-    return planned, SimulationResult(
+    more = Cost(0.0, 0.0) if gloss is None else gloss_cost(gloss)
+    return PlannedSimulation(plan=planned, gloss=gloss), SimulationResult(
         scene=request.scene,
         tolerance=planned.tolerance_percent,
-        plan=_summary(planned, light, time.perf_counter() - started),
-        estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
+        plan=_summary(planned, light, summary, time.perf_counter() - started),
+        estimated=Estimate(
+            error=planned.error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
+        ),
     )
 
 
-def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> SimulationOutcome:
+def run_planned(to_do: PlannedSimulation, on_step: OnStep, check: bool = False) -> SimulationOutcome:
     """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution."""
     on_step("simulate", 0, 1)
+    planned, glossy = to_do.plan, None
     started = time.perf_counter()
     tracemalloc.start()
     try:
         simulation = simulate(planned.cells, planned.light, planned.model)
+        if to_do.gloss is not None:
+            glossy = glossy_simulation(simulation, planned.light, to_do.gloss)
         seconds = time.perf_counter() - started
         peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
     except SimulationError as error:
@@ -136,7 +162,9 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> Simulati
         peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
     on_step("simulate", 1, 1)
     actual = _measured(simulation, seconds, peak_mb)
-    return _checked(actual, planned, simulation, on_step) if check else actual
+    if glossy is not None:
+        actual = replace(actual, residual=glossy.residual, products=glossy.products)
+    return _checked(actual, planned, glossy or simulation, on_step) if check else actual
 
 
 def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bool = False) -> SimulationResult:
@@ -173,20 +201,26 @@ def _possible_mb(memory_mb: float) -> float:
     return memory_mb
 
 
-def _surface(request: SimulationRequest) -> tuple[Surface, str]:
-    """The surface and the name of its light."""
+def _scene(request: SimulationRequest) -> tuple[GlossyScene, str]:
+    """The surface with its gloss, and the name of its light."""
+    colours = request.reflectance
     if request.scene in SURFACES:
         entry = SURFACES[request.scene]
-        return entry.build(), request.light or entry.light
+        return with_gloss(entry.build(), request.gloss, request.roughness, colours), request.light or entry.light
     if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
         raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
     from rig.files.mesh import read_mesh
 
     reflectance = max(request.reflectance) if request.reflectance else None
-    return read_mesh(request.scene, reflectance=reflectance, unit=request.unit), request.light or "floor"
+    mesh = read_mesh(request.scene, reflectance=reflectance, unit=request.unit)
+    if request.gloss is None and request.roughness is None:
+        scene = with_gloss_of_file(request.scene, mesh, request.unit, colours)
+    else:
+        scene = with_gloss(mesh, request.gloss, request.roughness, colours)
+    return scene, request.light or "floor"
 
 
-def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:
+def _summary(planned: Plan, light: str, gloss: GlossSummary | None, plan_s: float) -> PlanSummary:
     sizes_m = planned.cells.areas**0.5
     return PlanSummary(
         patches=planned.patches,
@@ -198,8 +232,9 @@ def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:
         solver=planned.solver,
         channels=planned.channels,
         bounces=planned.bounces,
-        reasons=tuple(planned.reasons),
+        reasons=(*planned.reasons, *(() if gloss is None else (reason_of(gloss, planned.tolerance_percent),))),
         seconds=plan_s,
+        gloss=gloss,
     )
 
 
@@ -214,7 +249,9 @@ def _measured(simulation: Simulation, seconds: float, peak_mb: float) -> Simulat
     )
 
 
-def _checked(actual: SimulationOutcome, planned: Plan, simulation: Simulation, on_step: OnStep) -> SimulationOutcome:
+def _checked(
+    actual: SimulationOutcome, planned: Plan, simulation: Simulation | GlossySimulation, on_step: OnStep
+) -> SimulationOutcome:
     """The outcome with its error against a refined solution. Raises UsageError when that does not fit."""
     on_step("check against a refined solution", 0, 1)
     largest = largest_dense(available_mb() / 2)
@@ -223,6 +260,9 @@ def _checked(actual: SimulationOutcome, planned: Plan, simulation: Simulation, o
             f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
             "leave --check out, or raise the tolerance"
         )
-    check = refined_check(simulation, planned.light, planned.model, min(MOST_REFINED_PATCHES, largest))
+    if isinstance(simulation, GlossySimulation):
+        check = refined_gloss_check(simulation, planned.light, planned.model)
+    else:
+        check = refined_check(simulation, planned.light, planned.model, min(MOST_REFINED_PATCHES, largest))
     on_step("check against a refined solution", 1, 1)
     return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)

@@ -28,8 +28,8 @@ from sim.light.gloss.material import Gloss
 from sim.light.gloss.walks import GlossySurface, even_points
 from sim.light.radiosity import FormFactorOperator
 
-RAYS_AT_A_TIME = 1 << 18
-"""Their arrays take some hundred megabytes."""
+RAYS_AT_A_TIME = 1 << 16
+"""Their arrays take some 70 MB."""
 MOST_RAYS = 1 << 16
 _SCALINGS, _SUMS_ERROR = 40, 1e-4
 """Rounds of scaling rows to their sums, and what may be left, of an area: noise of the rays is above it."""

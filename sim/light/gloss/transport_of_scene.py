@@ -145,7 +145,7 @@ class _ProjectorLight:
     """The camera's pixels are the projector's own."""
 
     def sent_back(self, leg: Leg) -> csr_array:
-        """(rays, n_projector) radiosity of places along their rays, matte and as a highlight, times the rays' shares."""
+        """(rays, n_projector) radiosity of places along their rays, highlights too, times the rays' shares."""
         surface, points = self.glossy.surface, leg.points_m
         xy = project(self.lens, self.pose, points)
         with np.errstate(invalid="ignore"):
@@ -220,6 +220,7 @@ def _from_gloss(glossy: GlossySurface, leg: Leg, rays: int, seed: tuple[int, int
         for further in glossy.further(each, chances.reshape(-1, 2), random):
             yield Leg(
                 walk=further.walk,
+                patch=further.patch,
                 hits=further.hits,
                 points_m=further.points_m,
                 directions=further.directions,

@@ -27,28 +27,32 @@ LIFT = 1e-9
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Leg:
-    """One leg of N walks that meet something."""
+class Arrivals:
+    """Light of N walks that comes to places on patches."""
 
     walk: IntArray
     """(N,) number of the walk."""
-    hits: Hits
+    patch: IntArray
+    """(N,) that each comes to."""
     points_m: FloatArray
-    """(N, 3) where they land [m]."""
+    """(N, 3) where [m]."""
     directions: FloatArray
-    """(N, 3) of the rays, unit vectors."""
+    """(N, 3) along which, unit vectors."""
     share: FloatArray
     """(N,) of the walk's light that comes along."""
 
-    @property
-    def patch(self) -> IntArray:
-        """(N,) that each meets."""
-        return self.hits.patch
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Leg(Arrivals):
+    """One leg of N walks that meet something, traced."""
+
+    hits: Hits
 
     def of(self, chosen: BoolArray | IntArray) -> Leg:
         """Return some of them."""
         return Leg(
             walk=self.walk[chosen],
+            patch=self.patch[chosen],
             hits=hits_of(self.hits, chosen),
             points_m=self.points_m[chosen],
             directions=self.directions[chosen],
@@ -100,18 +104,19 @@ class GlossySurface:
         begin = np.broadcast_to(origins_m, directions.shape)[met]
         return Leg(
             walk=met if walk is None else walk[met],
+            patch=hits.patch[met],
             hits=hits_of(hits, met),
             points_m=begin + hits.distance[met, None] * directions[met],
             directions=directions[met],
             share=share[met],
         )
 
-    def further(self, leg: Leg, chances: FloatArray, random: np.random.Generator) -> Iterator[Leg]:
-        """Follow a leg's light on from glossy patches, leg by leg, as far as it matters.
+    def further(self, begin: Arrivals, chances: FloatArray, random: np.random.Generator) -> Iterator[Leg]:
+        """Follow light on from glossy patches, leg by leg, as far as it matters.
 
         Parameters
         ----------
-        leg : Leg
+        begin : Arrivals
             On glossy patches.
         chances : (N, 2) array
             That choose the first direction; ``random`` chooses those after.
@@ -122,16 +127,16 @@ class GlossySurface:
         Leg
         """
         for _ in range(MOST_LEGS):
-            directions, weight = self.reflected(leg.patch, leg.directions, chances)
-            share = leg.share * self.gloss.share[leg.patch] * weight
+            directions, weight = self.reflected(begin.patch, begin.directions, chances)
+            share = begin.share * self.gloss.share[begin.patch] * weight
             on = np.flatnonzero(share > 0)
-            begin = self.lifted(leg.patch[on], leg.points_m[on])
-            leg = self.first_leg(begin, directions[on], share[on], leg.walk[on])
+            from_m = self.lifted(begin.patch[on], begin.points_m[on])
+            leg = self.first_leg(from_m, directions[on], share[on], begin.walk[on])
             yield leg
-            leg = leg.of(np.flatnonzero(leg.share * self.gloss.share[leg.patch] > LEAST_SHARE))
-            if not len(leg.walk):
+            begin = leg.of(np.flatnonzero(leg.share * self.gloss.share[leg.patch] > LEAST_SHARE))
+            if not len(begin.walk):
                 return
-            chances = random.uniform(size=(len(leg.walk), 2))
+            chances = random.uniform(size=(len(begin.walk), 2))
 
     def reflected(self, patch: IntArray, directions: FloatArray, chances: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return (N, 3) where rays go on from the lobes of patches, and (N,) their weights, at most 1."""
