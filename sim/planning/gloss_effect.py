@@ -19,8 +19,8 @@ from sim.light.lighting import Lighting
 from sim.planning.gloss import GlossySimulation
 from sim.planning.gloss_places import places_on
 
-POINTS, ALL_POINTS = 64, 1 << 14
-"""On each glossy patch, and on all of them where these are few; each with a direction from which it is seen."""
+ALL_POINTS, FEWEST_POINTS = 1 << 16, 4
+"""On all glossy patches together, and on each where these are many; each with a direction from which it is seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,7 +65,7 @@ def gloss_effect(glossy: GlossySimulation, light: Lighting, *, seed: int = 0) ->
     if len(on):
         places = places_on(
             GlossySurface.of(replace(cells, reflectance=glossy.reflectance[:, 0]), gloss),
-            max(POINTS, ALL_POINTS // len(on)),
+            max(FEWEST_POINTS, ALL_POINTS // len(on)),
             seed,
         )
         seen[on] = np.maximum(places.seen_error(*_known(glossy), light), 0.0)

@@ -13,7 +13,7 @@ factors, there of mirrors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,9 +75,22 @@ class GlossyFormFactors:
         return np.asarray(self.base.exchange(x) + self.by_gloss @ x)
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DenseGlossyFormFactors(FormFactors):
+    """A dense matrix F + F_s, whose diagonal is not 0: a patch sees itself in others, as none does straight."""
+
+    def exchange(self, x: FloatArray) -> FloatArray:
+        """Return diag(A) (F + F_s) x for x (P,) or (P, K)."""
+        product = super().exchange(x)
+        if x.ndim > 1:
+            return product
+        # The kernel's product reads one half of the matrix, without its diagonal.
+        return np.asarray(product + self.areas * np.diagonal(self.matrix) * x)
+
+
 def glossy_form_factors(
     surface: Surface, form_factors: FormFactorOperator, gloss: Gloss, *, rays: int = 256, seed: int = 0
-) -> FormFactors | GlossyFormFactors:
+) -> DenseGlossyFormFactors | GlossyFormFactors:
     """Return form factors extended by light that glossy patches pass on between others.
 
     Parameters
@@ -93,7 +106,7 @@ def glossy_form_factors(
 
     Returns
     -------
-    FormFactors or GlossyFormFactors
+    DenseGlossyFormFactors or GlossyFormFactors
         Dense if the given ones are; no light is created: ρ (F + F_s) keeps at most the largest ρ / (1 - ρ_s).
 
     Raises
@@ -114,8 +127,15 @@ def glossy_form_factors(
     if not isinstance(form_factors, FormFactors):
         return GlossyFormFactors(base=form_factors, by_gloss=by_gloss)
     matrix = form_factors.matrix + by_gloss.toarray() / form_factors.areas[:, None]
-    method = f"{form_factors.method}, and gloss by rays"
-    return replace(form_factors, matrix=matrix, row_sums=matrix.sum(axis=1), method=method)
+    return DenseGlossyFormFactors(
+        matrix=matrix,
+        areas=form_factors.areas,
+        row_sums=matrix.sum(axis=1),
+        closure_max=form_factors.closure_max,
+        method=f"{form_factors.method}, and gloss by rays",
+        visibility=form_factors.visibility,
+        seconds=form_factors.seconds,
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -21,8 +21,9 @@ from sim.arrays import FloatArray
 
 LEAST_ROUGHNESS = 1e-3
 """Of a lobe; below, a highlight is narrower than a tenth of a degree and is a mirror image to every camera."""
-_COSINES, _ROUGHNESSES, _POINTS = 65, 33, 32
-"""Of the table of albedos: nodes, and directions along each side of a square at each of them."""
+_COSINES, _ROUGHNESSES, _POINTS = 65, 33, 1024
+"""Of the table of albedos: nodes, and directions at each of them."""
+_GOLDEN = (np.sqrt(5) - 1) / 2
 _LEAST_COSINE = 1e-6
 
 
@@ -126,8 +127,8 @@ def mean_albedo(roughness: FloatArray) -> FloatArray:
 def _table() -> FloatArray:
     """(roughness, square root of the cosine) albedos; the table is finer in grazing light, where they change."""
     cosine = np.maximum(np.linspace(0, 1, _COSINES) ** 2, 1e-4)
-    steps = (np.arange(_POINTS) + 0.5) / _POINTS
-    chances = np.stack([grid.ravel() for grid in np.meshgrid(steps, steps)], axis=1)
+    number = np.arange(_POINTS)
+    chances = np.stack([(number + 0.5) / _POINTS, number * _GOLDEN % 1.0], axis=1)
     outgoing = np.stack([np.sqrt(1 - cosine**2), np.zeros(_COSINES), cosine], axis=1)
     rows = []
     for roughness in np.maximum(np.linspace(0, 1, _ROUGHNESSES), LEAST_ROUGHNESS):

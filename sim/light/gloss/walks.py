@@ -20,8 +20,8 @@ from sim.light.gloss.material import Gloss
 
 MOST_LEGS = 24
 """Of a walk: with a gloss of 0.7 a ten-thousandth is left."""
-LEAST_SHARE = 1e-3
-"""Of a walk's light: what is less is not followed; of the light of a patch this is below what rays leave."""
+LEAST_SHARE = 1e-4
+"""Of a walk's light: what is less is not followed."""
 LIFT = 1e-9
 """Of the surface's size, by which rays begin above the patch that they leave; rays are traced in double precision."""
 
