@@ -20,9 +20,9 @@ from sim.planning.cost import Cost
 from sim.planning.gloss_places import places_on
 from sim.planning.simulation import Check, Model, Simulation, simulate
 
-RAYS, FEWEST_RAYS, ALL_RAYS = 256, 16, 1 << 21
-"""Pairs of rays from each glossy patch: 0.4 % of the mean light rms in a room of 1,024 patches. Of all of them at most
-the last number, as long as each has 16: patches of a fine mesh share what is around them."""
+RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
+"""Pairs of rays from each glossy patch: 0.4 % of the mean light rms in a room of 1,024 patches. Of all of them
+together between the last two numbers, as long as each has 16: patches of a fine mesh share what is around them."""
 LAMP_POINTS = 1 << 18
 """On all glossy patches, from which the lamp's light goes on."""
 FIRST_S, PAIR_S, PAIR_MB, KEPT_MB = 0.3, 7e-6, 1e-3, 2.5e-4
@@ -149,7 +149,8 @@ def refined_gloss_check(glossy: GlossySimulation, light: Lighting, model: Model,
 
 def rays_each(gloss: Gloss, most: int) -> int:
     """Return the pairs of rays from each glossy patch."""
-    return int(np.clip(ALL_RAYS // max(int(gloss.glossy.sum()), 1), FEWEST_RAYS, most))
+    glossy = max(int(gloss.glossy.sum()), 1)
+    return int(np.clip(ALL_RAYS // glossy, FEWEST_RAYS, max(most, LEAST_OF_ALL // glossy)))
 
 
 def gloss_cost(gloss: Gloss) -> Cost:
