@@ -163,7 +163,7 @@ def _polygons(
     return polygons, rho[first]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TriangleSoup:
     """All triangles of a file in metres, z up, as they are: nothing joined, nothing checked."""
 
@@ -218,8 +218,16 @@ def read_triangles(path: str | Path, *, unit: Unit = "m", up: Literal["y", "z"] 
             materials += [str(getattr(getattr(geometry.visual, "material", None), "name", None) or name)] * len(
                 geometry.faces
             )
-    each = np.concatenate(lobes).T
-    return TriangleSoup(points, soup.triangles, np.concatenate(colours), tuple(materials), *each)
+    gloss, roughness, matte_share = np.concatenate(lobes).T
+    return TriangleSoup(
+        points=points,
+        triangles=soup.triangles,
+        colours=np.concatenate(colours),
+        materials=tuple(materials),
+        gloss=gloss,
+        roughness=roughness,
+        matte_share=matte_share,
+    )
 
 
 def _colours(visual: Any, faces: IntArray, linear_colours: bool) -> FloatArray:

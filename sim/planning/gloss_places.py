@@ -9,7 +9,7 @@ import numpy as np
 from sim.arrays import FloatArray, IntArray
 from sim.light.gloss.exchange import cosine_directions, points_on
 from sim.light.gloss.lobe import albedo, frames_of, lobe, lobe_directions
-from sim.light.gloss.walks import Arrivals, GlossySurface, Leg, even_points
+from sim.light.gloss.walks import Arrivals, GlossySurface, LightLeg, even_points
 from sim.light.lighting import Lighting
 
 
@@ -60,7 +60,9 @@ class Places:
         towards = -cosine_directions(self.glossy.surface, self.patch, self.chances[:, :2])
         known = (glossy_matte - matte)[self.patch]
         one, other = (
-            known + self._seen(towards, self.chances[:, k : k + 2], glossy_matte, send_back, light) for k in (2, 4)
+            known
+            + self._seen(towards, self.chances[:, k : k + 2], others=glossy_matte, send_back=send_back, light=light)
+            for k in (2, 4)
         )
         return self._each_patch(one * other)
 
@@ -87,6 +89,7 @@ class Places:
         self,
         towards: FloatArray,
         chances: FloatArray,
+        *,
         others: FloatArray,
         send_back: FloatArray,
         light: Lighting,
@@ -100,7 +103,7 @@ class Places:
             seen += np.bincount(leg.walk, leg.share * value, minlength=len(seen))
         return seen
 
-    def _further(self, directions: FloatArray, chances: FloatArray) -> list[Leg]:
+    def _further(self, directions: FloatArray, chances: FloatArray) -> list[LightLeg]:
         begin = Arrivals(
             walk=np.arange(len(self.patch)),
             patch=self.patch,

@@ -170,7 +170,7 @@ def _pairs(glossy: GlossySurface, rays: int, seed: int) -> _Pairs:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Found:
+class _MetPairs:
     """What pairs of rays met."""
 
     started: IntArray
@@ -188,7 +188,7 @@ class _Found:
     """(N,) ρ_s w of all lobes on the way."""
 
 
-def _counted(glossy: GlossySurface, patch: IntArray, chances: FloatArray, random: np.random.Generator) -> _Found:
+def _counted(glossy: GlossySurface, patch: IntArray, chances: FloatArray, random: np.random.Generator) -> _MetPairs:
     points = glossy.lifted(patch, points_on(glossy.surface, patch, chances[:, :2]))
     rays = cosine_directions(glossy.surface, patch, chances[:, 2:4])
     begin = glossy.first_leg(points, rays, np.ones(len(patch)))
@@ -204,7 +204,7 @@ def _counted(glossy: GlossySurface, patch: IntArray, chances: FloatArray, random
     if len(going.walk):
         legs += glossy.further(going, random.uniform(size=(len(going.walk), 2)), random)
     pair = np.concatenate([leg.walk for leg in legs])
-    return _Found(
+    return _MetPairs(
         started=begin.walk,
         first=begin.patch,
         glossy=patch[begin.walk],

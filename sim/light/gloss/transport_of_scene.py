@@ -23,7 +23,7 @@ from sim.light.gloss.exchange import RAYS_AT_A_TIME, glossy_form_factors
 from sim.light.gloss.lobe import frames_of, lobe
 from sim.light.gloss.material import Gloss
 from sim.light.gloss.transport import GlossyTransport
-from sim.light.gloss.walks import GlossySurface, Leg, even_points
+from sim.light.gloss.walks import GlossySurface, LightLeg, even_points
 from sim.light.radiosity import FormFactorOperator, Radiosity
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
 
@@ -113,7 +113,8 @@ def glossy_transport(
         coaxial=camera_lens is None,
     )
     extended = glossy_form_factors(surface, form_factors, gloss, rays=max(16, sampling.patch_rays), seed=sampling.seed)
-    seen = _seen(light, camera_lens or projector_lens, camera_pose or projector_pose, sampling, mirrored)
+    camera = camera_lens or projector_lens, camera_pose or projector_pose
+    seen = _seen(light, *camera, sampling=sampling, mirrored=mirrored)
     hits = light.glossy.first_leg(
         projector_pose.position_m,
         rays_at(projector_lens, projector_pose, projector_lens.pixel_grid()),
@@ -144,7 +145,7 @@ class _ProjectorLight:
     coaxial: bool
     """The camera's pixels are the projector's own."""
 
-    def sent_back(self, leg: Leg) -> csr_array:
+    def sent_back(self, leg: LightLeg) -> csr_array:
         """(rays, n_projector) radiosity of places along their rays, highlights too, times the rays' shares."""
         surface, points = self.glossy.surface, leg.points_m
         xy = project(self.lens, self.pose, points)
@@ -159,7 +160,7 @@ class _ProjectorLight:
         place = np.repeat(rays, 4), (rows * self.lens.width_px + columns).ravel()
         return _csr((value[:, None] * weights).ravel(), *place, shape)
 
-    def diagonal(self, leg: Leg) -> csr_array:
+    def diagonal(self, leg: LightLeg) -> csr_array:
         """Direct light of a camera in the projector's place: of its own pixel alone."""
         surface = self.glossy.surface
         value = irradiance_at(surface, self.lens, self.pose, points_m=leg.points_m, patch=leg.patch)
@@ -167,7 +168,7 @@ class _ProjectorLight:
         direct[leg.walk] = value * (np.asarray(surface.reflectance)[leg.patch] + self._highlight(leg))
         return csr_array(diags_array(direct))
 
-    def _highlight(self, leg: Leg) -> FloatArray:
+    def _highlight(self, leg: LightLeg) -> FloatArray:
         """(N,) π ρ_s f_s between the projector and where the rays came from."""
         value = np.zeros(len(leg.walk))
         on = np.flatnonzero(self.glossy.gloss.glossy[leg.patch])
@@ -181,7 +182,7 @@ class _ProjectorLight:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
+class _SeenMatrices:
     """What the camera's pixels see."""
 
     direct: csr_array
@@ -190,7 +191,9 @@ class _Seen:
     mirrored: csr_array | None
 
 
-def _seen(light: _ProjectorLight, lens: Lens, pose: Pose, sampling: GlossSampling, mirrored: Mirrored) -> _Seen:
+def _seen(
+    light: _ProjectorLight, lens: Lens, pose: Pose, *, sampling: GlossSampling, mirrored: Mirrored
+) -> _SeenMatrices:
     surface, n_pixels = light.glossy.surface, lens.n_pixels
     leg = light.glossy.first_leg(pose.position_m, rays_at(lens, pose, lens.pixel_grid()), np.ones(n_pixels))
     direct = light.diagonal(leg) if light.coaxial else _by_walk(light.sent_back(leg), leg.walk, n_pixels)
@@ -200,7 +203,7 @@ def _seen(light: _ProjectorLight, lens: Lens, pose: Pose, sampling: GlossSamplin
         lobe_view = lobe_view + _by_walk(seen, further.walk, n_pixels)
         if mirrored == "pixel":
             picture = picture + _by_walk(light.sent_back(further), further.walk, n_pixels)
-    return _Seen(
+    return _SeenMatrices(
         direct=direct,
         view=_by_walk(_view(surface, leg), leg.walk, n_pixels),
         lobe_view=csr_array(lobe_view),
@@ -208,7 +211,7 @@ def _seen(light: _ProjectorLight, lens: Lens, pose: Pose, sampling: GlossSamplin
     )
 
 
-def _from_gloss(glossy: GlossySurface, leg: Leg, rays: int, seed: tuple[int, int]) -> Iterator[Leg]:
+def _from_gloss(glossy: GlossySurface, leg: LightLeg, rays: int, seed: tuple[int, int]) -> Iterator[LightLeg]:
     """Follow so many rays from each of a leg's places on gloss; shares are of the place's light, walks its numbers."""
     places = np.flatnonzero(glossy.gloss.glossy[leg.patch])
     square, step = even_points(rays, 2), max(1, RAYS_AT_A_TIME // rays)
@@ -218,7 +221,7 @@ def _from_gloss(glossy: GlossySurface, leg: Leg, rays: int, seed: tuple[int, int
         chances = (square + random.uniform(size=(len(some.walk), 1, 2))) % 1.0
         each = some.of(np.repeat(np.arange(len(some.walk)), rays))
         for further in glossy.further(each, chances.reshape(-1, 2), random):
-            yield Leg(
+            yield LightLeg(
                 walk=further.walk,
                 patch=further.patch,
                 hits=further.hits,
@@ -244,7 +247,7 @@ def _emission_by_gloss(light: _ProjectorLight, subsamples: int, sampling: GlossS
     return csr_array(total)
 
 
-def _view(surface: Surface, leg: Leg) -> csr_array:
+def _view(surface: Surface, leg: LightLeg) -> csr_array:
     """(rays, P) what rays see of the patches' B - S p where they land."""
     if isinstance(surface, Scene):
         return smooth_view(surface, leg.hits, np.asarray(surface.reflectance)[leg.patch])

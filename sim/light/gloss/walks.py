@@ -43,14 +43,14 @@ class Arrivals:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Leg(Arrivals):
+class LightLeg(Arrivals):
     """One leg of N walks that meet something, traced."""
 
     hits: Hits
 
-    def of(self, chosen: BoolArray | IntArray) -> Leg:
+    def of(self, chosen: BoolArray | IntArray) -> LightLeg:
         """Return some of them."""
-        return Leg(
+        return LightLeg(
             walk=self.walk[chosen],
             patch=self.patch[chosen],
             hits=hits_of(self.hits, chosen),
@@ -81,7 +81,7 @@ class GlossySurface:
 
     def first_leg(
         self, origins_m: FloatArray, directions: FloatArray, share: FloatArray, walk: IntArray | None = None
-    ) -> Leg:
+    ) -> LightLeg:
         """Return where rays land that meet a patch from its lit side.
 
         Parameters
@@ -97,12 +97,12 @@ class GlossySurface:
 
         Returns
         -------
-        Leg
+        LightLeg
         """
         hits = trace(self.surface, origins_m, directions)
         met = np.flatnonzero(hits.patch >= 0)
         begin = np.broadcast_to(origins_m, directions.shape)[met]
-        return Leg(
+        return LightLeg(
             walk=met if walk is None else walk[met],
             patch=hits.patch[met],
             hits=hits_of(hits, met),
@@ -111,7 +111,7 @@ class GlossySurface:
             share=share[met],
         )
 
-    def further(self, begin: Arrivals, chances: FloatArray, random: np.random.Generator) -> Iterator[Leg]:
+    def further(self, begin: Arrivals, chances: FloatArray, random: np.random.Generator) -> Iterator[LightLeg]:
         """Follow light on from glossy patches, leg by leg, as far as it matters.
 
         Parameters
@@ -124,7 +124,7 @@ class GlossySurface:
 
         Yields
         ------
-        Leg
+        LightLeg
         """
         for _ in range(MOST_LEGS):
             directions, weight = self.reflected(begin.patch, begin.directions, chances)
