@@ -15,6 +15,9 @@ from sim.geometry.optics import Lens as Lens
 from sim.geometry.optics import Pose as Pose
 from sim.geometry.scene import Scene as Scene
 from sim.light.colour import ColourTransport as ColourTransport
+from sim.light.gloss.material import Gloss as Gloss
+from sim.light.gloss.transport import GlossyTransport as GlossyTransport
+from sim.light.gloss.transport_of_scene import glossy_transport as glossy_transport
 from sim.light.radiosity import Radiosity as Radiosity
 from sim.light.transport import LightTransport as LightTransport
 from sim.light.transport_of_scene import coaxial_transport as coaxial_transport

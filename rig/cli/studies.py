@@ -115,6 +115,10 @@ def simulate(
     reflectance: Annotated[
         str, Parameter(help="One number, or one for each colour, separated by commas; default: the scene's own.")
     ] = "",
+    gloss: Annotated[
+        float | None, Parameter(help="Share of light that all patches send back glossy; default: the mesh file's.")
+    ] = None,
+    roughness: Annotated[float | None, Parameter(help="Of that gloss: alpha of GGX; default: 0.3.")] = None,
     unit: Annotated[
         Literal["m", "cm", "mm", "in", "inch", "ft"] | None, Parameter(help="Unit of a mesh file; default: m.")
     ] = None,
@@ -161,6 +165,8 @@ def simulate(
         mesh=MeshOptions(unit=unit, up=up, sides=sides, merge_mm=merge_mm, faults=faults),
         memory_mb=memory_mb,
         seconds=seconds,
+        gloss=gloss,
+        roughness=roughness,
     )
     with TerminalProgress() as progress:
         planned, result = plan_simulation(request, progress)

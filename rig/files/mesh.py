@@ -12,6 +12,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.files.mesh_gloss import gloss_of_material
 from rig.files.obj_mesh import obj_with_cut_faces
 from rig.files.pictures import LUMINANCE, linear_of_srgb
 from rig.files.ply_mesh import read_ply_mesh
@@ -196,7 +197,7 @@ def _polygons(
     return polygons, rho[first]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class TriangleSoup:
     """All triangles of a file in metres, z up, as they are: nothing joined, nothing checked."""
 
@@ -205,9 +206,15 @@ class TriangleSoup:
     triangles: IntArray
     """(T, 3) into points."""
     colours: FloatArray
-    """(T, 3) linear colour; NaN where the file gives none."""
+    """(T, 3) linear colour of the matte part; NaN where the file gives none."""
     materials: tuple[str, ...]
     """(T,) name of each triangle's material, else of its part."""
+    gloss: FloatArray
+    """(T,) share of light that a glossy lobe sends back at most (:mod:`rig.files.mesh_gloss`)."""
+    roughness: FloatArray
+    """(T,) its alpha."""
+    matte_share: FloatArray
+    """(T,) of the file's colour, that is matte and in ``colours``."""
 
 
 def read_triangles(path: str | Path, *, unit: Unit = "m", up: UpAxis | None = None) -> TriangleSoup:
@@ -230,16 +237,29 @@ def read_triangles(path: str | Path, *, unit: Unit = "m", up: UpAxis | None = No
     if not len(soup.triangles):
         raise UsageError(f"{path}: no faces in it; export surfaces, not points or lines")
     points = _turned_up(soup.points * UNITS_M[unit], up or standard_up(path))
-    colours, materials = [], []
+    colours, materials, lobes = [], [], []
     for node in scene.graph.nodes_geometry:
         name = scene.graph[node][1]
         geometry = scene.geometry[name]
         if isinstance(geometry, trimesh.Trimesh):
-            colours.append(_colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf))
+            material = gloss_of_material(getattr(geometry.visual, "material", None))
+            lobe = (material.gloss, material.roughness, material.matte_share)
+            lobes.append(np.tile(lobe, (len(geometry.faces), 1)))
+            shades = _colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf)
+            colours.append(material.matte_share * shades)
             materials += [str(getattr(getattr(geometry.visual, "material", None), "name", None) or name)] * len(
                 geometry.faces
             )
-    return TriangleSoup(points, soup.triangles, np.concatenate(colours), tuple(materials))
+    gloss, roughness, matte_share = np.concatenate(lobes).T
+    return TriangleSoup(
+        points=points,
+        triangles=soup.triangles,
+        colours=np.concatenate(colours),
+        materials=tuple(materials),
+        gloss=gloss,
+        roughness=roughness,
+        matte_share=matte_share,
+    )
 
 
 def _colours(visual: Any, faces: IntArray, linear_colours: bool) -> FloatArray:

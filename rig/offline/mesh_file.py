@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from sim.geometry.mending.remarks import DamagedMesh, Facets, Outcome, Remark
 from sim.planning.simplified_plan import SimplifiedPlan
 
 if TYPE_CHECKING:
-    from rig.files.mesh import Unit, UpAxis
+    from rig.files.mesh import TriangleSoup, Unit, UpAxis
 
 SOUND = 200, 200, 200
 COLOURS: dict[Outcome, tuple[int, int, int]] = {
@@ -53,6 +53,8 @@ class MeshFile:
     path: Path
     options: MeshOptions
     up: UpAxis
+    soup: TriangleSoup
+    """As the reader gave it."""
     file_corners: NDArray[np.float64]
     """(T, 3, 3) triangles as the reader gave them [m]."""
     facets: Facets
@@ -137,13 +139,13 @@ def open_mesh_file(path: Path, options: MeshOptions, reflectance: float | None, 
     except SimulationError as error:
         raise UsageError(f"{path}: {error}") from error
     corners = facets.corners
-    made = MeshFile(path=path, options=options, up=up, file_corners=corners, facets=facets, cleaned=())
+    made = MeshFile(path=path, options=options, up=up, soup=soup, file_corners=corners, facets=facets, cleaned=())
     try:
         left, remarks = cleaned_facets(path.stem, facets, merge_m)
     except DamagedMesh as error:
         raise made.refused(error) from error
     on_step("read the mesh", 1, 1)
-    return MeshFile(path=path, options=options, up=up, file_corners=corners, facets=left, cleaned=remarks)
+    return replace(made, facets=left, cleaned=remarks)
 
 
 def write_faults(path: Path | None, corners: NDArray[np.float64], remarks: tuple[Remark, ...]) -> str:

@@ -9,6 +9,22 @@ from rig.records import Record
 
 
 @dataclass(frozen=True, kw_only=True)
+class GlossSummary(Record):
+    """By how much matte patches that reflect as much would be wrong; estimated, RMS over the surface, % of white."""
+
+    area_share: float
+    """Of the surface, that is glossy; 0 ... 1."""
+    matte_between: float
+    """Of what patches send back of each other's light."""
+    matte_seen: float
+    """Of that as it is seen, over all directions."""
+    matte_highlight: float
+    """Of the lamp's light reflected once, over all directions."""
+    needed: bool
+    """One of these is above the tolerance: the lobes are simulated."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PlanSummary(Record):
     """What the planner chose, and why."""
 
@@ -24,6 +40,8 @@ class PlanSummary(Record):
     bounces: int
     reasons: tuple[str, ...]
     seconds: float
+    gloss: GlossSummary | None = None
+    """None: no patch is glossy."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,13 +10,23 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.errors import UsageError
-from rig.offline.mesh_file import MeshOptions, open_mesh_file
-from rig.offline.records import Estimate, MeshSummary, PlanSummary, SimulationOutcome, SimulationResult
+from rig.offline.gloss import GlossyScene, gloss_of_mesh, reason_of, summary_of_gloss, with_gloss
+from rig.offline.mesh_file import MeshFile, MeshOptions, open_mesh_file
+from rig.offline.records import (
+    Estimate,
+    GlossSummary,
+    MeshSummary,
+    PlanSummary,
+    SimulationOutcome,
+    SimulationResult,
+)
 from rig.terminal import OnStep, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
-from sim.geometry.surface import Surface
-from sim.planning.cost import largest_dense
+from sim.geometry.mending.mend import MendedMesh
+from sim.light.gloss.material import Gloss
+from sim.planning.cost import Cost, largest_dense
+from sim.planning.gloss import GlossySimulation, gloss_cost, gloss_of_cells, glossy_simulation, refined_gloss_check
 from sim.planning.plan import Plan, plan
 from sim.planning.simplified_plan import SimplifiedPlan, SimplifyingPlanner
 from sim.planning.simulation import Simulation, refined_check, simulate
@@ -50,6 +60,10 @@ class SimulationRequest:
     """What may be used; None: half of what is free."""
     seconds: float | None = None
     """For plan and solution; the tolerance is then the smallest that fits."""
+    gloss: float | None = None
+    """Of all patches; None: the mesh file's own."""
+    roughness: float | None = None
+    """Of that gloss."""
 
 
 def tolerance_of(percent: float | None, grey_levels: float | None, seconds: float | None = None) -> float:
@@ -86,12 +100,22 @@ def reflectances_of(text: str) -> tuple[float, ...]:
     return values
 
 
-def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, SimulationResult]:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PlannedSimulation:
+    """What is to be carried out."""
+
+    plan: Plan
+    """With matte patches."""
+    gloss: Gloss | None
+    """Of the plan's cells, where matte patches are not enough."""
+
+
+def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[PlannedSimulation, SimulationResult]:
     """Plan and estimate a simulation.
 
     Returns
     -------
-    Plan, SimulationResult
+    PlannedSimulation, SimulationResult
         The plan to carry out, and what it will cost; nothing ``actual`` yet.
 
     Raises
@@ -104,26 +128,34 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Plan, 
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
     light = request.light or (SURFACES[request.scene].light if request.scene in SURFACES else MESH_LIGHT)
 
-    def make_plan(surface: Surface, tolerance: float, by_rays: bool = False) -> Plan:
-        reflectances = request.reflectance or None
-        return plan(surface, tolerance, light, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays)
+    def make_plan(scene: GlossyScene, tolerance: float, by_rays: bool = False) -> Plan:
+        reflectances = scene.reflectances(request.reflectance)
+        return plan(
+            scene.as_matte, tolerance, light, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays
+        )
 
-    summary = None
     try:
         if request.scene in SURFACES:
             surface = SURFACES[request.scene].build()
-            planned = _within(request, lambda tolerance: make_plan(surface, tolerance))
+            scene, mesh = with_gloss(surface, request.gloss, request.roughness, request.reflectance), None
+            planned = _within(request, lambda tolerance: make_plan(scene, tolerance))
         else:
-            planned, summary = _plan_of_file(request, make_plan, on_step)
+            planned, scene, mesh = _plan_of_file(request, make_plan, on_step)
+        summary = summary_of_gloss(scene, light, planned.tolerance_percent, memory_mb)
+        lobes = scene.gloss if summary is not None and summary.needed else None
+        gloss = None if lobes is None else gloss_of_cells(planned.cells, scene.surface, lobes)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
-    return planned, SimulationResult(
+    more = Cost(0.0, 0.0) if gloss is None else gloss_cost(gloss)
+    return PlannedSimulation(plan=planned, gloss=gloss), SimulationResult(
         scene=request.scene,
         tolerance=planned.tolerance_percent,
-        plan=_summary(planned, light, time.perf_counter() - started),
-        estimated=Estimate(error=planned.error_percent, seconds=planned.seconds, peak_mb=planned.peak_mb),
-        mesh=summary,
+        plan=_summary(planned, light, summary, time.perf_counter() - started),
+        estimated=Estimate(
+            error=planned.error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
+        ),
+        mesh=mesh,
     )
 
 
@@ -133,19 +165,21 @@ def _within(request: SimulationRequest, make_plan: Callable[[float], Plan]) -> P
 
 
 def _plan_of_file(
-    request: SimulationRequest, make_plan: Callable[[Surface, float, bool], Plan], on_step: OnStep
-) -> tuple[Plan, MeshSummary]:
-    """The plan of a mesh file, simplified where it has very many facets, and what is to be said of the file."""
+    request: SimulationRequest, make_plan: Callable[[GlossyScene, float, bool], Plan], on_step: OnStep
+) -> tuple[Plan, GlossyScene, MeshSummary]:
+    """The plan of a mesh file, simplified where it has very many facets, its gloss, and what is to be said of it."""
     if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
         raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
     reflectance = max(request.reflectance) if request.reflectance else None
     file = open_mesh_file(Path(request.scene), request.mesh, reflectance, on_step)
-    planner = SimplifyingPlanner(
-        original=file.facets,
-        mend=file.mend,
-        oriented=file.oriented,
-        make_plan=lambda mesh, tolerance: make_plan(mesh.mesh, tolerance, mesh.by_rays),
-    )
+    scenes: dict[int, GlossyScene] = {}
+
+    def plan_mesh(mesh: MendedMesh, tolerance: float) -> Plan:
+        if id(mesh) not in scenes:
+            scenes[id(mesh)] = _glossy(request, file, mesh)
+        return make_plan(scenes[id(mesh)], tolerance, mesh.by_rays)
+
+    planner = SimplifyingPlanner(original=file.facets, mend=file.mend, oriented=file.oriented, make_plan=plan_mesh)
     made: list[SimplifiedPlan] = []
 
     def plan_file(tolerance: float) -> Plan:
@@ -154,16 +188,26 @@ def _plan_of_file(
 
     planned = _within(request, plan_file)
     chosen = next(one for one in made if one.plan is planned)
-    return planned, file.summary(chosen)
+    return planned, scenes[id(chosen.mesh)], file.summary(chosen)
 
 
-def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> SimulationOutcome:
+def _glossy(request: SimulationRequest, file: MeshFile, mesh: MendedMesh) -> GlossyScene:
+    """A file's mesh with the gloss that was asked for, else with its materials' own."""
+    if request.gloss is None and request.roughness is None:
+        return gloss_of_mesh(file.path, file.soup, mesh.mesh, request.reflectance)
+    return with_gloss(mesh.mesh, request.gloss, request.roughness, request.reflectance)
+
+
+def run_planned(to_do: PlannedSimulation, on_step: OnStep, check: bool = False) -> SimulationOutcome:
     """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution."""
     on_step("simulate", 0, 1)
+    planned, glossy = to_do.plan, None
     started = time.perf_counter()
     tracemalloc.start()
     try:
         simulation = simulate(planned.cells, planned.light, planned.model)
+        if to_do.gloss is not None:
+            glossy = glossy_simulation(simulation, planned.light, to_do.gloss)
         seconds = time.perf_counter() - started
         peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
     except SimulationError as error:
@@ -174,7 +218,9 @@ def run_planned(planned: Plan, on_step: OnStep, check: bool = False) -> Simulati
         peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
     on_step("simulate", 1, 1)
     actual = _measured(simulation, seconds, peak_mb)
-    return _checked(actual, planned, simulation, on_step) if check else actual
+    if glossy is not None:
+        actual = replace(actual, residual=glossy.residual, products=glossy.products)
+    return _checked(actual, planned, glossy or simulation, on_step) if check else actual
 
 
 def run_simulate(request: SimulationRequest, on_step: OnStep = silent, check: bool = False) -> SimulationResult:
@@ -211,7 +257,7 @@ def _possible_mb(memory_mb: float) -> float:
     return memory_mb
 
 
-def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:
+def _summary(planned: Plan, light: str, gloss: GlossSummary | None, plan_s: float) -> PlanSummary:
     sizes_m = planned.cells.areas**0.5
     return PlanSummary(
         patches=planned.patches,
@@ -223,8 +269,9 @@ def _summary(planned: Plan, light: str, plan_s: float) -> PlanSummary:
         solver=planned.solver,
         channels=planned.channels,
         bounces=planned.bounces,
-        reasons=tuple(planned.reasons),
+        reasons=(*planned.reasons, *(() if gloss is None else (reason_of(gloss, planned.tolerance_percent),))),
         seconds=plan_s,
+        gloss=gloss,
     )
 
 
@@ -239,7 +286,9 @@ def _measured(simulation: Simulation, seconds: float, peak_mb: float) -> Simulat
     )
 
 
-def _checked(actual: SimulationOutcome, planned: Plan, simulation: Simulation, on_step: OnStep) -> SimulationOutcome:
+def _checked(
+    actual: SimulationOutcome, planned: Plan, simulation: Simulation | GlossySimulation, on_step: OnStep
+) -> SimulationOutcome:
     """The outcome with its error against a refined solution. Raises UsageError when that does not fit."""
     on_step("check against a refined solution", 0, 1)
     largest = largest_dense(available_mb() / 2)
@@ -248,6 +297,9 @@ def _checked(actual: SimulationOutcome, planned: Plan, simulation: Simulation, o
             f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
             "leave --check out, or raise the tolerance"
         )
-    check = refined_check(simulation, planned.light, planned.model, min(MOST_REFINED_PATCHES, largest))
+    if isinstance(simulation, GlossySimulation):
+        check = refined_gloss_check(simulation, planned.light, planned.model)
+    else:
+        check = refined_check(simulation, planned.light, planned.model, min(MOST_REFINED_PATCHES, largest))
     on_step("check against a refined solution", 1, 1)
     return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)

@@ -24,6 +24,7 @@ from sim.form_factors import FormFactors
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
 from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
 from sim.light.colour import ColourTransport
+from sim.light.gloss.transport import GlossyTransport
 from sim.light.interreflection_operator import patch_to_patch
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
@@ -198,6 +199,11 @@ class _Image:
 
 
 def _bands_of(transport: LightTransport | ColourTransport) -> tuple[Sequence[LightTransport], FloatArray]:
+    bands = (transport,) if isinstance(transport, LightTransport) else transport.bands
+    if any(isinstance(band, GlossyTransport) for band in bands):
+        raise SimulationError(
+            "frame model: frames know matte patches only, this transport has gloss; use compensate for single pictures"
+        )
     if isinstance(transport, LightTransport):
         return (transport,), np.eye(CHANNELS)
     mixing = np.asarray(transport.mixing, dtype=np.float64)

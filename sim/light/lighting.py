@@ -30,6 +30,8 @@ class Lighting:
     name: str
     description: str
     irradiance: Irradiance
+    source_m: FloatArray | None = None
+    """(3,) where all of it comes from [m]; None: from everywhere alike."""
 
 
 TEST_LIGHTINGS = ("projector", "floor", "uniform")
@@ -94,7 +96,10 @@ def _projector(cells: AdaptivePatches) -> Lighting:
 
     x, y, z = pose.position_m
     return Lighting(
-        "projector", f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide", irradiance
+        "projector",
+        f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide",
+        irradiance,
+        pose.position_m,
     )
 
 

@@ -21,7 +21,9 @@ from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
-from sim.geometry.scene import Hits, Scene, intersect
+from sim.geometry.rays import trace
+from sim.geometry.scene import Hits, Scene
+from sim.geometry.surface import Surface
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
@@ -158,10 +160,10 @@ class _Beam:
         return np.asarray(self.hits.patch >= 0)
 
 
-def _beam(scene: Scene, lens: Lens, pose: Pose, xy_px: FloatArray) -> _Beam:
+def _beam(surface: Surface, lens: Lens, pose: Pose, xy_px: FloatArray) -> _Beam:
     rays = rays_at(lens, pose, xy_px)
-    hits = intersect(scene, pose.position_m, rays)
-    reflectance = np.where(hits.patch >= 0, scene.reflectance[hits.patch], 0.0)
+    hits = trace(surface, pose.position_m, rays)
+    reflectance = np.where(hits.patch >= 0, surface.reflectance[hits.patch], 0.0)
     return _Beam(pose.position_m, rays, hits, reflectance)
 
 
@@ -185,12 +187,12 @@ def _pixel_mean(scene: Scene, patch: IntArray, direct: FloatArray) -> csr_array:
     return _csr(values, patch[pixels], pixels, (scene.n_patches, len(patch)))
 
 
-def area_emission(scene: Scene, lens: Lens, pose: Pose, *, subsamples: int, convention: Convention) -> csr_array:
+def area_emission(surface: Surface, lens: Lens, pose: Pose, *, subsamples: int, convention: Convention) -> csr_array:
     """Return S by area: the light of each pixel's parts that land on a patch, over its area.
 
     Parameters
     ----------
-    scene : Scene
+    surface : Surface
     lens, pose
         Of the projector.
     subsamples : int
@@ -203,17 +205,17 @@ def area_emission(scene: Scene, lens: Lens, pose: Pose, *, subsamples: int, conv
     """
     grid, pixels = lens.pixel_grid(), np.arange(lens.n_pixels)
     offsets = (np.arange(subsamples) + 0.5) / subsamples - 0.5
-    total = csr_array((scene.n_patches, lens.n_pixels))
+    total = csr_array((surface.n_patches, lens.n_pixels))
     for dy in offsets:
         for dx in offsets:
             xy = grid + np.array([dx, dy])
-            beam = _beam(scene, lens, pose, xy)
+            beam = _beam(surface, lens, pose, xy)
             lit, patch = beam.lit, beam.hits.patch[beam.lit]
             flux = np.full(int(lit.sum()), 1 / (lens.focal_px[0] * lens.focal_px[1]))
             if convention == "paper":
                 # Irradiance cos(theta) over the part's footprint, solid angle r² / cos(theta).
                 flux = solid_angles(lens, xy)[lit] * beam.hits.distance[lit] ** 2
-            values = beam.reflectance[lit] * flux / (scene.areas[patch] * subsamples**2)
+            values = beam.reflectance[lit] * flux / (surface.areas[patch] * subsamples**2)
             total = total + _csr(values, patch, pixels[lit], total.shape)
     return total
 
@@ -236,12 +238,12 @@ def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
     )
 
 
-def irradiance_at(scene: Scene, lens: Lens, pose: Pose, *, points_m: FloatArray, patch: IntArray) -> FloatArray:
+def irradiance_at(surface: Surface, lens: Lens, pose: Pose, *, points_m: FloatArray, patch: IntArray) -> FloatArray:
     """Return the irradiance cos(theta) I / r² of white at surface points inside the picture; 0 in shadow.
 
     Parameters
     ----------
-    scene : Scene
+    surface : Surface
     lens, pose
         Of the projector.
     points_m : (N, 3) array
@@ -256,18 +258,18 @@ def irradiance_at(scene: Scene, lens: Lens, pose: Pose, *, points_m: FloatArray,
     """
     to_point = points_m - pose.position_m
     distance = np.linalg.norm(to_point, axis=1)
-    cosine = -np.einsum("nk,nk->n", to_point, scene.normals[patch]) / distance
-    lit = (cosine > 0) & _reaches(scene, pose.position_m, to_point, distance)
+    cosine = -np.einsum("nk,nk->n", to_point, surface.normals[patch]) / distance
+    lit = (cosine > 0) & _reaches(surface, pose.position_m, to_point, distance)
     xy = project(lens, pose, points_m)
     intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, xy))
     return np.asarray(np.where(lit, cosine * intensity / distance**2, 0.0))
 
 
-def _reaches(scene: Scene, origin: FloatArray, to_point: FloatArray, distance: FloatArray) -> BoolArray:
+def _reaches(surface: Surface, origin: FloatArray, to_point: FloatArray, distance: FloatArray) -> BoolArray:
     """Tell where nothing stands between the origin and the points."""
-    if scene.convex:
+    if surface.convex:
         return np.ones(len(distance), dtype=bool)
-    hits = intersect(scene, origin, to_point / distance[:, None])
+    hits = trace(surface, origin, to_point / distance[:, None])
     return np.asarray(hits.distance >= distance * (1 - 1e-6))
 
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from sim.geometry.surface import Surface
+from sim.geometry.mesh import Mesh
+from sim.geometry.scene import Scene
 from sim.scenes.cluttered import corner_with_ball
 from sim.scenes.gridded import LIBRARY, furnished_room
 from sim.scenes.meshes import integrating_sphere, sloped_room
@@ -18,7 +19,7 @@ COARSEST_M = 100.0
 class Entry:
     """A surface and its standard light."""
 
-    build: Callable[[], Surface]
+    build: Callable[[], Scene | Mesh]
     light: str
     """One of ``sim.light.lighting.TEST_LIGHTINGS``."""
 

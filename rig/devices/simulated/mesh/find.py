@@ -53,8 +53,8 @@ def _read(settings: SimulationSettings, folder: Path) -> TriangleScene:
         material=np.array([names.index(one) for one in soup.materials], dtype=np.int64),
         materials=names,
         reflectance=soup.colours,
-        gloss=np.zeros(len(soup.triangles)),
-        roughness=np.full(len(soup.triangles), 0.3),
+        gloss=soup.gloss,
+        roughness=soup.roughness,
     )
 
 

@@ -1,0 +1,170 @@
+"""Light among glossy surfaces under a test lighting, from that of matte ones that send back as much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sim.arrays import FloatArray
+from sim.errors import SimulationError
+from sim.geometry.adaptive_patches import AdaptivePatches
+from sim.geometry.rays import trace
+from sim.geometry.surface import Surface
+from sim.light.gloss.exchange import RAYS_AT_A_TIME, glossy_form_factors
+from sim.light.gloss.material import Gloss
+from sim.light.gloss.walks import GlossySurface
+from sim.light.lighting import Lighting
+from sim.light.radiosity import Radiosity
+from sim.planning.cost import Cost
+from sim.planning.gloss_places import places_on
+from sim.planning.simulation import Check, Model, Simulation, simulate
+
+RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
+"""Pairs of rays from each glossy patch: 0.4 % of the mean light rms in a room of 1,024 patches. Of all of them
+together between the last two numbers, as long as each has 16: patches of a fine mesh share what is around them."""
+LAMP_POINTS = 1 << 18
+"""On all glossy patches, from which the lamp's light goes on."""
+FIRST_S, PAIR_S, PAIR_MB, KEPT_MB = 0.3, 7e-6, 1e-3, 2.5e-4
+"""Of the table of albedos; of a pair of rays, with the lamp's point that goes with it; memory of a pair at work, and of
+what is kept of it. Measured on 80 to 3,531 patches, all glossy, on two busy cores."""
+OTHER_SEED = 1_000_033
+ABOVE = 1e-6
+"""Of the surface's size: from there a cell looks down on the patch that it is part of."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class GlossySimulation:
+    """The light of a scene with glossy patches, brightest colour first."""
+
+    matte: Simulation
+    """With matte patches that send back as much of even light."""
+    gloss: Gloss
+    """Of the patches."""
+    reflectance: FloatArray
+    """(P, C) of the matte part."""
+    by_gloss: FloatArray
+    """(P,) irradiance by light that came straight from the lamp to glossy patches; 1 = white."""
+    B: FloatArray
+    """(P, C) radiosity of the matte part; 1 = white."""
+    irradiance: FloatArray
+    """(P, C) all but straight from the lamp; 1 = white."""
+    residual: float
+    products: int
+
+
+def gloss_of_cells(cells: AdaptivePatches, surface: Surface, gloss: Gloss) -> Gloss:
+    """Return the gloss of cells that a surface was cut into: that of the patch under each one's middle.
+
+    Raises
+    ------
+    SimulationError
+        If a cell lies on no patch of the surface.
+    """
+    if np.ptp(gloss.share) == 0 and np.ptp(gloss.roughness) == 0:
+        n = cells.n_patches
+        return Gloss(np.full(n, gloss.share[0]), np.full(n, gloss.roughness[0]))
+    above_m = ABOVE * float(np.ptp(np.asarray(cells.vertices).reshape(-1, 3), axis=0).max())
+    patch = trace(surface, cells.centres + above_m * cells.normals, -cells.normals).patch
+    if (patch < 0).any():
+        raise SimulationError(f"{surface.name}: {int((patch < 0).sum())} cells lie on none of its patches")
+    return Gloss(gloss.share[patch], gloss.roughness[patch])
+
+
+def glossy_simulation(
+    matte: Simulation, light: Lighting, gloss: Gloss, *, rays: int | None = None, seed: int = 0
+) -> GlossySimulation:
+    """Return the light of a scene with glossy patches, from that of matte ones that send back as much of even light.
+
+    Parameters
+    ----------
+    matte : Simulation
+        Its reflectance is ρ + ρ_s ā.
+    light : Lighting
+        That it was made for.
+    gloss : Gloss
+        Of its cells.
+    rays : int, optional
+        Pairs from each glossy patch; None: 256, fewer where there are many patches.
+    seed : int
+        Another one for other rays.
+
+    Returns
+    -------
+    GlossySimulation
+
+    Raises
+    ------
+    SimulationError
+        Where matte and glossy reflection together are above 1.
+    """
+    rho = _matte_part(matte, gloss)
+    cells = replace(matte.cells, reflectance=rho.max(axis=1))
+    rays = rays_each(gloss, RAYS) if rays is None else rays
+    points = int(np.clip(LAMP_POINTS // max(int(gloss.glossy.sum()), 1), FEWEST_RAYS, rays))
+    factors = glossy_form_factors(cells, matte.factors, gloss, rays=rays, seed=seed)
+    by_gloss = places_on(GlossySurface.of(cells, gloss), points, seed).lamp_by_gloss(light)
+    direct = np.divide(matte.E, matte.reflectance, out=np.zeros_like(matte.E), where=matte.reflectance > 0)
+    E = rho * (direct + by_gloss[:, None])
+    solutions = [
+        Radiosity(factors, column, tolerance=max(matte.residual, 1e-12)).solution(emitted)
+        for column, emitted in zip(rho.T, E.T, strict=True)
+    ]
+    B = np.stack([solution.B for solution in solutions], axis=1)
+    return GlossySimulation(
+        matte=matte,
+        gloss=gloss,
+        reflectance=rho,
+        by_gloss=by_gloss,
+        B=B,
+        irradiance=factors.apply(B) + by_gloss[:, None],
+        residual=max(solution.residual for solution in solutions),
+        products=matte.products + sum(solution.products for solution in solutions),
+    )
+
+
+def refined_gloss_check(glossy: GlossySimulation, light: Lighting, model: Model, *, rays: int | None = None) -> Check:
+    """Return the difference from a solution on quartered cells with other rays, as ``refined_check`` does.
+
+    Parameters
+    ----------
+    glossy, light, model
+        The solution, and what its matte part was made by.
+    rays : int, optional
+        Pairs from each of the refined glossy patches; None: twice as many as otherwise, eight times as many in all.
+
+    Returns
+    -------
+    Check
+    """
+    fine = glossy.matte.cells.quarters()
+    gloss = Gloss(np.tile(glossy.gloss.share, 4), np.tile(glossy.gloss.roughness, 4))
+    finer = replace(model, seed=model.seed + OTHER_SEED)
+    rays = rays_each(gloss, 2 * RAYS) if rays is None else rays
+    refined = glossy_simulation(simulate(fine, light, finer), light, gloss, rays=rays, seed=OTHER_SEED)
+    difference = refined.matte.reflectance * (refined.irradiance - np.tile(glossy.irradiance, (4, 1)))
+    squared = 4 / 3 * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()
+    return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)
+
+
+def rays_each(gloss: Gloss, most: int) -> int:
+    """Return the pairs of rays from each glossy patch."""
+    glossy = max(int(gloss.glossy.sum()), 1)
+    return int(np.clip(ALL_RAYS // glossy, FEWEST_RAYS, max(most, LEAST_OF_ALL // glossy)))
+
+
+def gloss_cost(gloss: Gloss) -> Cost:
+    """Return what gloss adds to a simulation, by constants measured on one core of two."""
+    pairs = int(gloss.glossy.sum()) * rays_each(gloss, RAYS)
+    return Cost(seconds=FIRST_S + PAIR_S * pairs, peak_mb=PAIR_MB * min(pairs, RAYS_AT_A_TIME) + KEPT_MB * pairs)
+
+
+def _matte_part(matte: Simulation, gloss: Gloss) -> FloatArray:
+    """(P, C) reflectance without the lobes."""
+    rho = matte.reflectance - gloss.mean_albedo[:, None]
+    if rho.min() < -1e-9 or (rho + gloss.share[:, None]).max() > 1 + 1e-9:
+        raise SimulationError(
+            f"{matte.cells.name}: matte reflectance {rho.min():.4g} ... {rho.max():.4g} beside a gloss of up to "
+            f"{gloss.share.max():.4g}; both must lie in 0 ... 1, and so must their sum"
+        )
+    return np.asarray(np.clip(rho, 0.0, 1 - gloss.share[:, None]))

@@ -1,0 +1,116 @@
+"""``rig simulate`` with gloss: of all patches or of a file; whether matte is enough, and what is refused."""
+
+import json
+
+import numpy as np
+import pytest
+import trimesh
+
+from rig.cli.app import run_command
+from rig.errors import UsageError
+from rig.offline.simulate import SimulationRequest, run_simulate
+from rig.terminal import silent
+
+
+def simulated(**request):
+    return run_simulate(SimulationRequest(**({"scene": "paper-room", "tolerance": 3.0} | request)), silent)
+
+
+def test_a_little_gloss_is_matte_enough_and_the_plan_says_by_how_much_it_is_wrong():
+    result = simulated(reflectance=(0.5,), gloss=0.01, roughness=0.5)
+    gloss = result.plan.gloss
+    assert not gloss.needed
+    assert 0 < gloss.matte_between < gloss.matte_seen < 1.0
+    assert "enough for 3 %" in result.plan.reasons[-1]
+    matte = simulated(reflectance=(0.5,))
+    assert matte.plan.gloss is None
+    assert result.estimated.seconds < 3 * matte.estimated.seconds + 0.1
+
+
+def test_much_gloss_is_simulated_and_keeps_the_tolerance():
+    request = SimulationRequest(scene="paper-room", tolerance=3.0, reflectance=(0.5,), gloss=0.2, roughness=0.2)
+    result = run_simulate(request, silent, check=True)
+    json.dumps(result.as_json(), allow_nan=False)
+    assert result.plan.gloss.needed
+    assert max(result.plan.gloss.matte_seen, result.plan.gloss.matte_highlight) > 3.0
+    assert "lobes by rays" in result.plan.reasons[-1]
+    assert 0.3 < result.actual.error < 3.0
+    assert result.actual.residual < 1e-4
+
+
+def test_colours_have_one_solve_each_under_gloss_too():
+    result = simulated(reflectance=(0.6, 0.5, 0.4), gloss=0.2)
+    assert result.plan.channels == 3
+    assert result.actual.residual < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("request_", "what"),
+    [
+        ({"reflectance": (0.9,), "gloss": 0.2}, "together more than 1"),
+        ({"gloss": -0.1}, "--gloss: gloss -0.1"),
+        ({"gloss": 0.1, "roughness": 0.0}, "a mirror is no lobe"),
+        ({"roughness": 0.3}, "give --gloss too"),
+        ({"gloss": float("nan")}, "it must lie in 0"),
+    ],
+)
+def test_a_gloss_that_cannot_be_is_refused(request_, what):
+    with pytest.raises(UsageError, match=what):
+        simulated(**request_)
+
+
+def saved_room(folder, **floor):
+    """A room seen from inside, its floor of another material, as a GLB file with z upwards turned to y."""
+    box = trimesh.creation.box((3.0, 2.0, 3.0))
+    box.invert()
+    on_floor = box.triangles_center[:, 1] < -0.99
+    scene = trimesh.Scene()
+    paint = {"baseColorFactor": (128, 128, 128, 255), "metallicFactor": 0.0, "roughnessFactor": 1.0}
+    for name, faces, material in (
+        ("floor", on_floor, paint | floor),
+        ("walls", ~on_floor, {"baseColorFactor": (128, 128, 128, 255)}),
+    ):
+        part = trimesh.Trimesh(box.vertices, box.faces[faces], process=False)
+        part.visual = trimesh.visual.TextureVisuals(material=trimesh.visual.material.PBRMaterial(name=name, **material))
+        scene.add_geometry(part, geom_name=name, node_name=name)
+    scene.export(folder / "room.glb")
+    return str(folder / "room.glb")
+
+
+def test_a_file_brings_its_gloss(tmp_path):
+    result = simulated(scene=saved_room(tmp_path, metallicFactor=0.6, roughnessFactor=0.4), light="projector")
+    floor = 3.0 * 3.0 / (2 * 9.0 + 4 * 6.0)
+    assert result.plan.gloss.area_share == pytest.approx(floor, rel=1e-6)
+    assert result.plan.gloss.needed
+    overruled = simulated(scene=saved_room(tmp_path, metallicFactor=0.6), light="projector", gloss=0.0)
+    assert overruled.plan.gloss is None
+
+
+def test_a_file_that_states_no_metal_is_matte(tmp_path):
+    path = saved_room(tmp_path, metallicFactor=None, roughnessFactor=None)
+    assert simulated(scene=path, light="projector").plan.gloss is None
+
+
+def test_several_colours_need_one_gloss(tmp_path):
+    path = saved_room(tmp_path, metallicFactor=0.6)
+    with pytest.raises(UsageError, match="several colours need one --gloss"):
+        simulated(scene=path, reflectance=(0.3, 0.2))
+
+
+def test_the_command_line_takes_gloss(capsys):
+    arguments = [
+        "simulate",
+        "corner",
+        "--tolerance",
+        "5",
+        "--reflectance",
+        "0.5",
+        "--gloss",
+        "0.2",
+        "--roughness",
+        "0.2",
+    ]
+    assert run_command([*arguments, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["plan"]["gloss"]["area_share"] == pytest.approx(1.0)
+    assert np.isfinite(printed["actual"]["seconds"])

@@ -1,0 +1,120 @@
+"""By how much matte patches would be wrong: nothing without gloss, the less the rougher, and as sampled."""
+
+import numpy as np
+import pytest
+
+from sim.errors import SimulationError
+from sim.geometry.adaptive_patches import coarsest_patches
+from sim.light.gloss.lobe import frames_of, lobe
+from sim.light.gloss.material import Gloss, matte_equivalent
+from sim.light.lighting import make_test_lighting
+from sim.planning.gloss import (
+    RAYS,
+    gloss_cost,
+    gloss_of_cells,
+    glossy_simulation,
+    rays_each,
+    refined_gloss_check,
+)
+from sim.planning.gloss_effect import gloss_effect
+from sim.planning.plan import plan
+from sim.planning.simulation import simulate
+from sim.scenes.gridded import furnace, room
+
+ROOM = room((3.0, 3.0, 2.0), 0.5, 0.5)
+
+
+def glossy(scene, gloss, light="projector", tolerance=8.0, **more):
+    made = plan(scene.with_reflectance(matte_equivalent(scene, gloss)), tolerance, light)
+    matte = simulate(made.cells, made.light, made.model)
+    return glossy_simulation(matte, made.light, gloss_of_cells(made.cells, scene, gloss), **more), made
+
+
+def effect(share, roughness, light="projector"):
+    found, made = glossy(ROOM, Gloss.of(ROOM, share, roughness), light)
+    return gloss_effect(found, made.light)
+
+
+def test_nothing_is_wrong_without_gloss():
+    found = effect(0.0, 0.3)
+    assert found.area_share == 0
+    assert found.largest == pytest.approx(0, abs=1e-9)
+
+
+def test_less_gloss_is_wrong_by_less_in_proportion():
+    much, little = effect(0.2, 0.3), effect(0.02, 0.3)
+    for name in ("between", "seen", "highlight"):
+        assert 5 < getattr(much, name) / getattr(little, name) < 25
+    assert much.area_share == pytest.approx(1.0)
+
+
+def test_rougher_gloss_is_nearer_to_matte():
+    rows = [effect(0.2, roughness) for roughness in (0.1, 0.3, 0.9)]
+    for name in ("seen", "highlight"):
+        values = [getattr(row, name) for row in rows]
+        assert values == sorted(values, reverse=True)
+
+
+def test_even_light_from_everywhere_makes_no_highlights_worth_speaking_of():
+    assert effect(0.2, 0.3, "uniform").highlight < 0.2 * effect(0.2, 0.3).highlight
+
+
+def test_highlights_are_as_wrong_as_random_viewers_find():
+    share, roughness = 0.3, 0.5
+    found, made = glossy(ROOM, Gloss.of(ROOM, share, roughness))
+    cells, light = made.cells, make_test_lighting("projector", coarsest_patches(ROOM))
+    random, n = np.random.default_rng(0), 400_000
+    patch = random.choice(cells.n_patches, n, p=cells.areas / cells.areas.sum())
+    a, b, _, d = np.moveaxis(cells.vertices[patch], 1, 0)
+    s, t = random.uniform(size=(2, n, 1))
+    points = a + s * (b - a) + t * (d - a)
+    H = light.irradiance(points, cells.normals[patch], cells.region[patch])
+    r, turn = np.sqrt(random.uniform(size=n)), random.uniform(0, 2 * np.pi, n)
+    viewers = np.stack([r * np.cos(turn), r * np.sin(turn), np.sqrt(1 - r**2)], axis=1)
+    to_lamp = light.source_m - points
+    to_lamp /= np.linalg.norm(to_lamp, axis=1, keepdims=True)
+    coming = np.einsum("nij,nj->ni", frames_of(cells.normals[patch]), to_lamp)
+    seen = np.pi * share * lobe(coming, viewers, np.full(n, roughness)) * H
+    wrong = seen - Gloss.of(ROOM, share, roughness).mean_albedo[0] * H
+    expected = np.sqrt(np.mean(wrong**2))
+    assert gloss_effect(found, made.light).highlight == pytest.approx(expected, rel=0.04)
+
+
+def test_in_even_light_a_narrow_lobe_is_as_good_as_matte_patches():
+    # A furnace lit alike everywhere: mirrors and matte patches send back the same even light.
+    scene = furnace(reflectance=0.3)
+    found, made = glossy(scene, Gloss.of(scene, 0.4, 0.001), "uniform")
+    assert found.irradiance.mean() == pytest.approx(found.matte.irradiance.mean(), rel=3e-3)
+    assert np.allclose(found.irradiance, found.matte.irradiance, rtol=0.01)
+    wrong = gloss_effect(found, made.light)
+    assert wrong.between < 0.01 * found.irradiance.mean()
+    assert wrong.seen < 0.02 * found.irradiance.mean()
+
+
+def test_other_rays_on_finer_cells_agree_within_the_plans_tolerance():
+    found, made = glossy(ROOM, Gloss.of(ROOM, 0.3, 0.3), tolerance=3.0)
+    check = refined_gloss_check(found, made.light, made.model)
+    assert check.patches == 4 * made.patches
+    assert 0.001 < check.rms < 0.03
+
+
+def test_cells_have_the_gloss_of_what_they_lie_on():
+    on_floor = np.where(ROOM.region == 0, 0.2, 0.0)
+    cells = plan(ROOM, 5.0).cells
+    gloss = gloss_of_cells(cells, ROOM, Gloss.of(ROOM, on_floor, 0.3))
+    assert np.array_equal(gloss.glossy, np.abs(cells.centres[:, 2]) < 1e-9)
+
+
+def test_many_patches_share_their_rays_and_the_cost_grows_with_them():
+    few, many = (Gloss(np.full(n, 0.1), np.full(n, 0.3)) for n in (100, 1_000_000))
+    assert rays_each(few, RAYS) == RAYS
+    assert rays_each(many, RAYS) == 16
+    assert gloss_cost(few).seconds < gloss_cost(many).seconds
+    assert gloss_cost(few).peak_mb < gloss_cost(many).peak_mb
+
+
+def test_a_gloss_above_what_patches_reflect_in_all_is_refused():
+    made = plan(ROOM.with_reflectance(0.1), 8.0)
+    matte = simulate(made.cells, made.light, made.model)
+    with pytest.raises(SimulationError, match="both must lie in 0"):
+        glossy_simulation(matte, made.light, Gloss(np.full(made.patches, 0.5), np.full(made.patches, 0.1)))
