@@ -158,7 +158,7 @@ def test_sigmas_are_true_where_neighbours_share_their_error():
         def residual(z, noise=noise):
             return np.stack([design @ z[:3], design @ z[3:]], axis=1) - (design @ truth)[:, None] - noise
 
-        nothing = Priors(np.zeros(6), np.full(6, np.inf), 1.0)
+        nothing = Priors.independent(np.zeros(6), np.full(6, np.inf), 1.0)
         fit = robust_fit(residual, np.zeros(6), nothing, iterations=5, least_scale_px=1)
         variance = observation_variance(fit, x1, np.zeros(len(x1), dtype=np.int64))
         ratios.append((fit.z - np.tile(truth, 2)) / np.sqrt(np.diag(covariance(fit, variance))))
