@@ -93,7 +93,7 @@ class NominalIntrinsics:
         NominalIntrinsics
         """
         camera_px, projector_px = (
-            focal if lens is None else float(lens.vector[0])
+            focal if lens is None else float(lens.at_aspect[0][0])
             for lens, focal in zip(known.both, (self.camera_focal_px, self.projector_focal_px), strict=True)
         )
         return replace(self, camera_focal_px=camera_px, projector_focal_px=projector_px, known=known, sheets=self)
@@ -124,9 +124,7 @@ def _real(lens: MeasuredLens | None, device: PinholeModel) -> PinholeModel:
         return device
     f, cx, cy, *terms = lens.brown.values.tolist()
     k1, k2, p1, p2, k3 = terms
-    return replace(
-        device, focal_px=(f, f * lens.aspect), principal_point_px=(cx, cy), distortion=(k1, k2, p1, p2, k3)
-    )
+    return replace(device, focal_px=(f, f * lens.aspect), principal_point_px=(cx, cy), distortion=(k1, k2, p1, p2, k3))
 
 
 # Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre as shares of width and height;

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -22,11 +23,13 @@ from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_u
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.one_wall import fit_where_flat
+from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
+from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import candidates
-from calibration.geometry.planes import Axes
+from calibration.geometry.planes import Axes, ExplainedPixels
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
@@ -34,43 +37,6 @@ _MANY = 10000
 """Points that the result rests on."""
 _OTHERS, _BETTER = 12, 0.9
 """Fits that are tried after the first was refused, and of what that left over, what one may leave."""
-_REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
-"""How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
-_AGREED = 0.5
-"""Share of them that have to lie on one wall."""
-_FAR_REACH_SHARE = 0.1
-"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree. From
-0.15 of the width on, a spot on a ceiling that nobody saw was once taken for the wall below it: all lengths 21 % off."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ExplainedPixels:
-    """Projector pixels of correspondences that a plane explains."""
-
-    projector_xy_px: FloatArray
-    """(M, 2) [px]"""
-    plane: IntArray
-    """(M,) plane of each."""
-
-    def plane_at(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
-        return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
-
-    def plane_beside(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of all nearest points, not further than a tenth of what is lit; -1 where they differ."""
-        return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
-
-    def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
-        reach = reach_share * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
-        found = np.full(len(xy_px), -1, dtype=np.int64)
-        for k, pixel in enumerate(xy_px):
-            away = np.abs(self.projector_xy_px - pixel).max(axis=1)
-            near = np.flatnonzero(away <= reach)
-            near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
-            if len(near) >= _LEAST_NEIGHBOURS:
-                votes = np.bincount(self.plane[near])
-                found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
-        return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -189,11 +155,52 @@ def calibrate_stereo(
     R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, Cambridge 2004, chapters 9 and 11 (epipolar
     geometry); B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
     """
-    report = on_step or _silent
     _check_count(len(camera_xy_px))
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
     weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
+    how = partial(
+        _calibrated, x1, x2, weight=weight, right_angles=right_angles, one_wall=one_wall, report=on_step or _silent
+    )
+    if nominal.sheets is None:
+        return how(nominal)
+    try:
+        return how(nominal, others=0)
+    except OtherLens:
+        raise
+    except CalibrationError as error:
+        _refuse_other_lens(partial(how, others=0), nominal.sheets, nominal.known, error)
+    return how(nominal)
+
+
+def _refuse_other_lens(
+    how: Callable[[NominalIntrinsics], StereoCalibration],
+    sheets: NominalIntrinsics,
+    known: KnownLenses,
+    error: CalibrationError,
+) -> None:
+    """Raise OtherLens if lenses by boards are why nothing fits: with data sheets all does, and contradicts them."""
+    try:
+        found = how(sheets).uncertainty
+    except CalibrationError:
+        return
+    told = "" if found is None else contradiction(found.unknowns, found.covariance, sheets, known)
+    if told:
+        raise OtherLens(told) from error
+
+
+def _calibrated(
+    x1: FloatArray,
+    x2: FloatArray,
+    nominal: NominalIntrinsics,
+    *,
+    weight: FloatArray,
+    right_angles: bool,
+    one_wall: bool,
+    report: Callable[[int, int], None],
+    others: int = _OTHERS,
+) -> StereoCalibration:
+    """Fit what is seen: one wall, or several."""
     flat = fit_where_flat(x1, x2, nominal, weight=weight, one_wall=one_wall)
     if flat is not None:
         return replace(_finished(flat.solution, x1, x2, nominal), notes=flat.notes)
@@ -204,10 +211,11 @@ def calibrate_stereo(
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
-        better = _better(x1, x2, first, bundles, nominal=nominal, weight=weight)
+        better = _better(x1, x2, first, islice(bundles, others), nominal=nominal, weight=weight)
         if better is None:
             raise
         final = better
+    hold_against_boards(final)
     report(3, 3)
     return _finished(final, x1, x2, nominal)
 
@@ -223,7 +231,7 @@ def _better(
 ) -> BundleSolution | None:
     """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
     limit = _BETTER * _unexplained(refused)
-    for bundle in islice(others, _OTHERS):
+    for bundle in others:
         if _unexplained(bundle) > limit:
             continue
         try:

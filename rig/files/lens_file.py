@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from calibration.geometry.known.lenses import MeasuredLens
 from calibration.geometry.pinhole import PinholeModel
 from calibration.lenses.lens import PARAMETERS
 from rig.errors import ProfileError
@@ -112,14 +113,30 @@ class LensFile(Table):
             translation_m=place,
         )
 
+    def measured(self, entry: LensEntry) -> MeasuredLens:
+        """Return one of the lenses with all that the boards said of it, as the geometry takes it."""
+        vector = np.zeros(len(PARAMETERS))
+        values = (*entry.focal_px, *entry.principal_point_px, *entry.distortion)
+        vector[: len(values)] = values
+        return MeasuredLens(
+            shape=entry.shape, vector=vector, covariance=self.covariance_of(entry.role), noise_px=entry.noise_px
+        )
+
     def covariance_of(self, role: str) -> NDArray[np.float64]:
         """(12, 12) covariance of a lens, in the order of ``calibration.lenses.lens.PARAMETERS``."""
-        names = [f"{role}.{name}" for name in PARAMETERS]
+        return self.covariance_between(role, role)
+
+    def covariance_between(self, first: str, second: str) -> NDArray[np.float64]:
+        """(12, 12) covariance of the parameters of one role (rows) and another (columns)."""
         known = {name: k for k, name in enumerate(self.joint.parameters)}
-        rows = [k for k, name in enumerate(names) if name in known]
-        there = [known[names[k]] for k in rows]
-        whole = np.zeros((len(names), len(names)))
-        whole[np.ix_(rows, rows)] = np.array(self.joint.covariance)[np.ix_(there, there)]
+        rows, columns = (
+            [(k, known[name]) for k, term in enumerate(PARAMETERS) if (name := f"{role}.{term}") in known]
+            for role in (first, second)
+        )
+        whole, joint = np.zeros((len(PARAMETERS), len(PARAMETERS))), np.array(self.joint.covariance)
+        for k, row in rows:
+            for m, column in columns:
+                whole[k, m] = joint[row, column]
         return whole
 
     def as_toml(self) -> str:

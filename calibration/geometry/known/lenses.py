@@ -21,6 +21,9 @@ _POWERS = (2, 4, 1, 1, 6)
 _BROWN = (4, 5, 6, 7, 8)
 """Where k1, k2, p1, p2, k3 stand among the twelve."""
 _GRID = (18, 24)
+_SIGMAS = 4.0
+"""From square pixels: beyond, they are not."""
+_SQUARE = np.concatenate([[-1.0, 1.0], np.zeros(N - 2)])
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -36,10 +39,31 @@ class MeasuredLens:
     noise_px: float
     """Of a corner's coordinate: a term that left-out views did not ask for moves the picture's corner by no more."""
 
-    @property
+    @cached_property
     def aspect(self) -> float:
-        """Focal length in y over that in x."""
-        return float(self.vector[1] / self.vector[0])
+        """Focal length in y over that in x: 1 (square pixels) unless the boards speak clearly against it."""
+        apart, sigma = self.vector[1] - self.vector[0], np.sqrt(_SQUARE @ self.covariance @ _SQUARE)
+        return 1.0 if abs(apart) <= _SIGMAS * sigma else float(self.vector[1] / self.vector[0])
+
+    @cached_property
+    def at_aspect(self) -> tuple[FloatArray, FloatArray]:
+        """(12,) parameters and (12, 12) covariance, given that aspect: the bundle has one focal length."""
+        return np.asarray(self.keep @ self.vector), np.asarray(self.keep @ self.covariance @ self.keep.T)
+
+    @cached_property
+    def keep(self) -> FloatArray:
+        """(12, 12) what the condition leaves of a change of the parameters."""
+        return np.asarray(np.eye(N) - np.outer(self._gain, self._apart))
+
+    @cached_property
+    def _apart(self) -> FloatArray:
+        return np.concatenate([[-self.aspect, 1.0], np.zeros(N - 2)])
+
+    @cached_property
+    def _gain(self) -> FloatArray:
+        """(12,) by which the parameters follow when the condition is imposed (Gauss's conditional mean)."""
+        variance = float(self._apart @ self.covariance @ self._apart)
+        return np.asarray(self.covariance @ self._apart / variance) if variance > 0 else np.zeros(N)
 
     @cached_property
     def brown(self) -> BrownTerms:
@@ -81,9 +105,10 @@ class KnownLenses:
         for k, lens in enumerate(self.both):
             if lens is not None:
                 own, at = lens.brown, slice(k * TERMS, (k + 1) * TERMS)
-                whole[at, at] = own.by_vector @ lens.covariance @ own.by_vector.T + np.diag(own.floor)
+                whole[at, at] = own.by_vector @ lens.at_aspect[1] @ own.by_vector.T + np.diag(own.floor)
         if self.between is not None and self.camera is not None and self.projector is not None:
-            across = self.camera.brown.by_vector @ self.between @ self.projector.brown.by_vector.T
+            given = self.camera.keep @ self.between @ self.projector.keep.T
+            across = self.camera.brown.by_vector @ given @ self.projector.brown.by_vector.T
             whole[:TERMS, TERMS:], whole[TERMS:, :TERMS] = across, across.T
         return whole
 
@@ -99,31 +124,29 @@ def ideal_pixels(lens: MeasuredLens, xy_px: FloatArray, centre_px: tuple[float, 
     centre_px : (x, y)
         Principal point of the other lens. [px]
     """
-    return np.asarray(ideal_coordinates(lens.vector, xy_px)[0] * lens.vector[0] + np.asarray(centre_px))
+    return np.asarray(ideal_coordinates(lens.at_aspect[0], xy_px)[0] * lens.at_aspect[0][0] + np.asarray(centre_px))
 
 
 def _brown(lens: MeasuredLens) -> BrownTerms:
     """Brown's terms that come nearest over the picture, by Gauss and Newton's method from the measured ones."""
-    height, width = lens.shape
+    (height, width), vector = lens.shape, lens.at_aspect[0]
     row, column = np.meshgrid(*(np.linspace(0, n - 1, k) for n, k in zip(lens.shape, _GRID, strict=True)))
-    plane, found = ideal_coordinates(lens.vector, np.column_stack([column.ravel(), row.ravel()]))
+    plane, found = ideal_coordinates(vector, np.column_stack([column.ravel(), row.ravel()]))
     plane = plane[found]
     points = np.column_stack([plane, np.ones(len(plane))])
-    truth = distorted(lens.vector, plane) * lens.vector[:2] + lens.vector[2:4]
-    near = lens.vector.copy()
+    truth = distorted(vector, plane) * vector[:2] + vector[2:4]
+    near = vector.copy()
     near[9:] = 0.0
-    for _ in range(4 if lens.vector[9:].any() else 1):
+    for _ in range(4 if vector[9:].any() else 1):
         seen = projection(near, points)
         own = _by_terms(seen.by_lens, lens.aspect)
         values = _values(near) + _least_squares(own, (truth - seen.xy_px).reshape(-1, 1))[:, 0]
         near = _vector(values, lens.aspect)
     misfit = truth - projection(near, points).xy_px
-    by_vector = _least_squares(own, projection(lens.vector, points).by_lens.reshape(-1, N))
+    by_vector = _least_squares(own, projection(vector, points).by_lens.reshape(-1, N))
     misfit_px = float(np.sqrt((misfit**2).mean()))
-    corner = 0.5 * float(np.hypot(height, width)) / float(lens.vector[0])
-    return BrownTerms(
-        values=values, by_vector=by_vector, floor=_floor(lens, corner, misfit_px), misfit_px=misfit_px
-    )
+    corner = 0.5 * float(np.hypot(height, width)) / float(vector[0])
+    return BrownTerms(values=values, by_vector=by_vector, floor=_floor(lens, corner, misfit_px), misfit_px=misfit_px)
 
 
 def _floor(lens: MeasuredLens, corner: float, misfit_px: float) -> FloatArray:

@@ -13,9 +13,9 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import refit, transfer_of
-from calibration.geometry.planes import Axes
+from calibration.geometry.planes import Axes, ExplainedPixels
 from calibration.geometry.robust_fit import Priors, robust_fit
-from calibration.geometry.stereo import ExplainedPixels, StereoCalibration, scale_from_spots
+from calibration.geometry.stereo import StereoCalibration, scale_from_spots
 from calibration.geometry.support import exclusive_points, mixed_share, plane_errors_px, standing_planes
 
 
