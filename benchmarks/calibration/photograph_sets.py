@@ -194,6 +194,7 @@ def _manifest(name: str, camera: PinholeModel, projector: PinholeModel, frames: 
         camera_is_cropped=False,
         projector=projector,
         unit="m",
+        known=None,
         first_code=(0, 0),
         finest_bit=0,
         frames={pattern: Path(f"{pattern}.png") for pattern in frames},
