@@ -38,6 +38,7 @@ from photograph_sets import (
     vertical_set,
 )
 
+from calibration.errors import CalibrationError
 from rig.devices.replay.photographs import Photograph
 from rig.errors import RigError
 from rig.offline.photograph_order import in_order
@@ -109,13 +110,16 @@ def outcome_of(photographs: PhotographSet, kind: str, case: str, frames: Frames)
 
 def _all_put_right(photographs: PhotographSet, frames: Frames) -> bool:
     """Whether each photograph is found to be what it is, without a warning: the scan is then that of the right set."""
-    found = in_order(
-        photographs.manifest,
-        frames,
-        photographs.devices,
-        limit_dn=LIMIT_DN,
-        epipolar_limit_px=EPIPOLAR_LIMIT_PX,
-    )
+    try:
+        found = in_order(
+            photographs.manifest,
+            frames,
+            photographs.devices,
+            limit_dn=LIMIT_DN,
+            epipolar_limit_px=EPIPOLAR_LIMIT_PX,
+        )
+    except CalibrationError:
+        return False
     right = photographs.frames
     return not found.warnings and all(found.frames[name] is right[name] for name in right)
 
