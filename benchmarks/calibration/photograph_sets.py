@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -38,6 +39,13 @@ class PhotographSet:
     """(N, 2) camera pixels whose depth is known. [px]"""
     known_depth_m: FloatArray
     """(N,) [m]"""
+
+    @cached_property
+    def scan(self) -> Scan:
+        """Of the photographs as they are."""
+        return scan_photographs(
+            self.manifest, self.frames, self.devices, limit_dn=LIMIT_DN, epipolar_limit_px=EPIPOLAR_LIMIT_PX
+        )
 
     def off_share(self, scan: Scan) -> float:
         """Share of a scan's points whose depth is off by more than 1 %."""
@@ -186,6 +194,7 @@ def _manifest(name: str, camera: PinholeModel, projector: PinholeModel, frames: 
         camera_is_cropped=False,
         projector=projector,
         unit="m",
+        known=None,
         first_code=(0, 0),
         finest_bit=0,
         frames={pattern: Path(f"{pattern}.png") for pattern in frames},
@@ -228,10 +237,7 @@ def real_set() -> PhotographSet | None:
         known_depth_m=np.zeros(0),
     )
     cut = cropped(whole, (0.07, 0.83, 0.24, 0.84))
-    scan = scan_photographs(
-        cut.manifest, cut.frames, cut.devices, limit_dn=LIMIT_DN, epipolar_limit_px=EPIPOLAR_LIMIT_PX
-    )
-    return replace(cut, known_xy_px=scan.camera_xy_px, known_depth_m=scan.points_m[:, 2])
+    return replace(cut, known_xy_px=cut.scan.camera_xy_px, known_depth_m=cut.scan.points_m[:, 2])
 
 
 def _read(folder: Path, key: tuple[int, int, int]) -> Photograph:

@@ -14,6 +14,7 @@ from calibration.geometry.bundle_unknowns import (
     ROTATION,
     TRANSLATION,
     TURN,
+    aspects_of,
     devices_of,
     planes_of,
 )
@@ -85,10 +86,11 @@ class LandingError:
         depth = np.where(np.abs(local[:, 2:]) > 1e-9, local[:, 2:], 1e-9)
         plane = local[:, :2] / depth
         by_plane, by_terms = distortion_slopes(plane, projector.distortion)
-        f = projector.focal_px[0]
-        _fill_lens(result[PROJECTOR], distort(plane, projector.distortion), f * by_terms, self.nominal_of("projector"))
+        focal = np.array(projector.focal_px)[:, None]
+        real = distort(plane, projector.distortion)
+        _fill_lens(result[PROJECTOR], real, focal * by_terms, self.nominal_of("projector"))
         by_local = np.empty((len(points), 2, 3))
-        by_local[:, :, :2] = f * by_plane / depth[:, :, None]
+        by_local[:, :, :2] = focal * by_plane / depth[:, :, None]
         by_local[:, :, 2] = -(by_local[:, :, :2] @ plane[:, :, None])[:, :, 0]
         for k in range(3):
             moved = z[ROTATION].copy()
@@ -113,17 +115,18 @@ class LandingError:
     def _by_camera(self, camera: PinholeModel, rays: FloatArray, by_ray: FloatArray, result: FloatArray) -> None:
         by_plane, by_terms = distortion_slopes(rays[:, :2], camera.distortion)
         back = by_ray @ np.linalg.inv(by_plane)
-        f = camera.focal_px[0]
-        real = (self.x1 - camera.principal_point_px) / f
+        focal = np.array(camera.focal_px)
+        real = (self.x1 - camera.principal_point_px) / focal
         slopes = np.empty((CAMERA.stop, len(rays), 2))
-        _fill_lens(slopes, real, f * by_terms, self.nominal_of("camera"))
-        result[CAMERA] = -(back[None] @ (slopes / f)[..., None])[..., 0]
+        _fill_lens(slopes, real, focal[:, None] * by_terms, self.nominal_of("camera"))
+        result[CAMERA] = -(back[None] @ (slopes / focal)[..., None])[..., 0]
 
-    def nominal_of(self, device: str) -> tuple[float, tuple[int, int]]:
-        """Nominal focal length and (height, width) of a device."""
+    def nominal_of(self, device: str) -> tuple[FloatArray, tuple[int, int]]:
+        """Nominal focal lengths (2,) and (height, width) of a device."""
+        first, second = aspects_of(self.nominal)
         if device == "camera":
-            return self.nominal.camera_focal_px, self.nominal.camera_shape
-        return self.nominal.projector_focal_px, self.nominal.projector_shape
+            return self.nominal.camera_focal_px * np.array([1.0, first]), self.nominal.camera_shape
+        return self.nominal.projector_focal_px * np.array([1.0, second]), self.nominal.projector_shape
 
 
 def by_plane_to_ray(by_point: FloatArray, points: FloatArray, planes: FloatArray) -> FloatArray:
@@ -132,7 +135,7 @@ def by_plane_to_ray(by_point: FloatArray, points: FloatArray, planes: FloatArray
 
 
 def _fill_lens(
-    result: FloatArray, real: FloatArray, by_terms: FloatArray, nominal: tuple[float, tuple[int, int]]
+    result: FloatArray, real: FloatArray, by_terms: FloatArray, nominal: tuple[FloatArray, tuple[int, int]]
 ) -> None:
     """(terms, N, 2) derivative of a pixel by the lens unknowns."""
     focal_px, (height_px, width_px) = nominal
@@ -143,7 +146,7 @@ def _fill_lens(
 
 def rays_of(camera: PinholeModel, x1: FloatArray) -> FloatArray:
     """(N, 3) directions of camera pixels."""
-    return bearings(x1, camera.focal_px[0], camera.principal_point_px, camera.distortion)
+    return bearings(x1, camera.focal_px, camera.principal_point_px, camera.distortion)
 
 
 def landed(projector: PinholeModel, rays: FloatArray, along: FloatArray) -> FloatArray:

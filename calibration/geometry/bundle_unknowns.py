@@ -79,21 +79,30 @@ def scene_of(z: FloatArray, axes: Axes, nominal: NominalIntrinsics) -> PlanarSce
 def devices_of(z: FloatArray, nominal: NominalIntrinsics) -> tuple[PinholeModel, PinholeModel]:
     """Camera and projector of a vector of unknowns; the baseline is 1."""
     translation = np.asarray(z[TRANSLATION] / np.linalg.norm(z[TRANSLATION]))
-    camera = _lens_model(z[CAMERA], nominal.camera_focal_px, nominal.camera_shape, (np.eye(3), np.zeros(3)))
+    first, second = aspects_of(nominal)
+    focal_px = nominal.camera_focal_px, first * nominal.camera_focal_px
+    camera = _lens_model(z[CAMERA], focal_px, nominal.camera_shape, (np.eye(3), np.zeros(3)))
+    focal_px = nominal.projector_focal_px, second * nominal.projector_focal_px
     pose = rotation_of(z[ROTATION]), translation
-    return camera, _lens_model(z[PROJECTOR], nominal.projector_focal_px, nominal.projector_shape, pose)
+    return camera, _lens_model(z[PROJECTOR], focal_px, nominal.projector_shape, pose)
+
+
+def aspects_of(nominal: NominalIntrinsics) -> tuple[float, float]:
+    """Focal length in y over that in x, of camera and projector: 1 where no boards have measured it."""
+    first, second = (1.0 if lens is None else lens.aspect for lens in nominal.known.both)
+    return first, second
 
 
 def _lens_model(
-    z: FloatArray, focal_px: float, shape: tuple[int, int], pose: tuple[FloatArray, FloatArray]
+    z: FloatArray, focal_px: tuple[float, float], shape: tuple[int, int], pose: tuple[FloatArray, FloatArray]
 ) -> PinholeModel:
     height_px, width_px = shape
-    f = float(z[0] * focal_px)
+    fx, fy = (float(z[0] * one) for one in focal_px)
     k1, k2, p1, p2, k3 = (float(v) for v in z[3:])
     return PinholeModel(
         width_px=width_px,
         height_px=height_px,
-        focal_px=(f, f),
+        focal_px=(fx, fy),
         principal_point_px=(float(z[1] * width_px), float(z[2] * height_px)),
         distortion=(k1, k2, p1, p2, k3),
         rotation=pose[0],
@@ -117,12 +126,45 @@ def planes_of(z: FloatArray, axes: Axes) -> FloatArray:
 
 
 def priors_of(n: int, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
-    """What data sheets and mounting say of n unknowns, against points of a variance [px²] that are independent."""
-    expected, sigma = np.zeros(n), np.full(n, np.inf)
-    expected[CAMERA], expected[PROJECTOR] = _EXPECTED, _EXPECTED
-    sigma[CAMERA] = _lens_sigma(nominal.camera_focal_px, nominal.camera_shape, _CAMERA_CENTRE)
-    sigma[PROJECTOR] = _lens_sigma(nominal.projector_focal_px, nominal.projector_shape, _PROJECTOR_CENTRE)
-    return Priors(expected, sigma, variance_px2)
+    """What is known of n unknowns, against points of a variance [px²] that are independent.
+
+    Of lenses that boards measured, all of their covariance; of others what data sheets and mounting say.
+    """
+    expected, precision = np.zeros(n), np.zeros((n, n))
+    lenses = slice(CAMERA.start, PROJECTOR.stop)
+    expected[lenses], covariance = expected_lenses(nominal)
+    precision[lenses, lenses] = np.linalg.inv(covariance)
+    return Priors(expected, precision, variance_px2)
+
+
+def expected_lenses(nominal: NominalIntrinsics) -> tuple[FloatArray, FloatArray]:
+    """(16,) lens unknowns of both devices as they are expected, and (16, 16) covariance."""
+    units, known = lens_units(nominal), nominal.known
+    covariance = known.covariance() / np.outer(units, units)
+    expected = np.tile(_EXPECTED, 2)
+    for lens, terms, sigma in zip(known.both, (CAMERA, PROJECTOR), _sheet_sigmas(nominal), strict=True):
+        if lens is None:
+            covariance[terms, terms] = np.diag(np.square(sigma))
+        else:
+            expected[terms] = lens.brown.values / units[terms]
+    return expected, covariance
+
+
+def _sheet_sigmas(nominal: NominalIntrinsics) -> tuple[list[float], list[float]]:
+    """Standard deviations of both lenses' terms by data sheets and mounting."""
+    return (
+        _lens_sigma(nominal.camera_focal_px, nominal.camera_shape, _CAMERA_CENTRE),
+        _lens_sigma(nominal.projector_focal_px, nominal.projector_shape, _PROJECTOR_CENTRE),
+    )
+
+
+def wide_priors(n: int, nominal: NominalIntrinsics, variance_px2: float) -> Priors:
+    """Priors about the lenses that are expected, which are known no better than by data sheets."""
+    sigma = np.full(n, np.inf)
+    sigma[CAMERA], sigma[PROJECTOR] = _sheet_sigmas(nominal)
+    expected = np.zeros(n)
+    expected[: PROJECTOR.stop] = expected_lenses(nominal)[0]
+    return Priors.independent(expected, sigma, variance_px2)
 
 
 def _lens_sigma(focal_px: float, shape: tuple[int, int], centre: tuple[float, float]) -> list[float]:

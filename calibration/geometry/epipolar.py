@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
+from calibration.geometry.known.lenses import KnownLenses, MeasuredLens, ideal_pixels
 from calibration.geometry.pinhole import PinholeModel, bearings, image_of, rotation_of, vector_of, world_rays
 from calibration.geometry.robust_fit import Fit, Priors, Residual, robust_fit
 from calibration.geometry.triangulation import triangulate
@@ -39,12 +40,16 @@ _SAME_POSE = 0.01
 
 @dataclass(frozen=True, eq=False)
 class NominalIntrinsics:
-    """What the data sheets say of both lenses."""
+    """What the data sheets say of both lenses, or boards that measured them."""
 
     camera_focal_px: float
     projector_focal_px: float
     camera_shape: tuple[int, int]
     projector_shape: tuple[int, int]
+    known: KnownLenses = field(default_factory=KnownLenses)
+    """Lenses that boards measured; of these the focal lengths above are theirs."""
+    sheets: NominalIntrinsics | None = None
+    """What the data sheets say of them."""
 
     @classmethod
     def of(
@@ -75,12 +80,60 @@ class NominalIntrinsics:
         ]
         return cls(focal[0], focal[1], camera_shape, projector_shape)
 
+    def with_lenses(self, known: KnownLenses) -> NominalIntrinsics:
+        """Return the same devices with lenses that boards measured.
+
+        Parameters
+        ----------
+        known : KnownLenses
+            Of one of them, or of both.
+
+        Returns
+        -------
+        NominalIntrinsics
+        """
+        camera_px, projector_px = (
+            focal if lens is None else float(lens.at_aspect[0][0])
+            for lens, focal in zip(known.both, (self.camera_focal_px, self.projector_focal_px), strict=True)
+        )
+        return replace(self, camera_focal_px=camera_px, projector_focal_px=projector_px, known=known, sheets=self)
+
+    def idealised(self, x1: FloatArray, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Pixels as lenses would see them that are as expected before anything was measured: x1 and x2, (N, 2) each.
+
+        What follows from them needs no search for what boards have told. Unknown lenses leave them as they are.
+        """
+        (h1, w1), (h2, w2) = self.camera_shape, self.projector_shape
+        return (
+            _idealised(self.known.camera, x1, ((w1 - 1) / 2, (h1 - 1) / 2)),
+            _idealised(self.known.projector, x2, (0.5 * w2, 0.5 * h2)),
+        )
+
+    def real(self, devices: tuple[PinholeModel, PinholeModel]) -> tuple[PinholeModel, PinholeModel]:
+        """Give devices that were found in idealised pixels the lenses that are known."""
+        camera, projector = (_real(lens, one) for lens, one in zip(self.known.both, devices, strict=True))
+        return camera, projector
+
+
+def _idealised(lens: MeasuredLens | None, xy_px: FloatArray, centre_px: tuple[float, float]) -> FloatArray:
+    return xy_px if lens is None else ideal_pixels(lens, xy_px, centre_px)
+
+
+def _real(lens: MeasuredLens | None, device: PinholeModel) -> PinholeModel:
+    if lens is None:
+        return device
+    f, cx, cy, *terms = lens.brown.values.tolist()
+    k1, k2, p1, p2, k3 = terms
+    return replace(device, focal_px=(f, f * lens.aspect), principal_point_px=(cx, cy), distortion=(k1, k2, p1, p2, k3))
+
 
 # Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre as shares of width and height;
 # rotation, translation.
 _EXPECTED = np.array([1, 0, 0, 1, 0, 0, 0.5, 0.5, 0, 0, 0, 0, 0, 0.0])
 _SIGMA = np.array([0.05, 0.05, 0.02, 0.05, 0.05, 0.02, 0.06, 0.3, *[np.inf] * 6])
 _START_SIGMA = (0.03, 0.12)
+_KNOWN_SHARE = 0.02
+"""Of a data sheet's spread: what is left of it when boards have measured a lens, a per mille of its focal length."""
 _POSE = 8
 _Start = Callable[[FloatArray, FloatArray, NominalIntrinsics, tuple[float, float]], FloatArray | None]
 
@@ -126,7 +179,8 @@ def fit_epipolar(
     Empty where no relative pose fits.
     """
     few = slice(0, _FIT_POINTS)
-    starts = [(column_share, row_share) for row_share in _ROW_SHARES]
+    rows = _ROW_SHARES if nominal.known.projector is None else _ROW_SHARES[:1]
+    starts = [(column_share, row_share) for row_share in rows]
     begin = _ahead_start if ahead else _essential_start
     fits = [fit for shares in starts if (fit := _fit_near(x1[few], x2[few], nominal, shares, begin=begin)) is not None]
     return _distinct(fits, x1[few], x2[few], nominal) if fits else []
@@ -144,16 +198,25 @@ def _fit_near(
         return None
     expected, sigma = _EXPECTED.copy(), _SIGMA.copy()
     expected[6:8], sigma[6:8] = shares, _START_SIGMA
+    sigma *= _spread(nominal)
     return robust_fit(
         _sampson(x1, x2, nominal), start, _priors(expected, sigma, len(x1)), iterations=20, least_scale_px=0.3
     )
+
+
+def _spread(nominal: NominalIntrinsics) -> FloatArray:
+    """(n,) by which the data sheets' standard deviations are multiplied, in idealised pixels."""
+    share = np.ones(len(_EXPECTED))
+    for lens, terms in zip(nominal.known.both, (slice(0, 3), slice(3, _POSE)), strict=True):
+        share[terms] = 1.0 if lens is None else _KNOWN_SHARE
+    return share
 
 
 def _distinct(
     fits: list[Fit], x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics
 ) -> list[tuple[PinholeModel, PinholeModel]]:
     """Solutions that differ, those with nearly all points in front first, then the likeliest."""
-    priors = _priors(_EXPECTED, _SIGMA, len(x1))
+    priors = _priors(_EXPECTED, _SIGMA * _spread(nominal), len(x1))
     limit = max(1.0, 2 * min(_median(fit) for fit in fits))
     found: list[tuple[tuple[PinholeModel, PinholeModel], float]] = []
     for fit in sorted(fits, key=lambda fit: _merit(fit, priors)):
@@ -186,7 +249,7 @@ def _same_pose(a: PinholeModel, b: PinholeModel) -> bool:
 
 def _priors(expected: FloatArray, sigma: FloatArray, n: int) -> Priors:
     # One standard deviation off the data sheet must be worth 0.1 px over all points.
-    return Priors(expected, sigma, n * 0.1**2)
+    return Priors.independent(expected, sigma, n * 0.1**2)
 
 
 def _merit(fit: Fit, priors: Priors) -> float:
@@ -297,7 +360,7 @@ def _parallax_px(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> 
 
     camera, projector = models_of(nominal_unknowns(), nominal)
     start = np.concatenate([_EXPECTED[:_POSE], _turn_between(x1, x2, camera, projector)])
-    priors = _priors(_EXPECTED[free], _SIGMA[free], len(x1))
+    priors = _priors(_EXPECTED[free], (_SIGMA * _spread(nominal))[free], len(x1))
     fit = robust_fit(residual, start, priors, iterations=15, least_scale_px=1.0)
     return float(np.median(np.linalg.norm(fit.residual, axis=1))), priors.cost(fit.z) / priors.weight
 

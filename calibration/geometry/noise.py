@@ -60,8 +60,7 @@ def observation_variance(fit: Fit, x1: FloatArray, label: IntArray) -> float:
 
 def effective_unknowns(fit: Fit) -> float:
     """Return how many unknowns the points determine, not the priors."""
-    priors = fit.priors.weight / fit.priors.sigma**2
-    return float(len(fit.z) - np.trace(priors[:, None] * covariance(fit, 1.0)))
+    return float(len(fit.z) - fit.priors.weight * np.sum(fit.priors.precision * covariance(fit, 1.0)))
 
 
 def covariance(fit: Fit, variance_px2: float) -> FloatArray:

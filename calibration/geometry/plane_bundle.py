@@ -18,7 +18,7 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import common_covariance, covariance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import Axes, Transfer, assign_planes
-from calibration.geometry.robust_fit import Fit, robust_fit
+from calibration.geometry.robust_fit import Fit, Priors, robust_fit
 
 USUAL_VARIANCE_PX2 = 0.02
 """Of an independent observation, before it is measured: noise of 0.1 px, some neighbours with one error. [px²]"""
@@ -156,10 +156,12 @@ def adjust(
     )
 
 
-def refit(error: LandingError, start: PlanarScene, variance_px2: float) -> BundleSolution:
+def refit(
+    error: LandingError, start: PlanarScene, variance_px2: float, *, priors: Priors | None = None
+) -> BundleSolution:
     """Fit once more, to the same points on the same planes, from a start whose axes are those of the error."""
     z = unknowns_of(start, error.nominal)
-    priors = priors_of(len(z), error.nominal, variance_px2)
+    priors = priors or priors_of(len(z), error.nominal, variance_px2)
     fit = robust_fit(error, z, priors, iterations=_REFIT, least_scale_px=_LEAST_SCALE_PX)
     scene = scene_of(fit.z, error.axes, error.nominal)
     return BundleSolution(

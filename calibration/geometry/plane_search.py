@@ -86,14 +86,16 @@ def _fits(
     x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool, ahead: bool
 ) -> Iterator[BundleSolution]:
     """Fit the walls from one start of the devices after the other."""
-    few = slice(0, _FEW)
-    starts = (fit_epipolar(x1[few], x2[few], nominal, share, ahead=ahead) for share in COLUMN_SHARES)
+    a, b = nominal.idealised(x1[:_FEW], x2[:_FEW])
+    shares = COLUMN_SHARES if nominal.known.projector is None else COLUMN_SHARES[:1]
+    starts = (fit_epipolar(a, b, nominal, share, ahead=ahead) for share in shares)
     for devices in chain.from_iterable(starts):
-        planes = _planes_of(devices, x1, x2)
+        planes = _planes_of(devices, a, b)
         if len(planes) < 2:
             continue
         free = Axes(np.eye(3), np.full(len(planes), -1))
-        start = PlanarScene(camera=devices[0], projector=devices[1], planes=planes, axes=free)
+        camera, projector = nominal.real(devices)
+        start = PlanarScene(camera=camera, projector=projector, planes=planes, axes=free)
         bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
         if bundle is not None:
             yield bundle

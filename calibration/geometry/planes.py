@@ -35,6 +35,43 @@ _PARALLEL = 0.6
 """Cosine from which on a normal is taken to be another face of the second axis."""
 _NEVER_DEG = 70.0
 """A plane whose normal is so far from an axis is not perpendicular to it, however wrong the lenses are."""
+_REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
+"""How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
+_AGREED = 0.5
+"""Share of them that have to lie on one wall."""
+_FAR_REACH_SHARE = 0.1
+"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree. From
+0.15 of the width on, a spot on a ceiling that nobody saw was once taken for the wall below it: all lengths 21 % off."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ExplainedPixels:
+    """Projector pixels of correspondences that a plane explains."""
+
+    projector_xy_px: FloatArray
+    """(M, 2) [px]"""
+    plane: IntArray
+    """(M,) plane of each."""
+
+    def plane_at(self, xy_px: FloatArray) -> IntArray:
+        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
+        return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
+
+    def plane_beside(self, xy_px: FloatArray) -> IntArray:
+        """(N,) plane of all nearest points, not further than a tenth of what is lit; -1 where they differ."""
+        return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
+
+    def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
+        reach = reach_share * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
+        found = np.full(len(xy_px), -1, dtype=np.int64)
+        for k, pixel in enumerate(xy_px):
+            away = np.abs(self.projector_xy_px - pixel).max(axis=1)
+            near = np.flatnonzero(away <= reach)
+            near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
+            if len(near) >= _LEAST_NEIGHBOURS:
+                votes = np.bincount(self.plane[near])
+                found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
+        return found
 
 
 @dataclass(frozen=True, eq=False)

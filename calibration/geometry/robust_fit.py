@@ -28,16 +28,32 @@ _LARGEST_DAMPING = 1e8
 
 @dataclass(frozen=True, eq=False)
 class Priors:
-    """What is known beforehand: each unknown's expected value and standard deviation (infinite: nothing)."""
+    """What is known beforehand of the unknowns: expected values, and how surely."""
 
     expected: FloatArray
-    sigma: FloatArray
+    precision: FloatArray
+    """(n, n) inverse of their covariance; zero rows of what nothing is known of."""
     weight: float
     """What one standard deviation costs: this times the square of a residual of 1 px. [1]"""
 
+    @classmethod
+    def independent(cls, expected: FloatArray, sigma: FloatArray, weight: float) -> Priors:
+        """Of unknowns that are known one by one, each with a standard deviation (infinite: nothing)."""
+        return cls(expected, np.diag(1 / sigma**2), weight)
+
     def cost(self, z: FloatArray) -> float:
         """Weighted sum of squares."""
-        return float(self.weight * (((z - self.expected) / self.sigma) ** 2).sum())
+        off = z - self.expected
+        return float(self.weight * (off @ self.precision @ off))
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """(n, n) what standard normal deviates are multiplied by to be drawn from it; zero where nothing is known."""
+        known = np.flatnonzero(np.diag(self.precision) > 0)
+        within = np.ix_(known, known)
+        result = np.zeros_like(self.precision)
+        result[within] = np.linalg.cholesky(np.linalg.inv(self.precision[within]))
+        return result
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -176,10 +192,9 @@ def _normal_equations(
     jacobian: FloatArray, error: FloatArray, weight: FloatArray, *, z: FloatArray, priors: Priors
 ) -> tuple[FloatArray, FloatArray]:
     flat = (jacobian * np.sqrt(weight)[:, None]).reshape(len(z), -1)
-    hessian = flat @ flat.T + np.diag(priors.weight / priors.sigma**2)
-    gradient = (
-        flat @ (error * np.sqrt(weight)[:, None]).ravel() + priors.weight * (z - priors.expected) / priors.sigma**2
-    )
+    hessian = flat @ flat.T + priors.weight * priors.precision
+    pull = priors.weight * priors.precision @ (z - priors.expected)
+    gradient = flat @ (error * np.sqrt(weight)[:, None]).ravel() + pull
     return hessian, gradient
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice
 
 import numpy as np
@@ -22,12 +23,14 @@ from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_u
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.one_wall import fit_where_flat
-from calibration.geometry.flat.third_wall import WeighedPoints, with_third_wall
+from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
+from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
+from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import candidates
-from calibration.geometry.planes import Axes
+from calibration.geometry.planes import Axes, ExplainedPixels
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
@@ -35,43 +38,6 @@ _MANY = 10000
 """Points that the result rests on."""
 _OTHERS, _BETTER = 12, 0.9
 """Fits that are tried after the first was refused, and of what that left over, what one may leave."""
-_REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
-"""How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
-_AGREED = 0.5
-"""Share of them that have to lie on one wall."""
-_FAR_REACH_SHARE = 0.1
-"""Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree. From
-0.15 of the width on, a spot on a ceiling that nobody saw was once taken for the wall below it: all lengths 21 % off."""
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class ExplainedPixels:
-    """Projector pixels of correspondences that a plane explains."""
-
-    projector_xy_px: FloatArray
-    """(M, 2) [px]"""
-    plane: IntArray
-    """(M,) plane of each."""
-
-    def plane_at(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
-        return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
-
-    def plane_beside(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of all nearest points, not further than a tenth of what is lit; -1 where they differ."""
-        return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
-
-    def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
-        reach = reach_share * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
-        found = np.full(len(xy_px), -1, dtype=np.int64)
-        for k, pixel in enumerate(xy_px):
-            away = np.abs(self.projector_xy_px - pixel).max(axis=1)
-            near = np.flatnonzero(away <= reach)
-            near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
-            if len(near) >= _LEAST_NEIGHBOURS:
-                votes = np.bincount(self.plane[near])
-                found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
-        return found
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -190,10 +156,47 @@ def calibrate_stereo(
     R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, Cambridge 2004, chapters 9 and 11 (epipolar
     geometry); B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
     """
-    report = on_step or _silent
     _check_count(len(camera_xy_px))
     order = np.random.default_rng(0).permutation(len(camera_xy_px))
-    every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], _weights(sigma_px, order))
+    every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], weights_of(sigma_px, order, usual_of=_MANY))
+    how = partial(_calibrated, every, right_angles=right_angles, one_wall=one_wall, report=on_step or _silent)
+    if nominal.sheets is None:
+        return how(nominal)
+    try:
+        return how(nominal, others=0)
+    except OtherLens:
+        raise
+    except CalibrationError as error:
+        _refuse_other_lens(partial(how, others=0), nominal.sheets, nominal.known, error)
+    return how(nominal)
+
+
+def _refuse_other_lens(
+    how: Callable[[NominalIntrinsics], StereoCalibration],
+    sheets: NominalIntrinsics,
+    known: KnownLenses,
+    error: CalibrationError,
+) -> None:
+    """Raise OtherLens if lenses by boards are why nothing fits: with data sheets all does, and contradicts them."""
+    try:
+        found = how(sheets).uncertainty
+    except CalibrationError:
+        return
+    told = "" if found is None else contradiction(found.unknowns, found.covariance, sheets, known)
+    if told:
+        raise OtherLens(told) from error
+
+
+def _calibrated(
+    every: WeighedPoints,
+    nominal: NominalIntrinsics,
+    *,
+    right_angles: bool,
+    one_wall: bool,
+    report: Callable[[int, int], None],
+    others: int = _OTHERS,
+) -> StereoCalibration:
+    """Fit what is seen: one wall, or several."""
     x1, x2, weight = every.camera_xy_px[:_MANY], every.projector_xy_px[:_MANY], every.weight[:_MANY]
     flat = fit_where_flat(x1, x2, nominal, weight=weight, one_wall=one_wall)
     if flat is not None:
@@ -205,10 +208,11 @@ def calibrate_stereo(
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
-        better = _better(x1, x2, first, bundles, nominal=nominal, weight=weight)
+        better = _better(x1, x2, first, islice(bundles, others), nominal=nominal, weight=weight)
         if better is None:
             raise
         final = better
+    hold_against_boards(final)
     resting = with_third_wall(final, every, nominal, n_fitted=_MANY)
     report(3, 3)
     return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
@@ -225,7 +229,7 @@ def _better(
 ) -> BundleSolution | None:
     """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
     limit = _BETTER * _unexplained(refused)
-    for bundle in islice(others, _OTHERS):
+    for bundle in others:
         if _unexplained(bundle) > limit:
             continue
         try:
@@ -239,18 +243,6 @@ def _unexplained(bundle: BundleSolution) -> float:
     """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
     own = bundle.fit.cost / len(bundle.used)
     return bundle.share * own + (1 - bundle.share)
-
-
-def _weights(sigma_px: FloatArray | None, order: IntArray) -> FloatArray:
-    """(N, 2) by which residuals count, so that uncertain ones come to the scatter of those of the better half.
-
-    Where a stripe's edge falls on the same place of many neighbouring camera pixels, their codes are rounded alike, and
-    no window averages that out: a tenth of a picture may be off by five times the noise of the rest, in waves.
-    """
-    if sigma_px is None:
-        return np.ones((len(order), 2))
-    usual = float(np.nanmedian(sigma_px[order[:_MANY]].min(axis=1)))
-    return np.asarray(usual / np.fmax(sigma_px[order], usual))
 
 
 def _silent(_done: int, _total: int) -> None:

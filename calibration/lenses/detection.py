@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, Frame, IntArray
 from calibration.lenses.boards import Board
+from calibration.lenses.cut_boards import seen_part
 
 _SEARCHED_PX = 1600
 """Longer side in which a board is looked for; its corners are then refined in the whole picture."""
@@ -21,8 +22,8 @@ _SATURATED_SHARE = 0.2
 """Of the pixels within the board, at full scale: bright squares then spill over their corners."""
 _FLAT_DN = 8.0
 """Of 255 between a board's dark and bright squares: less is no board, or no light."""
-_SMALLEST_GRID, _LEAST_OTHER = 3, 20
-"""Corners a side with which a board of another size is looked for, and corners below which one is chance."""
+_LEAST_OTHER = 20
+"""Corners below which a board of another size is chance."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -105,10 +106,13 @@ def _corners(shown: NDArray[np.uint8], board: Board) -> tuple[IntArray, FloatArr
     factor = max(1, -(-max(shown.shape) // _SEARCHED_PX))
     small = shown if factor == 1 else _smaller(shown, factor)
     found = _chessboard(small, board) if board.kind == "chessboard" else _circles(small, board)
+    ids = np.arange(len(found))
     if not len(found):
-        return NOTHING.ids, NOTHING.xy_px
+        part = seen_part(small, board) if board.kind == "chessboard" else None
+        if part is None or part.ids is None:
+            return NOTHING.ids, NOTHING.xy_px
+        found, ids = part.xy_px, part.ids
     xy = (found + 0.5) * factor - 0.5
-    ids = np.arange(len(xy))
     if factor > 1:
         xy = _refined(shown, xy, _square_px(ids, xy, board)) if board.kind == "chessboard" else xy
     return ids, xy
@@ -214,17 +218,11 @@ def _why_not(shown: NDArray[np.uint8], board: Board, corners: int) -> str:
 
 def _other_size(shown: NDArray[np.uint8], board: Board) -> tuple[int, int] | None:
     """Columns and rows of a chessboard of another size than the expected one."""
-    if board.kind != "chessboard" or not hasattr(cv2, "findChessboardCornersSBWithMeta"):
+    if board.kind != "chessboard":
         return None
     factor = max(1, -(-max(shown.shape) // _SEARCHED_PX))
-    small = shown if factor == 1 else _smaller(shown, factor)
-    flags = flag("CALIB_CB_NORMALIZE_IMAGE", "CALIB_CB_EXHAUSTIVE", "CALIB_CB_LARGER")
-    for size in ((_SMALLEST_GRID, _SMALLEST_GRID),):
-        found, _, meta = cv2.findChessboardCornersSBWithMeta(small, size, flags)
-        rows, columns = np.asarray(meta).shape[:2] if found and meta is not None else (0, 0)
-        if rows * columns >= _LEAST_OTHER:
-            return int(columns), int(rows)
-    return None
+    part = seen_part(shown if factor == 1 else _smaller(shown, factor), board)
+    return None if part is None or len(part.xy_px) < _LEAST_OTHER else part.size
 
 
 def _why_no_charuco(shown: NDArray[np.uint8], board: Board, corners: int) -> str:

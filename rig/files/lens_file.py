@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal, cast
 
@@ -9,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from calibration.geometry.known.lenses import MeasuredLens
+from calibration.geometry.known.pair import KnownPair
 from calibration.geometry.pinhole import PinholeModel
 from calibration.lenses.lens import PARAMETERS
 from rig.errors import ProfileError
@@ -16,6 +19,8 @@ from rig.files.atomic import write_bytes
 from rig.files.toml import Table, read_model
 
 SCHEMA = 1
+POSE_PARAMETERS = tuple(f"pose.{name}" for name in ("turn_x", "turn_y", "turn_z", "x_m", "y_m", "z_m"))
+"""Of the pose in the joint covariance."""
 _Count = Annotated[int, Field(ge=1)]
 _Positive = Annotated[float, Field(gt=0)]
 _Terms = Annotated[tuple[float, ...], Field(min_length=5, max_length=8)]
@@ -112,15 +117,44 @@ class LensFile(Table):
             translation_m=place,
         )
 
+    def measured(self, entry: LensEntry) -> MeasuredLens:
+        """Return one of the lenses with all that the boards said of it, as the geometry takes it."""
+        vector = np.zeros(len(PARAMETERS))
+        values = (*entry.focal_px, *entry.principal_point_px, *entry.distortion)
+        vector[: len(values)] = values
+        return MeasuredLens(
+            shape=entry.shape, vector=vector, covariance=self.covariance_of(entry.role), noise_px=entry.noise_px
+        )
+
+    def pair(self) -> KnownPair | None:
+        """Return both lenses and their pose with all covariances; None when the file lacks one of them."""
+        camera, projector, pose = self.entry("camera"), self.entry("projector"), self.projector_from_camera
+        if camera is None or projector is None or pose is None:
+            return None
+        names = [f"{role}.{term}" for role in ("camera", "projector") for term in PARAMETERS]
+        return KnownPair(
+            shapes=(camera.shape, projector.shape),
+            lenses=(self.measured(camera).vector, self.measured(projector).vector),
+            rotation=np.reshape(pose.rotation, (3, 3)),
+            translation_m=np.array(pose.translation_m),
+            covariance=self._covariance([*names, *POSE_PARAMETERS], [*names, *POSE_PARAMETERS]),
+        )
+
     def covariance_of(self, role: str) -> NDArray[np.float64]:
         """(12, 12) covariance of a lens, in the order of ``calibration.lenses.lens.PARAMETERS``."""
-        names = [f"{role}.{name}" for name in PARAMETERS]
-        known = {name: k for k, name in enumerate(self.joint.parameters)}
-        rows = [k for k, name in enumerate(names) if name in known]
-        there = [known[names[k]] for k in rows]
-        whole = np.zeros((len(names), len(names)))
-        whole[np.ix_(rows, rows)] = np.array(self.joint.covariance)[np.ix_(there, there)]
-        return whole
+        return self.covariance_between(role, role)
+
+    def covariance_between(self, first: str, second: str) -> NDArray[np.float64]:
+        """(12, 12) covariance of the parameters of one role (rows) and another (columns)."""
+        rows, columns = ([f"{role}.{term}" for term in PARAMETERS] for role in (first, second))
+        return self._covariance(rows, columns)
+
+    def _covariance(self, rows: Sequence[str], columns: Sequence[str]) -> NDArray[np.float64]:
+        """Return the covariance of parameters by name; zero where one was not fitted."""
+        known, joint = {name: k for k, name in enumerate(self.joint.parameters)}, np.array(self.joint.covariance)
+        there = [[known.get(name, -1) for name in names] for names in (rows, columns)]
+        whole = joint[np.ix_(*there)]
+        return np.asarray(np.where((np.array(there[0]) < 0)[:, None] | (np.array(there[1]) < 0)[None], 0.0, whole))
 
     def as_toml(self) -> str:
         """Return the text of the file; numbers with all their digits."""

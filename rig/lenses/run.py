@@ -18,7 +18,7 @@ from calibration.lenses.next_pose import suggest_pose
 from calibration.lenses.records import LensCalibration
 from rig.errors import CalibrationFailed
 from rig.files.atomic import check_output
-from rig.files.lens_file import SCHEMA, JointEntry, LensEntry, LensFile, PoseEntry, write_lens_file
+from rig.files.lens_file import POSE_PARAMETERS, SCHEMA, JointEntry, LensEntry, LensFile, PoseEntry, write_lens_file
 from rig.lenses.judged import judged, warnings_of
 from rig.lenses.manifest import LensManifest, load_lens_manifest
 from rig.lenses.maps import DeviceMaps, device_maps
@@ -30,7 +30,6 @@ from rig.terminal import OnStep, silent
 from rig.version import __version__
 
 FloatArray = NDArray[np.float64]
-_POSE_NAMES = ("turn_x", "turn_y", "turn_z", "x_m", "y_m", "z_m")
 _LISTED = 12
 """Views that a message lists."""
 
@@ -248,7 +247,7 @@ def _joint(calibration: LensCalibration) -> JointEntry:
     names = [
         *(f"camera.{name}" for name in PARAMETERS),
         *(f"projector.{name}" for name in PARAMETERS),
-        *(f"pose.{name}" for name in _POSE_NAMES),
+        *POSE_PARAMETERS,
         "board.flex_x",
         "board.flex_y",
     ]

@@ -14,6 +14,7 @@ from calibration.lenses.detection import Detection, detect_board
 from calibration.lenses.projector_corners import projector_corners
 from calibration.lenses.records import BoardSightings
 from calibration.structured_light.code import CODES
+from calibration.structured_light.consistency.still import movements
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.decode import decode_gray
 from rig.devices.replay.photographs import Photograph, grey, read_photograph
@@ -252,7 +253,7 @@ def _with_projector(
         decoded = _decoded(view, pictures, manifest.projector, manifest.camera.full_scale_dn)
     except CalibrationError as error:
         return replace(seen, problem=str(error))
-    problem = _changed_light(pictures, found)
+    problem = _moved(pictures) or _changed_light(pictures, found)
     read = projector_corners(decoded, found.xy_px, found.square_px)
     if not problem and read.there.sum() < _LEAST_PROJECTOR:
         problem = (
@@ -289,6 +290,22 @@ def _decoded(
             code="gray" if name == "gray" else "long-run",
         )
     return CODES[view.code].decode(coded, shape, white=white, black=black, noise_limit=limit)
+
+
+def _moved(pictures: dict[str, Photograph]) -> str:
+    """Between which photographs of a view the camera, or the board, moved."""
+    names = [name for name in pictures if f"{name}-inverse" in pictures]
+    # The widest stripes first: their pairs add up to the board whatever the blur.
+    names.sort(key=lambda name: [part if not part.isdigit() else f"{99 - int(part):02d}" for part in name.split("-")])
+    found = movements([(pictures[name], pictures[f"{name}-inverse"]) for name in names])
+    if not found:
+        return ""
+    worst = max(found, key=lambda movement: movement.step_px)
+    taken = [name for one in names for name in (one, f"{one}-inverse")]
+    return (
+        f"the picture moves by {worst.step_px:.0f} px between {taken[worst.before]} and {taken[worst.after]}: board or "
+        "camera was touched; photograph this pose again with both standing firm"
+    )
 
 
 def _changed_light(pictures: dict[str, Photograph], found: Detection) -> str:

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray
+from calibration.geometry.contradictions import SIGMAS
+from calibration.geometry.known.pair import HeldPair
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from rig.devices.replay.photographs import Manifest, Photograph
 from rig.errors import ProfileError
@@ -126,3 +128,17 @@ def loss_warnings(left_out_share: float, epipolar_median_px: float | None) -> tu
             f"less than {_MOST_EPIPOLAR_PX:g}: check lenses, pose, crops and first_code"
         )
     return tuple(found)
+
+
+def lens_warnings(held: HeldPair, epipolar_median_px: float | None) -> tuple[str, ...]:
+    """Return whether the photographs contradict the lens file."""
+    if held.contradiction_sigmas <= SIGMAS:
+        return ()
+    after = (
+        "" if epipolar_median_px is None else f", {epipolar_median_px:.2f} px with lenses and pose that they pull to"
+    )
+    return (
+        f"the photographs contradict the lens file by {held.contradiction_sigmas:.0f} sigma (limit {SIGMAS:g}): "
+        f"projector pixels lie {held.epipolar_before_px:.2f} px (median) from its epipolar lines{after}; camera or "
+        "projector was moved, zoomed or focused since, or the file is of another rig: calibrate with boards again",
+    )

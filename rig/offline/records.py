@@ -126,5 +126,7 @@ class ScanResult(Record):
     """What was wrong with the photographs and could be put right, a sentence each."""
     warnings: tuple[str, ...]
     """What is wrong and could not: the cloud may be poor or incomplete."""
+    lens_sigma_percent: float | None
+    """Median standard deviation of a point's distance that the lens file leaves open; None without a lens file."""
     seconds: float
     output: Path

@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
+from calibration.geometry.known.pair import HeldPair, hold_pair
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plausibility import points_of
 from calibration.geometry.triangulation import (
+    PixelPairs,
     average_by_projector_pixel,
     stands_alone,
 )
@@ -25,13 +27,21 @@ from rig.errors import CalibrationFailed, ProfileError
 from rig.files.atomic import check_output
 from rig.files.ply import write_ply
 from rig.offline.photograph_order import axes_of, decode, in_order, with_files
-from rig.offline.photograph_warnings import loss_warnings, refuse_implausible_unit, refuse_wrong_full_scale, warnings_of
+from rig.offline.photograph_warnings import (
+    lens_warnings,
+    loss_warnings,
+    refuse_implausible_unit,
+    refuse_wrong_full_scale,
+    warnings_of,
+)
 from rig.offline.records import ScanResult
 from rig.terminal import OnStep, silent
 
 _BIT_LIMIT = 4.5 / 255
 """Share of full scale by which a pattern and its inverse have to differ: above the noise of a good JPEG."""
 _LEAST_TOLD = 0.5
+_LEAST_TELLING = 100
+"""Projector pixels that were seen; fewer say nothing of a lens file."""
 _PER_METRE = {"m": 1.0, "mm": 1000.0}
 _FRAME_COMMENT = "axes of the camera: x right, y down, z forward"
 
@@ -95,6 +105,7 @@ def run_scan(
         left_out=scan.left_out,
         mended=scan.mended,
         warnings=scan.warnings,
+        lens_sigma_percent=None if scan.lens_sigma_share is None else 100 * scan.lens_sigma_share,
         seconds=time.perf_counter() - started_s,
         output=output_path,
     )
@@ -115,6 +126,8 @@ class Scan:
     left_out: int
     mended: tuple[str, ...]
     warnings: tuple[str, ...]
+    lens_sigma_share: float | None
+    """Median standard deviation of a distance that a lens file leaves open, as a share of it."""
 
 
 def scan_photographs(
@@ -150,9 +163,12 @@ def scan_photographs(
     try:
         ordered = in_order(manifest, frames, devices, limit_dn=limit_dn, epipolar_limit_px=epipolar_limit_px)
         correspondence = decode(manifest, ordered.frames, limit_dn)
+        both = len(axes_of(frames)) == 2
+        held = _held(manifest, correspondence) if both else None
+        devices = devices if held is None else held.devices
         found = (
             _points_by_projector_pixel(manifest, correspondence, devices)
-            if len(axes_of(frames)) == 2
+            if both
             else _points_by_camera_pixel(correspondence, devices)
         )
     except CalibrationError as error:
@@ -171,7 +187,9 @@ def scan_photographs(
             *ordered.warnings,
             *warnings_of(manifest, ordered, correspondence),
             *loss_warnings(float((~kept).mean()), epipolar_median_px),
+            *(() if held is None else lens_warnings(held, epipolar_median_px)),
         ),
+        lens_sigma_share=None if held is None else held.sigma_share,
     )
 
 
@@ -179,7 +197,7 @@ def _lenses(manifest: Manifest) -> tuple[PinholeModel, PinholeModel]:
     camera, projector = manifest.camera, manifest.projector
     coded = any(name.startswith("gray-") for name in manifest.frames)
     needs = {
-        "camera.lens": camera,
+        "camera.lens, or lens_file": camera,
         "projector.lens and projector_from_camera": projector,
         "gray_code": coded or None,
     }
@@ -203,10 +221,20 @@ class _Found:
     cells: tuple[int, int]
 
 
-def _points_by_projector_pixel(
-    manifest: Manifest, correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]
-) -> _Found:
-    """One point for each projector pixel that is seen, or for each cell of the finest stripes that were shown."""
+def _held(manifest: Manifest, correspondence: Correspondence) -> HeldPair | None:
+    """Lenses and pose of a lens file, pulled by what the photographs show within what the boards left open."""
+    if manifest.known is None:
+        return None
+    pairs, projector_xy_px, _ = _by_projector_pixel(manifest, correspondence)
+    if len(projector_xy_px) < _LEAST_TELLING:
+        return None
+    return hold_pair(manifest.known, pairs.camera_xy_px, projector_xy_px)
+
+
+def _by_projector_pixel(
+    manifest: Manifest, correspondence: Correspondence
+) -> tuple[PixelPairs, FloatArray, tuple[int, int]]:
+    """Pairs by cell of the finest stripes that were shown, (N, 2) projector pixels, and how many cells there are."""
     size = 2**manifest.finest_bit
     first, middle = np.array(manifest.first_code, dtype=np.float32), (size - 1) / 2
     cells = (correspondence.projector_xy_px + first - middle) / size
@@ -214,14 +242,21 @@ def _points_by_projector_pixel(
         -(-(length + int(offset)) // size) for length, offset in zip(manifest.projector_shape, first[::-1], strict=True)
     )
     pairs = average_by_projector_pixel(Correspondence(cells, correspondence.reason, (height, width)))
-    projector_xy_px = pairs.projector_xy_px * size + middle - first
+    return pairs, pairs.projector_xy_px * size + middle - first, (height, width)
+
+
+def _points_by_projector_pixel(
+    manifest: Manifest, correspondence: Correspondence, devices: tuple[PinholeModel, PinholeModel]
+) -> _Found:
+    """One point for each projector pixel that is seen, or for each cell of the finest stripes that were shown."""
+    pairs, projector_xy_px, cells = _by_projector_pixel(manifest, correspondence)
     points_m, _, epipolar_px = points_of(pairs.camera_xy_px, projector_xy_px, devices)
     return _Found(
         points_m=points_m,
         camera_xy_px=pairs.camera_xy_px,
         epipolar_px=epipolar_px,
         cell_xy=pairs.projector_xy_px,
-        cells=(height, width),
+        cells=cells,
     )
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
+from calibration.arrays import FloatArray
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.known.lenses import KnownLenses, MeasuredLens
 from rig.errors import ProfileError
-from rig.files.lens_file import LensEntry, read_lens_file
+from rig.files.lens_file import LensEntry, LensFile, read_lens_file
 from rig.profile.schema import Profile
 from rig.profile.tables import CameraProfile, ProjectorProfile
+from rig.records import JsonObject
 
 
 def measured_lens(profile: Profile, device: CameraProfile | ProjectorProfile) -> LensEntry | None:
@@ -37,13 +39,50 @@ def measured_lens(profile: Profile, device: CameraProfile | ProjectorProfile) ->
     return found
 
 
-def hfov_deg_of(profile: Profile, device: CameraProfile | ProjectorProfile) -> float:
-    """Return the horizontal field of view of a device: by its focal length if it was measured, else by its data sheet.
+def nominal_lenses(profile: Profile) -> NominalIntrinsics:
+    """Return what is known of a profile's lenses: what its lens files measured, else what its data sheets say.
 
     Raises
     ------
     ProfileError
         As :func:`measured_lens`.
     """
-    lens = measured_lens(profile, device)
-    return device.hfov_deg if lens is None else math.degrees(2 * math.atan(lens.width_px / 2 / lens.focal_px[0]))
+    camera, projector = profile.camera, profile.projector
+    sheets = NominalIntrinsics.of(
+        camera_shape=camera.shape[:2],
+        projector_shape=projector.shape,
+        camera_hfov_deg=camera.hfov_deg,
+        projector_hfov_deg=projector.hfov_deg,
+    )
+    if camera.lens is None and projector.lens is None:
+        return sheets
+    known = KnownLenses(
+        camera=_measured(profile, camera), projector=_measured(profile, projector), between=_between(profile)
+    )
+    return sheets.with_lenses(known)
+
+
+def _measured(profile: Profile, device: CameraProfile | ProjectorProfile) -> MeasuredLens | None:
+    file, entry = _file_of(profile, device), measured_lens(profile, device)
+    return None if file is None or entry is None else file.measured(entry)
+
+
+def _between(profile: Profile) -> FloatArray | None:
+    """Covariance of camera and projector, where one file has measured both together."""
+    first, second = (_file_of(profile, device) for device in (profile.camera, profile.projector))
+    return None if first is None or first != second else first.covariance_between("camera", "projector")
+
+
+def lens_settings(profile: Profile) -> JsonObject:
+    """Return what the geometry takes of lens files, to tell whether they changed; empty where none is named."""
+    found = {device.name: measured_lens(profile, device) for device in (profile.camera, profile.projector)}
+    files = {device.name: _file_of(profile, device) for device in (profile.camera, profile.projector)}
+    return {
+        name: {"lens": entry.model_dump(mode="json"), "covariance": file.covariance_of(entry.role).tolist()}
+        for name, entry in found.items()
+        if entry is not None and (file := files[name]) is not None
+    }
+
+
+def _file_of(profile: Profile, device: CameraProfile | ProjectorProfile) -> LensFile | None:
+    return None if device.lens is None else read_lens_file(profile.path.parent / device.lens)

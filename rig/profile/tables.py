@@ -109,7 +109,7 @@ class CameraProfile(Table):
     hfov_deg: DegreesOfView
     """Nominal horizontal field of view; calibration finds the real one."""
     lens: str | None = None
-    """Lens file of `rig lenses`, relative to the profile; its focal length stands for the nominal one."""
+    """Lens file of `rig lenses`, relative to the profile: a prior of the geometry with all its covariance."""
     full_well_e: Positive | None = None
     read_noise_e: NotNegative | None = None
 
@@ -174,7 +174,7 @@ class ProjectorProfile(Table):
     """From the display's time stamp to settled light, as `rig check` measured it."""
     hfov_deg: DegreesOfView
     lens: str | None = None
-    """Lens file of `rig lenses`, relative to the profile; its focal length stands for the nominal one."""
+    """Lens file of `rig lenses`, relative to the profile: a prior of the geometry with all its covariance."""
     pjlink: PjlinkTable | None = None
     lightcrafter: LightCrafterTable | None = None
 

@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import StructuredLightCode
-from calibration.arrays import Frame
+from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
 from calibration.radiometry.response import Response
 from calibration.structured_light.consistency.complements import refuse_stale_frames
 from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.fewer_lights import filled_in, lights_for, with_lights
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
 from calibration.structured_light.patterns import Pattern, flat
@@ -45,6 +46,12 @@ _LEAST_VALID_SHARE = 0.01
 _INVERSE = "-inverse"
 _ROWS_HELD = 120
 """About so many rows, and columns as far apart, are held against stale frames."""
+_MOST_SPOILT = 0.05
+"""Of the pixels with direct light that have no projector pixel: from here on they are photographed again."""
+_PARTS = 2
+"""In which the rest of the projector's picture is lit then: each has less than half of the light that spoilt it."""
+_DIRECT = 2.0
+"""Noise limits by which a pattern and its inverse differ at the median where the projector's own light is seen."""
 _EXTREMES = (0, 255)
 """Codes that are shown as they are: black and white."""
 
@@ -80,6 +87,8 @@ class PairCorrespondence(Record):
     reasons: Mapping[str, float]
     """Share of the camera's pixels by reason, in the order of
     :class:`calibration.structured_light.correspondence.PixelReason`."""
+    valid_share_at_first: float | None = None
+    """Before patterns were shown again with fewer lights; None where they were not."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,19 +115,84 @@ def gray_frames(profile: Profile) -> int:
 
 
 def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
-    """Step `gray`: white, black, and the patterns of the structured-light code."""
-    shape = rig.projector.shape
-    flats = (flat(shape, 255, "white"), flat(shape, 0, "black"))
-    patterns = find_code(rig.profile.patterns.code).patterns(shape)
-    photograph(
+    """Step `gray`: white, black, and the patterns of the structured-light code.
+
+    Where light from other walls has spoilt much, the patterns are shown again on the pixels that are still open.
+    """
+    shape, code = rig.projector.shape, find_code(rig.profile.patterns.code)
+    white, black = flat(shape, 255, "white"), flat(shape, 0, "black")
+    shown = partial(
+        photograph,
         rig,
         session,
         step,
-        chain(flats, _as_light(patterns, session)),
         bracket=_gray_bracket(session),
         n_patterns=gray_frames(rig.profile),
         on_step=on_step,
     )
+    shown(chain((white, black), _as_light(code.patterns(shape), session)))
+    for part, lights in enumerate(_lights_again(session, step, code)):
+        again = with_lights(chain((white,), _as_light(code.patterns(shape), session)), lights)
+        shown(Pattern(_again_name(part, pattern.name), pattern.codes) for pattern in again)
+
+
+def _again_name(part: int, pattern: str) -> str:
+    return f"{pattern}-again-{part}"
+
+
+def _lights_again(session: Session, step: Step, code: StructuredLightCode) -> list[BoolArray]:
+    """Projector pixels to light when the patterns are shown again, part by part; none where little is spoilt."""
+    shape, radiometric = session.profile.projector.shape, load_radiometric_calibration(session)
+    names = code.pattern_names(shape)
+    if not _has_inverses(names):
+        return []
+    frame = _frames_of(step)
+    try:
+        first = read_code(code, frame, shape, radiometric)
+    except CalibrationError:
+        return []  # the step that decodes says what is wrong
+    direct = _direct_light(frame, names, radiometric)
+    spoilt = direct & ~first.valid & ~np.isin(first.reason, (PixelReason.DARK, PixelReason.SATURATED))
+    if spoilt.sum() <= _MOST_SPOILT * direct.sum():
+        return []
+    return lights_for(first, _PARTS)
+
+
+def _direct_light(
+    frame: Callable[[str], NDArray[np.uint16]], names: Sequence[str], radiometric: RadiometricCalibration
+) -> BoolArray:
+    """(H, W) pixels that the projector lights itself: there patterns differ from their inverses by more than noise.
+
+    What comes from other walls is much the same for a pattern of stripes and for its inverse.
+    """
+    reading = _Reading.of((frame("white"), frame("black")), partial(_grey, radiometric=radiometric), radiometric)
+    pairs = [name for name in names if f"{name}{_INVERSE}" in names]
+    change = [
+        np.abs(np.subtract(reading.read(frame(name)), reading.read(frame(f"{name}{_INVERSE}")), dtype=np.float32))
+        for name in pairs
+    ]
+    return np.asarray(np.median(change, axis=0) > _DIRECT * np.asarray(reading.noise_limit))
+
+
+def _frames_of(step: Step, part: int | None = None) -> Callable[[str], NDArray[np.uint16]]:
+    """Return what gives a pattern's frame: of the first time, or of a part with fewer lights (black stays black)."""
+
+    def frame(name: str) -> NDArray[np.uint16]:
+        taken = name if part is None or name == "black" else _again_name(part, name)
+        return step.load_frame(frame_name(taken)).pixels
+
+    return frame
+
+
+def _read_again(first: Correspondence, gray: Step, session: Session, code: StructuredLightCode) -> Correspondence:
+    """Fill in what the patterns with fewer lights say, where they were shown."""
+    if not gray.has_frame(frame_name(_again_name(0, "white"))):
+        return first
+    shape, radiometric = session.profile.projector.shape, load_radiometric_calibration(session)
+    found = first
+    for part, lights in enumerate(lights_for(first, _PARTS)):
+        found = filled_in(found, read_code(code, _frames_of(gray, part), shape, radiometric), lights)
+    return found
 
 
 def _as_light(patterns: Iterable[Pattern], session: Session) -> Iterator[Pattern]:
@@ -153,12 +227,8 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("decode", 0, 2)
     profile = session.profile
     gray, code = session.finished("gray"), find_code(profile.patterns.code)
-    correspondence = read_code(
-        code,
-        lambda name: gray.load_frame(frame_name(name)).pixels,
-        profile.projector.shape,
-        load_radiometric_calibration(session),
-    )
+    first = read_code(code, _frames_of(gray), profile.projector.shape, load_radiometric_calibration(session))
+    correspondence = _read_again(first, gray, session, code)
     valid_share = float(correspondence.valid.mean())
     if valid_share < _LEAST_VALID_SHARE:
         raise CalibrationError(
@@ -177,6 +247,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
         projector=profile.projector.name,
         valid_share_of_image=valid_share,
         reasons={code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason},
+        valid_share_at_first=None if correspondence is first else float(first.valid.mean()),
     )
     step.save_record("correspondence", CorrespondenceRecord(pairs=(pair,)))
     on_step("decode", 2, 2)

@@ -9,12 +9,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
-from rig.profile.lenses import hfov_deg_of
+from rig.profile.lenses import lens_settings, nominal_lenses
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
@@ -119,7 +118,8 @@ def geometry_settings(session: Session) -> JsonObject:
     profile = session.profile
     unused = {"patch_size_m"} | ({"lens_height_m"} if profile.box.lens_height_m is None else set())
     return {
-        "hfov_deg": [hfov_deg_of(profile, profile.camera), hfov_deg_of(profile, profile.projector)],
+        "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
+        **({"lenses": lenses} if (lenses := lens_settings(profile)) else {}),
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.box.model_dump(mode="json", exclude=unused),
         "third_wall": "strips of it, too",
@@ -153,17 +153,11 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         If the correspondence does not determine them, or something contradicts; with the cause.
     """
     rows, columns = np.nonzero(_well_inside(correspondence))
-    nominal = NominalIntrinsics.of(
-        camera_shape=profile.camera.shape[:2],
-        projector_shape=profile.projector.shape,
-        camera_hfov_deg=hfov_deg_of(profile, profile.camera),
-        projector_hfov_deg=hfov_deg_of(profile, profile.projector),
-    )
     sigma = correspondence.sigma_px
     pair = calibrate_stereo(
         np.stack([columns, rows], axis=1).astype(np.float64),
         correspondence.projector_xy_px[rows, columns].astype(np.float64),
-        nominal,
+        nominal_lenses(profile),
         right_angles=profile.box.right_angles,
         one_wall=not profile.box.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),

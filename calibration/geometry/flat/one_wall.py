@@ -91,7 +91,7 @@ def fit_where_flat(
         Without parallax; before one wall where it may not be all; where no pose explains it; where it is curved; where
         the data sheets leave its distance open.
     """
-    share = flat_share(x1[:_FEW], x2[:_FEW], nominal)
+    share = flat_share(*nominal.idealised(x1[:_FEW], x2[:_FEW]), nominal)
     if share <= (_NEARLY_FLAT if one_wall else FLAT_SHARE):
         return None
     if not one_wall:
@@ -132,7 +132,8 @@ def _candidates(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, weig
 
 def _starts(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> list[PlanarScene]:
     camera, projector = models_of(nominal_unknowns(), nominal)
-    a, b = rays_of(camera, x1), rays_of(projector, x2)
+    ideal_1, ideal_2 = nominal.idealised(x1, x2)
+    a, b = rays_of(camera, ideal_1), rays_of(projector, ideal_2)
     cv2.setRNGSeed(0)
     limit = _RANSAC_PX / projector.focal_px[0]
     homography, _ = cv2.findHomography(a[:, :2] / a[:, 2:], b[:, :2] / b[:, 2:], cv2.RANSAC, limit)
@@ -148,7 +149,7 @@ def _starts(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> list[
         pose = replace(projector, rotation=np.asarray(rotation), translation_m=t / length)
         if all(np.abs(other.projector.rotation - rotation).max() > _SAME_TURN for other in starts):
             # The homography's unit of length is the plane's distance, the bundle's is the baseline.
-            starts.append(_scene(camera, pose, length * n))
+            starts.append(_scene(*nominal.real((camera, pose)), length * n))
     return starts
 
 
@@ -188,11 +189,11 @@ def _bend(solution: BundleSolution) -> FloatArray:
 
     middle = fitted(solution.fit.z, known)
     there = replace(solution.fit, z=middle, function=thinned, residual=thinned(middle), priors=known)
-    follows = covariance(there, 1.0) * known.weight / known.sigma**2
+    follows = known.weight * covariance(there, 1.0) @ known.precision
     random = np.random.default_rng(2)
     bends = []
     for _ in range(_LENSES):
-        drawn = random.normal(size=len(middle)) * np.where(np.isfinite(known.sigma), known.sigma, 0.0)
+        drawn = known.spread @ random.normal(size=len(middle))
         tangent = middle + follows @ drawn
         beyond = fitted(tangent, replace(known, expected=known.expected + drawn)) - tangent
         # Lens terms are held by their data sheets: no bend makes them less certain than these.

@@ -60,6 +60,27 @@ class WeighedPoints:
         return WeighedPoints(self.camera_xy_px[rows], self.projector_xy_px[rows], self.weight[rows])
 
 
+def weights_of(sigma_px: FloatArray | None, order: IntArray, *, usual_of: int) -> FloatArray:
+    """Return (N, 2) by which residuals count, so that uncertain ones come to the scatter of those of the better half.
+
+    Where a stripe's edge falls on the same place of many neighbouring camera pixels, their codes are rounded alike, and
+    no window averages that out: a tenth of a picture may be off by five times the noise of the rest, in waves.
+
+    Parameters
+    ----------
+    sigma_px : (M, 2), optional
+        Standard deviations of all coordinates; None: all count alike. [px]
+    order : (N,)
+        Rows that are wanted.
+    usual_of : int
+        So many of the first tell what is usual.
+    """
+    if sigma_px is None:
+        return np.ones((len(order), 2))
+    usual = float(np.nanmedian(sigma_px[order[:usual_of]].min(axis=1)))
+    return np.asarray(usual / np.fmax(sigma_px[order], usual))
+
+
 @dataclass(frozen=True, eq=False)
 class RestingOn:
     """A fit, and the points that it is of."""

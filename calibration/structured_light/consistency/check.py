@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arrays import BoolArray, FloatArray, Frame
+from calibration.arrays import BoolArray, Float32Array, FloatArray, Frame
 from calibration.errors import CalibrationError
 from calibration.structured_light.consistency.edges import (
     BLURRED,
@@ -43,6 +43,8 @@ _BLURRED_PAIR, _BLURRED_LEAD = -0.1, 0.05
 photograph's; on a real scan −0.5 and 0.4."""
 _REPEATED = 0.02
 _SAME_CHANGES, _COPY = 0.3, 0.5
+_EQUAL = 0.05
+"""Of the contrast: noise and a good JPEG leave copies nearer to each other; half of an exposure is a quarter of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +123,16 @@ def _gains(places: LinePlaces, pairs: Sequence[tuple[int, int]]) -> FloatArray:
     gains = exposure_gains(places.middle, pairs)
     if (gains != 1).any():
         together = fine_correlation(places) - np.eye(len(gains))
-        gains[together.max(axis=1) > _COPY] = 1
+        copies = (together > _COPY) & _equal(places.middle)
+        gains[copies.any(axis=1)] = 1
     return gains
+
+
+def _equal(values: Float32Array) -> BoolArray:
+    """(N, N) whether photographs are the same picture at the same exposure."""
+    contrast = float((values.max(axis=0) - values.min(axis=0)).mean())
+    apart = np.array([np.abs(values - one).mean(axis=1) for one in values])
+    return np.asarray(apart < _EQUAL * contrast)
 
 
 def _evidence(

@@ -24,6 +24,8 @@ _LEAST_PICTURE = 0.02
 _RESOLVED = 0.4
 _DARK = 0.15
 """Of white plus black; half of it is what stripes have on the mean."""
+_SHARP, _LEAST_SHARP = 0.75, 5
+"""Of white minus black that a pair has as its difference, and pairs of which two that are wrong are no majority."""
 _GAINS = (0.3, 3.3)
 _FITS = 0.12
 """Of white minus black: what is left of a pair that is a pair up to its exposures."""
@@ -120,13 +122,30 @@ def exposure_gains(values: FloatArray | Float32Array, pairs: Sequence[tuple[int,
         Exposure relative to the others'; exactly 1 where it differs by less than a fifth.
     """
     gains = np.ones(len(values))
-    total = 2 * values.mean(axis=0, dtype=np.float64)
     contrast = float((values.max(axis=0).astype(np.float64) - values.min(axis=0)).mean())
+    total = _white_plus_black(values, pairs, contrast)
     for a, b in pairs:
         found = _gains_of_pair(values[a].astype(np.float64), values[b].astype(np.float64), total, contrast)
         if np.abs(np.log(found)).max() > _CHANGED:
             gains[[a, b]] = np.where(np.abs(np.log(found)) > _CHANGED, found, 1.0)
     return gains
+
+
+def _white_plus_black(
+    values: FloatArray | Float32Array, pairs: Sequence[tuple[int, int]], contrast: float
+) -> FloatArray:
+    """(K,) sum of most pairs whose stripes are sharp; of all photographs where these are few.
+
+    A tone curve raises the sum of pairs whose stripes are blurred, by up to a half.
+    """
+    sharp = [
+        values[a] + values[b].astype(np.float64)
+        for a, b in pairs
+        if np.abs(np.subtract(values[a], values[b], dtype=np.float64)).mean() > _SHARP * contrast
+    ]
+    if len(sharp) >= _LEAST_SHARP:
+        return np.asarray(np.median(sharp, axis=0))
+    return np.asarray(2 * values.mean(axis=0, dtype=np.float64))
 
 
 def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: float) -> FloatArray:
@@ -139,9 +158,18 @@ def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: fl
     plain = float(np.sqrt(np.mean((a + b - total) ** 2)))
     fits = left < _FITS * contrast and left < 0.5 * plain and (share > 0).all()
     gains = 1 / share if fits else np.ones(2)
-    gains = np.where(both.mean(axis=0) > _DARK * total.mean(), gains, 1.0)  # the dark tells nothing of its exposure
+    # What is dark tells nothing of its exposure, unless a part of it is lit.
+    tells = (both.mean(axis=0) > _DARK * total.mean()) | (_apart(both) * _CHANGED > left)
+    gains = np.where(tells, gains, 1.0)
     within = (gains > _GAINS[0]) & (gains < _GAINS[1])
     return np.asarray(gains if within.all() else np.ones(2))
+
+
+def _apart(both: FloatArray) -> FloatArray:
+    """(2,) RMS of what each of two columns has that is no multiple of the other."""
+    product, square = float(both[:, 0] @ both[:, 1]), (both**2).sum(axis=0)
+    own = np.maximum(square - product**2 / np.maximum(square[::-1], 1e-9), 0)
+    return np.asarray(np.sqrt(own / len(both)))
 
 
 def _gains_of_fine(a: float, b: float, usual: float) -> FloatArray:

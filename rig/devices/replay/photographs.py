@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from calibration.geometry.known.pair import KnownPair
 from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.gray import bits_for
 from rig.errors import DeviceLost, ProfileError, UsageError
+from rig.files.lens_file import read_lens_file
 from rig.files.pictures import read_pixels
 from rig.files.toml import Table, read_model
 
@@ -107,6 +109,8 @@ class _GrayCode(Table):
 
 class _Document(Table):
     schema_: Annotated[Literal[1], Field(alias="schema")]
+    lens_file: _FileName | None = None
+    """Of `rig lenses`: both lenses and their pose, in the place of the tables."""
     camera: _Camera
     projector: _Device
     projector_from_camera: _Pose | None = None
@@ -132,6 +136,8 @@ class Manifest:
     projector: PinholeModel | None
     unit: Literal["m", "mm"]
     """Unit of the pose in the file; a point cloud is written in it."""
+    known: KnownPair | None
+    """Lenses and pose with their covariances, of a lens file; None where tables say what they are."""
     first_code: tuple[int, int]
     """(column, row) code shown at the projector's first pixel."""
     finest_bit: int
@@ -151,20 +157,49 @@ def load_manifest(path: Path) -> Manifest:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}; give the manifest's name") from error
     document = read_model(_Document, raw, path, _cross_checks)
     pose, code = document.projector_from_camera, document.gray_code
+    known = None if document.lens_file is None else _known(document, path)
+    camera, projector = (None, None) if known is None else known.devices(np.zeros(known.spread.shape[1]))
     return Manifest(
         path=path,
         camera_shape=(document.camera.height_px, document.camera.width_px),
         full_scale_dn=document.camera.full_scale_dn,
         black_level_dn=document.camera.black_level_dn,
         projector_shape=(document.projector.height_px, document.projector.width_px),
-        camera=_pinhole(document.camera, None),
+        camera=camera or _pinhole(document.camera, None),
         camera_is_cropped=document.camera.crop != _Crop(),
-        projector=None if pose is None else _pinhole(document.projector, pose),
+        projector=projector or (None if pose is None else _pinhole(document.projector, pose)),
         unit="m" if pose is None else pose.unit,
+        known=known,
         first_code=(0, 0) if code is None else code.first_code,
         finest_bit=0 if code is None else code.finest_bit,
         frames={name: path.parent / file for name, file in _named(document).items()},
     )
+
+
+def _known(document: _Document, path: Path) -> KnownPair:
+    """Lenses and pose of a lens file, in the pixels of the photographs and of the area that was shown."""
+    file = path.parent / (document.lens_file or "")
+    pair = read_lens_file(file).pair()
+    if pair is None:
+        raise ProfileError(f"{path}: lens_file: {file} has no projector; a scan needs both lenses and their pose")
+    lenses = []
+    for name, device, (height, width), vector in zip(
+        ("camera", "projector"), (document.camera, document.projector), pair.shapes, pair.lenses, strict=True
+    ):
+        crop = device.crop
+        fits = crop.left_px + device.width_px <= width and crop.top_px + device.height_px <= height
+        whole = (device.width_px, device.height_px) == (width, height)
+        if not (whole if crop == _Crop() else fits):
+            raise ProfileError(
+                f"{path}: lens_file: {file} was made with a {name} of {width} × {height} px, the manifest's has "
+                f"{device.width_px} × {device.height_px} px: calibrate at this size, or say in [{name}.crop] where in "
+                "the whole picture these pixels lie"
+            )
+        moved = vector.copy()
+        moved[2:4] -= (crop.left_px, crop.top_px)
+        lenses.append(moved)
+    shapes = tuple((device.height_px, device.width_px) for device in (document.camera, document.projector))
+    return replace(pair, lenses=(lenses[0], lenses[1]), shapes=(shapes[0], shapes[1]))
 
 
 def _named(document: _Document) -> dict[str, str]:
@@ -191,6 +226,17 @@ def _pinhole(device: _Device, pose: _Pose | None) -> PinholeModel | None:
 def _cross_checks(data: dict[str, Any]) -> list[str]:
     """Problems between tables; what single tables get wrong is found elsewhere."""
     code, projector, frames = (_table(data, key) for key in ("gray_code", "projector", "frames"))
+    said = [
+        name
+        for name, there in (
+            ("camera.lens", "lens" in _table(data, "camera")),
+            ("projector.lens", "lens" in projector),
+            ("projector_from_camera", "projector_from_camera" in data),
+        )
+        if there and "lens_file" in data
+    ]
+    if said:
+        return [f"{said[0]}: lens_file says it too; leave one of the two out"]
     if not code and not frames:
         return ["gray_code: missing; name at least one photograph in [gray_code] or [frames]"]
     coded = ("gray-column-", "gray-row-")

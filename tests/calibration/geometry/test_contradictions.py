@@ -13,9 +13,9 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import refit, transfer_of
-from calibration.geometry.planes import Axes
+from calibration.geometry.planes import Axes, ExplainedPixels
 from calibration.geometry.robust_fit import Priors, robust_fit
-from calibration.geometry.stereo import ExplainedPixels, StereoCalibration, scale_from_spots
+from calibration.geometry.stereo import StereoCalibration, scale_from_spots
 from calibration.geometry.support import exclusive_points, mixed_share, plane_errors_px, standing_planes
 
 
@@ -158,7 +158,7 @@ def test_sigmas_are_true_where_neighbours_share_their_error():
         def residual(z, noise=noise):
             return np.stack([design @ z[:3], design @ z[3:]], axis=1) - (design @ truth)[:, None] - noise
 
-        nothing = Priors(np.zeros(6), np.full(6, np.inf), 1.0)
+        nothing = Priors.independent(np.zeros(6), np.full(6, np.inf), 1.0)
         fit = robust_fit(residual, np.zeros(6), nothing, iterations=5, least_scale_px=1)
         variance = observation_variance(fit, x1, np.zeros(len(x1), dtype=np.int64))
         ratios.append((fit.z - np.tile(truth, 2)) / np.sqrt(np.diag(covariance(fit, variance))))

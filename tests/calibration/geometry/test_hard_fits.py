@@ -15,7 +15,7 @@ def valley(z):
 
 
 def test_a_fit_walks_along_a_bent_valley_to_its_end():
-    priors = Priors(np.zeros(2), np.full(2, np.inf), 1.0)
+    priors = Priors.independent(np.zeros(2), np.full(2, np.inf), 1.0)
     fit = robust_fit(valley, np.array([-1.2, 1.44]), priors, iterations=40, least_scale_px=1.0)
     assert fit.z == pytest.approx([1.0, 1.0], abs=1e-3)  # straight steps are 1.2 away then
 

@@ -7,9 +7,16 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.planes import ViewedPoints, assign_planes, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import (
+    ExplainedPixels,
+    ViewedPoints,
+    assign_planes,
+    axis_hypotheses,
+    orthogonal_axes,
+    segment_planes,
+)
 from calibration.geometry.room import check_against_tape, room_from_stereo
-from calibration.geometry.stereo import ExplainedPixels, StereoCalibration
+from calibration.geometry.stereo import StereoCalibration
 
 SIZE_M = (4.8, 4.8, 2.4)
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}

@@ -14,7 +14,7 @@ from rig.errors import CalibrationFailed, ProfileError
 from rig.files.lens_file import read_lens_file, scan_tables
 from rig.files.pictures import write_png
 from rig.lenses.run import run_lenses
-from rig.profile.lenses import hfov_deg_of
+from rig.profile.lenses import lens_settings, nominal_lenses
 from rig.profile.schema import load_profile
 from tests.calibration.lenses.board_world import (
     BOARD,
@@ -88,17 +88,28 @@ def test_lists_of_corners_give_a_lens_file_and_a_page(
     assert "[projector_from_camera]" in scan_tables(lenses)
 
 
-def test_a_profile_takes_the_focal_length_of_a_lens_file(tmp_path: Path, six_views: BoardSightings) -> None:
+def test_a_profile_takes_a_lens_file_with_all_its_covariance(tmp_path: Path, six_views: BoardSightings) -> None:
     run_lenses(write_lists(tmp_path, six_views), tmp_path / "out.toml")
     text = load_profile("ci-tiny").path.read_text(encoding="utf-8")
     written = tmp_path / "profile.toml"
     written.write_text(text.replace("[[camera]]", '[[camera]]\nlens = "out.toml"', 1))
     profile = load_profile(written)
     with pytest.raises(ProfileError, match=r"was made at 640 × 480 px"):
-        hfov_deg_of(profile, profile.camera)
-    fitting = profile.camera.model_copy(update={"width_px": CAMERA_SIZE[0], "height_px": CAMERA_SIZE[1]})
-    assert hfov_deg_of(profile, fitting) == pytest.approx(2 * np.degrees(np.arctan(320 / CAMERA[0])), rel=0.01)
-    assert hfov_deg_of(profile, profile.projector) == profile.projector.hfov_deg
+        nominal_lenses(profile)
+    width, height = CAMERA_SIZE
+    written.write_text(
+        written.read_text()
+        .replace(f"width_px = {profile.camera.width_px}", f"width_px = {width}", 1)
+        .replace(f"height_px = {profile.camera.height_px}", f"height_px = {height}", 1)
+    )
+    profile = load_profile(written)
+    nominal, file = nominal_lenses(profile), read_lens_file(tmp_path / "out.toml")
+    assert nominal.camera_focal_px == pytest.approx(CAMERA[0], rel=0.01)
+    assert nominal.known.projector is None
+    assert nominal.known.camera is not None
+    assert (nominal.known.camera.covariance == file.covariance_of("camera")).all()
+    assert np.count_nonzero(nominal.known.covariance()[:8, :8]) > 8, "correlations count, too"
+    assert lens_settings(profile), "a session whose lens file changes fits its geometry again"
 
 
 @pytest.fixture(scope="module")

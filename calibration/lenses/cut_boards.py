@@ -1,0 +1,182 @@
+"""Chessboards that the edge of the picture cuts: the corners that are seen, and which of the board's they may be.
+
+A chessboard's corners have no names, so which part of it is seen shows only at ends that lie within the picture. The
+lens does not care: another numbering is another pose of a flat board.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.arrays import FloatArray, IntArray
+from calibration.lenses.boards import Board
+
+_SMALLEST_GRID, _SMALLEST_SEED = 3, 2
+"""Corners a side with which a part of a board is looked for, and from which it is gone on with."""
+LEAST_PART = 12
+"""Corners of a part: fewer hold neither pose nor lens, and may be chance."""
+_OFF_SQUARES = 0.25
+"""Of a square, by which a corner may be off a flat board without distortion: a lens bends a board by a tenth."""
+_FLAT_DN, _TWICE = 4.0, 1.5
+"""Of a ring about a corner: its least standard deviation, and by what its two waves have to lead all others."""
+_SQUARES_TO_EDGE = 1.6
+"""A part ends where the next corner would lie at the picture's edge: half a square more, for corners that are too near
+to it to be found."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenPart:
+    """A grid of corners, row after row."""
+
+    size: tuple[int, int]
+    """(columns, rows) of the grid."""
+    xy_px: FloatArray
+    """(columns * rows, 2)"""
+    ids: IntArray | None
+    """Numbers on the board; None where the grid is no part of it that the picture's edge explains."""
+
+
+def seen_part(shown: NDArray[np.uint8], board: Board) -> SeenPart | None:
+    """Find the largest grid of chessboard corners in a picture, and what part of a board it is.
+
+    Parameters
+    ----------
+    shown : (H, W) uint8
+    board : Board
+        A chessboard.
+
+    Returns
+    -------
+    SeenPart or None
+        None where there is no grid of three corners a side.
+    """
+    if not hasattr(cv2, "findChessboardCornersSBWithMeta"):
+        return None
+    flags = sum(int(getattr(cv2, name)) for name in _FLAGS if hasattr(cv2, name))
+    found, corners, meta = cv2.findChessboardCornersSBWithMeta(shown, (_SMALLEST_GRID, _SMALLEST_GRID), flags)
+    if not found or meta is None:
+        return None
+    rows, columns = np.asarray(meta).shape[:2]
+    seed = _unfolded(np.asarray(corners, dtype=np.float64).reshape(rows, columns, 2))
+    if min(seed.shape[:2]) < _SMALLEST_SEED:
+        return None
+    grid = _grown(shown, seed)
+    rows, columns = grid.shape[:2]
+    if (columns > board.columns or rows > board.rows) and columns <= board.rows and rows <= board.columns:
+        grid = np.ascontiguousarray(np.rot90(grid))  # a quarter, so that it stays right-handed
+    first = _firsts(grid, board, shown.shape)
+    seen = np.isfinite(grid[..., 0])
+    row, column = np.nonzero(seen)
+    ids = None if first is None else np.asarray((row + first[0]) * board.columns + column + first[1])
+    return SeenPart((grid.shape[1], grid.shape[0]), grid[seen], ids)
+
+
+def _grown(shown: NDArray[np.uint8], seed: FloatArray) -> FloatArray:
+    """(R, C, 2) a grid and all corners around it that are there, line by line; NaN where one is not."""
+    grid, before = seed, -1
+    while (count := int(np.isfinite(grid[..., 0]).sum())) > before:
+        before = count
+        grid = np.pad(grid, ((1, 1), (1, 1), (0, 0)), constant_values=np.nan)
+        for expected in (_continued(grid, axis, way) for axis in (0, 1) for way in (1, -1)):
+            open_ = np.isnan(grid[..., 0]) & np.isfinite(expected[..., 0])
+            square_px = float(np.nanmedian(np.linalg.norm(np.diff(grid, axis=1), axis=-1)))
+            grid[open_] = _corners_near(shown, expected[open_], square_px)
+        there = np.isfinite(grid[..., 0])
+        rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
+        grid = grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    return grid
+
+
+def _continued(grid: FloatArray, axis: int, way: int) -> FloatArray:
+    """(R, C, 2) where corners are if those of two neighbours in a direction go on; NaN where there are none."""
+    one, two = (np.roll(grid, way * k, axis=axis) for k in (1, 2))
+    expected = 2 * one - two
+    edge = [slice(None)] * 2
+    edge[axis] = slice(0, 2) if way > 0 else slice(-2, None)
+    expected[tuple(edge)] = np.nan
+    return np.asarray(expected)
+
+
+def _corners_near(shown: NDArray[np.uint8], expected: FloatArray, square_px: float) -> FloatArray:
+    """(N, 2) corners near places, NaN where there is none: dark and bright squares have to meet crosswise."""
+    half = int(np.clip(0.3 * square_px, 2, 25))
+    height, width = shown.shape
+    result = np.full_like(expected, np.nan)
+    inside = ((expected > 2 * half) & (expected < np.array([width, height]) - 2 * half - 1)).all(axis=1)
+    if not inside.any():
+        return result
+    start = np.ascontiguousarray(expected[inside].astype(np.float32).reshape(-1, 1, 2))
+    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
+    found = np.asarray(cv2.cornerSubPix(shown, start, (half, half), (-1, -1), criteria), np.float64).reshape(-1, 2)
+    near = np.linalg.norm(found - expected[inside], axis=1) < _OFF_SQUARES * square_px
+    good = near & np.array([_is_saddle(shown, place, half) for place in found])
+    result[np.flatnonzero(inside)[good]] = found[good]
+    return result
+
+
+def _is_saddle(shown: NDArray[np.uint8], place: FloatArray, half: int) -> bool:
+    """Whether a ring about a place is dark, bright, dark and bright again."""
+    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
+    x, y = np.rint(place[:, None] + 0.8 * half * np.stack([np.cos(angle), np.sin(angle)])).astype(int)
+    height, width = shown.shape
+    ring = shown[y.clip(0, height - 1), x.clip(0, width - 1)].astype(np.float64)
+    wave = np.abs(np.fft.rfft(ring))
+    return bool(ring.std() > _FLAT_DN and wave[2] > _TWICE * np.delete(wave, [0, 2])[:6].max())
+
+
+def _unfolded(grid: FloatArray) -> FloatArray:
+    """The largest part of a grid that is one board: where the edge cuts a tilted one, corners are found twice."""
+    rows, columns = grid.shape[:2]
+    place = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
+    square_px = float(np.median(np.linalg.norm(np.diff(grid, axis=1), axis=-1)))
+    cv2.setRNGSeed(0)
+    _, kept = cv2.findHomography(place.reshape(-1, 2), grid.reshape(-1, 2), cv2.RANSAC, _OFF_SQUARES * square_px)
+    good = np.zeros((rows, columns), dtype=bool) if kept is None else np.asarray(kept).reshape(rows, columns) > 0
+    spans = [
+        (top, bottom, left, right)
+        for top in range(rows)
+        for bottom in range(top + 1, rows + 1)
+        for left in range(columns)
+        for right in range(left + 1, columns + 1)
+        if good[top:bottom, left:right].all()
+    ]
+    top, bottom, left, right = max(spans, key=lambda s: (s[1] - s[0]) * (s[3] - s[2]), default=(0, 0, 0, 0))
+    return grid[top:bottom, left:right]
+
+
+_FLAGS = ("CALIB_CB_NORMALIZE_IMAGE", "CALIB_CB_EXHAUSTIVE", "CALIB_CB_ACCURACY", "CALIB_CB_LARGER")
+
+
+def _firsts(grid: FloatArray, board: Board, shape: tuple[int, ...]) -> tuple[int, int] | None:
+    """Row and column on the board of a grid's first corner; None where it is no part that an edge explains."""
+    if np.isfinite(grid[..., 0]).sum() < LEAST_PART:
+        return None
+    row = _first(grid, board.rows, shape)
+    column = _first(grid.transpose(1, 0, 2), board.columns, shape)
+    return None if row is None or column is None else (row, column)
+
+
+def _first(lines: FloatArray, count: int, shape: tuple[int, ...]) -> int | None:
+    """Number of the first of some lines of corners of a board that has so many; None where no edge cuts it."""
+    missing = count - len(lines)
+    if missing < 0:
+        return None
+    before = _is_cut(lines[0], lines[1], shape)
+    behind = _is_cut(lines[-1], lines[-2], shape)
+    if missing and not (before or behind):
+        return None
+    if before and behind:
+        return missing // 2
+    return missing if before else 0
+
+
+def _is_cut(last: FloatArray, inner: FloatArray, shape: tuple[int, ...]) -> bool:
+    """Whether the line of corners beyond the last one would leave the picture, at least for a part."""
+    beyond = last + _SQUARES_TO_EDGE * (last - inner)
+    beyond = beyond[np.isfinite(beyond[:, 0])]
+    size = np.array(shape[1::-1])
+    return bool(np.isnan(last).any() or ((beyond < 0) | (beyond > size - 1)).any())

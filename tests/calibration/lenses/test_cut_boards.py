@@ -1,0 +1,46 @@
+"""Chessboards that the edge of the picture cuts."""
+
+import numpy as np
+import pytest
+
+from calibration.lenses.boards import Board
+from calibration.lenses.detection import detect_board
+from calibration.lenses.lens import project_points
+from tests.calibration.lenses.board_world import BOARD, CAMERA, photograph, printed, stand, truth
+
+
+@pytest.fixture(scope="module")
+def state():
+    return truth(1)
+
+
+@pytest.fixture(scope="module")
+def picture(state):
+    return photograph(stand(state, 0, printed(BOARD)))
+
+
+@pytest.fixture(scope="module")
+def corners(state):
+    """(6, 9, 2) where the corners are."""
+    places = BOARD.points_m @ state.rotations[0][:, :2].T + state.translations_m[0]
+    return project_points(CAMERA, places).reshape(6, 9, 2)
+
+
+@pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])
+def test_a_board_that_the_picture_cuts_gives_the_corners_that_are_seen(picture, corners, side):
+    x, y = (int(v) for v in (corners[3, 4] + corners[2, 3]) / 2)
+    cut = {"left": np.s_[:, x:], "right": np.s_[:, :x], "top": np.s_[y:], "bottom": np.s_[:y]}[side]
+    found = detect_board(np.ascontiguousarray(picture[cut]), BOARD, 255)
+    assert found.problem == ""
+    assert 12 <= len(found.ids) < 54
+    xy = found.xy_px + {"left": (x, 0), "top": (0, y)}.get(side, (0, 0))
+    apart = np.linalg.norm(xy[:, None] - corners.reshape(1, -1, 2), axis=2)
+    assert apart.min(axis=1).max() < 0.4
+    # One numbering of the board, or that of the board turned by half.
+    nearest = apart.argmin(axis=1)
+    assert (found.ids == nearest).all() or (found.ids == 53 - nearest).all()
+
+
+def test_a_whole_board_of_another_size_is_no_cut_one(picture):
+    larger = Board(kind="chessboard", columns=11, rows=8, square_m=0.03)
+    assert "9 × 6 inner corners, the manifest says 11 × 8" in detect_board(picture, larger, 255).problem
