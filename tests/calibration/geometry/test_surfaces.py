@@ -163,7 +163,7 @@ def test_a_device_behind_a_wall_by_tape_is_refused(room):
 def straight(x1, plane):
     """A camera of focal length 500 px; the projector stands 1 to the right, looking the same way."""
     rays = np.column_stack([x1 / 500, np.ones(len(x1))])
-    points = rays / (rays @ plane)[:, None]
+    points = rays / (rays * plane).sum(axis=1)[:, None]
     return (points[:, :2] - [1.0, 0.0]) / points[:, 2:] * 500
 
 
