@@ -280,7 +280,8 @@ def run(profile: Path, session: Path, strategies: Sequence[str]) -> dict[str, An
     found: dict[str, Any] = {"rig": profile.stem, "status": done.returncode, "seconds": time.monotonic() - started_s}
     if done.stdout.strip().startswith("{"):
         found |= {"result": json.loads(done.stdout)}
-    return found | {"said": done.stderr.strip().splitlines()[-1:] if done.returncode else []}
+    said = [line for line in done.stderr.splitlines() if line.startswith("rig: ")]
+    return found | {"said": said[:1] if done.returncode else []}
 
 
 FIGURES: Mapping[str, tuple[str, str]] = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -289,12 +290,11 @@ def _turn_between(x1: FloatArray, x2: FloatArray, camera: PinholeModel, projecto
 
 def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Residual:
     """Sampson distances (N, 1) in px, as a function of the unknowns."""
+    seen_by_camera, seen_by_projector = _bearings_by_lens(x1), _bearings_by_lens(x2)
 
     def residual(q: FloatArray) -> FloatArray:
         camera, projector = models_of(q, nominal)
-        a, b = (
-            bearings(x, m.focal_px[0], m.principal_point_px, m.distortion) for x, m in ((x1, camera), (x2, projector))
-        )
+        a, b = seen_by_camera(camera), seen_by_projector(projector)
         t = projector.translation_m
         essential = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]]) @ projector.rotation
         l2, l1 = a @ essential.T, b @ essential
@@ -302,6 +302,16 @@ def _sampson(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> Resi
         return np.asarray((b * l2).sum(1) / np.sqrt(np.maximum(slope, 1e-18)))[:, None]
 
     return residual
+
+
+def _bearings_by_lens(xy_px: FloatArray) -> Callable[[PinholeModel], FloatArray]:
+    """Bearings of pixels through any lens; the last two are kept, since most steps of a slope change no lens."""
+
+    @lru_cache(maxsize=2)
+    def through(focal_px: float, principal_point_px: tuple[float, float], distortion: tuple[float, ...]) -> FloatArray:
+        return bearings(xy_px, focal_px, principal_point_px, distortion)
+
+    return lambda lens: through(lens.focal_px[0], lens.principal_point_px, tuple(lens.distortion))
 
 
 def nominal_unknowns() -> FloatArray:

@@ -71,10 +71,10 @@ class BundleSolution(PlanarScene):
 
 
 def transfer_of(projector: PinholeModel) -> Transfer:
-    """Return where the camera's rays land in the projector if their points lie on a plane, normal / offset (3,)."""
+    """Return where the camera's rays land in the projector if their points lie on planes, normal / offset."""
 
     def transfer(rays: FloatArray, plane: FloatArray) -> FloatArray:
-        along = rays @ plane
+        along = rays @ plane if plane.ndim == 1 else (rays * plane).sum(axis=1)
         there = landed(projector, rays, along)
         # The same plane mirrored behind the devices would land on the same pixels.
         depth = (rays @ projector.rotation[2]) + projector.translation_m[2] * along

@@ -11,7 +11,7 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray, IntArray
 
 Transfer = Callable[[FloatArray, FloatArray], FloatArray]
-"""(camera rays (N, 3), plane (3,)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
+"""(camera rays (N, 3), plane (3,) or (N, 3)) → projector pixels (N, 2) if the points lay on the plane n · x = 1."""
 
 INLIER_PX = 1.5
 """Three times the half pixel by which whole codes are off."""
@@ -21,6 +21,8 @@ _SAMPLE = 12
 """Points of a trial: a plane through twelve neighbours is steady against their noise."""
 _TESTED = 800
 """Points that a trial is counted on: enough to tell 2 % from nothing."""
+_AT_ONCE = 40
+"""Trials that are counted together: their arrays stay within a processor's second cache."""
 _NEIGHBOURHOOD_PX = 150.0
 """Half side of the camera's window that a trial draws from: an eighth of a usual picture, mostly one wall."""
 _LEAST_SHARE, _LEAST_POINTS = 0.02, 30
@@ -155,17 +157,12 @@ def segment_planes(
 def _best_plane(
     seen: ViewedPoints, transfer: Transfer, random: np.random.Generator, limit_px: float
 ) -> FloatArray | None:
-    best, best_count = None, 0
     test = seen.chosen(random.permutation(len(seen.points))[:_TESTED])
-    for _ in range(_TRIALS):
-        plane = _trial_plane(seen, random)
-        if plane is None:
-            continue
-        count = int((test.error_px(transfer, plane) < limit_px).sum())
-        if count > best_count:
-            best, best_count = plane, count
-    if best is None:
+    trials = _trial_planes(seen, random)
+    counts = _explained_counts(test, transfer, trials, limit_px)
+    if not counts.any():
         return None
+    best = trials[int(counts.argmax())]
     for _ in range(_REFINEMENTS):
         inside = seen.error_px(transfer, best) < limit_px
         refined = _plane_through(seen.points[inside]) if inside.sum() >= 3 else None
@@ -175,21 +172,47 @@ def _best_plane(
     return best
 
 
-def _trial_plane(seen: ViewedPoints, random: np.random.Generator) -> FloatArray | None:
-    """(3,) plane through some points around one that is drawn; None where too few lie around it."""
-    xy = seen.camera_xy_px
-    first = int(random.integers(len(xy)))
-    near = np.flatnonzero((np.abs(xy - xy[first]) < _NEIGHBOURHOOD_PX).all(axis=1))
-    if len(near) < 3:
-        return None
-    return _plane_through(seen.points[random.choice(near, size=min(_SAMPLE, len(near)), replace=False)])
+def _explained_counts(test: ViewedPoints, transfer: Transfer, planes: FloatArray, limit_px: float) -> IntArray:
+    """(K,) how many of the points each plane explains."""
+    counts = np.zeros(len(planes), dtype=np.int64)
+    for first in range(0, len(planes), _AT_ONCE):
+        some = planes[first : first + _AT_ONCE]
+        landed = transfer(np.tile(test.rays, (len(some), 1)), np.repeat(some, len(test.rays), axis=0))
+        error = landed.reshape(len(some), -1, 2) - test.projector_xy_px
+        counts[first : first + _AT_ONCE] = (np.linalg.norm(error, axis=2) < limit_px).sum(axis=1)
+    return counts
+
+
+def _trial_planes(seen: ViewedPoints, random: np.random.Generator) -> FloatArray:
+    """(K, 3) planes, each through some points around one that is drawn; none where too few lie around it."""
+    x, y = np.ascontiguousarray(seen.camera_xy_px.T)
+    rows, weight = np.zeros((_TRIALS, _SAMPLE), dtype=np.int64), np.zeros((_TRIALS, _SAMPLE))
+    for k in range(_TRIALS):
+        first = int(random.integers(len(x)))
+        near = np.flatnonzero((np.abs(x - x[first]) < _NEIGHBOURHOOD_PX) & (np.abs(y - y[first]) < _NEIGHBOURHOOD_PX))
+        if len(near) >= 3:
+            count = min(_SAMPLE, len(near))
+            rows[k, :count], weight[k, :count] = random.choice(near, size=count, replace=False), 1.0
+    return _planes_through(seen.points[rows], weight)
+
+
+def _planes_through(points: FloatArray, weight: FloatArray) -> FloatArray:
+    """(K, 3) least squares of n · x = 1 by points (M, S, 3), each weighted by 1 / distance² (its depth error grows so).
+
+    Points that do not span a plane make none.
+    """
+    weight = weight / np.maximum((points**2).sum(axis=2), 1e-12)
+    u, s, vt = np.linalg.svd(points * weight[..., None], full_matrices=False)
+    spans = s[:, -1] > np.finfo(np.float64).eps * points.shape[1] * s[:, 0]
+    u, s, vt, weight = u[spans], s[spans], vt[spans], weight[spans]
+    along = (weight[:, None, :] @ u)[:, 0] / s
+    return np.asarray((along[:, None, :] @ vt)[:, 0])
 
 
 def _plane_through(points: FloatArray) -> FloatArray | None:
-    """Least squares of n · x = 1, each point weighted by 1 / distance² (its depth error grows so)."""
-    weight = 1 / np.maximum((points**2).sum(axis=1), 1e-12)
-    plane, _, rank, _ = np.linalg.lstsq(points * weight[:, None], weight, rcond=None)
-    return np.asarray(plane) if rank == 3 else None
+    """(3,) the plane of some points; None where they span none."""
+    found = _planes_through(points[None], np.ones((1, len(points))))
+    return found[0] if len(found) else None
 
 
 def assign_planes(

@@ -156,7 +156,12 @@ def _lit_points(stereo: StereoCalibration) -> FloatArray:
 
 
 def check_against_tape(
-    box: RoomBox, size_m: tuple[float, float, float], sigma_m: FloatArray, tape_sigma_share: float
+    box: RoomBox,
+    size_m: tuple[float, float, float],
+    sigma_m: FloatArray,
+    tape_sigma_share: float,
+    *,
+    right_angles: bool = False,
 ) -> None:
     """Hold the lengths that were measured against those by tape.
 
@@ -170,12 +175,15 @@ def check_against_tape(
         Standard deviations of the measured size, that of the scale included. [m]
     tape_sigma_share : float
         Standard deviation of a length by tape, as a share of it.
+    right_angles : bool
+        Whether walls were held at right angles: then that may be what is wrong.
 
     Raises
     ------
     CalibrationError
         With both lengths, if they are more than four of their common standard deviations apart.
     """
+    square = ", or walls are not square that are taken for it (right_angles = false)" if right_angles else ""
     for k, axis in enumerate("xyz"):
         if not {FACES[2 * k], FACES[2 * k + 1]} <= set(box.seen):
             continue
@@ -187,6 +195,7 @@ def check_against_tape(
                 f"({FACES[2 * k]} and {FACES[2 * k + 1]} seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
                 f"{abs(measured - tape) / np.hypot(sigma, own):.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
                 "tape's lengths is wrong ([[scale]] or size_m; x ends at the wall on the right), or hfov_deg is"
+                f"{square}"
             )
 
 

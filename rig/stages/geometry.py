@@ -167,7 +167,8 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     sigmas = _sigmas(pair, profile, room)
     if profile.box.size_m is not None:
         size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
-        check_against_tape(room.box, profile.box.size_m, size_sigma_m, TAPE_SIGMA)
+        square = profile.box.right_angles
+        check_against_tape(room.box, profile.box.size_m, size_sigma_m, TAPE_SIGMA, right_angles=square)
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
 

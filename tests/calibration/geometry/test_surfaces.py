@@ -162,6 +162,15 @@ def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_bot
         check_against_tape(box, (4.8, 4.8, 2.68), np.full(3, 0.01), 0.003)
 
 
+@pytest.mark.parametrize("right_angles", [True, False])
+def test_right_angles_are_named_as_a_cause_only_where_walls_were_held_at_them(room, right_angles):
+    """A corner of 95 degrees that is held at 90 is 7 % too high, and its points do not tell."""
+    box = room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), SIZE_M)
+    with pytest.raises(CalibrationError) as refusal:
+        check_against_tape(box, (4.8, 4.8, 2.24), np.full(3, 0.01), 0.003, right_angles=right_angles)
+    assert ("right_angles = false" in str(refusal.value)) is right_angles
+
+
 def test_a_device_behind_a_wall_by_tape_is_refused(room):
     with pytest.raises(CalibrationError, match=r"the camera would stand 0\.60 m behind wall x0"):
         room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), (3.6, 4.8, 2.4))
@@ -170,7 +179,7 @@ def test_a_device_behind_a_wall_by_tape_is_refused(room):
 def straight(x1, plane):
     """A camera of focal length 500 px; the projector stands 1 to the right, looking the same way."""
     rays = np.column_stack([x1 / 500, np.ones(len(x1))])
-    points = rays / (rays @ plane)[:, None]
+    points = rays / (rays * plane).sum(axis=1)[:, None]
     return (points[:, :2] - [1.0, 0.0]) / points[:, 2:] * 500
 
 
