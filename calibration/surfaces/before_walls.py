@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.arrays import BoolArray, FloatArray
+from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.geometry.pinhole import PinholeModel, project
 from calibration.geometry.room import FACES, RoomBox
 from calibration.structured_light.correspondence import Correspondence
@@ -24,7 +24,7 @@ _THIN_PX = 3
 class BeforeWalls:
     """Which camera pixels see the walls of a room, which something that stands before them."""
 
-    face: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    face: IntArray
     """(H, W) number in ``FACES`` of the wall that a pixel's ray meets first; -1 outside the room's faces."""
     wall_distance_m: FloatArray
     """(H, W) along the ray to that wall; infinite for none. [m]"""
@@ -66,9 +66,7 @@ def before_walls(
     return BeforeWalls(face=face, wall_distance_m=distance_m, stands=_without_thin(stands))
 
 
-def _first_wall(
-    origin_m: FloatArray, rays: FloatArray, box: RoomBox
-) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.int64]], FloatArray]:
+def _first_wall(origin_m: FloatArray, rays: FloatArray, box: RoomBox) -> tuple[IntArray, FloatArray]:
     """(H, W) which face of the box each ray meets first, and how far away."""
     nearest_m, which = np.full(rays.shape[:2], np.inf), np.full(rays.shape[:2], -1, dtype=np.int64)
     for name in box.faces:

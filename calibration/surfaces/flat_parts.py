@@ -83,7 +83,8 @@ def parts_of(points: PointMap, pieces: IntArray, least_pixels: int) -> Parts:
     Parts
         Of all pieces together, the largest first.
     """
-    label, planes = np.full(pieces.shape, -1, dtype=np.int64), []
+    label = np.full(pieces.shape, -1, dtype=np.int64)
+    planes: list[FloatArray] = []
     for piece in range(int(pieces.max(initial=-1)) + 1):
         samples = _samples(points, pieces == piece)
         own = np.full(pieces.shape, -1, dtype=np.int64)
@@ -144,7 +145,8 @@ def _samples(points: PointMap, chosen: BoolArray) -> _Samples:
 
 def _split(samples: _Samples, least_pixels: int) -> list[tuple[FloatArray, BoolArray]]:
     """Planes with their points, and what is left, in connected parts, as curved."""
-    found, left = [], np.ones(len(samples.rows), dtype=bool)
+    found: list[tuple[FloatArray, BoolArray]] = []
+    left = np.ones(len(samples.rows), dtype=bool)
     while left.sum() >= least_pixels and len(found) < _MOST_PARTS:
         rest = np.flatnonzero(left)
         best = _largest_plane(samples.only(left), least_pixels)

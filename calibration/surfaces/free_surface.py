@@ -124,7 +124,8 @@ def _placed(points: PointMap, mask: BoolArray, plane: FloatArray, patch_size_m: 
 def _outlines(mask: BoolArray) -> list[FloatArray]:
     """Outlines of a mask through the borders of its pixels, straightened, as (n, 2) columns and rows."""
     padded = np.pad(mask.astype(np.float64), 1)
-    rings = [approximate_polygon(ring, _OUTLINE_PX) for ring in find_contours(padded, 0.5)]
+    found = find_contours(padded, 0.5)  # type: ignore[no-untyped-call]
+    rings = [approximate_polygon(ring, _OUTLINE_PX) for ring in found]  # type: ignore[no-untyped-call]
     return [ring[:-1, ::-1] - 1 for ring in rings if len(ring) > 3]
 
 

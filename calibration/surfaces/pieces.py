@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
@@ -64,19 +67,19 @@ def largest_first(label: IntArray, least_pixels: int) -> IntArray:
 
 def _joined(points: PointMap, chosen: BoolArray, *, axis: int) -> BoolArray:
     """Neighbours along an axis that see one piece; one fewer along that axis."""
-    here, there = (_halves(chosen, axis)[k] for k in (0, 1))
     (near, far), (noise, other) = _halves(points.distance_m, axis), _halves(points.sigma_m, axis)
+    both = np.all(_halves(chosen, axis), axis=0)
     limit = most_between(np.fmin(near, far), points.metres_per_px, np.hypot(noise, other))
     with np.errstate(invalid="ignore"):
-        return np.asarray(here & there & (np.abs(near - far) <= limit))
+        return np.asarray(both & (np.abs(near - far) <= limit))
 
 
 def most_between(distance_m: FloatArray, metres_per_px: float, sigma_m: FloatArray) -> FloatArray:
-    """Return by how much the distances of neighbouring pixels of one surface may differ, as arrays broadcast. [m]"""
+    """Return by how much the distances of neighbouring pixels of one surface may differ [m], as arrays broadcast."""
     return np.maximum(_STEEPEST * metres_per_px * distance_m, _SIGMAS * sigma_m)
 
 
-def _halves(values: FloatArray | BoolArray, axis: int) -> tuple[FloatArray, FloatArray]:
+def _halves(values: NDArray[Any], axis: int) -> tuple[NDArray[Any], NDArray[Any]]:
     """All but the last, and all but the first, along an axis."""
     last = values.shape[axis]
     return np.take(values, range(last - 1), axis), np.take(values, range(1, last), axis)

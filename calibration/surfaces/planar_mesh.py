@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError, cKDTree
@@ -85,7 +86,7 @@ def _together(rings: Sequence[FloatArray], inner: FloatArray) -> tuple[FloatArra
     starts = np.cumsum([0, *(len(ring) for ring in rings)])
     sides = [
         np.stack([np.arange(first, last), np.roll(np.arange(first, last), -1)], axis=1)
-        for first, last in zip(starts[:-1], starts[1:], strict=True)
+        for first, last in pairwise(starts.tolist())
     ]
     return np.concatenate([*rings, inner]), np.concatenate(sides).astype(np.int64)
 

@@ -12,7 +12,7 @@ from calibration.geometry.triangulation import triangulate
 from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence
 
 _STEP = 1e-4
-"""Share of a distance over which the projector pixel's way along a ray is taken: 1e-3 px of it at the usual baseline."""
+"""Share of a distance over which a projector pixel's way along a ray is taken: some 1e-3 px of it."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -35,7 +35,7 @@ class PointMap:
 
     @property
     def points_m(self) -> FloatArray:
-        """(H, W, 3) points in the world; NaN where there is none. [m]"""
+        """Points in the world, (H, W, 3) [m]; NaN where there is none."""
         return np.asarray(self.origin_m + self.distance_m[..., None] * self.rays)
 
     @property
@@ -89,9 +89,7 @@ def camera_rays(camera: PinholeModel) -> FloatArray:
     return world_rays(camera, xy).reshape(camera.height_px, camera.width_px, 3)
 
 
-def px_per_metre(
-    camera: PinholeModel, projector: PinholeModel, rays: FloatArray, distance_m: FloatArray
-) -> FloatArray:
+def px_per_metre(camera: PinholeModel, projector: PinholeModel, rays: FloatArray, distance_m: FloatArray) -> FloatArray:
     """Return (N,) projector pixels by which the light on camera rays (N, 3) moves for a metre along them."""
     here, ahead = (camera.position_m + (distance_m * (1 + step))[:, None] * rays for step in (0.0, _STEP))
     moved = np.linalg.norm(project(projector, ahead) - project(projector, here), axis=1)
@@ -102,4 +100,4 @@ def _sigma_px(correspondence: Correspondence) -> FloatArray:
     """(H, W) standard deviation of a projector pixel in one direction."""
     if correspondence.sigma_px is None:
         return np.full(correspondence.reason.shape, ROUNDING_PX)
-    return np.sqrt((correspondence.sigma_px.astype(np.float64) ** 2).mean(axis=-1))
+    return np.asarray(np.sqrt((correspondence.sigma_px.astype(np.float64) ** 2).mean(axis=-1)))
