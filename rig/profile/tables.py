@@ -208,10 +208,9 @@ class Scale(Table):
         return self.between or (() if self.projector is None else (self.projector,))
 
 
-class Box(Table):
-    """A room, or a corner of one: flat faces along three directions."""
+class Room(Table):
+    """What surfaces stand in: a room, or a corner of one, with flat faces along three directions."""
 
-    kind: Literal["box"]
     closed: bool
     """Six faces; else only those that were seen."""
     size_m: tuple[MetresOfWall, MetresOfWall, MetresOfWall] | None = None
@@ -220,6 +219,12 @@ class Box(Table):
     """Of the projector's lens above the floor, by tape; places only a floor that nobody sees."""
     patch_size_m: Positive = 0.3
     right_angles: bool = True
+
+
+class Box(Room):
+    """A room, or a corner of one, with nothing in it."""
+
+    kind: Literal["box"]
 
 
 class Planes(Table):
@@ -231,11 +236,10 @@ class Planes(Table):
     """Nearly perpendicular pieces are exactly perpendicular."""
 
 
-class FreeSurface(Table):
-    """A surface of any shape, as it is measured point by point."""
+class FreeSurface(Room):
+    """A room and whatever stands in it, as it is measured point by point."""
 
     kind: Literal["free"]
-    patch_size_m: Positive = 0.1
 
 
 class SurfaceFile(Table):

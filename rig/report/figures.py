@@ -131,7 +131,7 @@ def _draw_view(axes: Axes3D, scene_model: SceneModel) -> None:
     colours = colormaps["viridis"](scale(reflectance))
     # Faces that look towards the viewer would hide the room.
     behind = scene_model.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
-    behind |= len(scene_model.scene.faces) == 1
+    behind |= not scene_model.scene.region.any()
     axes.add_collection3d(
         Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4)
     )

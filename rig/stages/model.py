@@ -31,7 +31,6 @@ from rig.stages.scene_model import (
     PosedLens,
     PosedProjector,
     SceneModel,
-    box_scene,
     camera_view,
     cast_pixels,
     face_of_pixels,
@@ -39,15 +38,13 @@ from rig.stages.scene_model import (
     posed_lens,
     seen_from,
     unit_emission,
-    wall_of_patches,
     white_irradiance,
     with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
+from rig.stages.surface import AnyScene, StandingRecord, factors_of, scene_of, standing_of
 from rig.terminal import OnStep
-from sim.form_factors import form_factors
 from sim.geometry.optics import project
-from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -156,7 +153,7 @@ class _BandLight:
 class _Geometry:
     """The scene without any reflectance, and the devices in it; vignetting once it is fitted."""
 
-    scene: Scene
+    scene: AnyScene
     camera: PosedLens
     projector: PosedLens
     camera_hits: PixelHits
@@ -170,7 +167,8 @@ def model_settings(session: Session) -> JsonObject:
     """Return what step `model` depends on."""
     profile = session.profile
     return {
-        "patch_size_m": profile.box.patch_size_m,
+        "patch_size_m": profile.room.patch_size_m,
+        "surface": profile.surface.kind,
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": _LEAST_PIXELS,
@@ -183,7 +181,11 @@ def model_settings(session: Session) -> JsonObject:
 def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `model`: fit what light does in the measured room; decide the brightness scale."""
     on_step("build model", 0, 4)
-    bare = _bare_geometry(load_geometry(session), session.profile.box.patch_size_m)
+    geometry_record = load_geometry(session)
+    standing = standing_of(session, geometry_record)
+    if standing is not None:
+        step.save_record("standing", standing)
+    bare = _bare_geometry(geometry_record, scene_of(session.profile, geometry_record, standing))
     bands, valid = _light(session)
     lit = _lit(bands, valid)
     blur = session.finished("separation").load_image("blur")
@@ -214,9 +216,8 @@ def _light(session: Session) -> tuple[list[_BandLight], BoolArray]:
     return bands, load_correspondence(session).valid & (image["valid"] > 0)
 
 
-def _bare_geometry(record: GeometryRecord, patch_size_m: float) -> _Geometry:
+def _bare_geometry(record: GeometryRecord, scene: AnyScene) -> _Geometry:
     camera, projector = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
-    scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
     return _Geometry(scene, camera, projector, cast_pixels(scene, camera))
 
 
@@ -279,14 +280,14 @@ def _fit_reflectance(geometry: _Geometry, gain: FloatArray, light: _BandLight, l
     per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
     per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
-    if len(scene.faces) == 1:
+    if not scene.region.any():
         return estimate_open_wall(per_lit, per_global, irradiance, scene.areas)
     return estimate_reflectance(
         per_lit,
         per_global,
         irradiance,
-        form_factors(scene).matrix,
-        wall=wall_of_patches(scene),
+        factors_of(scene).matrix,
+        wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
     )
 
@@ -314,7 +315,7 @@ def _record(
         flux_sigma=tuple(fit.flux_sigma for fit in fits),
     )
     return ModelRecord(
-        patch_size_m=profile.box.patch_size_m,
+        patch_size_m=profile.room.patch_size_m,
         bands=bands,
         cameras={pair.camera: CameraModel(vignetting=vignetting.camera)},
         projectors={pair.projector: projector},
@@ -345,7 +346,7 @@ def _scene_models(
     blur = session.finished("separation").load_image("blur")
     xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
-    factors = form_factors(scene)
+    factors = factors_of(scene)
     projector = PosedProjector(
         device=geometry.projector,
         hits=cast_pixels(scene, geometry.projector),
@@ -368,6 +369,13 @@ def _scene_models(
 def load_model(session: Session) -> FittedScene:
     """Return the finished step's model, read from the disk once for each of its results."""
     return _read_model(session, session.finished("model").outputs_sha256)
+
+
+def load_standing(session: Session) -> StandingRecord | None:
+    """Return what the finished step found before the walls; None where the surface is a box."""
+    if session.profile.surface.kind != "free":
+        return None
+    return session.finished("model").load_record("standing", StandingRecord)
 
 
 def load_model_record(session: Session) -> ModelRecord:
@@ -396,5 +404,6 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
 def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatArray]) -> list[SceneModel]:
     camera, projector = only(record.cameras), only(record.projectors)
     vignetting = Vignetting(camera.vignetting, projector.vignetting, record.vignetting_rms)
-    geometry = _bare_geometry(load_geometry(session), record.patch_size_m).with_vignetting(vignetting)
+    scene = scene_of(session.profile, load_geometry(session), load_standing(session))
+    geometry = _bare_geometry(load_geometry(session), scene).with_vignetting(vignetting)
     return _scene_models(session, geometry, zip(record.bands, projector.flux, strict=True), gains)
