@@ -21,6 +21,8 @@ _WIDER, _MOST_GROWTH = 3.0, 1.35
 evenly it takes in 3^½ = 1.7 times as much."""
 _TRIALS, _SEED_PX = 60, 9
 """Planes that are tried for a piece, and half the side of the window that each is fitted to."""
+_TRIED_POINTS = 3000
+"""Of a piece, among which its planes are looked for; the one that is found is fitted to all."""
 _ROUNDS = 4
 """Of fitting a plane and asking anew which points lie on it."""
 _THIN_PX = 2.5
@@ -59,6 +61,13 @@ class _Samples:
     sigma: FloatArray
     """(N,) of it. [1/m]"""
     shape: tuple[int, int]
+    step: int = 1
+    """Every so many rows and columns there is a point."""
+
+    def thinned(self) -> _Samples:
+        """So few of the rows and columns that planes are tried quickly."""
+        step = int(np.ceil(np.sqrt(len(self.rows) / _TRIED_POINTS)))
+        return replace(self.only((self.rows % step == 0) & (self.columns % step == 0)), step=step)
 
     def only(self, chosen: BoolArray) -> _Samples:
         rows, columns, rays = self.rows[chosen], self.columns[chosen], self.rays[chosen]
@@ -149,10 +158,13 @@ def _split(samples: _Samples, least_pixels: int) -> list[tuple[FloatArray, BoolA
     left = np.ones(len(samples.rows), dtype=bool)
     while left.sum() >= least_pixels and len(found) < _MOST_PARTS:
         rest = np.flatnonzero(left)
-        best = _largest_plane(samples.only(left), least_pixels)
+        among = samples.only(left)
+        best = _largest_plane(among.thinned(), least_pixels)
         if best is None:
             break
-        plane, on = best
+        plane, on = _grown_from(among, *best)
+        if on.sum() < least_pixels:
+            break
         chosen = np.zeros_like(left)
         chosen[rest[on]] = True
         found.append((plane, chosen))
@@ -160,10 +172,10 @@ def _split(samples: _Samples, least_pixels: int) -> list[tuple[FloatArray, BoolA
     return found + [(np.full(3, np.nan), part) for part in _connected(samples, left)]
 
 
-def _largest_plane(samples: _Samples, least_pixels: int) -> tuple[FloatArray, BoolArray] | None:
-    """The plane with most connected points that ends at an edge; None where there is none."""
-    best: tuple[FloatArray, BoolArray] | None = None
-    count = least_pixels - 1
+def _largest_plane(samples: _Samples, least_pixels: int) -> tuple[FloatArray, tuple[int, int]] | None:
+    """The plane with most connected points that ends at an edge, and a pixel on it; None where there is none."""
+    best: tuple[FloatArray, tuple[int, int]] | None = None
+    count = least_pixels / samples.step**2 - 1
     generator = np.random.default_rng(0)
     seeds = generator.permutation(len(samples.rows))[:_TRIALS]
     for seed in seeds:
@@ -172,8 +184,17 @@ def _largest_plane(samples: _Samples, least_pixels: int) -> tuple[FloatArray, Bo
         )
         fitted = _grown(samples, near, int(seed))
         if fitted is not None and fitted[1].sum() > count and not _bends(samples, *fitted, int(seed)):
-            best, count = fitted, int(fitted[1].sum())
+            best = fitted[0], (int(samples.rows[seed]), int(samples.columns[seed]))
+            count = float(fitted[1].sum())
     return best
+
+
+def _grown_from(samples: _Samples, plane: FloatArray, pixel: tuple[int, int]) -> tuple[FloatArray, BoolArray]:
+    """A plane that was found among few points, fitted to all of them about a pixel."""
+    seed = int(np.flatnonzero((samples.rows == pixel[0]) & (samples.columns == pixel[1]))[0])
+    on = _about(samples, _off(samples, plane) <= _SIGMAS, seed)
+    fitted = _grown(samples, on, seed)
+    return (plane, on) if fitted is None else fitted
 
 
 def _grown(samples: _Samples, start: BoolArray, seed: int) -> tuple[FloatArray, BoolArray] | None:
@@ -214,10 +235,11 @@ def _about(samples: _Samples, chosen: BoolArray, seed: int) -> BoolArray:
 
 def _numbers(samples: _Samples, chosen: BoolArray) -> IntArray:
     """(N,) number of the connected area of each chosen point; 0 of the others."""
-    mask = np.zeros(samples.shape, np.uint8)
-    mask[samples.rows[chosen], samples.columns[chosen]] = 1
+    step = samples.step
+    mask = np.zeros((samples.shape[0] // step + 1, samples.shape[1] // step + 1), np.uint8)
+    mask[samples.rows[chosen] // step, samples.columns[chosen] // step] = 1
     number = cv2.connectedComponents(mask, connectivity=4)[1]
-    return np.asarray(number[samples.rows, samples.columns], dtype=np.int64)
+    return np.asarray(number[samples.rows // step, samples.columns // step], dtype=np.int64)
 
 
 def _connected(samples: _Samples, chosen: BoolArray) -> list[BoolArray]:
