@@ -19,7 +19,7 @@ _OUTLINE_PX = 0.8
 _LEAST_SIDE_PX = 3.0
 """A side of a triangle in the picture: below, the points about a corner are too few to place it."""
 _CHORD = 1e-3
-"""Of the distance, by which the middle of a flat triangle may leave a curved surface; towards its rim it leaves less."""
+"""Of the distance, by which a flat triangle may leave a curved surface in its middle; less towards its rim."""
 _BEND_SPREAD_PX = 4.0
 """Spread of the smoothing before the bend of a surface is taken, and of the points that place a corner."""
 _NEIGHBOURS_PX = 6
