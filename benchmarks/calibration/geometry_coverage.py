@@ -81,7 +81,7 @@ def cases(rigs: int, tiny: int, seed: int, shapes: bool) -> Iterator[Case]:
     if shapes:
         for name, shape in SHAPES.items():
             for right_angles in (True, False):
-                surface = profile.box.model_copy(update={"right_angles": right_angles})
+                surface = profile.room.model_copy(update={"right_angles": right_angles})
                 other = profile.model_copy(update={"surface": surface})
                 title = name if right_angles else f"{name}, free"
                 yield Case(name=title, profile=other, shape=shape, noise="12 bits", seed=seed)

@@ -169,7 +169,7 @@ def _best_plane(
         if refined is None:
             break
         best = refined
-    return best
+    return np.asarray(best)
 
 
 def _explained_counts(test: ViewedPoints, transfer: Transfer, planes: FloatArray, limit_px: float) -> IntArray:

@@ -7,9 +7,11 @@ alone gives the products ρ κ; only the amount of global light tells κ, and wi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,8 @@ _INDEPENDENT_PATCHES = 12
 half a percent of it in all."""
 _FAR_OFF = 0.03
 """Of a patch's global light, relative, from which on it counts less: its seen part may be a corner of it."""
+_STEP, _STEP_OF_NOTHING = 1e-3, 0.1
+"""Of an unknown, by which it is moved for a slope; of one that is nearly 0, as if it were so large."""
 _REFITS, _MOST_MISFIT = 3, 1.5
 _DIRECT_ERROR = 0.018
 """Relative standard deviation of a patch's mean direct light: what is not seen of it differs from what is."""
@@ -146,13 +150,35 @@ def estimate_reflectance(
     upper = np.concatenate([[np.log(typical / _LEAST_TYPICAL)], np.full(problem.n_walls, _UNSEEN_RANGE[1])])
     start = np.concatenate([[np.log(typical / COMMON_REFLECTANCE)], np.full(problem.n_walls, COMMON_REFLECTANCE)])
     for _ in range(_REFITS):
-        result = least_squares(problem.residual, start, bounds=(lower, upper), loss="soft_l1", diff_step=1e-3)
+        bounds = _Bounds(lower, upper)
+        result = least_squares(problem.residual, start, _slopes_of(problem, bounds), bounds=bounds, loss="soft_l1")
         found = problem.fit(result.x, np.asarray(np.linalg.pinv(result.jac.T @ result.jac)))
         if found.global_rms <= _MOST_MISFIT * problem.global_error:
             break
         # The model of the room explains the light less well than it should: it decides less, the prior more.
         problem, start = replace(problem, global_error=found.global_rms), result.x
     return found
+
+
+class _Bounds(NamedTuple):
+    lower: FloatArray
+    upper: FloatArray
+
+
+def _slopes_of(problem: _Room, bounds: _Bounds) -> Callable[[FloatArray], FloatArray]:
+    """The Jacobian of the residual by differences: rooms of all unknowns moved one by one are solved together."""
+
+    def slopes(z: FloatArray) -> FloatArray:
+        step = _STEP * np.maximum(np.abs(z), _STEP_OF_NOTHING)
+        step = np.where(z + step > bounds.upper, -step, step)
+        moved = np.column_stack([z, z[:, None] + np.diag(step)])
+        rho, arriving = problem.solve_all(moved)
+        residual = np.stack(
+            [problem.residual_of(moved[:, k], rho[:, k], arriving[:, k]) for k in range(moved.shape[1])], axis=1
+        )
+        return np.asarray((residual[:, 1:] - residual[:, :1]) / step)
+
+    return slopes
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -183,7 +209,9 @@ class _Room:
         return np.asarray(self.seen & ~self.lit)
 
     def residual(self, z: FloatArray) -> FloatArray:
-        rho, arriving = self.solve(z)
+        return self.residual_of(z, *self.solve(z))
+
+    def residual_of(self, z: FloatArray, rho: FloatArray, arriving: FloatArray) -> FloatArray:
         error = self.global_errors(rho, arriving) / self.global_error
         expected, spread = self.expected_of_unseen(rho)
         typical = (rho[self.lit].mean() - COMMON_REFLECTANCE) / COMMON_SPREAD
@@ -210,17 +238,24 @@ class _Room:
 
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(P,) reflectance and indirect irradiance F B where seen; patches in global light only give ρ = g / (F B)."""
-        flux = float(np.exp(z[0]))
-        rho = np.where(self.lit, self.direct_over_irradiance / flux, z[1:][self.wall])
+        rho, arriving = self.solve_all(z[:, None])
+        return rho[:, 0], arriving[:, 0]
+
+    def solve_all(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(P, K) the same of K columns of unknowns: one product of matrices costs far less than K with vectors."""
+        flux = np.exp(z[0])
+        lit, global_only, global_light = (each[:, None] for each in (self.lit, self.global_only, self.global_light))
+        rho = np.where(lit, self.direct_over_irradiance[:, None] / flux, z[1:][self.wall])
         rho = np.clip(rho, LEAST_REFLECTANCE, MOST_REFLECTANCE)
-        emission = rho * flux * self.irradiance
+        lighting = flux * self.irradiance[:, None]
+        emission = rho * lighting
         radiosity = emission / (1 - 0.5)  # a mean reflectance of 0.5, to start with
         arriving = self.form_factors @ radiosity
         for _ in range(_ITERATIONS):
             if self.global_only.any():
-                own = self.global_light / np.maximum(self.seen_from @ arriving, 1e-12)
-                rho = np.where(self.global_only, np.clip(own, LEAST_REFLECTANCE, MOST_REFLECTANCE), rho)
-            radiosity = rho * (flux * self.irradiance + arriving)
+                own = global_light / np.maximum(self.seen_from @ arriving, 1e-12)
+                rho = np.where(global_only, np.clip(own, LEAST_REFLECTANCE, MOST_REFLECTANCE), rho)
+            radiosity = rho * (lighting + arriving)
             arriving = self.form_factors @ radiosity
         return rho, np.asarray(self.seen_from @ arriving)
 
@@ -233,8 +268,8 @@ class _Room:
         covariance = covariance.copy()
         covariance[0, 0] += max(rms - _COARSE_MISFIT, 0.0) ** 2
         steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
-        moves = np.diag(0.1 * steps)
-        turned = np.stack([(self.solve(z + move)[0] - rho) / move.sum() for move in moves])
+        moves = 0.1 * steps
+        turned = ((self.solve_all(z[:, None] + np.diag(moves))[0] - rho[:, None]) / moves).T
         own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, self.global_error * rho, _SAME_WALL_SPREAD))
         variance = np.einsum("zp,zy,yp->p", turned, covariance, turned) + own**2
         unseen = ~self.lit & ~self.seen

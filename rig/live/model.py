@@ -94,7 +94,7 @@ def target_curve(*, is_linear: bool) -> FloatArray:
 
 def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
     """A room of the profile's size with a projector in a usual place: nothing measured, for trying out."""
-    size_m = profile.box.size_m or _GUESSED_SIZE_M
+    size_m = profile.room.size_m or _GUESSED_SIZE_M
     transport, active = guessed_transport(size_m, profile)
     white = transport @ np.ones(transport.shape[1])
     frames = frame_model(
@@ -117,7 +117,7 @@ def guessed_model(profile: Profile, *, is_linear: bool) -> LiveModel:
 def guessed_transport(size_m: tuple[float, float, float], profile: Profile) -> tuple[LightTransport, NDArray[np.bool_]]:
     """Transport of the lit projector pixels, seen from the projector, and (H * W,) which these are."""
     projector = profile.projector
-    scene = room(size_m, profile.box.patch_size_m, _GUESSED_REFLECTANCE)
+    scene = room(size_m, profile.room.patch_size_m, _GUESSED_REFLECTANCE)
     lens = Lens.from_horizontal_field_of_view(projector.width_px, projector.height_px, projector.hfov_deg)
     place = np.array(size_m) * _GUESSED_PLACE
     pose = Pose.look_at(place, place + np.array([1.0, 1.0, 0.0]))

@@ -15,7 +15,6 @@ from rig.errors import ProfileError
 from rig.files.toml import Table, read_model
 from rig.profile.between_tables import problems_between_tables
 from rig.profile.tables import (
-    Box,
     Brightness,
     CameraProfile,
     CaptureTiming,
@@ -24,6 +23,7 @@ from rig.profile.tables import (
     Patterns,
     ProjectorProfile,
     Replay,
+    Room,
     Scale,
     Surface,
     Viewer,
@@ -120,9 +120,9 @@ class Profile(Table):
         return self.scales[0]
 
     @property
-    def box(self) -> Box:
-        """The surface, which is a box. Raises ProfileError when it is another kind, which a later version will run."""
-        if not isinstance(self.surface, Box):
+    def room(self) -> Room:
+        """The room of the surface. Raises ProfileError for a kind without one, which a later version will run."""
+        if not isinstance(self.surface, Room):
             raise ProfileError(f"{self._path}: {_other_surface(self)}")
         return self.surface
 
@@ -198,7 +198,7 @@ def not_yet_run(profile: Profile) -> tuple[str, ...]:
     ]
     if len(profile.scales) > 1:
         found.append(_several_lengths(profile))
-    if not isinstance(profile.surface, Box):
+    if not isinstance(profile.surface, Room):
         found.append(_other_surface(profile))
     if profile.viewer is not None and profile.viewer.point_m is not None:
         found.append(
@@ -221,7 +221,7 @@ def _several_lengths(profile: Profile) -> str:
 
 
 def _other_surface(profile: Profile) -> str:
-    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box'"
+    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box' and 'free'"
 
 
 def load_runnable_profile(path_or_name: str | Path) -> Profile:

@@ -223,10 +223,9 @@ class Scale(Table):
         return self.between or (() if self.projector is None else (self.projector,))
 
 
-class Box(Table):
-    """A room, or a corner of one: flat faces along three directions."""
+class Room(Table):
+    """What surfaces stand in: a room, or a corner of one, with flat faces along three directions."""
 
-    kind: Literal["box"]
     closed: bool
     """Six faces; else only those that were seen."""
     size_m: tuple[MetresOfWall, MetresOfWall, MetresOfWall] | None = None
@@ -237,10 +236,16 @@ class Box(Table):
     right_angles: bool = True
 
     @model_validator(mode="after")
-    def _has_few_patches(self) -> Box:
+    def _has_few_patches(self) -> Room:
         if self.size_m is not None:
             check_patches(self.size_m, self.patch_size_m, "patch_size_m")
         return self
+
+
+class Box(Room):
+    """A room, or a corner of one, with nothing in it."""
+
+    kind: Literal["box"]
 
 
 class Planes(Table):
@@ -252,11 +257,10 @@ class Planes(Table):
     """Nearly perpendicular pieces are exactly perpendicular."""
 
 
-class FreeSurface(Table):
-    """A surface of any shape, as it is measured point by point."""
+class FreeSurface(Room):
+    """A room and whatever stands in it, as it is measured point by point."""
 
     kind: Literal["free"]
-    patch_size_m: Positive = 0.1
 
 
 class SurfaceFile(Table):

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
@@ -96,6 +97,9 @@ def room_figure(scene_model: SceneModel) -> str:
 def _draw_plan(axes: Axes, scene_model: SceneModel) -> None:
     low, high = scene_model.scene.vertices.min(axis=(0, 1)), scene_model.scene.vertices.max(axis=(0, 1))
     axes.plot([low[0], high[0], high[0], low[0], low[0]], [low[1], low[1], high[1], high[1], low[1]], color=_INK, lw=2)
+    standing = scene_model.scene.region >= len(scene_model.walls)
+    plan = list(scene_model.scene.vertices[standing][:, :, :2])
+    axes.add_collection(PolyCollection(plan, facecolors="#9aa5b160", edgecolors="#9aa5b1", linewidths=0.5))
     _label_walls(axes, scene_model, (low, high))
     low, high = _extent(scene_model)
     for name, device, colour in (
@@ -125,7 +129,7 @@ def _label_walls(axes: Axes, scene_model: SceneModel, ends: tuple[FloatArray, Fl
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     places = {"x0": (x0, y, "left", "center"), "x1": (x1, y, "right", "center")}
     places |= {"y0": (x, y0, "center", "bottom"), "y1": (x, y1, "center", "top")}
-    known = {face.name for face in scene_model.scene.faces}
+    known = set(scene_model.walls)
     for name, (at_x, at_y, horizontal, vertical) in places.items():
         if name in known:
             axes.annotate(
@@ -166,17 +170,15 @@ def _draw_view(axes: Axes3D, scene_model: SceneModel) -> None:
     colours = colormaps["viridis"](scale(reflectance))
     # Faces that look towards the viewer would hide the room.
     behind = scene_model.scene.normals @ np.array([-0.75, -0.8, 0.62]) > 0
-    behind |= len(scene_model.scene.faces) == 1
+    behind |= not scene_model.scene.region.any()
     axes.add_collection3d(
         Poly3DCollection(vertices[behind], facecolors=colours[behind], edgecolors="#ffffff60", linewidths=0.4)
     )
-    for face in scene_model.scene.faces:
-        own = slice(face.first_patch, face.first_patch + face.n_patches)
+    for number, name in enumerate(scene_model.walls):
+        own = scene_model.scene.region == number
         if behind[own].all():
             middle = vertices[own].mean(axis=(0, 1))
-            axes.text(
-                *middle, face.name, color="white", fontsize=11, weight="bold", ha="center", va="center", zorder=12
-            )
+            axes.text(*middle, name, color="white", fontsize=11, weight="bold", ha="center", va="center", zorder=12)
     for device, colour in ((scene_model.camera, _CAMERA), (scene_model.projector, _PROJECTOR)):
         position, size = device.pose.position_m, 0.9
         corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * (device.lens.width_px - 1, device.lens.height_px - 1)

@@ -246,7 +246,7 @@ def _verdicts(
         ),
         Verdict(
             what="geometry: directions in which no wall was measured",
-            value=_guessed_directions(geometry, model) if profile.box.closed else 0,
+            value=_guessed_directions(geometry, model) if profile.room.closed else 0,
             limit=0,
             unit="",
             advice="nobody knows where the floor and the ceiling (or both walls of a side) are, and the light tells it "

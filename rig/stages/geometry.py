@@ -116,12 +116,12 @@ class GeometryRecord(Record):
 def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
-    unused = {"patch_size_m"} | ({"lens_height_m"} if profile.box.lens_height_m is None else set())
+    unused = {"patch_size_m"} | ({"lens_height_m"} if profile.room.lens_height_m is None else set())
     return {
         "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
         **({"lenses": lenses} if (lenses := lens_settings(profile)) else {}),
         "scale": profile.scale.model_dump(mode="json"),
-        "box": profile.box.model_dump(mode="json", exclude=unused),
+        "box": profile.room.model_dump(mode="json", exclude=unused),
         "third_wall": "strips of it, too",
     }
 
@@ -158,17 +158,17 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         np.stack([columns, rows], axis=1).astype(np.float64),
         correspondence.projector_xy_px[rows, columns].astype(np.float64),
         nominal_lenses(profile),
-        right_angles=profile.box.right_angles,
-        one_wall=not profile.box.closed,
+        right_angles=profile.room.right_angles,
+        one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
     sigmas = _sigmas(pair, profile, room)
-    if profile.box.size_m is not None:
+    if profile.room.size_m is not None:
         size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
-        square = profile.box.right_angles
-        check_against_tape(room.box, profile.box.size_m, size_sigma_m, TAPE_SIGMA, right_angles=square)
+        square = profile.room.right_angles
+        check_against_tape(room.box, profile.room.size_m, size_sigma_m, TAPE_SIGMA, right_angles=square)
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
 
@@ -196,16 +196,16 @@ class _ScaledRoom:
 def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.float64]) -> _ScaledRoom:
     """Metres and box, if lengths by tape (scale, room's three, lens height) were so many sigmas longer, (5,)."""
     longer = 1 + TAPE_SIGMA * tape_errors
-    scale, size_m = profile.scale, profile.box.size_m
+    scale, size_m = profile.scale, profile.room.size_m
     if scale.baseline_m is not None:
         pair = scale_from_baseline(pair, scale.baseline_m * longer[0])
     else:
         pair = scale_from_spots(pair, np.array(scale.spots_px), float(scale.distance_m or 0) * longer[0])
     if size_m is not None:
         size_m = (size_m[0] * longer[1], size_m[1] * longer[2], size_m[2] * longer[3])
-    height_m = profile.box.lens_height_m
+    height_m = profile.room.lens_height_m
     height_m = None if height_m is None else height_m * longer[4]
-    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.box.closed, lens_height_m=height_m))
+    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.room.closed, lens_height_m=height_m))
 
 
 def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
@@ -228,7 +228,7 @@ def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
     found = set()
     # Before one wall alone, neither size_m nor lens_height_m says anything of the piece that is lit.
     is_alone = len(room.box.faces) == 1
-    size_m, height_m = (None, None) if is_alone else (profile.box.size_m, profile.box.lens_height_m)
+    size_m, height_m = (None, None) if is_alone else (profile.room.size_m, profile.room.lens_height_m)
     for axis, faces in zip("xyz", (("x0", "x1"), ("y0", "y1"), ("floor", "ceiling")), strict=True):
         seen = set(faces) & set(room.box.seen)
         if axis == "z" and height_m is not None:

@@ -46,8 +46,8 @@ from rig.stages.scene_model import (
     with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
+from rig.stages.surface import StandingRecord, factors_of, standing_of
 from rig.terminal import OnStep
-from sim.form_factors import form_factors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -144,7 +144,8 @@ def model_settings(session: Session) -> JsonObject:
     """Return what step `model` depends on."""
     profile = session.profile
     return {
-        "patch_size_m": profile.box.patch_size_m,
+        "patch_size_m": profile.room.patch_size_m,
+        "surface": profile.surface.kind,
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,
@@ -164,7 +165,10 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     projector_xy_px = np.stack([blur["column"], blur["row"]], axis=-1)
     seen = SeenInWhite(light=_together(bands), lit=lit, projector_xy_px=projector_xy_px, border=border)
     placed = _placed(session, seen, on_step)
-    bare = bare_room(load_geometry(session), session.profile.box.patch_size_m, shift_of(placed))
+    standing = standing_of(session, load_geometry(session), shift_of(placed))
+    if standing is not None:
+        step.save_record("standing", standing)
+    bare = bare_room(load_geometry(session), session.profile.room.patch_size_m, shift_of(placed), standing)
     gains = [direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
     on_model = on_the_model(bare, projector_xy_px)
@@ -204,7 +208,7 @@ def _together(bands: list[BandLight]) -> BandLight:
 
 def _placed(session: Session, seen: SeenInWhite, on_step: OnStep) -> tuple[PlacedByLight, ...]:
     """Walls that nobody measured: none in nearly all rooms."""
-    record, box = load_geometry(session), session.profile.box
+    record, box = load_geometry(session), session.profile.room
     axes = unmeasured_axes(record.surface, height_known=box.lens_height_m is not None)
     return place_unseen_walls(record, axes, box.patch_size_m, seen=seen, on_step=on_step)
 
@@ -241,7 +245,7 @@ def _record(
         flux_sigma=tuple(fit.flux_sigma for fit in fits),
     )
     return ModelRecord(
-        patch_size_m=profile.box.patch_size_m,
+        patch_size_m=profile.room.patch_size_m,
         bands=bands,
         cameras={pair.camera: CameraModel(vignetting=vignetting.camera)},
         projectors={pair.projector: projector},
@@ -272,7 +276,7 @@ def _scene_models(
     blur = session.finished("separation").load_image("blur")
     xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
-    factors = form_factors(scene)
+    factors = factors_of(scene)
     projector = PosedProjector(
         device=geometry.projector,
         hits=cast_pixels(scene, geometry.projector),
@@ -287,6 +291,7 @@ def _scene_models(
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
             projectors={pair.projector: replace(projector, flux=flux)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
+            walls=load_geometry(session).surface.faces,
         )
         for (band, flux), gain in zip(surfaces, gains, strict=True)
     ]
@@ -295,6 +300,13 @@ def _scene_models(
 def load_model(session: Session) -> FittedScene:
     """Return the finished step's model, read from the disk once for each of its results."""
     return _read_model(session, session.finished("model").outputs_sha256)
+
+
+def load_standing(session: Session) -> StandingRecord | None:
+    """Return what the finished step found before the walls; None where the surface is a box."""
+    if session.profile.surface.kind != "free":
+        return None
+    return session.finished("model").load_record("standing", StandingRecord)
 
 
 def load_model_record(session: Session) -> ModelRecord:
@@ -329,6 +341,7 @@ def _global_error(band: BandModel, placed: tuple[PlacedByLight, ...]) -> float:
 def _read_scene_models(session: Session, record: ModelRecord, gains: list[FloatArray]) -> list[SceneModel]:
     camera, projector = only(record.cameras), only(record.projectors)
     vignetting = Vignetting(camera.vignetting, projector.vignetting, record.vignetting_rms)
-    bare = bare_room(load_geometry(session), record.patch_size_m, shift_of(record.placed))
+    standing = load_standing(session)
+    bare = bare_room(load_geometry(session), record.patch_size_m, shift_of(record.placed), standing)
     geometry = bare.with_vignetting(vignetting)
     return _scene_models(session, geometry, zip(record.bands, projector.flux, strict=True), gains)

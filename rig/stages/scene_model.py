@@ -17,16 +17,17 @@ from scipy.sparse import csr_array, diags_array
 from calibration.geometry.pinhole import PinholeModel
 from rig.stages.correspondence import DevicePair, only
 from rig.stages.maps.sampling import sample, sample_bands
+from rig.stages.surface import AnyScene
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at
-from sim.geometry.scene import Hits, Scene, intersect
+from sim.geometry.rays import trace
+from sim.geometry.scene import Hits
 from sim.light.colour import ColourTransport
 from sim.light.picture_blur import PictureBlur
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
-from sim.scenes.gridded import room
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -82,24 +83,18 @@ class PixelHits:
     """(N, 3); NaN where a ray meets nothing."""
 
 
-def cast_pixels(scene: Scene, device: PosedLens) -> PixelHits:
+def cast_pixels(scene: AnyScene, device: PosedLens) -> PixelHits:
     """Follow every pixel of a device to the scene."""
     origin = device.pose.position_m
     rays = rays_at(device.lens, device.pose, device.lens.pixel_grid())
-    hits = intersect(scene, origin, rays)
+    hits = trace(scene, origin, rays)
     distance = np.where(hits.patch >= 0, hits.distance, np.nan)
     return PixelHits(hits, origin + distance[:, None] * rays)
 
 
-def box_scene(
-    size_m: tuple[float, float, float], faces: tuple[str, ...], patch_size_m: float, reflectance: FloatArray | float
-) -> Scene:
-    """Return the measured room in patches."""
-    scene = room(size_m, patch_size_m, 0.5, faces, name="measured room")
-    return scene.with_reflectance(reflectance)
-
-
-def white_irradiance(scene: Scene, projector: PosedLens, points_m: FloatArray, patch: NDArray[np.intp]) -> FloatArray:
+def white_irradiance(
+    scene: AnyScene, projector: PosedLens, points_m: FloatArray, patch: NDArray[np.intp]
+) -> FloatArray:
     """Return (N,) irradiance e by unit white at points, projector vignetting included; 0 outside its picture."""
     xy = project(projector.lens, projector.pose, points_m)
     height, width = projector.lens.shape
@@ -111,7 +106,7 @@ def white_irradiance(scene: Scene, projector: PosedLens, points_m: FloatArray, p
     return e
 
 
-def unit_emission(scene: Scene, projector: PosedLens) -> csr_array:
+def unit_emission(scene: AnyScene, projector: PosedLens) -> csr_array:
     """Return (P, n pixels) irradiance of each patch by each projector pixel at unit flux, vignetting included."""
     white = scene.with_reflectance(1.0)
     bare = area_emission(white, projector.lens, projector.pose, subsamples=2, convention="physical")
@@ -121,14 +116,6 @@ def unit_emission(scene: Scene, projector: PosedLens) -> csr_array:
 def face_of_pixels(camera_hits: PixelHits, shape: tuple[int, ...]) -> NDArray[np.intp]:
     """Return (H, W) number of the face that each camera pixel sees."""
     return np.asarray(camera_hits.hits.face.reshape(shape))
-
-
-def wall_of_patches(scene: Scene) -> NDArray[np.intp]:
-    """Return (P,) number of the face that each patch is of."""
-    wall = np.zeros(scene.n_patches, dtype=np.intp)
-    for k, face in enumerate(scene.faces):
-        wall[face.patches] = k
-    return wall
 
 
 def with_even_return(factors: FormFactors, share: float) -> FormFactors:
@@ -142,7 +129,7 @@ def with_even_return(factors: FormFactors, share: float) -> FormFactors:
     return replace(factors, matrix=matrix, row_sums=np.full(len(factors.areas), share), method="even return")
 
 
-def seen_from(scene: Scene, hits: Hits, chosen: BoolArray) -> csr_array:
+def seen_from(scene: AnyScene, hits: Hits, chosen: BoolArray) -> csr_array:
     """Return (P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
     weights = smooth_view(scene, hits, np.where(chosen, scene.reflectance[hits.patch], 0.0))
     pixels = np.flatnonzero(chosen)
@@ -193,12 +180,14 @@ class MeasuredLight:
 class SceneModel:
     """Everything that predicts what cameras see of the scene, in one band of light."""
 
-    scene: Scene
+    scene: AnyScene
     form_factors: FormFactors
     cameras: Mapping[str, PosedCamera]
     projectors: Mapping[str, PosedProjector]
     measured: Mapping[DevicePair, MeasuredLight]
     """What ties a camera's pixels to a projector's."""
+    walls: tuple[str, ...]
+    """Names of the scene's first regions, the room's faces; what comes after them stands before these."""
 
     @property
     def camera(self) -> PosedLens:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rig.files.photographs import photograph, rescaled
 from rig.stages.model import FittedScene
 from rig.stages.scene_model import SceneModel
+from rig.stages.surface import upright_regions
 from rig.stages.target import Target
 
 FloatArray = NDArray[np.float64]
@@ -48,7 +49,7 @@ def two_walls(scene_model: SceneModel) -> NDArray[np.float32]:
     height, width = scene_model.projector.lens.shape
     face = scene_model.projector_hits.hits.face
     column = np.tile(np.arange(width), height)
-    upright = [k for k, each in enumerate(scene_model.scene.faces) if each.name not in ("floor", "ceiling")]
+    upright = upright_regions(scene_model.scene).tolist()
     counts = {k: int((face == k).sum()) for k in upright}
     first, second = sorted(upright, key=lambda k: -counts[k])[:2] if len(upright) > 1 else (0, 0)
     if not counts.get(second) or first == second:

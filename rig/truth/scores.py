@@ -21,8 +21,9 @@ from rig.session import Session
 from rig.stages.model import FittedScene, load_model, load_model_record
 from rig.stages.results import TruthErrors
 from rig.stages.scene_model import PosedLens
+from rig.stages.surface import AnyScene
 from rig.truth.transport import ground_truth_mixing
-from sim.geometry.scene import Scene
+from sim.geometry.mesh import Mesh
 
 FloatArray = NDArray[np.float64]
 Worlds = tuple[SimulatedPair, ...]
@@ -148,11 +149,15 @@ def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Se
     return rms(known), rms(measured)
 
 
-def ground_truth_reflectance(world: SimulatedPair, scene: Scene, projector: PosedLens, samples: int = 5) -> FloatArray:
+def ground_truth_reflectance(
+    world: SimulatedPair, scene: AnyScene, projector: PosedLens, samples: int = 5
+) -> FloatArray:
     """Return (P,) mean true reflectance over each patch of a scene, NaN where the simulated world has nothing there.
 
     Of which wall a patch is, its place tells, not its name: a room that was measured has its own corner as origin.
     """
+    if isinstance(scene, Mesh):
+        return _mesh_reflectance(world, scene, projector, samples)
     share = (np.arange(samples) + 0.5) / samples
     values = np.full(scene.n_patches, np.nan)
     for face in scene.faces:
@@ -167,6 +172,19 @@ def ground_truth_reflectance(world: SimulatedPair, scene: Scene, projector: Pose
         elif isinstance(world, SimulatedWorld):
             values[face.patches] = _box_reflectance(world, there)
     return values
+
+
+def _mesh_reflectance(world: SimulatedPair, mesh: Mesh, projector: PosedLens, samples: int) -> FloatArray:
+    """(P,) means over points of each patch; a world of a box has nothing but its walls."""
+    if not isinstance(world, MeshWorld):
+        return np.full(mesh.n_patches, np.nan)
+    share = (np.arange(samples) + 0.5) / samples
+    u, v = (each.ravel()[None, :, None] for each in np.meshgrid(share, share))
+    a, b, c, d = (mesh.vertices[:, k, None] for k in range(4))
+    points = (1 - u) * (1 - v) * a + u * (1 - v) * b + u * v * c + (1 - u) * v * d
+    there = _to_world(world, projector, points.reshape(-1, 3))
+    turned = _to_world(world, projector, mesh.normals) - _to_world(world, projector, np.zeros((1, 3)))
+    return _mean_known(world.reflectance_near(there, np.repeat(turned, samples**2, axis=0)), mesh.n_patches)
 
 
 def _mean_known(values: FloatArray, n_patches: int) -> FloatArray:

@@ -20,10 +20,12 @@ from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
+from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, project, rays_at, solid_angles
 from sim.geometry.rays import trace
 from sim.geometry.scene import Hits, Scene
 from sim.geometry.surface import Surface
+from sim.light.mesh_view import mesh_view
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
@@ -41,7 +43,7 @@ EmissionRule = Literal["pixel_mean", "area"]
 
 
 def coaxial_transport(
-    scene: Scene,
+    scene: Surface,
     form_factors: FormFactors,
     lens: Lens,
     pose: Pose,
@@ -54,7 +56,7 @@ def coaxial_transport(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Surface
     form_factors : FormFactors
         Of that scene.
     lens, pose
@@ -103,7 +105,7 @@ def coaxial_transport(
 
 
 def physical_transport(
-    scene: Scene,
+    scene: Surface,
     form_factors: FormFactors,
     projector_lens: Lens,
     projector_pose: Pose,
@@ -119,7 +121,7 @@ def physical_transport(
 
     Parameters
     ----------
-    scene : Scene
+    scene : Surface
     form_factors : FormFactors
         Of that scene.
     projector_lens, projector_pose
@@ -179,7 +181,7 @@ def _csr(values: FloatArray, rows: IntArray, columns: IntArray, shape: tuple[int
     return csr_array(coo_array((values, (rows, columns)), shape=shape))
 
 
-def _pixel_mean(scene: Scene, patch: IntArray, direct: FloatArray) -> csr_array:
+def _pixel_mean(scene: Surface, patch: IntArray, direct: FloatArray) -> csr_array:
     """S of eq. 5: each patch takes the mean over the pixels that reach it."""
     pixels = np.flatnonzero(patch >= 0)
     count = np.bincount(patch[pixels], minlength=scene.n_patches)
@@ -220,7 +222,7 @@ def area_emission(surface: Surface, lens: Lens, pose: Pose, *, subsamples: int, 
     return total
 
 
-def _direct(scene: Scene, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
+def _direct(scene: Surface, lens: Lens, pose: Pose, seen: _Beam) -> csr_array:
     """D: radiosity rho cos(theta) I / r² of the camera's points, from four projector pixels each."""
     camera = np.flatnonzero(seen.lit)
     points = seen.origin_m + seen.hits.distance[camera, None] * seen.rays[camera]
@@ -273,12 +275,14 @@ def _reaches(surface: Surface, origin: FloatArray, to_point: FloatArray, distanc
     return np.asarray(hits.distance >= distance * (1 - 1e-6))
 
 
-def smooth_view(scene: Scene, hits: Hits, reflectance: FloatArray) -> csr_array:
+def smooth_view(scene: Surface, hits: Hits, reflectance: FloatArray) -> csr_array:
     """Return V for pixels with these hits: the irradiance (B - E) / rho is bilinear between patch centres of a face.
+
+    On a mesh it is linear between centroids and corners (:func:`sim.light.mesh_view.mesh_view`).
 
     Parameters
     ----------
-    scene : Scene
+    scene : Surface
     hits : Hits
         Where the N pixels look.
     reflectance : (N,) array
@@ -288,6 +292,10 @@ def smooth_view(scene: Scene, hits: Hits, reflectance: FloatArray) -> csr_array:
     -------
     (N, P) csr
     """
+    if isinstance(scene, Mesh):
+        return mesh_view(scene, hits, reflectance)
+    if not isinstance(scene, Scene):
+        raise SimulationError(f"no view of {scene.name}: it is neither gridded rectangles nor a mesh")
     pieces = []
     shape = (len(hits.patch), scene.n_patches)
     for index, face in enumerate(scene.faces):

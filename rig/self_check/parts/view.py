@@ -111,7 +111,7 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
         Verdict(
             what="walls that are told apart",
             value=float(len(view.walls)),
-            limit=float(limits.walls if tested.rig.profile.box.closed else limits.walls_of_open_scene),
+            limit=float(limits.walls if tested.rig.profile.room.closed else limits.walls_of_open_scene),
             at_least=True,
             advice=view.geometry or "aim both at an edge between two walls",
         ),

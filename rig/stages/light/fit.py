@@ -15,27 +15,24 @@ from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.profile.schema import refuse_many_patches
 from rig.stages.correspondence import only
-from rig.stages.geometry import GeometryRecord
+from rig.stages.geometry import GeometryRecord, Point
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE
 from rig.stages.scene_model import (
     PixelHits,
     PosedLens,
-    box_scene,
     cast_pixels,
     face_of_pixels,
     posed_lens,
     seen_from,
     unit_emission,
-    wall_of_patches,
     white_irradiance,
 )
-from sim.form_factors import form_factors
+from rig.stages.surface import AnyScene, StandingRecord, factors_of, scene_of
 from sim.geometry.optics import Pose, project
-from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
-Shift = tuple[float, float, float]
+Shift = Point
 """x, y, z. [m]"""
 NO_SHIFT: Shift = (0.0, 0.0, 0.0)
 
@@ -61,7 +58,7 @@ class BandLight:
 class BareRoom:
     """The scene without any reflectance, and the devices in it; vignetting once it is fitted."""
 
-    scene: Scene
+    scene: AnyScene
     camera: PosedLens
     projector: PosedLens
     camera_hits: PixelHits
@@ -77,12 +74,20 @@ class BareRoom:
         return BareRoom(self.scene, camera, projector, cast_pixels(self.scene, camera))
 
 
-def bare_room(record: GeometryRecord, patch_size_m: float, shift_m: Shift = NO_SHIFT) -> BareRoom:
-    """Return the measured room in patches, its devices moved by so much against walls that nobody measured."""
+def bare_room(
+    record: GeometryRecord,
+    patch_size_m: float,
+    shift_m: Shift = NO_SHIFT,
+    standing: StandingRecord | None = None,
+) -> BareRoom:
+    """Return the measured room in patches, with what stands in it.
+
+    Its devices are moved by so much against walls that nobody measured; what stands before the walls was found so.
+    """
     devices = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
     camera, projector = (_moved(device, shift_m) for device in devices)
     refuse_many_patches(record.surface.size_m, patch_size_m)
-    scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
+    scene = scene_of(record, patch_size_m, standing)
     return BareRoom(scene, camera, projector, cast_pixels(scene, camera))
 
 
@@ -154,13 +159,13 @@ def fit_reflectance(
     per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
     per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
-    if len(scene.faces) == 1:
+    if not scene.region.any():
         return estimate_open_wall(per_lit, per_global, irradiance, scene.areas)
     return estimate_reflectance(
         per_lit,
         per_global,
         irradiance,
-        form_factors(scene).matrix,
-        wall=wall_of_patches(scene),
+        factors_of(scene).matrix,
+        wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
     )

@@ -66,7 +66,7 @@ def test_every_table_comes_to_its_new_place_and_comments_stay(tmp_path: Path) ->
     assert profile.projector.pjlink is not None
     assert profile.projector.pjlink.host == "10.0.0.7"
     assert profile.scale.projector == "projector"
-    assert profile.box.closed
+    assert profile.room.closed
     comments = [line.partition("#")[2] for line in OLD.splitlines() if "#" in line]
     assert all(f"#{comment}" in text for comment in comments)
     assert text.index("# What the sheet says.") < text.index("[[camera]]") < text.index("[timing]")

@@ -20,7 +20,6 @@ from rig.stages.scene_model import (
     PosedLens,
     PosedProjector,
     SceneModel,
-    box_scene,
     camera_view,
     cast_pixels,
     posed_lens,
@@ -30,6 +29,7 @@ from rig.stages.scene_model import (
 from rig.truth.scores import ground_truth_reflectance
 from sim.form_factors import form_factors
 from sim.geometry.optics import project, rays_at
+from sim.scenes.gridded import room
 
 
 def model_of(lens, rotation) -> PinholeModel:  # type: ignore[no-untyped-def]
@@ -59,7 +59,7 @@ def scene_model(world: SimulatedWorld) -> SceneModel:
     settings = world.settings
     camera = posed_lens(model_of(settings.camera, world.camera.rotation), settings.camera.vignetting)
     projector = posed_lens(model_of(settings.projector, world.projector.rotation), settings.projector.vignetting)
-    scene = box_scene(settings.size_m, tuple(settings.reflectance), 0.3, 0.5)
+    scene = room(settings.size_m, 0.3, 0.5, tuple(settings.reflectance))
     scene = scene.with_reflectance(ground_truth_reflectance(world, scene, projector))
     white = world.light_of(np.ones(world.projector.shape, np.float32))
     gain = (white.direct * world.vignetting).astype(np.float64)
@@ -79,6 +79,7 @@ def scene_model(world: SimulatedWorld) -> SceneModel:
         cameras={"camera": PosedCamera(camera, seen)},
         projectors={"projector": own},
         measured={DevicePair("camera", "projector"): MeasuredLight(gain, xy)},
+        walls=tuple(settings.reflectance),
     )
 
 

@@ -122,7 +122,7 @@ class MeshWorld(SimulatedPair):
         return self._exchange
 
     def reflectance_near(self, points_m: FloatArray, normal: FloatArray) -> FloatArray:
-        """Return (n,) matte reflectance of what lies within 5 cm of points along a normal; NaN where nothing does."""
+        """Return (n,) matte reflectance within 5 cm of points, along (3,) or (n, 3); NaN where nothing is."""
         tracer = self._exchange.tracer
         hits = tracer.hits(points_m + _NEAR_M * normal, np.broadcast_to(-normal, points_m.shape))
         landed = tracer.points_m(hits)

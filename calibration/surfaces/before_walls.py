@@ -1,0 +1,85 @@
+"""What stands before the walls of a measured room: pixels whose light does not land where the walls are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from calibration.arrays import BoolArray, FloatArray, IntArray
+from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.room import FACES, RoomBox
+from calibration.structured_light.correspondence import Correspondence
+from calibration.surfaces.point_map import camera_rays
+
+_OFF_PX, _OFF_SIGMAS = 1.0, 5.0
+"""Projector pixels, and standard deviations, by which light may miss its wall: of the bare walls of a simulated
+furnished room 1 in 100 missed by more than 0.53 px, where two walls meet."""
+_THIN_PX = 3
+"""Camera pixels: what is thinner than this in each direction is the edge of two surfaces, not a surface."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class BeforeWalls:
+    """Which camera pixels see the walls of a room, which something that stands before them."""
+
+    face: IntArray
+    """(H, W) number in ``FACES`` of the wall that a pixel's ray meets first; -1 outside the room's faces."""
+    wall_distance_m: FloatArray
+    """(H, W) along the ray to that wall; infinite for none. [m]"""
+    stands: BoolArray
+    """(H, W) valid pixels that see something else than this wall."""
+
+
+def before_walls(
+    correspondence: Correspondence, camera: PinholeModel, projector: PinholeModel, box: RoomBox
+) -> BeforeWalls:
+    """Find the pixels whose code says that their light does not land on the wall behind them.
+
+    Parameters
+    ----------
+    correspondence : Correspondence
+        Of both devices.
+    camera, projector : PinholeModel
+        Lenses and poses in the room's frame.
+    box : RoomBox
+        The room.
+
+    Returns
+    -------
+    BeforeWalls
+    """
+    rays = camera_rays(camera)
+    face, distance_m = _first_wall(camera.position_m, rays, box)
+    rows, columns = np.nonzero(correspondence.valid)
+    on_wall = camera.position_m + distance_m[rows, columns][:, None] * rays[rows, columns]
+    there = np.isfinite(on_wall).all(axis=1)
+    off_px = np.full(len(rows), np.inf)
+    seen = correspondence.projector_xy_px[rows, columns].astype(np.float64)
+    off_px[there] = np.abs(project(projector, on_wall[there]) - seen[there]).max(axis=1)
+    limit = np.full(len(rows), _OFF_PX)
+    if correspondence.sigma_px is not None:
+        limit = np.maximum(limit, _OFF_SIGMAS * correspondence.sigma_px[rows, columns].max(axis=1))
+    stands = np.zeros(correspondence.reason.shape, dtype=bool)
+    stands[rows, columns] = off_px > limit
+    return BeforeWalls(face=face, wall_distance_m=distance_m, stands=_without_thin(stands))
+
+
+def _first_wall(origin_m: FloatArray, rays: FloatArray, box: RoomBox) -> tuple[IntArray, FloatArray]:
+    """(H, W) which face of the box each ray meets first, and how far away."""
+    nearest_m, which = np.full(rays.shape[:2], np.inf), np.full(rays.shape[:2], -1, dtype=np.int64)
+    for name in box.faces:
+        number = FACES.index(name)
+        axis, side = divmod(number, 2)
+        offset_m = side * box.size_m[axis] - origin_m[axis]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            along = offset_m / rays[..., axis]
+        closer = (along > 0) & (along < nearest_m)
+        nearest_m, which = np.where(closer, along, nearest_m), np.where(closer, number, which)
+    return which, nearest_m
+
+
+def _without_thin(mask: BoolArray) -> BoolArray:
+    window = np.ones((_THIN_PX, _THIN_PX), np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, window) > 0)
