@@ -48,8 +48,8 @@ _ROWS_HELD = 120
 """About so many rows, and columns as far apart, are held against stale frames."""
 _MOST_SPOILT = 0.05
 """Of the pixels with direct light that have no projector pixel: from here on they are photographed again."""
-_PARTS = 2
-"""In which the rest of the projector's picture is lit then: each has less than half of the light that spoilt it."""
+_PARTS, _MORE_PARTS = 2, 4
+"""In which the rest of the projector's picture is lit then; more where less than half of the lit pixels was read."""
 _DIRECT = 2.0
 """Noise limits by which a pattern and its inverse differ at the median where the projector's own light is seen."""
 _EXTREMES = (0, 255)
@@ -155,7 +155,12 @@ def _lights_again(session: Session, step: Step, code: StructuredLightCode) -> li
     spoilt = direct & ~first.valid & ~np.isin(first.reason, (PixelReason.DARK, PixelReason.SATURATED))
     if spoilt.sum() <= _MOST_SPOILT * direct.sum():
         return []
-    return lights_for(first, _PARTS)
+    return lights_for(first, _parts(first))
+
+
+def _parts(first: Correspondence) -> int:
+    lit = first.reason != PixelReason.DARK
+    return _PARTS if 2 * first.valid.sum() >= lit.sum() else _MORE_PARTS
 
 
 def _direct_light(
@@ -190,7 +195,7 @@ def _read_again(first: Correspondence, gray: Step, session: Session, code: Struc
         return first
     shape, radiometric = session.profile.projector.shape, load_radiometric_calibration(session)
     found = first
-    for part, lights in enumerate(lights_for(first, _PARTS)):
+    for part, lights in enumerate(lights_for(first, _parts(first))):
         found = filled_in(found, read_code(code, _frames_of(gray, part), shape, radiometric), lights)
     return found
 
