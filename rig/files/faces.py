@@ -29,7 +29,8 @@ def pieces(corners: FloatArray) -> tuple[Sequence[Sequence[int]], str]:
         # What is not finite is told with all other faults, later.
         return [(0, k, k + 1) for k in range(1, n - 1)], ""
     cut = cut_polygon(corners)
-    return cut.triangles.tolist(), cut.fault
+    # A polygon that is a line stays one triangle, to be counted with all that have no area.
+    return cut.triangles.tolist() or [(0, 1, 2)], cut.fault
 
 
 def _fans_well(quad: FloatArray) -> bool:

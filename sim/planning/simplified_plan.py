@@ -13,7 +13,7 @@ from sim.geometry.mending.mend import MendedMesh
 from sim.geometry.mending.remarks import Facets
 from sim.geometry.mending.simplification import (
     SimplificationError,
-    SurfacePoints,
+    TracedPoints,
     simplification_error,
     simplified,
 )
@@ -52,7 +52,7 @@ class SimplifyingPlanner:
     oriented: Callable[[Facets], Facets]
     """Lights the sides of facets that a mesh of them would light."""
     make_plan: MakePlan
-    _points: SurfacePoints | None = field(default=None, init=False)
+    _points: TracedPoints | None = field(default=None, init=False)
     _meshes: dict[int, MendedMesh] = field(default_factory=dict, init=False)
 
     def plan(self, tolerance_percent: float) -> SimplifiedPlan:
@@ -95,7 +95,7 @@ class SimplifyingPlanner:
 
     def _error(self, made: Plan) -> SimplificationError:
         if self._points is None:
-            self._points = SurfacePoints.of(self.oriented(self.original))
+            self._points = TracedPoints.of(self.oriented(self.original))
         solved = simulate(made.cells, made.light, made.model)
         facets, cell = _in_triangles(made.cells, solved)
         return simplification_error(

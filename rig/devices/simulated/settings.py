@@ -191,9 +191,9 @@ class SimulationSettings(Table):
     seed: int = 1
     scene: str | None = None
     """A scene of triangles: a mesh file, relative to the profile, or a name of the library; None: a box."""
-    scene_unit: Literal["m", "cm", "mm", "in", "ft"] = "m"
+    scene_unit: Literal["m", "cm", "mm", "in", "inch", "ft"] = "m"
     """What the numbers of a mesh file are."""
-    scene_up: Literal["y", "z"] | None = None
+    scene_up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
     """The mesh file's axis that points up; None: y of glTF, else z."""
     materials: Annotated[tuple[SimulatedMaterial, ...], Field(alias="material")] = ()
     """Overrule those of the scene, by name."""

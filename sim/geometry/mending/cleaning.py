@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.checks import SMALLEST_SHARE, THINNEST
-from sim.geometry.mending.remarks import Facets, Remark, counted, named
+from sim.geometry.mending.remarks import Facets, Outcome, Remark, counted, named
 from sim.geometry.topology import WELD, extent, weld
 
 MERGED = 1e-5
@@ -38,9 +38,8 @@ def cleaned(facets: Facets, merge_m: float | None = None) -> tuple[Facets, list[
         What is left, and what was done; a remark that is ``refused`` where a corner is not finite.
     """
     finite = facets.finite
-    remarks = _remarks(
-        "not finite", "refused", facets, ~finite, "{facets} with a corner that is NaN or infinite: {names}; correct it"
-    )
+    words = "{facets} with a corner that is NaN or infinite: {names}; correct it"
+    remarks = _remarks("not finite", facets, ~finite, words, outcome="refused")
     facets = facets.chosen(np.flatnonzero(finite))
     if not facets.n_facets:
         return facets, remarks
@@ -55,20 +54,13 @@ def cleaned(facets: Facets, merge_m: float | None = None) -> tuple[Facets, list[
     return facets, [*remarks, *flat, *merged, *closed, *copies]
 
 
-def _remarks(kind: str, outcome: str, facets: Facets, which: BoolArray, message: str) -> list[Remark]:
-    """Nothing for no facets."""
+def _remarks(kind: str, facets: Facets, which: BoolArray, message: str, *, outcome: Outcome = "mended") -> list[Remark]:
+    """A remark about some facets, their number and names put into its words; nothing for no facets."""
     found = np.flatnonzero(which)
     if not len(found):
         return []
     words = message.format(facets=counted(len(found)), names=named(facets, found))
-    return [
-        Remark(
-            kind=kind,
-            outcome="refused" if outcome == "refused" else "mended",
-            message=words,
-            facets=facets.source[found],
-        )
-    ]
+    return [Remark(kind=kind, outcome=outcome, message=words, facets=facets.source[found])]
 
 
 def _without_area(facets: Facets) -> tuple[Facets, list[Remark]]:
@@ -80,10 +72,9 @@ def _without_area(facets: Facets) -> tuple[Facets, list[Remark]]:
     thin = facets.areas <= THINNEST * longest**2
     small = ~thin & (longest < SMALLEST_SHARE * extent(facets.points))
     share = facets.areas[small].sum() / max(facets.areas.sum(), np.finfo(float).tiny)
-    remarks = _remarks("degenerate", "mended", facets, thin, "{facets} without area removed: {names}")
+    remarks = _remarks("degenerate", facets, thin, "{facets} without area removed: {names}")
     remarks += _remarks(
         "tiny",
-        "mended",
         facets,
         small,
         f"{{facets}} smaller than {SMALLEST_SHARE:g} of the scene removed, {share:.1g} of its area: {{names}}",
@@ -131,7 +122,7 @@ def _borders_merged(facets: Facets, tolerance_m: float) -> tuple[Facets, list[Re
         f"{counted(len(moved), 'corner')} of open borders merged with others up to {distance_mm:.3g} mm away "
         f"(limit {1e3 * tolerance_m:.3g} mm): {{facets}}, {{names}}"
     )
-    remarks = _remarks("near miss", "mended", facets, touched, message)
+    remarks = _remarks("near miss", facets, touched, message)
     return replace(facets, triangles=number[facets.triangles]), remarks
 
 
@@ -156,5 +147,5 @@ def _without_copies(facets: Facets) -> tuple[Facets, list[Remark]]:
     first = np.unique(rolled, axis=0, return_index=True)[1]
     copy = np.ones(facets.n_facets, dtype=bool)
     copy[first] = False
-    remarks = _remarks("duplicate", "mended", facets, copy, "{facets} a second time in one place removed: {names}")
+    remarks = _remarks("duplicate", facets, copy, "{facets} a second time in one place removed: {names}")
     return facets.chosen(np.flatnonzero(~copy)), remarks

@@ -18,6 +18,8 @@ from sim.arrays import FloatArray, IntArray
 
 FILTER = 3.3306690738754716e-16
 """(3 + 16 u) u with u = 2^-53: Shewchuk's bound of the error of a 2 x 2 determinant over the sum of its terms."""
+ON_A_LINE = 1e-7
+"""Width over length up to which a polygon without area is a line; a wider one is crossed by itself."""
 BENT = 0.01
 """Distance of a corner from the middle plane, over the longest extent, above which a polygon is no surface."""
 
@@ -27,7 +29,7 @@ class CutPolygon:
     """A polygon in triangles, or why it is not."""
 
     triangles: IntArray
-    """(T, 3) places in the polygon, turned as it is; none where it has a fault or no area."""
+    """(T, 3) places in the polygon, turned as it is; none where it has a fault or is a line."""
     fault: str = ""
 
 
@@ -53,7 +55,9 @@ def cut_polygon(corners_m: ArrayLike) -> CutPolygon:
     size = float(np.ptp(corners, axis=0).max(initial=0))
     length = float(np.linalg.norm(normal))
     if length <= 1e-14 * size**2:
-        return CutPolygon(none)
+        widths = np.linalg.svd(relative, compute_uv=False)
+        on_a_line = len(corners) < 3 or widths[1] <= ON_A_LINE * widths[0]
+        return CutPolygon(none, "" if on_a_line else "its edges cross each other")
     off = float(np.abs(relative @ normal).max() / length)
     if off > BENT * size:
         return CutPolygon(none, f"corners lie {off:.3g} m off its plane, limit {BENT * size:.3g} m")

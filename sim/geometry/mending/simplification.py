@@ -74,7 +74,7 @@ def simplified(facets: Facets, count: int) -> Facets:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SurfacePoints:
+class TracedPoints:
     """Points of a mesh, by area, and what rays from them meet first on it."""
 
     places: FloatArray
@@ -89,7 +89,7 @@ class SurfacePoints:
     """(M, 3)."""
 
     @classmethod
-    def of(cls, facets: Facets) -> SurfacePoints:
+    def of(cls, facets: Facets) -> TracedPoints:
         """Return 4,096 points of a mesh's facets and their rays, always the same."""
         areas = facets.areas
         ends = np.cumsum(areas)
@@ -121,13 +121,13 @@ class SimplificationError:
 
 
 def simplification_error(
-    original: SurfacePoints, simpler: Facets, B: FloatArray, H: FloatArray, *, spectral_radius: float
+    original: TracedPoints, simpler: Facets, B: FloatArray, H: FloatArray, *, spectral_radius: float
 ) -> SimplificationError:
     """Return what a solution on a simpler surface gets wrong on the original, of radiosity and distance.
 
     Parameters
     ----------
-    original : SurfacePoints
+    original : TracedPoints
     simpler : Facets
         What the solution was made on, its patches in triangles.
     B, H : (T,) array

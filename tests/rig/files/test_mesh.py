@@ -7,7 +7,7 @@ import pytest
 import trimesh
 
 from rig.errors import UsageError
-from rig.files.mesh import read_mesh
+from rig.files.mesh import UpAxis, read_mesh, read_triangles
 from sim.scenes.gridded import paper_room, room_with_box
 
 OBJ = """mtllib room.mtl
@@ -180,11 +180,16 @@ def test_an_open_file_called_closed_is_refused(room: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("room.stl", b"solid", r"unknown mesh format '\.stl'; there are \.obj"),
+        ("room.off", b"OFF", r"unknown mesh format '\.off'; there are \.obj"),
+        ("room.stl", b"nonsense", "no faces in it"),
         ("room.glb", b"nonsense", "cannot be read as GLB"),
         ("room.ply", b"nonsense", "cannot be read as PLY"),
         ("room.gltf", b"{", "cannot be read as GLTF"),
-        ("room.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", "cannot be read as OBJ"),
+        ("room.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 9\n", "line 3 has corners 1 2 9, there are 1 ... 2"),
+        ("room.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 -3\n", "line 3 has corners 1 2 -3"),
+        ("room.obj", b"v 0 0 0\nv 1 0 0\nf 1 2\n", "line 3 has 2 corners"),
+        ("room.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 x\n", "cannot be read as OBJ: line 3"),
+        ("room.obj", b"v 0 0\n", "cannot be read as OBJ: line 1"),
         ("room.obj", b"v 0 0 0\nv 1 0 0\n", "no faces in it"),
         ("room.obj", b"", "no faces in it"),
     ],
@@ -194,6 +199,92 @@ def test_files_that_are_no_mesh_are_refused(tmp_path: Path, name: str, content: 
     with pytest.raises(UsageError, match=message) as refusal:
         read_mesh(tmp_path / name, reflectance=0.5)
     assert name in str(refusal.value)
+
+
+L_FLOOR = "v 0 0 0\nv 2 0 0\nv 2 1 0\nv 1 1 0\nv 1 2 0\nv 0 2 0\n"
+
+
+@pytest.mark.parametrize("face", ["f 1 2 3 4 5 6", "f -6 -5 -4 -3 -2 -1", "f 1// 2// 3// \\\n 4// 5// 6//"])
+def test_an_l_shaped_floor_is_one_polygon_of_an_obj(tmp_path: Path, face: str) -> None:
+    (tmp_path / "floor.obj").write_text(L_FLOOR + face + "\n", encoding="utf-8")
+    mesh = read_mesh(tmp_path / "floor.obj", reflectance=0.5)
+    assert mesh.areas.sum() == pytest.approx(3.0)
+    assert np.allclose(mesh.normals, (0, 0, 1))
+
+
+def test_a_polygon_whose_edges_cross_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "floor.obj").write_text(L_FLOOR + "f 1 3 2 6 5\nf 1 3 2 6 4\n", encoding="utf-8")
+    with pytest.raises(UsageError, match="line 7: its edges cross each other; line 8"):
+        read_mesh(tmp_path / "floor.obj", reflectance=0.5)
+
+
+L_FACE = "6 0 1 2 3 4 5"
+
+
+def ply_of(faces: list[str], header: str = "") -> str:
+    corners = "".join(line[2:] + "\n" for line in L_FLOOR.splitlines())
+    return (
+        "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\n{header}end_header\n{corners}"
+        + "".join(face + "\n" for face in faces)
+    )
+
+
+def test_a_ply_has_polygons_of_any_number_of_corners_each_with_its_colour(tmp_path: Path) -> None:
+    header = "property uchar red\nproperty uchar green\nproperty uchar blue\n"
+    text = ply_of(["4 0 1 3 5 255 255 255", "3 1 2 3 0 0 0"], header)
+    (tmp_path / "floor.ply").write_text(text, encoding="ascii")
+    mesh = read_mesh(tmp_path / "floor.ply")
+    assert mesh.areas[mesh.reflectance == 1].sum() == pytest.approx(2.0)
+    assert mesh.areas[mesh.reflectance == 0].sum() == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_binary_ply_may_mix_faces_and_has_an_order_of_bytes(tmp_path: Path, order: str) -> None:
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    head = ply_of([L_FACE, "3 0 1 3"]).split("end_header")[0].replace("ascii", name) + "end_header\n"
+    points = np.array([line.split()[1:] for line in L_FLOOR.splitlines()], dtype=float)
+    faces = b"".join(bytes([len(f)]) + np.array(f, order + "i4").tobytes() for f in ([0, 1, 2, 3, 4, 5], [0, 1, 3]))
+    (tmp_path / "floor.ply").write_bytes(head.encode() + points.astype(order + "f4").tobytes() + faces)
+    assert read_triangles(tmp_path / "floor.ply").triangles.shape == (5, 3)
+    (tmp_path / "floor.ply").write_bytes(head.encode() + points.astype(order + "f4").tobytes() + faces[:-3])
+    with pytest.raises(UsageError, match="cannot be read as PLY"):
+        read_triangles(tmp_path / "floor.ply")
+
+
+@pytest.mark.parametrize(
+    ("faces", "message"),
+    [
+        (["3 0 1 9"], r"face 0 has corners 0 1 9, there are 0 \.\.\. 5"),
+        ([L_FACE, "2 0 1"], "face 1 has 2 corners"),
+        (["5 0 2 1 5 4"], "face 0: its edges cross"),
+        (["4 0 1 2"], "is cut short"),
+    ],
+)
+def test_faces_of_a_ply_that_are_none_are_refused_by_number(tmp_path: Path, faces: list[str], message: str) -> None:
+    (tmp_path / "floor.ply").write_text(ply_of(faces), encoding="ascii")
+    with pytest.raises(UsageError, match=message):
+        read_mesh(tmp_path / "floor.ply", reflectance=0.5)
+
+
+def test_an_stl_is_a_soup_that_hangs_together(room: Path) -> None:
+    trimesh.load_mesh(room, process=False).export(room.with_suffix(".stl"))
+    mesh = read_mesh(room.with_suffix(".stl"), reflectance=0.7)
+    assert mesh.n_patches == 6
+    assert mesh.closed
+
+
+@pytest.mark.parametrize(
+    ("up", "size"), [("x", (3, 1, 2)), ("y", (2, 1, 3)), ("z", (2, 3, 1)), ("-x", (3, 1, 2)), ("-z", (2, 3, 1))]
+)
+def test_any_axis_may_point_up_and_nothing_is_mirrored(room: Path, up: UpAxis, size: tuple[int, int, int]) -> None:
+    mesh = read_mesh(room, up=up)
+    assert np.ptp(mesh.vertices.reshape(-1, 3), axis=0) == pytest.approx(size)
+    assert mesh.closed
+    upwards = "xyz".index(up[-1])
+    as_it_is = read_mesh(room)
+    highest = np.sort(as_it_is.vertices.reshape(-1, 3)[:, upwards] * (-1 if up[0] == "-" else 1))
+    assert np.sort(mesh.vertices.reshape(-1, 3)[:, 2]) == pytest.approx(highest)
 
 
 def test_a_missing_file_and_an_unknown_unit_are_refused(tmp_path: Path, room: Path) -> None:
