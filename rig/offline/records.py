@@ -21,7 +21,7 @@ class GlossSummary(Record):
     matte_highlight: float
     """Of the lamp's light reflected once, over all directions."""
     matte_error: float
-    """Expected with matte patches in all: the largest of these and the plan's own error, added in squares."""
+    """Expected with matte patches in all: 1.25 times the largest of these, and the plan's own, added in squares."""
     needed: bool
     """That is above the tolerance: the lobes are simulated."""
 

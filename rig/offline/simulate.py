@@ -137,7 +137,9 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
         scene=request.scene,
         tolerance=planned.tolerance_percent,
         plan=_summary(planned, light, summary, time.perf_counter() - started),
-        estimated=Estimate(error=error, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb),
+        estimated=Estimate(
+            error=error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
+        ),
     )
 
 
