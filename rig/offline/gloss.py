@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 PROBE_PERCENT = 8.0
 """Tolerance of the plan on which the error of matte patches is estimated: tens of patches in the library's rooms."""
+SAFETY = 1.25
+"""On the largest figure of such a plan: finer ones found up to 1.1 times as much of it (benchmarks/gloss_honesty.py)."""
 DEFAULT_ROUGHNESS = 0.3
 
 
@@ -91,19 +93,22 @@ def gloss_of_mesh(path: Path, soup: TriangleSoup, mesh: Mesh, reflectances: tupl
         raise UsageError(f"{path}: {error}; lower --reflectance, or give --gloss 0") from error
 
 
-def summary_of_gloss(scene: GlossyScene, light: str, tolerance: float, memory_mb: float) -> GlossSummary | None:
+def summary_of_gloss(scene: GlossyScene, planned: Plan, memory_mb: float) -> GlossSummary | None:
     """Estimate on a coarse plan by how much matte patches would be wrong. Raises SimulationError."""
     if scene.gloss is None:
         return None
-    coarse = plan(scene.as_matte, max(tolerance, PROBE_PERCENT), light, memory_limit_mb=memory_mb)
+    tolerance = max(planned.tolerance_percent, PROBE_PERCENT)
+    coarse = plan(scene.as_matte, tolerance, planned.light.name, memory_limit_mb=memory_mb)
     effect = effect_on(coarse, scene.surface, scene.gloss)
+    matte_error = float(np.hypot(planned.error_percent, 100 * SAFETY * effect.largest))
     between, seen, highlight = (100 * value for value in (effect.between, effect.seen, effect.highlight))
     return GlossSummary(
         area_share=effect.area_share,
         matte_between=between,
         matte_seen=seen,
         matte_highlight=highlight,
-        needed=100 * effect.largest > tolerance,
+        matte_error=matte_error,
+        needed=matte_error > planned.tolerance_percent,
     )
 
 
@@ -122,5 +127,11 @@ def reason_of(summary: GlossSummary, tolerance: float) -> str:
     )
     share = f"{100 * summary.area_share:.0f} % of the surface is glossy"
     if summary.needed:
-        return f"{share}: matte patches would be wrong by {figures}, {tolerance:.3g} % is allowed: lobes by rays"
-    return f"{share}: matte patches that reflect as much are wrong by {figures}: enough for {tolerance:.3g} %"
+        return (
+            f"{share}: matte patches would be wrong by {figures}, in all {summary.matte_error:.2g} %, "
+            f"{tolerance:.3g} % is allowed: lobes by rays"
+        )
+    return (
+        f"{share}: matte patches that reflect as much are wrong by {figures}, in all {summary.matte_error:.2g} %: "
+        f"enough for {tolerance:.3g} %"
+    )

@@ -20,8 +20,10 @@ class GlossSummary(Record):
     """Of that as it is seen, over all directions."""
     matte_highlight: float
     """Of the lamp's light reflected once, over all directions."""
+    matte_error: float
+    """Expected with matte patches in all: 1.25 times the largest of these, and the plan's own, added in squares."""
     needed: bool
-    """One of these is above the tolerance: the lobes are simulated."""
+    """That is above the tolerance: the lobes are simulated."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -141,19 +141,20 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
             planned = _within(request, lambda tolerance: make_plan(scene, tolerance))
         else:
             planned, scene, mesh = _plan_of_file(request, make_plan, on_step)
-        summary = summary_of_gloss(scene, light, planned.tolerance_percent, memory_mb)
+        summary = summary_of_gloss(scene, planned, memory_mb)
         lobes = scene.gloss if summary is not None and summary.needed else None
         gloss = None if lobes is None else gloss_of_cells(planned.cells, scene.surface, lobes)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
     more = Cost(0.0, 0.0) if gloss is None else gloss_cost(gloss)
+    error_percent = planned.error_percent if summary is None or gloss is not None else summary.matte_error
     return PlannedSimulation(plan=planned, gloss=gloss), SimulationResult(
         scene=request.scene,
         tolerance=planned.tolerance_percent,
         plan=_summary(planned, light, summary, time.perf_counter() - started),
         estimated=Estimate(
-            error=planned.error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
+            error=error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
         ),
         mesh=mesh,
     )

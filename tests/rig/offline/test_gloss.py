@@ -21,6 +21,7 @@ def test_a_little_gloss_is_matte_enough_and_the_plan_says_by_how_much_it_is_wron
     gloss = result.plan.gloss
     assert not gloss.needed
     assert 0 < gloss.matte_between < gloss.matte_seen < 1.0
+    assert gloss.matte_error == result.estimated.error < 3.0
     assert "enough for 3 %" in result.plan.reasons[-1]
     matte = simulated(reflectance=(0.5,))
     assert matte.plan.gloss is None
