@@ -325,7 +325,7 @@ def read_picture_of_shape(
 
 @lru_cache(maxsize=4)
 def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """Return a photograph (H, W, C) in the public domain that covers a shape, with mean 123 and sd 46 in all; read only.
+    """Return a photograph (H, W, C) in the public domain that covers a shape, mean 123 and sd 46; read only.
 
     Iterates, since the range clips; mean and deviation count all channels together.
     """

@@ -16,7 +16,7 @@ from calibration.light.open_wall import ANOTHER_PICTURE, estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.files.channels import bands_of, image_of, layers
-from rig.profile.schema import Profile, refuse_many_patches
+from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
@@ -216,7 +216,6 @@ def _light(session: Session) -> tuple[list[_BandLight], BoolArray]:
 
 def _bare_geometry(record: GeometryRecord, patch_size_m: float) -> _Geometry:
     camera, projector = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
-    refuse_many_patches(record.surface.size_m, patch_size_m)
     scene = box_scene(record.surface.size_m, record.surface.faces, patch_size_m, 0.5)
     return _Geometry(scene, camera, projector, cast_pixels(scene, camera))
 

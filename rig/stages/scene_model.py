@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array
 
 from calibration.geometry.pinhole import PinholeModel
+from rig.profile.schema import refuse_many_patches
 from rig.stages.correspondence import DevicePair, only
 from rig.stages.maps.sampling import sample, sample_bands
 from sim.form_factors import FormFactors
@@ -97,6 +98,7 @@ def box_scene(
     size_m: tuple[float, float, float], faces: tuple[str, ...], patch_size_m: float, reflectance: FloatArray | float
 ) -> Scene:
     """Return the measured room in patches."""
+    refuse_many_patches(size_m, patch_size_m)
     scene = room(size_m, patch_size_m, 0.5, faces, name="measured room")
     return scene.with_reflectance(reflectance)
 
