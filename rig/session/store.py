@@ -68,8 +68,7 @@ class Session:
         path
             Its folder.
         profile
-            Needed for a new session; later left out, the same one, or one that differs only in what may change
-            (lengths by tape, the surface, patterns, brightness, limits): what depends on it is done again.
+            Needed for a new session; later left out, or one that differs only in what may change (``CHANGEABLE``).
         seed
             Of a new session, for every random choice in it.
 
@@ -301,12 +300,7 @@ class Session:
         Returns
         -------
         list of (step, FileEntry)
-            Frames, images and maps; not the records.
-
-        Raises
-        ------
-        SessionCorrupt
-            One is lost or damaged.
+            Frames, images and maps; not the records. Raises SessionCorrupt when one is lost or damaged.
         """
         return self._ledger.last_files()
 
