@@ -58,7 +58,7 @@ class Look(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Watched(Record):
+class WatchedLens(Record):
     """What a watched lens came to."""
 
     looks: int
@@ -107,7 +107,7 @@ def watch(
     *,
     seconds: float | None = None,
     on_step: OnStep = silent,
-) -> Watched:
+) -> WatchedLens:
     """Photograph again and again until q, a signal, or the end of the time.
 
     Parameters
@@ -123,7 +123,7 @@ def watch(
 
     Returns
     -------
-    Watched
+    WatchedLens
 
     Raises
     ------
@@ -148,7 +148,9 @@ def watch(
                 ended_by = signals.name
             elif clock.now_s() >= until_s:
                 ended_by = "time over"
-    return Watched(looks=len(found), first=found[0], best=max(known, default=None), last=found[-1], ended_by=ended_by)
+    return WatchedLens(
+        looks=len(found), first=found[0], best=max(known, default=None), last=found[-1], ended_by=ended_by
+    )
 
 
 def _opened(request: LookRequest, on_step: OnStep) -> Rig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.by_hand.look import Look, LookRequest, Watched, watch
+from rig.by_hand.look import Look, LookRequest, WatchedLens, watch
 from rig.by_hand.photograph import PhotographFigures
 from rig.terminal import print_table, say
 from rig.terminal.line import OverwrittenLine, bar, counted
@@ -48,7 +48,7 @@ def advice(figures: PhotographFigures) -> list[str]:
     return words
 
 
-def watched(request: LookRequest, seconds: float | None) -> Watched:
+def watched(request: LookRequest, seconds: float | None) -> WatchedLens:
     """Watch with a line on stderr that each photograph writes over."""
     with OverwrittenLine() as line:
         line("first photograph; turn the focus until the figure is highest, q ends it")
@@ -64,7 +64,7 @@ def line_of(look: Look, best: float | None) -> str:
     return f"sharpness {now:.3f} {bar(now / best, _BAR)} best so far {best:.3f}{clipped}"
 
 
-def print_watched(seen: Watched) -> None:
+def print_watched(seen: WatchedLens) -> None:
     """Print what a watched lens came to."""
     if seen.best is None or seen.last is None:
         print(f"{counted(seen.looks, 'photograph')}, all or the last too dark to say how sharp")

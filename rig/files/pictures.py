@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -322,8 +323,9 @@ def read_picture_of_shape(
     return np.ascontiguousarray(picture, dtype=np.float32), lost_colours
 
 
+@lru_cache(maxsize=4)
 def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """Return a photograph (H, W, C) in the public domain that covers a shape, with mean 123 and sd 46 in all.
+    """Return a photograph (H, W, C) in the public domain that covers a shape, mean 123 and sd 46; read only.
 
     Iterates, since the range clips; mean and deviation count all channels together.
     """
@@ -333,7 +335,9 @@ def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
     levels = fitted(in_channels(picture, channels), shape)
     for _ in range(30):
         levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
-    return levels.astype(np.float32)
+    result: Float32Array = levels.astype(np.float32)
+    result.flags.writeable = False
+    return result
 
 
 def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 PROBE_PERCENT = 8.0
 """Tolerance of the plan on which the error of matte patches is estimated: tens of patches in the library's rooms."""
 SAFETY = 1.25
-"""On the largest figure of such a plan: finer ones found up to 1.1 times as much of it (benchmarks/gloss_honesty.py)."""
+"""On the largest figure of such a plan; finer ones found up to 1.1 times as much (benchmarks/gloss_honesty.py)."""
 DEFAULT_ROUGHNESS = 0.3
 
 

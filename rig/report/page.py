@@ -163,7 +163,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         timing_figure=figures.timing_figure(seconds_by_step(session)),
         frame_text=_frame_text(session, len(notes)),
         frame_events=notes[:_MAX_EVENTS],
-        repeat="\n".join(session.commands()) or f"rig run {session.path} -p {profile.path}",
+        repeat="\n".join(session.commands) or f"rig run {session.path} -p {profile.path}",
         folder=str(session.path),
         guesses=guessed_keys(profile.raw.decode("utf-8")),
         words=explained(_words_of(result, names)),

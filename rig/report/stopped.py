@@ -68,7 +68,7 @@ def write_stopped_page(session: Session, steps: Sequence[str], error: Exception)
         steps=_steps(session, steps),
         frames=_frames(session),
         correspondence_images=correspondence_images(session) if session.is_finished("correspondence") else (),
-        repeat=(session.commands() or [f"rig run {session.path}"])[-1],
+        repeat=(session.commands or [f"rig run {session.path}"])[-1],
         profile=str(session.profile.path),
         footer=f"Written by procam-rig {__version__}.",
     )

@@ -169,6 +169,28 @@ class Ledger:
             self.runs[event["step"]][-1].outputs_sha256 = event["outputs_sha256"]
         self.events.append(event)
 
+    @property
+    def last_clock_s(self) -> float:
+        """End of the frame that was photographed last, on the rig's clock; 0 when there is none."""
+        # A file is journalled again by a run that takes an earlier frame over: that is not when it was photographed.
+        frames: dict[str, Event] = {}
+        for event in self.events:
+            if event["event"] == "frame":
+                frames.setdefault(event["file"], event["frame"])
+        last = next(reversed(frames.values()), None)
+        return 0.0 if last is None else float(last["started_s"] + last["exposure_s"])
+
+    def last_files(self) -> list[tuple[str, FileEntry]]:
+        """Return (step, file) of the last runs but for records, in the order of the steps. Raises SessionCorrupt."""
+        found = [(name, entry) for name, runs in self.runs.items() for entry in runs[-1].files.values()]
+        for name, entry in found:
+            if not self.is_intact(entry):
+                raise SessionCorrupt(
+                    f"{self.folder / entry.file}: is missing, or not as step {name!r} wrote it; run "
+                    f"`rig run {self.folder}`, which makes it anew"
+                )
+        return [(name, entry) for name, entry in found if entry.kind != "record"]
+
     def last_run(self, step: str) -> StepRun | None:
         """Return the last run of a step; None when it was never begun."""
         runs = self.runs.get(step)

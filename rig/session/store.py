@@ -68,8 +68,7 @@ class Session:
         path
             Its folder.
         profile
-            Needed for a new session; later left out, the same one, or one that differs only in what may change
-            (lengths by tape, the surface, patterns, brightness, limits): what depends on it is done again.
+            Needed for a new session; later left out, or one that differs only in what may change (``CHANGEABLE``).
         seed
             Of a new session, for every random choice in it.
 
@@ -250,7 +249,7 @@ class Session:
         return step
 
     def begun(self, name: str) -> Step | None:
-        """Return the last run of a step for reading, whether or not it is finished and intact.
+        """Return the last run of a step for reading, finished and intact or not.
 
         Parameters
         ----------
@@ -293,13 +292,7 @@ class Session:
     @property
     def last_clock_s(self) -> float:
         """End of the frame that was photographed last, on the rig's clock; 0 when there is none."""
-        # A file is journalled again by a run that takes an earlier frame over: that is not when it was photographed.
-        frames: dict[str, Event] = {}
-        for event in self._ledger.events:
-            if event["event"] == "frame":
-                frames.setdefault(event["file"], event["frame"])
-        last = next(reversed(frames.values()), None)
-        return 0.0 if last is None else float(last["started_s"] + last["exposure_s"])
+        return self._ledger.last_clock_s
 
     def files(self) -> list[tuple[str, FileEntry]]:
         """Return the files of the last run of each step, in the order in which the steps were begun.
@@ -307,23 +300,9 @@ class Session:
         Returns
         -------
         list of (step, FileEntry)
-            Frames, images and maps; not the records.
-
-        Raises
-        ------
-        SessionCorrupt
-            One is lost or damaged.
+            Frames, images and maps; not the records. Raises SessionCorrupt when one is lost or damaged.
         """
-        found = []
-        for name in self._ledger.runs:
-            run = self._ledger.runs[name][-1]
-            if broken := Step(self._ledger, run).damaged_files:
-                raise SessionCorrupt(
-                    f"{self.path}: {len(broken)} files of step {name!r} are lost or damaged, first {broken[0]}; run "
-                    f"`rig run {self.path}` to repeat what is missing"
-                )
-            found += [(name, entry) for entry in run.files.values() if entry.kind != "record"]
-        return found
+        return self._ledger.last_files()
 
     def note(self, event: Record | Mapping[str, object]) -> None:
         """Journal something worth knowing later: a rejected frame, a retry, a warning.
@@ -345,14 +324,9 @@ class Session:
         """
         return [dict(event) for event in self._ledger.events if event["event"] in ("frame", "note")]
 
+    @property
     def commands(self) -> list[str]:
-        """Return the commands that opened the session to write, in order, none twice in a row.
-
-        Returns
-        -------
-        list of str
-            As typed; empty for a session that only scripts worked on.
-        """
+        """Commands, as typed, that opened the session to write, in order, none twice in a row."""
         typed = [event["command"] for event in self._ledger.events if event["event"] == "open" and "command" in event]
         return [command for k, command in enumerate(typed) if k == 0 or typed[k - 1] != command]
 

@@ -14,6 +14,7 @@ from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.free_surface import FreeSurface, triangulated
 from calibration.surfaces.pieces import pieces_of
 from calibration.surfaces.point_map import point_map
+from rig.profile.schema import refuse_many_patches
 from rig.records import Record
 from rig.session import Session
 from rig.stages.correspondence import load_correspondence, only
@@ -106,6 +107,7 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
     Of a surface only its front is seen. Its back is taken to be close behind, and as reflective: between it and the
     walls light goes to and fro as it does behind the real thing.
     """
+    refuse_many_patches(geometry.surface.size_m, patch_size_m)
     walls = room(geometry.surface.size_m, patch_size_m, 0.5, geometry.surface.faces, name="measured room")
     if standing is None or not standing.triangles:
         return walls

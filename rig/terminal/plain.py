@@ -51,5 +51,5 @@ def _plain(error: UnicodeError) -> tuple[str | bytes, int]:
     known = _INSTEAD.get(error.object[error.start : end])
     if known is not None:
         return known, end
-    escaped, _ = codecs.backslashreplace_errors(UnicodeEncodeError(error.encoding, error.object, error.start, end, ""))
-    return escaped, end
+    error.end = end
+    return codecs.backslashreplace_errors(error)

@@ -13,7 +13,6 @@ from calibration.light import faces as walls
 from calibration.light.open_wall import estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
-from rig.profile.schema import refuse_many_patches
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord, Point
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE
@@ -86,7 +85,6 @@ def bare_room(
     """
     devices = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
     camera, projector = (_moved(device, shift_m) for device in devices)
-    refuse_many_patches(record.surface.size_m, patch_size_m)
     scene = scene_of(record, patch_size_m, standing)
     return BareRoom(scene, camera, projector, cast_pixels(scene, camera))
 

@@ -58,7 +58,7 @@ def test_the_page_names_walls_scales_and_the_command_that_was_used(page: str, fi
     for alt in ("Grey scale of the light", "Colour scale of the picture above", "Colour scale of the errors"):
         assert alt in page
     with Session.read(finished.folder) as session:
-        assert session.commands() == [f"rig run {finished.folder} -p ci-tiny --json"]
+        assert session.commands == [f"rig run {finished.folder} -p ci-tiny --json"]
 
 
 def test_a_page_needs_nothing_from_elsewhere_and_has_no_inline_handlers(page: str) -> None:
