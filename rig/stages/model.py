@@ -46,7 +46,8 @@ from rig.stages.scene_model import (
     with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
-from rig.stages.surface import StandingRecord, factors_of, standing_of
+from rig.stages.surface.scene import factors_of
+from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]

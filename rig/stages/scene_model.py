@@ -17,7 +17,7 @@ from scipy.sparse import csr_array, diags_array
 from calibration.geometry.pinhole import PinholeModel
 from rig.stages.correspondence import DevicePair, only
 from rig.stages.maps.sampling import sample, sample_bands
-from rig.stages.surface import AnyScene
+from rig.stages.surface.scene import AnyScene
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
 from sim.geometry.optics import Lens, Pose, project, rays_at

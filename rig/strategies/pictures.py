@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.files.photographs import photograph, rescaled
 from rig.stages.model import FittedScene
 from rig.stages.scene_model import SceneModel
-from rig.stages.surface import upright_regions
+from rig.stages.surface.scene import upright_regions
 from rig.stages.target import Target
 
 FloatArray = NDArray[np.float64]

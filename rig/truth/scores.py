@@ -21,7 +21,7 @@ from rig.session import Session
 from rig.stages.model import FittedScene, load_model, load_model_record
 from rig.stages.results import TruthErrors
 from rig.stages.scene_model import PosedLens
-from rig.stages.surface import AnyScene
+from rig.stages.surface.scene import AnyScene
 from rig.truth.transport import ground_truth_mixing
 from sim.geometry.mesh import Mesh
 

@@ -39,10 +39,12 @@ def mesh_view(mesh: Mesh, hits: Hits, reflectance: FloatArray) -> csr_array:
     around = csr_array(coo_array((weights[:, :2].ravel(), (rows, number[patch[:, None], corner].ravel())), shape=shape))
     own = csr_array(coo_array((weights[:, 2], (np.arange(len(pixels)), patch)), shape=(len(pixels), mesh.n_patches)))
     view = csr_array(around @ means + own)
-    return _of_reflected(mesh, view, pixels, reflectance, len(hits.patch))
+    return _of_reflected(mesh, view, pixels=pixels, reflectance=reflectance, n_pixels=len(hits.patch))
 
 
-def _of_reflected(mesh: Mesh, view: csr_array, pixels: IntArray, reflectance: FloatArray, n_pixels: int) -> csr_array:
+def _of_reflected(
+    mesh: Mesh, view: csr_array, *, pixels: IntArray, reflectance: FloatArray, n_pixels: int
+) -> csr_array:
     """Weights of radiosities for weights of irradiances; a black patch tells nothing, its neighbours speak for it."""
     tells = (mesh.reflectance > 0).astype(np.float64)
     view = csr_array(view @ diags_array(tells))

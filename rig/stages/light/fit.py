@@ -26,7 +26,8 @@ from rig.stages.scene_model import (
     unit_emission,
     white_irradiance,
 )
-from rig.stages.surface import AnyScene, StandingRecord, factors_of, scene_of
+from rig.stages.surface.scene import AnyScene, factors_of, scene_of
+from rig.stages.surface.standing import StandingRecord
 from sim.geometry.optics import Pose, project
 
 FloatArray = NDArray[np.float64]

@@ -20,6 +20,8 @@ _LEAST_SIDE_PX = 3.0
 """A side of a triangle in the picture: below, the points about a corner are too few to place it."""
 _CHORD = 1e-3
 """Of the distance, by which a flat triangle may leave a curved surface in its middle; less towards its rim."""
+_CLEAR = 0.8
+"""Of the wanted side: no two points drawn by chance are nearer, so that the mean side comes out about as wanted."""
 _BEND_SPREAD_PX = 4.0
 """Spread of the smoothing before the bend of a surface is taken, and of the points that place a corner."""
 _NEIGHBOURS_PX = 6
@@ -27,7 +29,7 @@ _NEIGHBOURS_PX = 6
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class FreeSurface:
+class TriangulatedSurface:
     """Triangles that a camera sees, with how uncertain they are."""
 
     vertices_m: FloatArray
@@ -57,7 +59,7 @@ class _Placed:
     sigma_m: FloatArray
 
 
-def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_size_m: float) -> FreeSurface:
+def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_size_m: float) -> TriangulatedSurface:
     """Make triangles of parts of surface.
 
     Parameters
@@ -72,7 +74,7 @@ def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_siz
 
     Returns
     -------
-    FreeSurface
+    TriangulatedSurface
     """
     vertices, triangles, part, sigmas = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], []
     count = 0
@@ -85,7 +87,11 @@ def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_siz
         sigmas.append(placed.sigma_m)
         count += len(placed.distance_m)
     return _without_unused(
-        np.concatenate(vertices), np.concatenate(triangles), np.concatenate(part), np.concatenate([*sigmas, []]), parts
+        np.concatenate(vertices),
+        np.concatenate(triangles),
+        part=np.concatenate(part),
+        sigma_m=np.concatenate([*sigmas, []]),
+        parts=parts,
     )
 
 
@@ -95,11 +101,11 @@ def _kept(mesh: PlanarMesh, distance_m: FloatArray) -> BoolArray:
 
 
 def _without_unused(
-    vertices_m: FloatArray, triangles: IntArray, part: IntArray, sigma_m: FloatArray, parts: Parts
-) -> FreeSurface:
+    vertices_m: FloatArray, triangles: IntArray, *, part: IntArray, sigma_m: FloatArray, parts: Parts
+) -> TriangulatedSurface:
     used, renamed = np.unique(triangles, return_inverse=True)
     # Rows of a picture count downwards: what runs left in it runs right seen from the camera.
-    return FreeSurface(
+    return TriangulatedSurface(
         vertices_m=vertices_m[used],
         triangles=renamed.reshape(-1, 3)[:, ::-1].astype(np.int64),
         part=part,
@@ -158,7 +164,8 @@ def _spread(mask: BoolArray, side_px: FloatArray) -> FloatArray:
     for row, column in zip(rows[order].tolist(), columns[order].tolist(), strict=True):
         if free[row, column]:
             found.append((column, row))
-            cv2.circle(free, (column, row), max(1, round(0.8 * side_px[row, column])), 0, -1)
+            radius = max(1, round(_CLEAR * side_px[row, column]))
+            cv2.circle(free, (column, row), radius, color=0, thickness=cv2.FILLED)
     return np.array(found, dtype=np.float64).reshape(-1, 2)
 
 

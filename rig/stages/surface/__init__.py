@@ -1,0 +1,1 @@
+"""What the light falls on: the walls of a room, and what stands before them."""

@@ -1,0 +1,69 @@
+"""The measured room in patches: walls, and the fronts and backs of what stands before them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.profile.schema import refuse_many_patches
+from rig.stages.geometry import GeometryRecord
+from rig.stages.surface.standing import StandingRecord
+from sim.form_factors import FormFactors, form_factors
+from sim.geometry.mesh import Mesh
+from sim.geometry.scene import Scene
+from sim.scenes.gridded import room
+
+FloatArray = NDArray[np.float64]
+
+_BACK_SHARE = 5e-4
+"""How far behind its front the back of a surface is put, of the room's largest size: rays have to tell them apart."""
+_RAYS = 1024
+"""Of each patch: the light on a patch comes out to about 0.2 %, far below what reflectances are known to."""
+
+AnyScene = Scene | Mesh
+"""The patches of a room: gridded rectangles, or also triangles."""
+
+
+def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRecord | None) -> AnyScene:
+    """Return the measured room in patches, of reflectance one half: walls first, then fronts, then backs.
+
+    Of a surface only its front is seen. Its back is taken to be close behind, and as reflective: between it and the
+    walls light goes to and fro as it does behind the real thing.
+    """
+    refuse_many_patches(geometry.surface.size_m, patch_size_m)
+    walls = room(geometry.surface.size_m, patch_size_m, 0.5, geometry.surface.faces, name="measured room")
+    if standing is None or not standing.triangles:
+        return walls
+    vertices, triangles = np.array(standing.vertices_m), np.array(standing.triangles)
+    behind = vertices - _BACK_SHARE * max(geometry.surface.size_m) * _normals(vertices, triangles)
+    corners, backs = vertices[triangles], behind[triangles[:, ::-1]]
+    part, n_parts = np.array(standing.part), len(standing.flat)
+    first = len(walls.faces)
+    return Mesh(
+        name="measured room",
+        vertices=np.concatenate([walls.vertices, *(each[:, [0, 1, 2, 2]] for each in (corners, backs))]),
+        reflectance=np.full(walls.n_patches + 2 * len(corners), 0.5),
+        region=np.concatenate([walls.region, first + part, first + n_parts + part]),
+    )
+
+
+def _normals(vertices_m: FloatArray, triangles: NDArray[np.intp]) -> FloatArray:
+    """(V, 3) unit normals at vertices: the mean of the triangles that meet there, by area."""
+    a, b, c = (vertices_m[triangles[:, k]] for k in range(3))
+    doubled = np.cross(b - a, c - a)
+    total = np.zeros_like(vertices_m)
+    for k in range(3):
+        np.add.at(total, triangles[:, k], doubled)
+    return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def factors_of(scene: AnyScene) -> FormFactors:
+    """Return the form factors of a measured room: exact of walls alone, else by rays, shadows and all."""
+    return form_factors(scene) if isinstance(scene, Scene) else form_factors(scene, "rays", rays=_RAYS)
+
+
+def upright_regions(scene: AnyScene) -> NDArray[np.intp]:
+    """Return the numbers of the regions that are walls, or stand like walls."""
+    numbers = np.unique(scene.region)
+    lean = np.array([np.abs(scene.normals[scene.region == k, 2]).mean() for k in numbers])
+    return np.asarray(numbers[lean < 0.5], dtype=np.intp)
