@@ -31,8 +31,8 @@ _SHARP, _LEAST_SHARP = 0.75, 5
 _GAINS = (0.3, 3.3)
 _FITS = 0.12
 """Of white minus black: what is left of a pair that is a pair up to its exposures."""
-_CHANGED = 0.2
-"""A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than this."""
+_CHANGED, _TONE = 0.2, 0.3
+"""A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,8 @@ def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: fl
     tells = (both.mean(axis=0) > _DARK * total.mean()) | (_apart(both) * _CHANGED > left)
     gains = np.where(tells, gains, 1.0)
     within = (gains > _GAINS[0]) & (gains < _GAINS[1])
-    return np.asarray(gains if within.all() else np.ones(2))
+    alike = abs(np.log(gains[0] / gains[1])) < _CHANGED and np.abs(np.log(gains)).max() < _TONE
+    return np.asarray(gains if within.all() and not alike else np.ones(2))
 
 
 def _apart(both: FloatArray) -> FloatArray:
