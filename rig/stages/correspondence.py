@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from itertools import chain
 from typing import NamedTuple, TypeVar
 
@@ -146,7 +146,7 @@ def _lights_again(session: Session, step: Step, code: StructuredLightCode) -> li
     names = code.pattern_names(shape)
     if not _has_inverses(names):
         return []
-    frame = _frames_of(step)
+    frame = cache(_frames_of(step))
     try:
         first = read_code(code, frame, shape, radiometric)
     except CalibrationError:

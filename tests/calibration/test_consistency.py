@@ -104,6 +104,16 @@ def test_the_exposure_of_one_frame_is_found_from_what_its_pair_lacks(frames: dic
     assert (np.delete(gains, 5) == 1).all()
 
 
+def test_the_exposure_of_a_frame_is_found_where_the_view_lies_within_a_wide_stripe(
+    frames: dict[str, np.ndarray],
+) -> None:
+    view = {name: frame[:, : frame.shape[1] * 2 // 5] for name, frame in frames.items()}
+    for name in view:
+        found = check_gray_frames({**view, name: (view[name] * 0.5).astype(view[name].dtype)}, 9.0)
+        assert found.gains.get(name, 0.5) == pytest.approx(0.5, abs=0.06), "or too dark to have an exposure"
+        assert set(found.gains) <= {name}
+
+
 def session_of(code: CodeName, *, blur_px: float = 0.0, glow: float = 0.0, drift: float = 0.0) -> dict[str, np.ndarray]:
     """White, black and a code in linear light: blurred, with light off other walls, of a lamp that drifts."""
     rng = np.random.default_rng(2)

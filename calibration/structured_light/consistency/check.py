@@ -95,8 +95,9 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
     gains = _gains(places, pairs) if complete else np.ones(len(names))
     seen = normalised(places, gains, complete=complete)
     if complete:
-        pairs = _matched(seen, pairs, [frames[name] for name in names], names)
-        _refuse_movement([(frames[names[a]], frames[names[b]]) for a, b in pairs], pairs, names)
+        shown = [_evened(frames[name], float(gain)) for name, gain in zip(names, gains, strict=True)]
+        pairs = _matched(seen, pairs, shown, names)
+        _refuse_movement([(shown[a], shown[b]) for a, b in pairs], pairs, names)
     pictures: Sequence[tuple[int, int | None]] = pairs if complete else named
     evidence, blurred = _evidence(seen, pictures, patterns)
     start = as_named(evidence.slots)
@@ -111,6 +112,11 @@ def check_gray_frames(frames: Mapping[str, Frame], limit: float) -> PhotographOr
         gains={name: float(gain) for name, gain in zip(names, gains, strict=True) if gain != 1},
         unresolved=tuple(patterns[k] for k in np.flatnonzero(blurred)),
     )
+
+
+def _evened(frame: Frame, gain: float) -> Frame:
+    """A photograph as the others' exposure would have had it: stripes that do not add up look like movement."""
+    return frame if gain == 1 else np.asarray(frame / np.float32(gain), dtype=np.float32)
 
 
 def _nothing_to_tell(names: Sequence[str]) -> PhotographOrder:

@@ -19,6 +19,8 @@ _ALONE = 4.0
 """A single photograph, which may be dark but for its edges, is found four times less surely than a pair."""
 _LEAST_PEAK = 0.1
 """Of the phase correlation: 0.13 was seen for photographs that are dark on the whole object, 0.00 for noise."""
+_LAID = 0.8
+"""Of the squared difference that a true shift leaves over at most; of noise alone a half pixel's blur leaves 0.9."""
 _LEAST_PICTURE = 0.02
 """Of the variation of white plus black: what a photograph has to show to be found elsewhere."""
 _RESOLVED = 0.4
@@ -29,8 +31,8 @@ _SHARP, _LEAST_SHARP = 0.75, 5
 _GAINS = (0.3, 3.3)
 _FITS = 0.12
 """Of white minus black: what is left of a pair that is a pair up to its exposures."""
-_CHANGED = 0.2
-"""A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than this."""
+_CHANGED, _TONE = 0.2, 0.3
+"""A tone curve raises both photographs of fine stripes alike, by up to 1.3; one of the two by less than the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +89,11 @@ def _small(frame: Frame, scale: int) -> Float32Array:
 def _shift(a: Float32Array, b: Float32Array, window: Float32Array) -> tuple[float, float]:
     """(length, peak) of the shift that lays b over a."""
     (right, down), peak = cv2.phaseCorrelate(a.copy(), b.copy(), window)  # it may multiply the window into its inputs
-    return float(np.hypot(right, down)), float(peak)
+    back = np.array([[1, 0, -right], [0, 1, -down]], dtype=np.float64)
+    laid = cv2.warpAffine(b, back, b.shape[::-1], flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    # Of a bare wall the correlation sees noise: a shift that does not lay the pictures over each other is none.
+    before, after = (float(((one - a) ** 2 * window).sum()) for one in (b, laid))
+    return float(np.hypot(right, down)) if after < _LAID * before else 0.0, float(peak)
 
 
 def _within_pair(
@@ -162,7 +168,8 @@ def _gains_of_pair(a: FloatArray, b: FloatArray, total: FloatArray, contrast: fl
     tells = (both.mean(axis=0) > _DARK * total.mean()) | (_apart(both) * _CHANGED > left)
     gains = np.where(tells, gains, 1.0)
     within = (gains > _GAINS[0]) & (gains < _GAINS[1])
-    return np.asarray(gains if within.all() else np.ones(2))
+    alike = abs(np.log(gains[0] / gains[1])) < _CHANGED and np.abs(np.log(gains)).max() < _TONE
+    return np.asarray(gains if within.all() and not alike else np.ones(2))
 
 
 def _apart(both: FloatArray) -> FloatArray:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, FloatArray
+from calibration.geometry.pinhole import world_rays
 from calibration.radiometry.photon_transfer import fit_camera_noise
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.patterns import checker
@@ -24,7 +25,7 @@ from rig.records import Record, Verdict
 from rig.self_check.parts.linearity import CameraCurve, Sweep
 from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest
-from rig.stages.correspondence import read_code
+from rig.stages.correspondence import only, read_code
 from rig.stages.error_tree import one_error_tree
 from rig.stages.geometry import GeometryRecord, geometry_of
 from rig.stages.linear_light import RadiometricCalibration
@@ -32,6 +33,10 @@ from rig.terminal import silent
 
 _LIT = 0.2
 """Of the brightest direct light (95th percentile): pixels with less see the projector's light only off the walls."""
+_LEAST_PARALLAX_DEG = 2.0
+"""A tenth of a pixel of a usual lens (1 px: 0.1 degree) is then half a per cent of the distance."""
+_PIXELS = 2000
+"""Of which the parallax is told."""
 _CHECKS_AROUND = 1.5
 """Within which a lit pixel finds one that lies in the middle of a check, at any place of the pattern."""
 
@@ -51,6 +56,10 @@ class View(Record):
     """Contrast of the session's checks, share of full."""
     walls: tuple[str, ...]
     """That were told apart; empty where geometry says why not."""
+    parallax_deg: float | None
+    """Median angle at which the lines of sight of camera and projector meet."""
+    angle_error_deg: float | None
+    """Largest angle by which a wall is off its axis."""
     baseline_m: float | None
     geometry_rms_px: float | None
     geometry: str
@@ -73,6 +82,8 @@ def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartRe
         reasons={code.name.lower(): float((correspondence.reason == code).mean()) for code in PixelReason},
         sharpness=sharpness,
         walls=geometry.surface.seen if geometry else (),
+        parallax_deg=_parallax_deg(geometry, correspondence) if geometry else None,
+        angle_error_deg=geometry.surface.angle_error_deg if geometry else None,
         baseline_m=geometry.baseline_m if geometry else None,
         geometry_rms_px=geometry.rms_px if geometry else None,
         geometry=reason,
@@ -123,8 +134,33 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
             advice=view.geometry
             or "nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
         ),
+        Verdict(
+            what="parallax: angle between the lines of sight of camera and projector, median",
+            value=view.parallax_deg,
+            limit=_LEAST_PARALLAX_DEG if view.parallax_deg is not None else None,
+            unit="degrees",
+            at_least=True,
+            advice=view.geometry or "move the camera further aside from the projector",
+        ),
+        Verdict(
+            what="largest angle of a wall with its axis",
+            value=view.angle_error_deg,
+            unit="degrees",
+            advice=view.geometry or "walls that are not square need right_angles = false",
+        ),
         Verdict(what="distance of camera and projector", value=view.baseline_m, unit="m", advice=view.notes),
     )
+
+
+def _parallax_deg(geometry: GeometryRecord, correspondence: Correspondence) -> float:
+    """Median over pixels of the angle between the two rays that meet on the surface."""
+    camera, projector = (only(devices).pinhole() for devices in (geometry.cameras, geometry.projectors))
+    rows, columns = np.nonzero(correspondence.valid)
+    few = slice(None, None, max(1, len(rows) // _PIXELS))
+    row, column = rows[few], columns[few]
+    seen = world_rays(camera, np.column_stack([column, row]).astype(np.float64))
+    lit = world_rays(projector, correspondence.projector_xy_px[row, column])
+    return float(np.degrees(np.median(np.arccos(np.clip((seen * lit).sum(axis=1), -1, 1)))))
 
 
 def _radiometric(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> RadiometricCalibration:
