@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -65,17 +66,30 @@ def fit_vignetting(
     weight = _PRIOR_WEIGHT if group.max() > 0 else np.full(4, _ONE_WALL_WEIGHT)
     levels = np.array([np.median(ratio[group == k]) for k in range(group.max() + 1)])
 
-    def residual(z: FloatArray) -> FloatArray:
-        fit = z[4:][group] + np.log(_illumination(z[:2], camera_r)) + np.log(_illumination(z[2:4], projector_r))
-        return np.concatenate([ratio - fit, np.sqrt(len(ratio)) * weight * (z[:4] - _PRIOR)])
+    def off(z: FloatArray) -> FloatArray:
+        return ratio - z[4:][group] - np.log(_illumination(z[:2], camera_r) * _illumination(z[2:4], projector_r))
 
-    start = least_squares(residual, np.concatenate([_PRIOR, levels]), loss="soft_l1", f_scale=_OUTLIER).x
+    def residual(z: FloatArray, loss: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        # What is known beforehand is no outlier, however far off the samples are: only they are robust.
+        return np.concatenate([loss(off(z)) / np.sqrt(len(ratio)), weight * (z[:4] - _PRIOR)])
+
+    start = least_squares(residual, np.concatenate([_PRIOR, levels]), args=(_soft,)).x
     # A poster is no wall with a trend: what lies far off does not count at all.
-    result = least_squares(residual, start, loss="cauchy", f_scale=_OUTLIER)
-    rms = float(np.sqrt(np.mean(residual(result.x)[: len(ratio)] ** 2)))
+    result = least_squares(residual, start, args=(_cauchy,))
+    rms = float(np.sqrt(np.mean(off(result.x) ** 2)))
     v = [float(value) for value in result.x[:4]]
     return Vignetting((v[0], v[1]), (v[2], v[3]), rms)
 
 
 def _illumination(v: FloatArray, r: FloatArray) -> FloatArray:
     return np.asarray(np.maximum(1 + r**2 * (v[0] + r**2 * v[1]), _LEAST_ILLUMINATION))
+
+
+def _soft(off: FloatArray) -> FloatArray:
+    """Residuals whose squares grow as far outliers do."""
+    return np.asarray(np.sign(off) * _OUTLIER * np.sqrt(2 * (np.hypot(1.0, off / _OUTLIER) - 1)))
+
+
+def _cauchy(off: FloatArray) -> FloatArray:
+    """Residuals whose squares hardly grow any more far off."""
+    return np.asarray(np.sign(off) * _OUTLIER * np.sqrt(np.log1p((off / _OUTLIER) ** 2)))

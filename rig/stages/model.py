@@ -152,6 +152,7 @@ def model_settings(session: Session) -> JsonObject:
         "least_pixels": LEAST_PIXELS,
         "global_gain": "of white",
         "blur": "of both lenses",
+        "vignetting": "told apart by what lenses usually do",
         "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light"],
     }
 
