@@ -162,7 +162,7 @@ def _best_plane(
     counts = _explained_counts(test, transfer, trials, limit_px)
     if not counts.any():
         return None
-    best = trials[int(counts.argmax())]
+    best: FloatArray = trials[int(counts.argmax())]
     for _ in range(_REFINEMENTS):
         inside = seen.error_px(transfer, best) < limit_px
         refined = _plane_through(seen.points[inside]) if inside.sum() >= 3 else None
@@ -212,7 +212,7 @@ def _planes_through(points: FloatArray, weight: FloatArray) -> FloatArray:
 def _plane_through(points: FloatArray) -> FloatArray | None:
     """(3,) the plane of some points; None where they span none."""
     found = _planes_through(points[None], np.ones((1, len(points))))
-    return found[0] if len(found) else None
+    return np.asarray(found[0]) if len(found) else None
 
 
 def assign_planes(

@@ -24,6 +24,8 @@ _LEAST_KNOWN = 0.2
 _CELLS = 8
 """Squares along the picture's longer side in which a bend is looked for."""
 _LEAST_IN_CELL = 12
+_STRAY_MEDIANS, _LEAST_BOWED, _QUADRATIC = 4.0, 60, 3
+"""Of a bow: points further off than so many medians are strays; ten points a term; x², xy and y²."""
 
 
 def plane_errors_px(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> FloatArray:
@@ -98,18 +100,21 @@ class Bends:
     """By how much the points of each plane leave it together, over areas far larger than a point's noise reaches."""
 
     bend_px: FloatArray
-    """(K,) root mean square over the areas, what noise explains taken off. [px]"""
+    """(K,) root mean square over the areas. [px]"""
+    bow_px: FloatArray
+    """(K,) root mean square of the parabola through the points' errors, what chance explains taken off. [px]"""
     noise_px: FloatArray
     """(K,) of single points. [px]"""
 
 
 def bends_of(solution: BundleSolution, x1: FloatArray) -> Bends:
-    """Take the mean residual of each plane over squares of an eighth of the picture."""
+    """Take the mean residual of each plane over squares of an eighth of the picture, and the parabola through it."""
     residual, label = solution.fit.residual, solution.fit_label
     place = x1[solution.used]
     side = max(solution.camera.width_px, solution.camera.height_px) / _CELLS
     cell = (place // side).astype(np.int64)
     bends, noises = [], []
+    bows = [_bow_px(place[label == plane], residual[label == plane]) for plane in range(len(solution.planes))]
     for plane in range(len(solution.planes)):
         on = label == plane
         if not on.any():
@@ -126,7 +131,21 @@ def bends_of(solution: BundleSolution, x1: FloatArray) -> Bends:
         square = (means[many] ** 2).sum(axis=1)
         bends.append(float(np.sqrt(np.average(square, weights=count[many])) if many.any() else 0.0))
         noises.append(float(np.sqrt(variance)))
-    return Bends(bend_px=np.array(bends), noise_px=np.array(noises))
+    return Bends(bend_px=np.array(bends), bow_px=np.array(bows), noise_px=np.array(noises))
+
+
+def _bow_px(place: FloatArray, residual: FloatArray) -> float:
+    """Root mean square of the quadratic part of residuals (N, 2) over places (N, 2), strays left out."""
+    size = np.linalg.norm(residual, axis=1)
+    near = size < _STRAY_MEDIANS * np.median(size) if len(size) else np.zeros(0, dtype=bool)
+    if near.sum() < _LEAST_BOWED:
+        return 0.0
+    x, y = ((place[near] - place[near].mean(axis=0)) / np.maximum(place[near].std(axis=0), 1e-9)).T
+    basis, _ = np.linalg.qr(np.column_stack([np.ones_like(x), x, y, x * x, x * y, y * y]))
+    parts = basis.T @ residual[near]
+    by_chance = ((residual[near] - basis @ parts) ** 2).sum() / near.sum() * _QUADRATIC
+    bow = float((parts[-_QUADRATIC:] ** 2).sum()) - float(by_chance)
+    return float(np.sqrt(max(bow, 0.0) / near.sum()))
 
 
 def mixed_share(x1: FloatArray, own: BoolArray) -> float:

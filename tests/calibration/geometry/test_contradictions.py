@@ -8,7 +8,7 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScene
-from calibration.geometry.contradictions import check_data_sheets, check_flat, normal_deviate
+from calibration.geometry.contradictions import check_data_sheets, check_flat, is_flat, normal_deviate
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
@@ -16,7 +16,7 @@ from calibration.geometry.plane_bundle import refit, transfer_of
 from calibration.geometry.planes import Axes, ExplainedPixels
 from calibration.geometry.robust_fit import Priors, robust_fit
 from calibration.geometry.stereo import StereoCalibration, scale_from_spots
-from calibration.geometry.support import exclusive_points, mixed_share, plane_errors_px, standing_planes
+from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px, standing_planes
 
 
 def nominal(room):
@@ -89,6 +89,27 @@ def test_a_wall_that_bends_is_refused_with_its_place_and_by_how_much(room, corne
 def test_flat_walls_with_the_noise_of_codes_are_not_refused(room, corner):
     solution, x1 = fitted(room, corner, bend_px=0.0)
     check_flat(solution, x1)
+
+
+def bowed(solution, x1, rms_px):
+    """The same fit, had it left a parabola along the first wall, as the facets do that stand for a cylinder."""
+    on = solution.fit_label == 0
+    along = x1[on, 0] - x1[on, 0].mean()
+    parabola = along**2 - np.polyval(np.polyfit(along, along**2, 1), along)
+    residual = solution.fit.residual.copy()
+    residual[on, 0] += rms_px * parabola / np.sqrt((parabola**2).mean())
+    return replace(solution, fit=replace(solution.fit, residual=residual))
+
+
+def test_a_wall_that_bows_by_less_than_its_noise_is_refused(room, corner):
+    solution, x1 = fitted(room, corner, bend_px=0.0)
+    bow = bends_of(bowed(solution, x1, 0.12), x1)
+    assert bow.bow_px[0] == pytest.approx(0.12, rel=0.05)
+    assert bow.bow_px[0] < bow.noise_px[0]
+    assert bow.bow_px[1:].max() < 0.02
+    with pytest.raises(CalibrationError, match=r"is not flat: .* by 0\.1\d+ px rms"):
+        check_flat(bowed(solution, x1, 0.12), x1)
+    assert is_flat(bowed(solution, x1, 0.04), x1)
 
 
 def test_focal_lengths_that_the_data_sheets_contradict_are_refused_with_both(room, corner):

@@ -11,9 +11,9 @@ from calibration.geometry.pinhole import project
 from calibration.geometry.room import RoomBox
 from calibration.surfaces.before_walls import before_walls
 from calibration.surfaces.flat_parts import parts_of
-from calibration.surfaces.triangulated import triangulated
 from calibration.surfaces.pieces import largest_first, pieces_of
 from calibration.surfaces.point_map import point_map
+from calibration.surfaces.triangulated import triangulated
 from tests.calibration.surfaces.made import (
     CAMERA,
     PROJECTOR,
