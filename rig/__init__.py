@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rig.benchmark import run_bench
+    from rig.by_hand.look import look
+    from rig.by_hand.show import show_picture
     from rig.capture.rig import Rig
     from rig.emulated.commands import run_emulated
     from rig.errors import RigError
@@ -37,6 +39,7 @@ if TYPE_CHECKING:
     from rig.offline.simulate import SimulationRequest, run_simulate
     from rig.paper.experiments import run_paper
     from rig.profile.schema import load_profile
+    from rig.report.export import export_session
     from rig.run.plan import plan_session
     from rig.run.request import SessionRequest
     from rig.run.script import calibrate, compare, compensate, model, open_rig, separate, write_report
@@ -61,8 +64,10 @@ _HOMES = {
     "compare": "run.script",
     "compare_strategies": "strategies.comparison",
     "compensate": "run.script",
+    "export_session": "report.export",
     "list_devices": "inventory.list",
     "load_profile": "profile.schema",
+    "look": "by_hand.look",
     "model": "run.script",
     "open_rig": "run.script",
     "plan_live": "live.plan",
@@ -77,6 +82,7 @@ _HOMES = {
     "run_session": "run.session",
     "run_simulate": "offline.simulate",
     "separate": "run.script",
+    "show_picture": "by_hand.show",
     "write_report": "run.script",
 }
 """Where each public name lives."""
@@ -95,8 +101,10 @@ __all__ = [
     "compare",
     "compare_strategies",
     "compensate",
+    "export_session",
     "list_devices",
     "load_profile",
+    "look",
     "model",
     "open_rig",
     "plan_live",
@@ -111,6 +119,7 @@ __all__ = [
     "run_session",
     "run_simulate",
     "separate",
+    "show_picture",
     "write_report",
 ]
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from rig.files.exr import read_exr
 from rig.report import pictures
+from rig.report.links import link_pages
 from rig.report.page import correspondence_images
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import TextTable, rendered
@@ -72,7 +73,9 @@ def write_stopped_page(session: Session, steps: Sequence[str], error: Exception)
         profile=str(session.profile.path),
         footer=f"Written by procam-rig {__version__}.",
     )
-    return session.write_report(rendered("report/stopped.html", page))
+    path = session.write_report(rendered("report/stopped.html", page))
+    link_pages(session.path)
+    return path
 
 
 def _steps(session: Session, steps: Sequence[str]) -> TextTable:

@@ -42,6 +42,8 @@ def print_result(result: SessionResult) -> None:
 
 def print_part(verb: str, result: PartialResult) -> None:
     """Print the numbers of the steps that a verb has done."""
+    if result.compensation is not None and result.compensation.target is not None:
+        say(f"target: {result.compensation.target.sentence}")
     sections = {
         "geometry": result.geometry,
         "separation": result.separation,
