@@ -122,7 +122,7 @@ def _check_progress(before: SampledPatches | None, now: SampledPatches, goal: fl
         raise SimulationError(
             f"{before.cells.n_patches:,} patches leave {100 * before.error:.2g} %, {now.cells.n_patches:,} still "
             f"{100 * now.error:.2g} %, and {100 * goal:.2g} % are wanted: where surfaces cut through each other light "
-            f"jumps within patches; try a tolerance of {100 * ADVICE * now.error:.2g} %, or cut surfaces where they meet"
+            f"jumps within patches; try a tolerance of {100 * ADVICE * now.error:.2g} %, or cut them where they meet"
         )
 
 
