@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sim.arrays import FloatArray
+from sim.errors import SimulationError
 from sim.form_factors.sampled import FEWEST_RAYS, RaySample
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.light.lighting import Lighting
@@ -34,6 +35,11 @@ GROWTH = 4
 ENOUGH = 0.7
 """Share of the patches from which on a coarser plan is not worth a round."""
 MOST_ROUNDS = 12
+FAR_OFF, SLOWEST = 2.0, 0.2
+"""Times the goal beyond which progress is looked at, and the power of the patches' number with which an error must
+fall: 2^5 times as many patches for half of it are not worth a round. Smooth light has 1/2, an edge in patches 1/4."""
+ADVICE = 1.6
+"""The tolerance that is advised over the error reached: 1.25 for the patches' share, the rest for safety."""
 OTHER_STREAM = 7919
 """Seeds of measuring rays lie this far from those of the form factors."""
 
@@ -86,7 +92,7 @@ def patches_by_rays(
     SampledPatches
         After some rounds the error may still be above the goal.
     """
-    cells = start
+    cells, before = start, None
     for _ in range(MOST_ROUNDS):
         check_size(cells.n_patches)
         solved = simulate(cells, light, model)
@@ -95,6 +101,8 @@ def patches_by_rays(
         squared = variation + refinement.squared_light_edge(cells)
         error = SAFETY * float(np.sqrt(squared / cells.areas.sum()))
         found = SampledPatches(cells=cells, solved=solved, error=error)
+        _check_progress(before, found, goal)
+        before = found
         correction = error / max(probe.error, 1e-12) if error > goal else 1.0
         refinement.refine(0.9 * goal / (SAFETY * max(correction, 1.0)), GROWTH * cells.n_patches)
         if error <= goal and refinement.cells.n_patches >= ENOUGH * cells.n_patches:
@@ -103,6 +111,19 @@ def patches_by_rays(
         cells = replace(refinement.cells, whole=np.arange(refinement.cells.n_patches))
         whole = cells
     return found
+
+
+def _check_progress(before: SampledPatches | None, now: SampledPatches, goal: float) -> None:
+    """Raise SimulationError where more patches hardly help: light jumps within them, wherever they are cut."""
+    if before is None or now.error <= FAR_OFF * goal or now.cells.n_patches < 2 * before.cells.n_patches:
+        return
+    more = now.cells.n_patches / before.cells.n_patches
+    if np.log(before.error / now.error) < SLOWEST * np.log(more):
+        raise SimulationError(
+            f"{before.cells.n_patches:,} patches leave {100 * before.error:.2g} %, {now.cells.n_patches:,} still "
+            f"{100 * now.error:.2g} %, and {100 * goal:.2g} % are wanted: where surfaces cut through each other light "
+            f"jumps within patches; try a tolerance of {100 * ADVICE * now.error:.2g} %, or cut them where they meet"
+        )
 
 
 def _variation_within(solved: Simulation, seed: int) -> _Variation:
