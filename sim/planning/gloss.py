@@ -21,8 +21,8 @@ from sim.planning.gloss_places import places_on
 from sim.planning.simulation import Check, Model, Simulation, simulate
 
 RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
-"""Pairs of rays from each glossy patch: 0.4 % of the mean light rms in a room of 1,024 patches. Of all of them
-together between the last two numbers, as long as each has 16: patches of a fine mesh share what is around them."""
+"""Pairs of rays from each glossy patch: 0.4 % rms of the mean light in a room of 1,024 patches, 1,024 leave 0.2 %. Of
+all of them together between the last two numbers, but 16 at least: patches of a fine mesh share what is around them."""
 LAMP_POINTS = 1 << 18
 """On all glossy patches, from which the lamp's light goes on."""
 FIRST_S, PAIR_S, PAIR_MB, KEPT_MB = 0.3, 7e-6, 1e-3, 2.5e-4
