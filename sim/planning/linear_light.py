@@ -173,6 +173,9 @@ def linear_light(sample: RaySample, cells: AdaptivePatches, B: FloatArray, irrad
     )
     beside = np.einsum("pak,pk->pa", axes, gradients(cells, irradiance)[0])
     noise = _mean_square((first - second) / 2, moments)
+    # Neighbours across a shadow's edge may tell a slope that is worse than none.
+    worse = _mean_square(measured, moments) < _mean_square(measured - beside, moments)
+    beside = np.where(worse[:, None], 0.0, beside)
     differs = _mean_square(measured - beside, moments)
     believed = differs > SURE * noise
     slopes = np.where(believed[:, None], measured, beside)
