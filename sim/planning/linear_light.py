@@ -180,8 +180,16 @@ def linear_light(sample: RaySample, cells: AdaptivePatches, B: FloatArray, irrad
     believed = differs > SURE * noise
     slopes = np.where(believed[:, None], measured, beside)
     return LinearLight(
-        slopes=np.einsum("pa,pak->pk", slopes, axes), squared_error=np.where(believed, noise, differs - noise)
+        slopes=_nowhere_negative(cells, np.einsum("pa,pak->pk", slopes, axes), irradiance),
+        squared_error=np.where(believed, noise, differs - noise),
     )
+
+
+def _nowhere_negative(cells: AdaptivePatches, slopes: FloatArray, irradiance: FloatArray) -> FloatArray:
+    """Slopes made less where the light would be negative in a corner: there are no such lights."""
+    corners = np.einsum("pk,pnk->pn", slopes, cells.vertices - cells.centres[:, None])
+    lowest = np.maximum(-corners.min(axis=1), 1e-300)
+    return np.asarray(slopes * np.minimum(1.0, irradiance / lowest)[:, None])
 
 
 def _mean_square(slopes: FloatArray, moments: FloatArray) -> FloatArray:
