@@ -43,6 +43,8 @@ AIM = 0.95
 MUCH_LESS = 16.0
 """Patches of so many times less squared error than the worst wait for the next round."""
 MOST_ROUNDS = 16
+RELOOK = 1.1
+"""Times the patches of the start from which on light bounces between the pieces, and those are judged again."""
 PROBE_ERROR, PROBE_POWER = 0.01, 1.4
 """Down to this goal light bounces along the first rays of each patch; for a smaller one along more, by the power."""
 MOST_PROBE_RAYS = 512
@@ -103,6 +105,9 @@ def patches_by_rays(
             break
         pieces.cut()
         check_size(pieces.cells.n_patches)
+    if pieces.cells.n_patches > RELOOK * start.n_patches:
+        # Pieces may be lit otherwise than the patches that they were cut from: light is trapped beside some.
+        return patches_by_rays(pieces.settled, light, goal=goal, check_size=check_size, seed=seed)
     return SampledPatches(cells=pieces.settled, linear=True, error=pieces.error, spectral_radius=radius)
 
 
