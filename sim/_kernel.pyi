@@ -132,6 +132,24 @@ class RayTree:
 
     def __init__(self, corners: NDArray[float64]) -> None: ...
     def sample(self, rows: NDArray[int64], stream: int, first: int, met: NDArray[int32]) -> None: ...
+    def moments(
+        self,
+        rows: NDArray[int64],
+        stream: int,
+        first: int,
+        met: NDArray[int32],
+        values: NDArray[float64],
+        means: NDArray[float64],
+    ) -> None: ...
+    def gather(
+        self,
+        pieces: NDArray[float64],
+        own: NDArray[int64],
+        stream: int,
+        count: int,
+        light: NDArray[float64],
+        means: NDArray[float64],
+    ) -> None: ...
     def trace(
         self, origins: NDArray[float32], directions: NDArray[float32], met: NDArray[int32], at: NDArray[float32]
     ) -> None: ...

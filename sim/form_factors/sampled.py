@@ -36,6 +36,8 @@ MOST_SCALINGS = 30
 patch), more are for closed surfaces, whose sums are known."""
 SUMS_ERROR = 1e-4
 """Of row sums, at which scaling ends."""
+FIRST_RAYS = 32
+"""Of each patch, to learn what it needs."""
 RAYS_AT_A_TIME = 1 << 22
 """Their indices take 17 MB."""
 
@@ -55,8 +57,13 @@ class _Batch:
     """Rays of some rows, one piece of their sequences."""
 
     rows: IntArray
+    first: int
+    """Where in the sequence the piece begins."""
     met: NDArray[np.int32]
     """(rows, rays) patch that each ray meets; below 0: none, or one from behind."""
+
+
+_first: WeakKeyDictionary[Surface, tuple[int, tuple[_Batch, ...]]] = WeakKeyDictionary()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -86,6 +93,18 @@ class RaySample:
 
     def __post_init__(self) -> None:
         self.rays = np.zeros(self.surface.n_patches, dtype=np.intp)
+
+    @classmethod
+    def first(cls, surface: Surface, seed: int = 0) -> RaySample:
+        """Return the first 32 rays of each patch, sent once however many ask: a plan, and the solution after it."""
+        sample = cls(surface, seed)
+        kept = _first.get(surface)
+        if kept is not None and kept[0] == seed:
+            sample._batches, sample.rays = list(kept[1]), np.full(surface.n_patches, FIRST_RAYS, dtype=np.intp)
+        else:
+            sample.lengthen(FIRST_RAYS)
+            _first[surface] = seed, tuple(sample._batches)
+        return sample
 
     def lengthen(self, rays: IntArray | int) -> None:
         """Send more rays, until each patch has ``rays``, a power of 2; rows that have as many keep theirs.
@@ -117,7 +136,7 @@ class RaySample:
             part = np.ascontiguousarray(rows[k : k + step], dtype=np.int64)
             met = np.empty((len(part), count), dtype=np.int32)
             tree.sample(part, self.seed, first, met)
-            self._batches.append(_Batch(part, met))
+            self._batches.append(_Batch(part, first, met))
             self.rays[part] += count
 
     def halves(self, x: ArrayLike) -> Halves:
@@ -134,10 +153,35 @@ class RaySample:
         """
         # Rays that meet nothing have index -1, or -2 from behind.
         values = np.concatenate([np.asarray(x, dtype=np.float64), [0.0, 0.0]])
-        total, count, first, second = np.zeros((4, self.surface.n_patches))
+        return self._halves([values[batch.met].mean(axis=1) for batch in self._batches])
+
+    def moment_halves(self, x: FloatArray) -> Halves:
+        """Return the first moments of what each patch's rays bring from radiosities x, (P,).
+
+        Parameters
+        ----------
+        x : (P,) array
+            Radiosities.
+
+        Returns
+        -------
+        Halves
+            (P, 3) means of what a ray brings times where it began, from the patch's centroid [unit of x times m].
+        """
+        values, tree = np.ascontiguousarray(x, dtype=np.float64), tree_of(self.surface)
+        means = []
         for batch in self._batches:
+            means.append(np.empty((len(batch.rows), 3)))
+            tree.moments(batch.rows, self.seed, batch.first, met=batch.met, values=values, means=means[-1])
+        return self._halves(means)
+
+    def _halves(self, means: list[FloatArray]) -> Halves:
+        """Of each batch's means, (rows,) or (rows, K), those of all rays."""
+        shape = (self.surface.n_patches, *means[0].shape[1:])
+        total, first, second = np.zeros((3, *shape))
+        count = np.zeros((len(total),) + (1,) * (total.ndim - 1))
+        for batch, mean in zip(self._batches, means, strict=True):
             rows, n = batch.rows, batch.met.shape[1]
-            mean = values[batch.met].mean(axis=1)
             first[rows] = total[rows] / np.maximum(count[rows], 1)
             second[rows] = mean
             total[rows] += n * mean

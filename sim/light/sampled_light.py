@@ -21,8 +21,6 @@ from sim.form_factors.sampled import MOST_RAYS, RaySample, SampledFormFactors, s
 from sim.geometry.surface import Surface
 from sim.light.radiosity import Radiosity
 
-FIRST_RAYS = 32
-"""Of each patch, to learn what it needs."""
 GAIN = 1.4
 """Variance falls as rays^-GAIN: 1.43 from 64 to 1,024 rays in the corner with a ball, 1.3 in random corners."""
 NEIGHBOURS = 12
@@ -75,8 +73,7 @@ def sampled_light(
     SimulationError
         As :class:`sim.light.radiosity.Radiosity` does.
     """
-    sample = RaySample(surface, seed)
-    sample.lengthen(FIRST_RAYS)
+    sample = RaySample.first(surface, seed)
     near = _near(surface)
     goal = error**2 * float(surface.areas.sum())
     while True:

@@ -166,10 +166,6 @@ class Refinement:
         """RMS over the surface; 1 = white."""
         return float(np.sqrt(self.squared.sum() / self.cells.areas.sum()))
 
-    def squared_light_edge(self, cells: AdaptivePatches) -> float:
-        """Return the squared error times area of all light's edges inside patches [m²]."""
-        return float((cells.reflectance**2 * self._edge_of_light(cells)).sum())
-
     def measured_error(self, irradiance: FloatArray) -> float:
         """Return the RMS over the surface of a solution on these patches, (P,) irradiance, against the probe's."""
         probe = self.probe
@@ -209,7 +205,7 @@ class Refinement:
     def _judged(self, cells: AdaptivePatches, index: IntArray) -> tuple[FloatArray, IntArray]:
         """Squared error of some cells, ``index`` their place among all, and which way to halve them."""
         spread, along_u, along_v = self._spread(cells, index)
-        edge = self._edge_of_light(cells)
+        edge = squared_light_edges(cells, emission(cells, self.light).variance, self.probe.cells)
         lengths = np.linalg.norm(cells.edges, axis=2)
         longer = np.argmax(lengths, axis=1)
         stretched = lengths.max(axis=1) > LONGEST_ASPECT * lengths.min(axis=1)
@@ -243,24 +239,39 @@ class Refinement:
             along.append(np.where(count > 1, tensor / inside, alone))
         return spread, along[0], along[1]
 
-    def _edge_of_light(self, cells: AdaptivePatches) -> FloatArray:
-        variance = emission(cells, self.light).variance
-        cut = np.flatnonzero(variance > 1e-12)
-        error = np.zeros(cells.n_patches)
-        if len(cut):
-            near = cells.areas[cut] / np.maximum(self._distance(cells.centres[cut], cells.region[cut]), 1e-9) ** 2
-            error[cut] = SOURCE_WEIGHT * cells.areas[cut] * variance[cut] * np.minimum(1.0, near**2)
-        return error
 
-    def _distance(self, points: FloatArray, region: IntArray) -> FloatArray:
-        """(N,) distance to the nearest plane of another region that the points lie before [m]."""
-        cells = self.probe.cells
-        regions, first = np.unique(cells.region, return_index=True)
-        nearest = np.full(len(points), np.inf)
-        for number, example in list(zip(regions, first, strict=True))[:MOST_PLANES]:
-            height = (points - cells.centres[example]) @ cells.normals[example]
-            nearest = np.where((region != number) & (height > 0), np.minimum(nearest, height), nearest)
-        return nearest
+def squared_light_edges(cells: AdaptivePatches, variance: FloatArray, among: AdaptivePatches) -> FloatArray:
+    """Return the squared error of the irradiance times area that light's edges inside patches make.
+
+    Parameters
+    ----------
+    cells : AdaptivePatches
+    variance : (P,) array
+        Of the light within each, as :func:`sim.light.lighting.emission` gives it.
+    among : AdaptivePatches
+        Of the whole scene, on whose planes the edges' light may fall.
+
+    Returns
+    -------
+    (P,) array
+        [m²]
+    """
+    cut = np.flatnonzero(variance > 1e-12)
+    error = np.zeros(cells.n_patches)
+    if len(cut):
+        near = cells.areas[cut] / np.maximum(_distance(cells.centres[cut], cells.region[cut], among), 1e-9) ** 2
+        error[cut] = SOURCE_WEIGHT * cells.areas[cut] * variance[cut] * np.minimum(1.0, near**2)
+    return error
+
+
+def _distance(points: FloatArray, region: IntArray, among: AdaptivePatches) -> FloatArray:
+    """(N,) distance to the nearest plane of another region that the points lie before [m]."""
+    regions, first = np.unique(among.region, return_index=True)
+    nearest = np.full(len(points), np.inf)
+    for number, example in list(zip(regions, first, strict=True))[:MOST_PLANES]:
+        height = (points - among.centres[example]) @ among.normals[example]
+        nearest = np.where((region != number) & (height > 0), np.minimum(nearest, height), nearest)
+    return nearest
 
 
 def _in_second_half(children: AdaptivePatches, child: IntArray, points: FloatArray) -> BoolArray:

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim.form_factors.sampled import MOST_RAYS
-from sim.light.sampled_light import FIRST_RAYS
+from sim.form_factors.sampled import FIRST_RAYS, MOST_RAYS
 
 PAIR_S = {"closed_form": 1e-7, "polygon": 2e-7}
 """A pair without shadows: room-with-box, spheres and sloped rooms of 320 to 2,304 patches. [s]"""
@@ -26,6 +25,8 @@ SAMPLING_START_S = 0.05
 USUAL_ERROR, USUAL_RAYS, ERROR_POWER = 0.013, 64, 1.4
 """RMS of the radiosity by so many rays a patch, and how their number grows with a smaller error: corners with a ball
 and with other things, 64 to 1,024 rays."""
+PLANNING_RAYS = 500
+"""Of a patch, to find patches by: as few as 288 where one number a patch is enough, some 1,300 where it is not."""
 PREFER_EXACT = 1.5
 """Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
 RAY_MB = 1e-4
@@ -59,5 +60,5 @@ def largest_sampled(memory_mb: float, error: float) -> int:
 
 
 def rays_pay(patches: int, error: float, exact: float) -> bool:
-    """Tell if rays are so much faster than the exact factors' seconds that their noise is worth it."""
-    return PREFER_EXACT * sampled_s(patches, error) < exact
+    """Tell if rays, and finding patches by them, are so much faster than exact factors that their noise is worth it."""
+    return PREFER_EXACT * (sampled_s(patches, error) + PLANNING_RAYS * RAY_S * patches) < exact

@@ -8,6 +8,7 @@ corrected by what a still coarser plan missed against them, and multiplied by SA
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -154,7 +155,7 @@ def plan(
     search.run(by_rays)
     model = replace(search.model_for(search.cells), reflectances=colours)
     channels = 1 if colours is None else len(colours)
-    radius = search.solved.spectral_radius
+    radius = search.spectral_radius
     products = products_needed(radius, model.residual)
     cost = _cost(search, model, products, channels)
     bounces = bounces_needed(radius, tolerance_percent)
@@ -230,16 +231,16 @@ class _Search:
         self.by_rays = True
         self.most_cells = largest_sampled(self.memory_limit_mb, self.sampling)
         few = self.whole.n_patches < FIRST_PROBE
+        started = time.perf_counter()
         self.sampled = patches_by_rays(
             uniform_patches(self.whole, FIRST_PROBE) if few else self.whole,
             self.light,
-            self.model_for(self.whole),
-            whole=self.whole,
             goal=PATCHES_SHARE * self.tolerance,
             check_size=self._check_size,
+            seed=self.model.seed,
         )
-        self.solved = self.sampled.solved
-        self.timing = StepTiming(self.cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        self.timing = StepTiming(self.cells.n_patches, 0.0, time.perf_counter() - started)
+        self.spectral_radius = self.sampled.spectral_radius
         left = np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0))
         self.sampling = float(np.clip(left, LEAST_SAMPLING * self.tolerance, MOST_SAMPLING * self.tolerance))
 
@@ -267,7 +268,8 @@ class _Search:
         """Give the cheapest model for so many patches that fits."""
         if not self.by_rays:
             return self._exact_for(cells)
-        return replace(self.model, method="rays", visibility="rays", sampling=self.sampling)
+        linear = self.sampled.linear
+        return replace(self.model, method="rays", visibility="rays", sampling=self.sampling, linear=linear)
 
     def _rays_pay(self, patches: int) -> bool:
         """By constants, not by what was timed: the same plan whatever else the machine does."""
@@ -287,11 +289,12 @@ class _Search:
 
     def _solve(self, cells: AdaptivePatches) -> SolvedPatches:
         model = self.model_for(cells)
-        self.solved = simulate(cells, self.light, model)
-        self.timing = StepTiming(cells.n_patches, self.solved.factors_s, self.solved.light_s)
+        solved = simulate(cells, self.light, model)
+        self.spectral_radius = solved.spectral_radius
+        self.timing = StepTiming(cells.n_patches, solved.factors_s, solved.light_s)
         if model.compression is None and model.sampling is None:
             self.dense_timing = self.timing
-        return SolvedPatches.of(cells, self.solved.irradiance[:, 0])
+        return SolvedPatches.of(cells, solved.irradiance[:, 0])
 
     def _missed(self, probe: SolvedPatches) -> float:
         """Error that a plan of a quarter of the probe's patches shows against the probe, over what it expected."""
@@ -358,7 +361,7 @@ def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
 
 def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> tuple[str, ...]:
     cells, patches = search.cells, search.cells.n_patches
-    radius = search.solved.spectral_radius
+    radius = search.spectral_radius
     sizes_m = np.sqrt(cells.areas)
     method = {
         "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",

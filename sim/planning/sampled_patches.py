@@ -1,9 +1,10 @@
-"""Patches for form factors by rays: judged by rays that leave their quarters, refined until those agree.
+"""Patches for form factors by rays: judged by rays that leave their sixteenths, cut until those agree.
 
-The irradiance of a patch is one number; by how much the true one varies within is measured, not guessed from
-neighbours: rays leave each quarter of each patch, twice, independently. The product of both deviations from the patch's
-mean has no bias by noise, so that its sum over thousands of patches is known well where hardly one is. It also sees
-what no gradient tells: a patch that another one pierces or covers in part.
+Light between the surfaces first bounces along a few rays of each patch; that is good enough to see how the irradiance
+varies *within* patches (``sim.planning.linear_light``), which is measured, not guessed from neighbours. Where one
+number a patch is enough, that is all. Otherwise light is taken as linear within each patch, and those are cut where it
+bends, or where a shadow ends: the pieces' light is gathered from the patches as they were, so that only new pieces cost
+rays.
 """
 
 from __future__ import annotations
@@ -13,31 +14,47 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray
+from sim.arrays import FloatArray, IntArray
 from sim.errors import SimulationError
-from sim.form_factors.sampled import FEWEST_RAYS, RaySample
-from sim.geometry.adaptive_patches import AdaptivePatches
-from sim.light.lighting import Lighting
-from sim.planning.adapt import Refinement, SolvedPatches
-from sim.planning.simulation import Model, Simulation, simulate
+from sim.form_factors.sampled import FIRST_RAYS, RaySample
+from sim.geometry.adaptive_patches import AdaptivePatches, joined
+from sim.light.lighting import Emission, Lighting, emission
+from sim.planning.adapt import gradients, squared_light_edges
+from sim.planning.linear_light import Senders, Variation, variation_within
 
 QUARTERS = 4
-SEEN_BY_QUARTERS = 0.75
-"""Share of the squared variation of a linear field that shows between the quarters of a patch."""
-SURE = 4.0
-"""Standard deviations of noise from which a single patch's measured variation is believed."""
-TOTAL_SURE = 2.0
-"""Standard deviations that are added to the sum of all."""
 SAFETY = 1.15
 """The error that is expected over the one measured."""
-GROWTH = 4
-"""A round has at most this many times the patches of the one before."""
-ENOUGH = 0.7
-"""Share of the patches from which on a coarser plan is not worth a round."""
-MOST_ROUNDS = 12
-FAR_OFF, SLOWEST = 2.0, 0.2
-"""Times the goal beyond which progress is looked at, and the power of the patches' number with which an error must
-fall: 2^5 times as many patches for half of it are not worth a round. Smooth light has 1/2, an edge in patches 1/4."""
+TOTAL_SURE = 2.0
+"""Standard deviations that are added to the sum of all."""
+MOST_MEASURED = 4096
+"""Of more patches a choice, even over the surface, tells whether one number a patch is enough."""
+FEWEST_RAYS, PIECE_RAYS, MOST_RAYS = 8, 32, 128
+"""Of a sixteenth, to measure with: more where noise hides whether the goal is met, fewer of pieces, which are small."""
+NOISE_SHARE, NOISE_POWER = 0.5, 1.4
+"""Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them."""
+BIAS = 2.0
+"""What senders of one number a patch change, over what their slopes tell: shadows within them count as much."""
+BIAS_SHARE = 0.5
+"""Of the goal's square; where senders change more than that, all patches are quartered."""
+CUT_GAIN = 0.6
+"""Of a patch's squared error, that quarters are expected to lose: 0.5 at a shadow's edge, 0.94 where light bends."""
+AIM = 0.95
+"""Share of the goal that cuts aim at."""
+MUCH_LESS = 16.0
+"""Patches of so many times less squared error than the worst wait for the next round."""
+MOST_ROUNDS = 16
+RELOOK = 1.1
+"""Times the patches of the start from which on light bounces between the pieces, and those are judged again."""
+PROBE_ERROR, PROBE_POWER = 0.01, 1.4
+"""Down to this goal light bounces along the first rays of each patch; for a smaller one along more, by the power."""
+MOST_PROBE_RAYS = 512
+MOST_BOUNCES = 40
+STEADY = 0.005
+"""Change from bounce to bounce of the share of light that one keeps, at which all further ones are known."""
+FAR_OFF, MUCH_MORE, SLOWEST = 2.0, 1.5, 0.2
+"""Times the goal beyond which progress is looked at, times the patches from which on it can be told, and the power of
+the patches' number with which an error must fall: smooth light has 1/2, an edge in patches 1/4."""
 ADVICE = 1.6
 """The tolerance that is advised over the error reached: 1.25 for the patches' share, the rest for safety."""
 OTHER_STREAM = 7919
@@ -46,113 +63,179 @@ OTHER_STREAM = 7919
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class SampledPatches:
-    """Patches, their solution by rays, and what their number costs."""
+    """Patches for rays, and how good they are."""
 
     cells: AdaptivePatches
-    solved: Simulation
+    linear: bool
+    """Light has to be linear within each; else one number is enough."""
     error: float
-    """Expected of light that is one number a patch, RMS over the surface, with safety; 1 = white."""
-
-
-@dataclass(frozen=True, eq=False)
-class _Variation:
-    """Of the irradiance within patches, squared and averaged over each: unbiased, and its standard deviation."""
-
-    squared: FloatArray
-    deviation: FloatArray
+    """Expected of light that is one number a patch, or linear, RMS over the surface, with safety; 1 = white."""
+    spectral_radius: float
+    """Share of the light that a bounce keeps."""
 
 
 def patches_by_rays(
-    start: AdaptivePatches,
-    light: Lighting,
-    model: Model,
-    *,
-    whole: AdaptivePatches,
-    goal: float,
-    check_size: Callable[[int], None],
+    start: AdaptivePatches, light: Lighting, *, goal: float, check_size: Callable[[int], None], seed: int = 0
 ) -> SampledPatches:
     """Return the fewest patches whose light is within ``goal`` of the one that varies within them.
 
     Parameters
     ----------
     start : AdaptivePatches
-        To begin with.
+        To begin with: the coarsest that there may be.
     light : Lighting
-    model : Model
-        With rays.
-    whole : AdaptivePatches
-        The coarsest patches that there may be.
     goal : float
         RMS over the surface; 1 = white.
     check_size : callable
         Raises an error where so many patches are too many.
+    seed : int
+        Of the rays.
 
     Returns
     -------
     SampledPatches
         After some rounds the error may still be above the goal.
     """
-    cells, before = start, None
+    check_size(start.n_patches)
+    lit = emission(start, light)
+    B, radius = _bounced(start, lit, goal=goal, seed=seed)
+    pieces = _Pieces(start, light, lit, B=B, goal=goal, stream=seed + OTHER_STREAM)
+    constant = pieces.error_of_numbers()
+    if constant <= goal:
+        return SampledPatches(cells=start, linear=False, error=constant, spectral_radius=radius)
+    pieces.measure_all()
+    if pieces.bias**2 > BIAS_SHARE * goal**2:
+        return patches_by_rays(start.quarters(), light, goal=goal, check_size=check_size, seed=seed)
     for _ in range(MOST_ROUNDS):
-        check_size(cells.n_patches)
-        solved = simulate(cells, light, model)
-        probe, variation = _probe(solved, _variation_within(solved, model.seed + OTHER_STREAM))
-        refinement = Refinement.start(whole, probe, light)
-        squared = variation + refinement.squared_light_edge(cells)
-        error = SAFETY * float(np.sqrt(squared / cells.areas.sum()))
-        found = SampledPatches(cells=cells, solved=solved, error=error)
-        _check_progress(before, found, goal)
-        before = found
-        correction = error / max(probe.error, 1e-12) if error > goal else 1.0
-        refinement.refine(0.9 * goal / (SAFETY * max(correction, 1.0)), GROWTH * cells.n_patches)
-        if error <= goal and refinement.cells.n_patches >= ENOUGH * cells.n_patches:
-            return found
-        # From here on patches are only cut further.
-        cells = replace(refinement.cells, whole=np.arange(refinement.cells.n_patches))
-        whole = cells
-    return found
+        if pieces.error <= goal:
+            break
+        before = pieces.cells.n_patches, pieces.error
+        pieces.cut()
+        check_size(pieces.cells.n_patches)
+        _check_progress(before, (pieces.cells.n_patches, pieces.error), goal)
+    if pieces.cells.n_patches > RELOOK * start.n_patches:
+        # Pieces may be lit otherwise than the patches that they were cut from: light is trapped beside some.
+        return patches_by_rays(pieces.settled, light, goal=goal, check_size=check_size, seed=seed)
+    return SampledPatches(cells=pieces.settled, linear=True, error=pieces.error, spectral_radius=radius)
 
 
-def _check_progress(before: SampledPatches | None, now: SampledPatches, goal: float) -> None:
-    """Raise SimulationError where more patches hardly help: light jumps within them, wherever they are cut."""
-    if before is None or now.error <= FAR_OFF * goal or now.cells.n_patches < 2 * before.cells.n_patches:
+def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: float) -> None:
+    """Raise SimulationError where more patches hardly help, each given with its error: light jumps within them."""
+    (patches, error), (more, left) = before, now
+    if left <= FAR_OFF * goal or more < MUCH_MORE * patches:
         return
-    more = now.cells.n_patches / before.cells.n_patches
-    if np.log(before.error / now.error) < SLOWEST * np.log(more):
+    if np.log(error / left) < SLOWEST * np.log(more / patches):
         raise SimulationError(
-            f"{before.cells.n_patches:,} patches leave {100 * before.error:.2g} %, {now.cells.n_patches:,} still "
-            f"{100 * now.error:.2g} %, and {100 * goal:.2g} % are wanted: where surfaces cut through each other light "
-            f"jumps within patches; try a tolerance of {100 * ADVICE * now.error:.2g} %, or cut them where they meet"
+            f"{patches:,} patches leave {100 * error:.2g} %, {more:,} still {100 * left:.2g} %, and {100 * goal:.2g} % "
+            "are wanted: where surfaces cut through each other light jumps within patches; "
+            f"try a tolerance of {100 * ADVICE * left:.2g} %, or cut them where they meet"
         )
 
 
-def _variation_within(solved: Simulation, seed: int) -> _Variation:
-    cells = solved.cells
-    quarters = cells.quarters()
-    B = np.tile(solved.B[:, 0], QUARTERS)
-    means = []
-    for number in (seed, seed + 1):
-        sample = RaySample(quarters, number)
-        sample.lengthen(FEWEST_RAYS)
-        means.append(sample.halves(B).mean.reshape(QUARTERS, -1))
-    share = quarters.areas.reshape(QUARTERS, -1) / cells.areas
-    one, other = (mean - (share * mean).sum(axis=0) for mean in means)
-    noise = (share * (one - other) ** 2).sum(axis=0) / 2
-    squared = (share * one * other).sum(axis=0) / SEEN_BY_QUARTERS
-    # Of a product of two means of three free deviations each.
-    return _Variation(squared, noise / np.sqrt(QUARTERS - 1) / SEEN_BY_QUARTERS)
+def _bounced(cells: AdaptivePatches, lit: Emission, *, goal: float, seed: int) -> tuple[FloatArray, float]:
+    """(P,) radiosity by a few rays, and the share of the light that a bounce keeps."""
+    rays = FIRST_RAYS * max(1.0, PROBE_ERROR / goal) ** PROBE_POWER
+    sample = RaySample.first(cells, seed)
+    sample.lengthen(2 ** round(np.log2(min(rays, MOST_PROBE_RAYS))))
+    term = cells.reflectance * lit.irradiance
+    B, kept = term.copy(), 0.0
+    for _ in range(MOST_BOUNCES):
+        before, sent = kept, float(cells.areas @ term)
+        if sent <= 0:
+            break
+        term = cells.reflectance * sample.halves(term).mean
+        B, kept = B + term, min(float(cells.areas @ term) / sent, 1 - STEADY)
+        if abs(kept - before) <= STEADY * (1 - kept):
+            break
+    return B + term * kept / (1 - kept), kept
 
 
-def _probe(solved: Simulation, variation: _Variation) -> tuple[SolvedPatches, float]:
-    """The solution as refinement takes it, and the squared variation of all patches times their area."""
-    cells = solved.cells
-    probe = SolvedPatches.of(cells, solved.irradiance[:, 0])
-    measured, deviation = cells.areas * variation.squared, cells.areas * variation.deviation
-    sure = measured > probe.within + SURE * deviation
-    slope = cells.variation(probe.gradient)
-    roughness = np.where(sure, np.maximum(measured - slope, 0.0) / cells.polar_moments, probe.roughness)
-    within = np.where(sure, measured, probe.within)
-    probe = replace(probe, roughness=roughness, within=within)
-    weight = cells.reflectance**2
-    total = float((weight * measured).sum()) + TOTAL_SURE * float(np.sqrt(((weight * deviation) ** 2).sum()))
-    return probe, total
+class _Pieces:
+    """Patches on their way to pieces within which light is linear enough."""
+
+    def __init__(
+        self, start: AdaptivePatches, light: Lighting, lit: Emission, *, B: FloatArray, goal: float, stream: int
+    ) -> None:
+        self.start, self.light, self.lit, self.goal, self.stream = start, light, lit, goal, stream
+        self.area = float(start.areas.sum())
+        self.senders = Senders.even(start, B)
+        self.cells, self.own = start, np.arange(start.n_patches)
+        self.rays, self.bias = FEWEST_RAYS, 0.0
+        self.edges = squared_light_edges(start, lit.variance, start)
+        self.doubt = 0.0
+        self.squared, self.noise = np.zeros((2, start.n_patches))
+
+    def error_of_numbers(self) -> float:
+        """Return the error that one number a patch leaves, from a choice of patches that is even over the surface."""
+        count = min(self.start.n_patches, MOST_MEASURED)
+        chosen, weight = np.arange(count), np.ones(count)
+        if count < self.start.n_patches:
+            shares = np.cumsum(self.start.areas) / self.area
+            chosen = np.searchsorted(shares, (np.arange(count) + 0.5) / count)
+            weight = self.area / count / self.start.areas[chosen]
+        cells = self.start.chosen(chosen)
+        seen = self._seen(cells, chosen)
+        scale = weight * cells.areas * cells.reflectance**2
+        measured = scale * seen.beside_constant
+        spread = float(np.sqrt(count) * measured.std()) if count < self.start.n_patches else 0.0
+        self.doubt = TOTAL_SURE * float(np.sqrt(((scale * seen.noise) ** 2).sum()))
+        total = float(measured.sum()) + float(np.hypot(self.doubt, TOTAL_SURE * spread)) + float(self.edges.sum())
+        return self._error(total)
+
+    def measure_all(self) -> None:
+        """Measure all patches beside linear light, by as many rays as it takes to tell if the goal is met."""
+        B, rho = self.senders.B, self.start.reflectance
+        received = np.divide(B, rho, out=np.zeros_like(B), where=rho > 0)
+        received -= self.lit.irradiance
+        slopes = rho[:, None] * gradients(self.start, received)[0]
+        self.senders = Senders(surface=self.start, B=B, slopes=slopes)
+        more = (self.doubt / (NOISE_SHARE * self.goal**2 * self.area)) ** (1 / NOISE_POWER)
+        self.rays = int(np.clip(2 ** np.ceil(np.log2(FEWEST_RAYS * more)), FEWEST_RAYS, MOST_RAYS))
+        seen = self._seen(self.cells, self.own)
+        self.squared, self.noise = self._scaled(self.cells, seen)
+        self.doubt = TOTAL_SURE * float(np.sqrt((self.noise**2).sum()))
+        shift = float(self.start.areas @ (rho**2 * seen.shift))
+        self.bias = BIAS * float(np.sqrt(max(shift, 0.0) / self.area))
+
+    @property
+    def error(self) -> float:
+        """Expected of light that is linear within the pieces, with safety; 1 = white."""
+        total = float(self.squared.sum()) + self.doubt + float(self.edges.sum())
+        return float(np.hypot(self._error(total), self.bias))
+
+    def cut(self) -> None:
+        """Quarter as many of the worst pieces as seem to be needed, and measure the quarters."""
+        squared = np.maximum(self.squared - self.noise, 0.0) + self.edges
+        order = np.argsort(squared)[::-1]
+        worst = squared[order]
+        allowed = max(self.goal**2 - self.bias**2, 0.0) * (AIM / SAFETY) ** 2 * self.area
+        excess = float((self.squared + self.edges).sum()) + self.doubt - allowed
+        enough = int(np.searchsorted(CUT_GAIN * np.cumsum(worst), excess)) + 1
+        chosen = order[: min(enough, int((worst > worst[0] / MUCH_LESS).sum()) + 1)]
+        kept = np.ones(self.cells.n_patches, dtype=bool)
+        kept[chosen] = False
+        pieces, own = self.cells.chosen(chosen).quarters(), np.tile(self.own[chosen], QUARTERS)
+        self.rays = min(self.rays, PIECE_RAYS)
+        squared, noise = self._scaled(pieces, self._seen(pieces, own))
+        edges = squared_light_edges(pieces, emission(pieces, self.light).variance, self.start)
+        self.cells, self.own = joined(self.cells.chosen(kept), pieces), np.concatenate([self.own[kept], own])
+        self.squared = np.concatenate([self.squared[kept], squared])
+        self.noise = np.concatenate([self.noise[kept], noise])
+        self.edges = np.concatenate([self.edges[kept], edges])
+        self.doubt = TOTAL_SURE * float(np.sqrt((self.noise**2).sum()))
+
+    @property
+    def settled(self) -> AdaptivePatches:
+        """The pieces, from here on patches of their own."""
+        return self.cells if self.cells is self.start else replace(self.cells, whole=np.arange(self.cells.n_patches))
+
+    def _error(self, squared: float) -> float:
+        return SAFETY * float(np.sqrt(max(squared, 0.0) / self.area))
+
+    def _seen(self, cells: AdaptivePatches, own: IntArray) -> Variation:
+        return variation_within(cells, own, self.senders, rays=self.rays, stream=self.stream)
+
+    def _scaled(self, cells: AdaptivePatches, seen: Variation) -> tuple[FloatArray, FloatArray]:
+        """Squared error times area beside linear light, and its standard deviation [m²]."""
+        scale = cells.areas * cells.reflectance**2
+        return scale * seen.beside_linear, scale * seen.noise

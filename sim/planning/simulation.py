@@ -16,11 +16,15 @@ from sim.form_factors.factors import ClosureWarning, Method, Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.light.lighting import Lighting, emission
 from sim.light.radiosity import FormFactorOperator, Radiosity
-from sim.light.sampled_light import sampled_light
+from sim.light.sampled_light import SampledLight, sampled_light
+from sim.planning.linear_light import linear_light
 
 OTHER_SEED = 1_000_003
 """Added to a model's seed for the rays that check it."""
 
+SLOPES_NOISE = 1.6
+"""Error that rays leave of linear light, over that of the means alone: 1.4 to 1.8 in corners with a ball and with other
+things, 128 to 2,048 rays."""
 HIGHEST_ROW_SUM = 1.1
 """Fair visibility leaves up to 0.09 in a furnished room; more is no shadow's defect, and grows by rho / (1 - rho)."""
 
@@ -39,6 +43,8 @@ class Model:
     """Tolerance of the compressed form factors (``sim.form_factors.compressed``); None: the whole matrix."""
     sampling: float | None = None
     """RMS over the surface of the radiosity that rays may leave; 1 = white. None: no rays."""
+    linear: bool = False
+    """With rays: light is linear within each patch, not one number."""
     seed: int = 0
     """Of the rays."""
     reflectances: tuple[float, ...] | None = None
@@ -63,6 +69,8 @@ class Simulation:
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
     """(P, C) from other patches, H = F B; 1 = white."""
+    slopes: FloatArray | None
+    """(P, 3, C) gradients of the irradiance in each patch's plane [1/m]; None: one number a patch."""
     factors: FormFactorOperator
     spectral_radius: float
     """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
@@ -75,6 +83,26 @@ class Simulation:
     factors_s: float
     light_s: float
     solve_s: float
+
+    def irradiance_at(self, pieces: AdaptivePatches) -> FloatArray:
+        """Return the irradiance at the centres of pieces of the patches.
+
+        Parameters
+        ----------
+        pieces : AdaptivePatches
+            As many of each patch, first pieces of all before second ones: ``cells.quarters()``.
+
+        Returns
+        -------
+        (pieces, C) array
+            1 = white.
+        """
+        each = pieces.n_patches // self.cells.n_patches
+        values = np.tile(self.irradiance, (each, 1))
+        if self.slopes is None:
+            return values
+        offset = pieces.centres - np.tile(self.cells.centres, (each, 1))
+        return np.asarray(values + np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1))))
 
     @property
     def energy_balance(self) -> float:
@@ -114,13 +142,14 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulatio
         rho = np.tile(model.reflectances, (cells.n_patches, 1))
     E = rho * irradiance[:, None]
     clock_s.append(time.perf_counter())
-    factors, sampling_error = _factors(cells, model, E, rho)
+    factors, sampled = _factors(cells, model, E, rho)
     clock_s.append(time.perf_counter())
     systems = [Radiosity(factors, column, tolerance=model.residual) for column in rho.T]
     solutions = [system.solution(light) for system, light in zip(systems, E.T, strict=True)]
     B = np.stack([solution.B for solution in solutions], axis=1)
     spectral_radius = max(system.spectral_radius(tolerance=1e-3) for system in systems)
     H = factors.apply(B)
+    slopes, sampling_error = _linear(cells, sampled, rho, B=B, H=H) if sampled and model.linear else (None, 0.0)
     clock_s.append(time.perf_counter())
     light_s, factors_s, solve_s = np.diff(clock_s)
     return Simulation(
@@ -129,45 +158,59 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulatio
         E=E,
         B=B,
         irradiance=H,
+        slopes=slopes,
         factors=factors,
         spectral_radius=spectral_radius,
         products=sum(solution.products for solution in solutions),
         residual=max(solution.residual for solution in solutions),
-        sampling_error=sampling_error,
+        sampling_error=float(np.hypot(sampled.error if sampled else 0.0, sampling_error)),
         factors_s=float(factors_s),
         light_s=float(light_s),
         solve_s=float(solve_s),
     )
 
 
-def _factors(cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray) -> tuple[FormFactorOperator, float]:
-    """The form factors, which create no light, and the RMS of the radiosity that rays leave."""
-    factors, sampling = _unchecked_factors(cells, model, E, rho)
+def _linear(
+    cells: AdaptivePatches, sampled: SampledLight, rho: FloatArray, *, B: FloatArray, H: FloatArray
+) -> tuple[FloatArray, float]:
+    """(P, 3, C) slopes of the irradiance, and the RMS over the surface that their noise leaves of the radiosity."""
+    fields = [linear_light(sampled.sample, cells, *columns) for columns in zip(B.T, H.T, strict=True)]
+    squared = [
+        float(cells.areas @ (column**2 * field.squared_error)) for column, field in zip(rho.T, fields, strict=True)
+    ]
+    return np.stack([field.slopes for field in fields], axis=2), np.sqrt(max(0.0, *squared) / cells.areas.sum())
+
+
+def _factors(
+    cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray
+) -> tuple[FormFactorOperator, SampledLight | None]:
+    """The form factors, which create no light, and the sample if they come from rays."""
+    sampled = _sampled(cells, model, E, rho) if model.sampling is not None else None
+    factors = sampled.factors if sampled else _exact(cells, model)
     highest = float(factors.row_sums.max())
     if highest > HIGHEST_ROW_SUM:
         raise SimulationError(
             f"the form factors of a patch add up to {highest:.4f}, the limit is {HIGHEST_ROW_SUM:g}: they would create "
             "light; look for patches that cover each other, or are very small beside others"
         )
-    return factors, sampling
+    return factors, sampled
 
 
-def _unchecked_factors(
-    cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray
-) -> tuple[FormFactorOperator, float]:
-    if model.sampling is not None:
-        # The brightest colour's light tells where rays are needed: it bounces most.
-        brightest = int(rho.max(axis=0).argmax())
-        columns = E[:, brightest], rho[:, brightest]
-        sampled = sampled_light(cells, *columns, error=model.sampling, seed=model.seed)
-        return sampled.factors, sampled.error
+def _sampled(cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray) -> SampledLight:
+    # The brightest colour's light tells where rays are needed: it bounces most.
+    brightest = int(rho.max(axis=0).argmax())
+    error = float(model.sampling or 0.0) / (SLOPES_NOISE if model.linear else 1.0)
+    return sampled_light(cells, E[:, brightest], rho[:, brightest], error=error, seed=model.seed)
+
+
+def _exact(cells: AdaptivePatches, model: Model) -> FormFactorOperator:
     if model.compression is not None:
-        return compressed_form_factors(cells, model.compression), 0.0
+        return compressed_form_factors(cells, model.compression)
     with warnings.catch_warnings():
         if model.visibility != "none":
             # The defect that is left of shadows is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
-        return form_factors(cells, method=model.method, visibility=model.visibility), 0.0
+        return form_factors(cells, method=model.method, visibility=model.visibility)
 
 
 @dataclass(frozen=True)
@@ -193,7 +236,8 @@ def refined_check(simulation: Simulation, light: Lighting, model: Model, most_pa
 
     The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
     squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility;
-    where the model goes by rays, it has other rays, which leave a quarter of the error.
+    where the model goes by rays, it has other rays, which leave a quarter of the error. Where light is linear within
+    patches, both solutions are compared on quarters of the refined one's patches, where they may bend.
 
     Parameters
     ----------
@@ -213,6 +257,8 @@ def refined_check(simulation: Simulation, light: Lighting, model: Model, most_pa
         fine = fine.quarters()
     refined = simulate(fine, light, _refined(model))
     pieces = 4**times
-    difference = refined.reflectance * (refined.irradiance - np.tile(simulation.irradiance, (pieces, 1)))
-    squared = pieces / (pieces - 1) * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()
+    places = fine.quarters() if model.linear else fine
+    difference = refined.irradiance_at(places) - simulation.irradiance_at(places)
+    difference *= np.tile(refined.reflectance, (places.n_patches // fine.n_patches, 1))
+    squared = pieces / (pieces - 1) * (places.areas[:, None] * difference**2).sum(axis=0) / places.areas.sum()
     return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)

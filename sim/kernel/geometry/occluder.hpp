@@ -24,6 +24,14 @@ inline double height(const FlatPolygon &over, Vec x) { return dot(over.normal, x
 // How far inside the edge k a place is.
 inline double inside(const Occluder &by, int k, Vec x) { return dot(by.edge[k], x) - by.edge_offset[k]; }
 
+// Of the area between four corners, a triangle's last repeated.
+inline Vec centroid(const double *corners) {
+    const Vec a = load(corners), b = load(corners + 3), c = load(corners + 6), d = load(corners + 9);
+    const double first = norm(cross(b - a, c - a)), second = norm(cross(c - a, d - a));
+    const double all = 3 * (first + second);
+    return all > 0 ? (first / all) * (a + b + c) + (second / all) * (a + c + d) : a;
+}
+
 // Four corners, a triangle's last repeated; corners that fall together are counted once.
 inline FlatPolygon flat_polygon(const double *corners) {
     FlatPolygon out;

@@ -25,6 +25,37 @@ class RayTree {
         interruption.finish();
     }
 
+    // First moments of the light that rays bring: means (rows, 3) of what `met` sends times where its ray began, from the
+    // patch's centroid. Arguments as for sample(), which found what they met.
+    void moments(In<std::int64_t, 1> rows, std::uint32_t stream, std::uint32_t first, In<std::int32_t, 2> met,
+                 In<double, 1> values, Out<double, 2> means) const {
+        const auto n = static_cast<std::int64_t>(rows.shape(0)), count = static_cast<std::int64_t>(met.shape(1));
+        const SobolPoints points(first, static_cast<std::uint32_t>(count));
+        Interruption interruption;
+#pragma omp parallel for schedule(dynamic, 16)
+        for (std::int64_t k = 0; k < n; ++k)
+            if (!interruption.stopped())
+                moment_row(rows.data()[k], stream, points, met.data() + k * count, values.data(),
+                           means.data() + 3 * k);
+        interruption.finish();
+    }
+
+    // Light that rays of some pieces of polygons bring: means (rows, 2) of what is met as one number each, and as a
+    // field that is linear within. `own`: the polygon that a piece belongs to. Pieces of one polygon send the same
+    // directions, so that their light differs by what they see and hardly by noise.
+    void gather(In<double, 3> pieces, In<std::int64_t, 1> own, std::uint32_t stream, std::int64_t count,
+                In<double, 2> light, Out<double, 2> means) const {
+        const auto n = static_cast<std::int64_t>(own.shape(0));
+        const SobolPoints points(0, static_cast<std::uint32_t>(count));
+        Interruption interruption;
+#pragma omp parallel for schedule(dynamic, 16)
+        for (std::int64_t k = 0; k < n; ++k)
+            if (!interruption.stopped())
+                gather_row(pieces.data() + 12 * k, own.data()[k], stream, points, count, light.data(),
+                           means.data() + 2 * k);
+        interruption.finish();
+    }
+
     // The first polygon that any ray meets.
     void trace(In<float, 2> origins, In<float, 2> directions, Out<std::int32_t, 1> met, Out<float, 1> at) const {
         const auto n = static_cast<std::int64_t>(met.shape(0));
@@ -50,20 +81,62 @@ class RayTree {
     }
 
   private:
+    // light: of each polygon its mean, and the linear field's value at the origin and gradient.
+    void gather_row(const double *piece, std::int64_t own, std::uint32_t stream, const SobolPoints &points,
+                    std::int64_t count, const double *light, double *means) const {
+        double constant = 0, linear = 0;
+        trace_row(piece, own, stream, points, count, [&](const RayBlock &rays, std::int64_t) {
+            for (int k = 0; k < rays.n; ++k) {
+                if (rays.met[k] < 0) continue;
+                const double *field = light + 5 * rays.met[k];
+                const auto place = [&](int axis) {
+                    return rays.origin[axis][k] + static_cast<double>(rays.at[k]) * rays.direction[axis][k] +
+                           component(tree_.middle, axis);
+                };
+                constant += field[0];
+                linear += field[1] + field[2] * place(0) + field[3] * place(1) + field[4] * place(2);
+            }
+        });
+        means[0] = constant / static_cast<double>(count);
+        means[1] = linear / static_cast<double>(count);
+    }
+
+    void moment_row(std::int64_t row, std::uint32_t stream, const SobolPoints &points, const std::int32_t *met,
+                    const double *values, double *means) const {
+        const double *corners = corners_.data() + 12 * row;
+        const PatchRays rays = rays_of(corners, row, stream);
+        Vec sum{0, 0, 0};
+        for (std::size_t k = 0; k < points.size(); ++k)
+            if (met[k] >= 0) sum = sum + values[met[k]] * rays.place(points[k]);
+        const Vec from_centre = (1.0 / static_cast<double>(points.size())) * sum;
+        for (int axis = 0; axis < 3; ++axis) means[axis] = component(from_centre, axis);
+    }
+
+    PatchRays rays_of(const double *corners, std::int64_t own, std::uint32_t stream) const {
+        return {corners, tree_.middle, tree_.slack, hashed(static_cast<std::uint32_t>(own) ^ hashed(stream + 1))};
+    }
+
     void sample_row(std::int64_t row, std::uint32_t stream, const SobolPoints &points, std::int64_t count,
                     std::int32_t *met) const {
-        const auto patch = static_cast<std::uint32_t>(row);
-        const PatchRays patch_rays(corners_.data() + 12 * row, tree_.middle, tree_.slack,
-                                   hashed(patch ^ hashed(stream + 1)));
+        trace_row(corners_.data() + 12 * row, row, stream, points, count, [&](const RayBlock &rays, std::int64_t start) {
+            std::copy(rays.met, rays.met + rays.n, met + start);
+        });
+    }
+
+    // Calls done(rays, number of the first) for each block of the rays that leave corners of the polygon `own`.
+    template <class Done>
+    void trace_row(const double *corners, std::int64_t own, std::uint32_t stream, const SobolPoints &points,
+                   std::int64_t count, const Done &done) const {
+        const PatchRays patch_rays = rays_of(corners, own, stream);
         RayBlock rays;
         for (std::int64_t start = 0; start < count; start += RAYS) {
             rays.n = static_cast<int>(std::min<std::int64_t>(RAYS, count - start));
             for (int k = 0; k < rays.n; ++k) {
                 patch_rays.put(points[start + k], rays, k);
-                rays.from[k] = static_cast<std::int32_t>(row);
+                rays.from[k] = static_cast<std::int32_t>(own);
             }
             find_nearest(tree_, rays);
-            std::copy(rays.met, rays.met + rays.n, met + start);
+            done(rays, start);
         }
     }
 
@@ -82,6 +155,10 @@ void bind_sampling(nb::module_ &m) {
     nb::class_<RayTree>(m, "RayTree")
         .def("__init__", &create, nb::arg("corners"), unlocked)
         .def("sample", &RayTree::sample, nb::arg("rows"), nb::arg("stream"), nb::arg("first"), nb::arg("met"), unlocked)
+        .def("moments", &RayTree::moments, nb::arg("rows"), nb::arg("stream"), nb::arg("first"), nb::arg("met"),
+             nb::arg("values"), nb::arg("means"), unlocked)
+        .def("gather", &RayTree::gather, nb::arg("pieces"), nb::arg("own"), nb::arg("stream"), nb::arg("count"),
+             nb::arg("light"), nb::arg("means"), unlocked)
         .def("trace", &RayTree::trace, nb::arg("origins"), nb::arg("directions"), nb::arg("met"), nb::arg("at"),
              unlocked);
 }

@@ -11,6 +11,7 @@ class PatchRays {
     PatchRays(const double *corners, const Vec &middle, double slack, std::uint32_t seed) {
         const FlatPolygon patch = flat_polygon(corners);
         for (int k = 0; k < 4; ++k) corner_[k] = load(corners + 3 * k) - middle;
+        centre_ = centroid(corners) - middle;
         normal_ = patch.normal;
         const double first = norm(cross(corner_[1] - corner_[0], corner_[2] - corner_[0]));
         const double second = norm(cross(corner_[2] - corner_[0], corner_[3] - corner_[0]));
@@ -36,6 +37,11 @@ class PatchRays {
         }
     }
 
+    // Where the ray of a point begins, from the patch's centroid.
+    Vec place(const SobolPoints::Point &point) const {
+        return place(scrambled(point[2], seeds_[2]), scrambled(point[3], seeds_[3])) - centre_;
+    }
+
     // Evenly over the patch: its two triangles by their share of the area.
     Vec place(double u, double v) const {
         const bool first = u < share_;
@@ -49,7 +55,7 @@ class PatchRays {
     bool flat() const { return norm(normal_) > 0; }
 
   private:
-    Vec corner_[4], normal_, along_, across_;
+    Vec corner_[4], centre_, normal_, along_, across_;
     double share_, rise_;
     std::uint32_t seeds_[DIMENSIONS];
 };

@@ -53,6 +53,7 @@ class SobolPoints {
     }
 
     const Point &operator[](std::size_t k) const { return points_[k]; }
+    std::size_t size() const { return points_.size(); }
 
   private:
     using Directions = std::array<std::array<std::uint32_t, 32>, DIMENSIONS>;

@@ -94,9 +94,16 @@ def test_a_mesh_of_many_facets_is_planned_on_its_own_facets():
 
 
 def test_facets_that_others_pierce_are_cut_until_the_plan_is_honest():
-    made = plan(random_corner(1, 600), 3.0, "uniform")
-    assert made.patches > random_corner(1, 600).n_patches
-    assert 0.3 <= checked(made, most_patches=1) <= 3.0
+    made = plan(random_corner(1, 300), 1.5, "uniform")
+    assert made.patches > random_corner(1, 300).n_patches
+    assert 0.15 <= checked(made, most_patches=1) <= 1.5
+
+
+def test_light_that_changes_within_facets_gets_slopes_before_facets_are_cut():
+    loose, tight = (plan(corner_with_ball(600), tolerance, "uniform") for tolerance in (6.0, 1.0))
+    assert (loose.model.linear, tight.model.linear) == (False, True)
+    assert tight.patches < 1.2 * loose.patches
+    assert checked(tight, most_patches=1) <= 1.0
 
 
 def test_the_closed_form_is_planned_for_rectangles_and_polygons_for_the_rest():
