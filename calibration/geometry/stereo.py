@@ -160,7 +160,13 @@ def calibrate_stereo(
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
     weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
     how = partial(
-        _calibrated, x1, x2, weight=weight, right_angles=right_angles, one_wall=one_wall, report=on_step or _silent
+        _calibrated,
+        x1,
+        x2,
+        weight=weight,
+        right_angles=right_angles,
+        one_wall=one_wall,
+        report=on_step or (lambda *_: None),
     )
     if nominal.sheets is None:
         return how(nominal)
@@ -255,10 +261,6 @@ def _weight(sigma_px: FloatArray) -> FloatArray:
     """
     usual = float(np.nanmedian(sigma_px.min(axis=1)))
     return np.asarray(usual / np.fmax(sigma_px, usual))
-
-
-def _silent(_done: int, _total: int) -> None:
-    """Nobody watches."""
 
 
 def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
