@@ -121,3 +121,13 @@ def standard_deviations(
         moved[k] += _STEP
         slope[:, k] = (figures(moved) - value) / _STEP
     return np.asarray(np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", slope, covariance, slope), 0)))
+
+
+def weight_of(sigma_px: FloatArray) -> FloatArray:
+    """(N, 2) by which residuals count, so that uncertain ones come to the scatter of those of the better half.
+
+    Where a stripe's edge falls on the same place of many neighbouring camera pixels, their codes are rounded alike, and
+    no window averages that out: a tenth of a picture may be off by five times the noise of the rest, in waves.
+    """
+    usual = float(np.nanmedian(sigma_px.min(axis=1)))
+    return np.asarray(usual / np.fmax(sigma_px, usual))

@@ -25,7 +25,7 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.one_wall import fit_where_flat
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
 from calibration.geometry.known.lenses import KnownLenses
-from calibration.geometry.noise import standard_deviations
+from calibration.geometry.noise import standard_deviations, weight_of
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import candidates
@@ -158,7 +158,7 @@ def calibrate_stereo(
     _check_count(len(camera_xy_px))
     order = np.random.default_rng(0).permutation(len(camera_xy_px))[:_MANY]
     x1, x2 = camera_xy_px[order], projector_xy_px[order]
-    weight = np.ones_like(x2) if sigma_px is None else _weight(sigma_px[order])
+    weight = np.ones_like(x2) if sigma_px is None else weight_of(sigma_px[order])
     how = partial(
         _calibrated,
         x1,
@@ -251,16 +251,6 @@ def _unexplained(bundle: BundleSolution) -> float:
     """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
     own = bundle.fit.cost / len(bundle.used)
     return bundle.share * own + (1 - bundle.share)
-
-
-def _weight(sigma_px: FloatArray) -> FloatArray:
-    """(N, 2) by which residuals count, so that uncertain ones come to the scatter of those of the better half.
-
-    Where a stripe's edge falls on the same place of many neighbouring camera pixels, their codes are rounded alike, and
-    no window averages that out: a tenth of a picture may be off by five times the noise of the rest, in waves.
-    """
-    usual = float(np.nanmedian(sigma_px.min(axis=1)))
-    return np.asarray(usual / np.fmax(sigma_px, usual))
 
 
 def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
