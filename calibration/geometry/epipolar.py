@@ -39,7 +39,7 @@ _SAME_POSE = 0.01
 """Of a rotation's entries and of the baseline: starts nearer to each other end in one fit."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class NominalIntrinsics:
     """What the data sheets say of both lenses, or boards that measured them."""
 
@@ -79,7 +79,12 @@ class NominalIntrinsics:
             float(shape[1] / 2 / np.tan(np.radians(hfov) / 2))
             for shape, hfov in ((camera_shape, camera_hfov_deg), (projector_shape, projector_hfov_deg))
         ]
-        return cls(focal[0], focal[1], camera_shape, projector_shape)
+        return cls(
+            camera_focal_px=focal[0],
+            projector_focal_px=focal[1],
+            camera_shape=camera_shape,
+            projector_shape=projector_shape,
+        )
 
     def with_lenses(self, known: KnownLenses) -> NominalIntrinsics:
         """Return the same devices with lenses that boards measured.

@@ -111,7 +111,9 @@ def _corners_near(shown: NDArray[np.uint8], expected: FloatArray, square_px: flo
         return result
     start = np.ascontiguousarray(expected[inside].astype(np.float32).reshape(-1, 1, 2))
     criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-    found = np.asarray(cv2.cornerSubPix(shown, start, (half, half), (-1, -1), criteria), np.float64).reshape(-1, 2)
+    found = np.asarray(
+        cv2.cornerSubPix(shown, start, winSize=(half, half), zeroZone=(-1, -1), criteria=criteria), np.float64
+    ).reshape(-1, 2)
     near = np.linalg.norm(found - expected[inside], axis=1) < _OFF_SQUARES * square_px
     good = near & np.array([_is_saddle(shown, place, half) for place in found])
     result[np.flatnonzero(inside)[good]] = found[good]
