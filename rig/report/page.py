@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.files.channels import PRIMARIES, codes_of, image_of
+from rig.files.channels import codes_of, image_of
 from rig.profile.apply import guessed_keys
 from rig.records import Verdict
 from rig.report import figures, pictures
@@ -17,19 +17,17 @@ from rig.report.focus import focus_figure, focus_of, focus_text
 from rig.report.links import link_pages
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import Headline, TextTable, headline_of, rendered
+from rig.report.room import geometry_text
 from rig.report.terms import explained
-from rig.report.timing import seconds_by_step
 from rig.session import Session
+from rig.session.timing import seconds_by_step
 from rig.stages.compensation import load_compensation
 from rig.stages.correspondence import load_correspondence_figures, map_name
 from rig.stages.model import FittedScene, load_model
 from rig.stages.photograph import FrameNote, frame_notes
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.results import (
-    ByBand,
     ExpectedFigure,
-    GeometryResult,
-    ModelResult,
     SessionResult,
     ShownTarget,
     StrategyResult,
@@ -51,8 +49,6 @@ _LIGHT_SCALE = "light, 1 = the camera's full scale at the reference exposure"
 _CORRESPONDENCE_TEXT = (
     "Projector pixel that each camera pixel sees, from Gray code with inverses, and why a pixel has none."
 )
-_FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
-_NEAR_WALL = {"x": "x0", "y": "y0", "z": "the floor"}
 
 
 @dataclass(frozen=True)
@@ -150,7 +146,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         light_scale=figures.colour_bar("gray", 0.0, _light_at_white(session, model), _LIGHT_SCALE, gamma=2.2),
         focus_text=focus_text(focus),
         focus_figure=focus_figure(focus),
-        geometry_text=_geometry_text(result.geometry, result.model),
+        geometry_text=geometry_text(result.geometry, result.model),
         room_figure=figures.room_figure(model.scene_model),
         correspondence_text=_CORRESPONDENCE_TEXT,
         correspondence_images=correspondence_images(session),
@@ -202,41 +198,6 @@ def _comparison_text(result: SessionResult) -> str:
         f"that were shown. Over all frames: rms {comparison.rmse:.2f}, bias {comparison.bias:+.2f} grey levels; "
         f"{100 * comparison.within_3_sigma:.1f} % of the pixels within three standard deviations of the noise. "
         "None of these frames was used to fit the model."
-    )
-
-
-def _geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
-    room_size = " × ".join(f"{length:.3f}" for length in geometry.room_size_m)
-    return (
-        f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
-        f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}. "
-        f"{geometry.room_notes}{_placed_words(model)}{_colour_words(model)}"
-    )
-
-
-def _placed_words(model: ModelResult) -> str:
-    """Where walls stand that nobody saw; empty where all were measured."""
-    return "".join(
-        f" {_FAR_WALLS[one.axis]} are where reflectances explain the light best that comes back from them: the "
-        f"projector's lens is {one.projector_m:.2f} ± {one.sigma_m:.2f} m from {_NEAR_WALL[one.axis]}."
-        for one in model.placed
-    )
-
-
-def _numbers(value: ByBand) -> str:
-    """One number, or one for each band."""
-    return f"{value:.3f}" if isinstance(value, float) else ", ".join(f"{each:.3f}" for each in value)
-
-
-def _colour_words(model: ModelResult) -> str:
-    """How the projector's colours mix; empty for a grey rig."""
-    if model.mixing is None or model.white_over_channels is None:
-        return ""
-    rows = "; ".join(f"{band} {_numbers(row)}" for band, row in zip(PRIMARIES[3], model.mixing, strict=True))
-    return (
-        f" Numbers by band are red, green, blue. Share of white in each band that the projector's red, green and blue "
-        f"make: {rows}; over the picture they vary by at most {model.mixing_variation:.4f}. White is "
-        f"{_numbers(model.white_over_channels)} times their sum."
     )
 
 

@@ -16,8 +16,8 @@ from rig.report.links import link_pages
 from rig.report.page import correspondence_images
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import TextTable, rendered
-from rig.report.timing import seconds_by_step
 from rig.session import Session
+from rig.session.timing import seconds_by_step
 from rig.version import __version__
 
 _SHOWN = ("white", "black")

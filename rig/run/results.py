@@ -15,7 +15,7 @@ from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
 from rig.stages.correspondence import load_correspondence, load_correspondence_figures, only
 from rig.stages.geometry import load_geometry
-from rig.stages.model import load_model, load_model_record
+from rig.stages.model import load_model, load_model_record, load_standing
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord
 from rig.stages.results import (
     ByBand,
@@ -28,6 +28,7 @@ from rig.stages.results import (
     SeparationResult,
     SessionResult,
     ShownTarget,
+    StandingResult,
     StrategyResult,
     TruthErrors,
 )
@@ -134,10 +135,24 @@ def _model(session: Session) -> ModelResult:
         vignetting_projector=projector.vignetting,
         level=record.level,
         placed=record.placed,
+        standing=_standing(session),
         mixing=None if colour is None else colour.mixing,
         mixing_variation=None if colour is None else colour.mixing_variation,
         white_over_channels=None if colour is None else colour.white_over_channels,
         balance=None if colour is None else colour.balance,
+    )
+
+
+def _standing(session: Session) -> StandingResult | None:
+    found = load_standing(session)
+    if found is None:
+        return None
+    return StandingResult(
+        parts=len(found.flat),
+        flat_parts=sum(found.flat),
+        triangles=len(found.triangles),
+        share_of_image=found.share_of_image,
+        share_left_out=found.share_left_out,
     )
 
 

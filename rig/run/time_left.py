@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rig.profile.schema import Profile
-from rig.report.timing import seconds_by_step
 from rig.session import Session
+from rig.session.timing import seconds_by_step
 
 _SAVING_S = 0.05
 """To write a frame of a few megapixels to a disk."""

@@ -47,6 +47,20 @@ class SeparationResult(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class StandingResult(Record):
+    """What stands before the walls of a free surface, as far as the camera sees it."""
+
+    parts: int
+    """Pieces of surface over which light is smooth."""
+    flat_parts: int
+    triangles: int
+    share_of_image: float
+    """Of the valid pixels."""
+    share_left_out: float
+    """Of the valid pixels: of pieces that are too small for a surface."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ModelResult(Record):
     """The fitted scene."""
 
@@ -67,6 +81,8 @@ class ModelResult(Record):
     """Camera value of a target's 255."""
     placed: tuple[PlacedByLight, ...] = ()
     """Walls that nobody saw, where the light tells; an entry an axis."""
+    standing: StandingResult | None = None
+    """None of a box."""
     mixing: tuple[tuple[float, ...], ...] | None = None
     """Of a colour rig: share of white in each band that each channel of the projector makes."""
     mixing_variation: float | None = None

@@ -1,7 +1,7 @@
 """Model only what a scene needs: from a tolerance to patches, method, visibility, solver and bounces, and why.
 
-The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each patch's
-being constant, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
+The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each patch's being
+constant, or linear where rays found it, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
 and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what they show is
 corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
 """
@@ -230,10 +230,9 @@ class _Search:
         """Find the patches by rays, and what the rays of the model may leave of the tolerance."""
         self.by_rays = True
         self.most_cells = largest_sampled(self.memory_limit_mb, self.sampling)
-        few = self.whole.n_patches < FIRST_PROBE
         started = time.perf_counter()
         self.sampled = patches_by_rays(
-            uniform_patches(self.whole, FIRST_PROBE) if few else self.whole,
+            uniform_patches(self.whole, FIRST_PROBE) if self.whole.n_patches < FIRST_PROBE else self.whole,
             self.light,
             goal=PATCHES_SHARE * self.tolerance,
             check_size=self._check_size,
@@ -241,8 +240,8 @@ class _Search:
         )
         self.timing = StepTiming(self.cells.n_patches, 0.0, time.perf_counter() - started)
         self.spectral_radius = self.sampled.spectral_radius
-        left = np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0))
-        self.sampling = float(np.clip(left, LEAST_SAMPLING * self.tolerance, MOST_SAMPLING * self.tolerance))
+        left = np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0)) / self.tolerance
+        self.sampling = self.tolerance * float(np.clip(left, LEAST_SAMPLING, MOST_SAMPLING))
 
     def _check_size(self, patches: int) -> None:
         if patches > self.most_cells:
@@ -361,8 +360,7 @@ def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
 
 def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> tuple[str, ...]:
     cells, patches = search.cells, search.cells.n_patches
-    radius = search.spectral_radius
-    sizes_m = np.sqrt(cells.areas)
+    radius, sizes_m = search.spectral_radius, np.sqrt(cells.areas)
     method = {
         "closed_form": "rectangles along three perpendicular directions: closed form factors, exact",
         "polygon": "faces at any angle: exact factor of a point to a polygon, at Gauss points of the other patch",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from rig.session import Session
+from rig.session.store import Session
 
 
 def seconds_by_step(session: Session) -> dict[str, float]:

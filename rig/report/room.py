@@ -1,0 +1,62 @@
+"""What the report says of the room: walls, what stands before them, colours."""
+
+from __future__ import annotations
+
+from rig.files.channels import PRIMARIES
+from rig.stages.results import ByBand, GeometryResult, ModelResult
+
+_FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
+_NEAR_WALL = {"x": "x0", "y": "y0", "z": "the floor"}
+
+
+def geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
+    """Return the paragraph about geometry and model."""
+    room_size = " × ".join(f"{length:.3f}" for length in geometry.room_size_m)
+    return (
+        f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
+        f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}. "
+        f"{geometry.room_notes}{_standing_words(model)}{_placed_words(model)}{_colour_words(model)}"
+    )
+
+
+def _standing_words(model: ModelResult) -> str:
+    """What stands before the walls; empty of a box."""
+    found = model.standing
+    if found is None:
+        return ""
+    if not found.parts:
+        return " Nothing stands before the walls that the camera sees."
+    left_out = (
+        f", {100 * found.share_left_out:.1f} % see pieces too small for a surface" if found.share_left_out else ""
+    )
+    return (
+        f" Before the walls stand {found.parts} pieces of surface, {found.flat_parts} of them flat, in "
+        f"{found.triangles} triangles: {100 * found.share_of_image:.1f} % of the decoded pixels see them{left_out}. "
+        "Their backs, which nobody saw, are taken to lie close behind their fronts."
+    )
+
+
+def _placed_words(model: ModelResult) -> str:
+    """Where walls stand that nobody saw; empty where all were measured."""
+    return "".join(
+        f" {_FAR_WALLS[one.axis]} are where reflectances explain the light best that comes back from them: the "
+        f"projector's lens is {one.projector_m:.2f} ± {one.sigma_m:.2f} m from {_NEAR_WALL[one.axis]}."
+        for one in model.placed
+    )
+
+
+def _numbers(value: ByBand) -> str:
+    """One number, or one for each band."""
+    return f"{value:.3f}" if isinstance(value, float) else ", ".join(f"{each:.3f}" for each in value)
+
+
+def _colour_words(model: ModelResult) -> str:
+    """How the projector's colours mix; empty for a grey rig."""
+    if model.mixing is None or model.white_over_channels is None:
+        return ""
+    rows = "; ".join(f"{band} {_numbers(row)}" for band, row in zip(PRIMARIES[3], model.mixing, strict=True))
+    return (
+        f" Numbers by band are red, green, blue. Share of white in each band that the projector's red, green and blue "
+        f"make: {rows}; over the picture they vary by at most {model.mixing_variation:.4f}. White is "
+        f"{_numbers(model.white_over_channels)} times their sum."
+    )
