@@ -23,7 +23,7 @@ MOST_MIXED = 0.15
 MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.95
 """Flat walls of ninety simulated rooms bend by up to 0.84 of their noise, cylinders and domes by 1.1 to 1.9 of it."""
 MOST_BOW_PX, MOST_BOW_NOISES = 0.05, 0.6
-"""Flat walls of nineteen simulated sessions bow by up to 0.033 px, the facets that stand for a cylinder by 0.06 to 0.12
+"""Flat walls of eighteen simulated sessions bow by up to 0.033 px, the facets that stand for a cylinder by 0.06 to 0.12
 px and 0.7 to 0.9 of their noise. With an 8-bit camera's noise a bend alone tells them by nothing."""
 _SOME = 3000
 """Points that the fit without right angles is of."""

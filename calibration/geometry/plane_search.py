@@ -33,8 +33,9 @@ _ONE_AXIS = 0.5
 _FEWER_PLANES = (3, 2)
 _HELD_PX2 = 2.0
 """Variance by which points count while free planes are looked for: a hundred times the usual, so that data sheets hold
-the lenses ten times as tightly. With lenses as free as at the end, a square corner that is seen well settles at 151
-degrees in one noise out of twenty, and no right angle is found in it any more; from 0.2 to 20 all came within 10."""
+the lenses ten times as tightly. With lenses as free as at the end, a square corner that is seen well settled at 151
+degrees in one of twenty small rigs, and no right angle was found in it any more; from 0.2 to 20, two of three starts
+came within 10."""
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 

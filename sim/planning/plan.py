@@ -1,9 +1,9 @@
 """Model only what a scene needs: from a tolerance to patches, method, visibility, solver and bounces, and why.
 
 The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each patch's being
-constant, or linear where rays found it, in percent of white (irradiance 1 on a white surface). Direct light is known at every point
-and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what they show is
-corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
+constant, or linear where rays found it, in percent of white (irradiance 1 on a white surface). Direct light is known at
+every point and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what
+they show is corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
 """
 
 from __future__ import annotations
