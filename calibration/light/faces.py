@@ -23,7 +23,7 @@ class PatchCounts(NamedTuple):
     """How many patches there are, and how many pixels one needs before its mean counts."""
 
     n_patches: int
-    least_pixels: int
+    least_pixels: int | NDArray[np.integer]
 
 
 def away_from_edges(face: NDArray[np.integer]) -> BoolArray:

@@ -20,6 +20,8 @@ _LEAST_SIDE_PX = 3.0
 """A side of a triangle in the picture: below, the points about a corner are too few to place it."""
 _CHORD = 1e-3
 """Of the distance, by which a flat triangle may leave a curved surface in its middle; less towards its rim."""
+_LEAST_SLANT = 0.25
+"""Cosine between ray and normal, below which triangles grow long rather than many."""
 _CLEAR = 0.8
 """Of the wanted side: no two points drawn by chance are nearer, so that the mean side comes out about as wanted."""
 _BEND_SPREAD_PX = 4.0
@@ -119,7 +121,11 @@ def _placed(points: PointMap, mask: BoolArray, plane: FloatArray, patch_size_m: 
     distance_m = float(np.nanmedian(points.distance_m[mask]))
     usual_px = max(_LEAST_SIDE_PX, patch_size_m / (distance_m * points.metres_per_px))
     side_px = np.minimum(usual_px, patch_size_m / (points.metres_per_px * np.where(mask, points.distance_m, 1.0)))
-    if not np.isfinite(plane).all():
+    if np.isfinite(plane).all():
+        # Seen at a slant a pixel covers more of the plane one way than the other.
+        slant = np.abs(points.rays @ plane) / np.linalg.norm(plane)
+        side_px = side_px * np.maximum(slant, _LEAST_SLANT)
+    else:
         side_px = np.minimum(side_px, _chord_px(points, mask))
     side_px = np.clip(np.nan_to_num(side_px, nan=usual_px), _LEAST_SIDE_PX, None)
     shortest = float(np.quantile(side_px[mask], 0.25))

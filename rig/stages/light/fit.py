@@ -43,6 +43,8 @@ _MOST_OFF_PX = 4.0
 """Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
 LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
+LEAST_OF_TRIANGLES = 6
+"""The same of a triangle of what stands in the room: with more, small things would be taken for as bright as others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +156,7 @@ def fit_reflectance(
     border = cv2.dilate((light.direct > 0.02 * np.median(light.direct[lit])).astype(np.uint8), np.ones((9, 9)))
     dark = (border == 0).ravel() & (hits.patch >= 0)
     global_light = np.where(lit_flat, light.white.ravel() - gain.ravel(), light.white.ravel()) / brightness
-    counts = walls.PatchCounts(scene.n_patches, least_pixels)
+    counts = walls.PatchCounts(scene.n_patches, _needed_pixels(scene, least_pixels))
     per_lit = walls.patch_means(direct, hits.patch, lit_flat, counts)
     per_global = walls.patch_means(global_light, hits.patch, lit_flat | dark, counts)
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
@@ -168,3 +170,9 @@ def fit_reflectance(
         wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
     )
+
+
+def _needed_pixels(scene: AnyScene, least_pixels: int) -> NDArray[np.intp]:
+    """(P,) camera pixels that a patch needs: small triangles have few, but next to each other their light is smooth."""
+    triangle = (scene.vertices[:, 2] == scene.vertices[:, 3]).all(axis=1)
+    return np.where(triangle, min(LEAST_OF_TRIANGLES, least_pixels), least_pixels)
