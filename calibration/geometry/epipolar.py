@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
-from calibration.geometry.known.lenses import KnownLenses, MeasuredLens, ideal_pixels
+from calibration.geometry.known.lenses import KnownLenses, idealised, real_device
 from calibration.geometry.pinhole import PinholeModel, bearings, image_of, rotation_of, vector_of, world_rays
 from calibration.geometry.robust_fit import Fit, Priors, Residual, robust_fit
 from calibration.geometry.triangulation import triangulate
@@ -105,32 +105,41 @@ class NominalIntrinsics:
         return replace(self, camera_focal_px=camera_px, projector_focal_px=projector_px, known=known, sheets=self)
 
     def idealised(self, x1: FloatArray, x2: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Pixels as lenses would see them that are as expected before anything was measured: x1 and x2, (N, 2) each.
+        """Return pixels as lenses would see them that are as expected before anything was measured.
 
         What follows from them needs no search for what boards have told. Unknown lenses leave them as they are.
+
+        Parameters
+        ----------
+        x1, x2 : (N, 2)
+            Of the camera and the projector. [px]
+
+        Returns
+        -------
+        (N, 2), (N, 2)
+            The same points. [px]
         """
         (h1, w1), (h2, w2) = self.camera_shape, self.projector_shape
         return (
-            _idealised(self.known.camera, x1, ((w1 - 1) / 2, (h1 - 1) / 2)),
-            _idealised(self.known.projector, x2, (0.5 * w2, 0.5 * h2)),
+            idealised(self.known.camera, x1, ((w1 - 1) / 2, (h1 - 1) / 2)),
+            idealised(self.known.projector, x2, (0.5 * w2, 0.5 * h2)),
         )
 
     def real(self, devices: tuple[PinholeModel, PinholeModel]) -> tuple[PinholeModel, PinholeModel]:
-        """Give devices that were found in idealised pixels the lenses that are known."""
-        camera, projector = (_real(lens, one) for lens, one in zip(self.known.both, devices, strict=True))
+        """Give devices that were found in idealised pixels the lenses that are known.
+
+        Parameters
+        ----------
+        devices : (PinholeModel, PinholeModel)
+            Camera and projector.
+
+        Returns
+        -------
+        (PinholeModel, PinholeModel)
+            In the same poses.
+        """
+        camera, projector = (real_device(lens, one) for lens, one in zip(self.known.both, devices, strict=True))
         return camera, projector
-
-
-def _idealised(lens: MeasuredLens | None, xy_px: FloatArray, centre_px: tuple[float, float]) -> FloatArray:
-    return xy_px if lens is None else ideal_pixels(lens, xy_px, centre_px)
-
-
-def _real(lens: MeasuredLens | None, device: PinholeModel) -> PinholeModel:
-    if lens is None:
-        return device
-    f, cx, cy, *terms = lens.brown.values.tolist()
-    k1, k2, p1, p2, k3 = terms
-    return replace(device, focal_px=(f, f * lens.aspect), principal_point_px=(cx, cy), distortion=(k1, k2, p1, p2, k3))
 
 
 # Unknowns: camera f / nominal, k1, k2; projector f / nominal, k1, k2, centre as shares of width and height;

@@ -36,11 +36,16 @@ def page() -> str:
     kinds = errors(trees)
     found = messages(trees, set(kinds))
     rows = [
-        f"| [`{name}`](#{name.lower()}) | {status} | {text} | {len(found[name])} |"
+        f"| {linked(name) if found[name] else f'`{name}`'} | {status} | {text} | {len(found[name])} |"
         for name, (status, text) in kinds.items()
     ]
     chapters = [chapter(name, found[name]) for name in kinds if found[name]]
     return BEGIN + "\n".join(rows) + "\n" + "".join(chapters)
+
+
+def linked(name: str) -> str:
+    """Return a link to an error's chapter."""
+    return f"[`{name}`](#{name.lower()})"
 
 
 def sources() -> list[Path]:

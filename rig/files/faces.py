@@ -35,6 +35,8 @@ def pieces(corners: FloatArray) -> tuple[Sequence[Sequence[int]], str]:
 
 def _fans_well(quad: FloatArray) -> bool:
     """Whether both triangles of a quad look the same way: convex, or bent along its first diagonal."""
+    # In its own size: products of large coordinates are beyond what numbers can be.
+    quad = quad / max(float(np.abs(quad).max()), np.finfo(float).tiny)
     a, b, c, d = quad
     one, other = np.cross(b - a, c - a), np.cross(c - a, d - a)
     return bool(one @ other > 0) and bool(np.cross(c - b, d - b) @ np.cross(d - b, a - b) > 0)

@@ -66,6 +66,7 @@ LEAST_MEMORY_MB = 1.0
 """Less than the smallest model takes."""
 PATCHES_SHARE = 0.8
 """Share of the tolerance that patches may take where the form factors come from rays; in squares."""
+ROUNDING = 1e-9
 LEAST_SAMPLING, MOST_SAMPLING = 0.5, 0.9
 """Shares of the tolerance between which the rays' own error is chosen."""
 SOLVER_SHARE = 1e-4
@@ -240,7 +241,7 @@ class _Search:
         )
         self.timing = StepTiming(self.cells.n_patches, 0.0, time.perf_counter() - started)
         self.spectral_radius = self.sampled.spectral_radius
-        left = np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0)) / self.tolerance
+        left = (1 - ROUNDING) * np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0)) / self.tolerance
         self.sampling = self.tolerance * float(np.clip(left, LEAST_SAMPLING, MOST_SAMPLING))
 
     def _check_size(self, patches: int) -> None:

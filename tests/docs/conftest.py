@@ -38,6 +38,24 @@ unit = "mm"
 """
 
 
+HALL = """v 0 0 0
+v 5 0 0
+v 5 4 0
+v 0 4 0
+v 0 0 3
+v 5 0 3
+v 5 4 3
+v 0 4 3
+f 1 2 3 4
+f 8 7 6 5
+f 1 5 6 2
+f 2 6 7 3
+f 3 7 8 4
+f 4 8 5 1
+"""
+"""A hall of 5 x 4 x 3 m, seen from inside."""
+
+
 def photograph_a_wall(folder: Path) -> None:
     """A wall 0.8 m away, lit with Gray code from 150 mm beside the camera; `replay.toml` names the pictures."""
     row, column = np.mgrid[: CAMERA_SHAPE[0], : CAMERA_SHAPE[1]].astype(np.float32)
@@ -70,6 +88,7 @@ def compared_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def reader(tmp_path: Path, compared_session: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """The folder in which somebody who follows the pages sits, with the sessions and photographs they speak of."""
     photograph_a_wall(tmp_path)
+    (tmp_path / "hall.obj").write_text(HALL, encoding="utf-8")
     for name in ("first", "runs/first", "runs/room"):
         shutil.copytree(compared_session, tmp_path / name)
     height, width = load_profile("ci-tiny").projector.shape

@@ -6,12 +6,13 @@ carried into these by how both move pixels over the picture: to first order the 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from calibration.arrays import FloatArray
+from calibration.geometry.pinhole import PinholeModel
 from calibration.lenses.lens import N, distorted, ideal_coordinates, projection
 
 TERMS = 8
@@ -174,3 +175,17 @@ def _by_terms(by_lens: FloatArray, aspect: float) -> FloatArray:
 def _least_squares(slopes: FloatArray, wanted: FloatArray) -> FloatArray:
     size = np.linalg.norm(slopes, axis=0)
     return np.asarray(np.linalg.lstsq(slopes / size, wanted, rcond=None)[0] / size[:, None])
+
+
+def idealised(lens: MeasuredLens | None, xy_px: FloatArray, centre_px: tuple[float, float]) -> FloatArray:
+    """Return pixels (N, 2) as :func:`ideal_pixels` does; of a lens that nobody measured, as they are."""
+    return xy_px if lens is None else ideal_pixels(lens, xy_px, centre_px)
+
+
+def real_device(lens: MeasuredLens | None, device: PinholeModel) -> PinholeModel:
+    """Return a device with the lens that was measured; with its own where none was."""
+    if lens is None:
+        return device
+    f, cx, cy, *terms = lens.brown.values.tolist()
+    k1, k2, p1, p2, k3 = terms
+    return replace(device, focal_px=(f, f * lens.aspect), principal_point_px=(cx, cy), distortion=(k1, k2, p1, p2, k3))

@@ -50,6 +50,9 @@ def cut_polygon(corners_m: ArrayLike) -> CutPolygon:
     none = np.zeros((0, 3), dtype=np.intp)
     if not np.isfinite(corners).all():
         return CutPolygon(none, "a corner is NaN or infinite")
+    # In its own size, so that no square of a coordinate is beyond what numbers can be.
+    unit_m = float(np.abs(corners).max(initial=0.0)) or 1.0
+    corners = corners / unit_m
     relative = corners - corners.mean(axis=0)
     normal = np.cross(relative, np.roll(relative, -1, axis=0)).sum(axis=0)
     size = float(np.ptp(corners, axis=0).max(initial=0))
@@ -60,7 +63,7 @@ def cut_polygon(corners_m: ArrayLike) -> CutPolygon:
         return CutPolygon(none, "" if on_a_line else "its edges cross each other")
     off = float(np.abs(relative @ normal).max() / length)
     if off > BENT * size:
-        return CutPolygon(none, f"corners lie {off:.3g} m off its plane, limit {BENT * size:.3g} m")
+        return CutPolygon(none, f"corners lie {off * unit_m:.3g} m off its plane, limit {BENT * size * unit_m:.3g} m")
     # Dropping a coordinate keeps the others exactly as they are.
     drop = int(np.abs(normal).argmax())
     flat = corners[:, [(drop + 1) % 3, (drop + 2) % 3]]

@@ -156,7 +156,11 @@ def test_a_name_of_nothing_is_refused_with_what_is_there() -> None:
         listed("basler", finders())
 
 
-def test_people_see_the_ids_the_choice_and_the_errors(capsys: pytest.CaptureFixture[str]) -> None:
+def test_people_see_the_ids_the_choice_and_the_errors(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "160")
+
     def describe(node: Path) -> Abilities:
         return refuse() if node == SECOND.node else MONO
 

@@ -101,7 +101,7 @@ def test_the_page_needs_no_other_file_and_shows_all_five_pictures_of_each_strate
     page = compared[2]
     assert page.count('<img src="data:image/png') == 5 * len(NAMES) * 4
     assert "http://www.w3.org" not in page.split("data:image/svg")[0]
-    for text in ("bounded optimum, closed loop", "bounded optimum, world known", "Speed against error"):
+    for text in ("bounded, closed loop", "bounded, world known", "Speed against error"):
         assert text in page
 
 

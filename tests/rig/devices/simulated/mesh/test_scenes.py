@@ -99,7 +99,7 @@ def test_a_file_brings_its_colours_and_the_profile_the_rest(tmp_path: Path) -> N
     [
         ({"scene": "furnishd", "size_m": SIZE}, "is 'furnishd', should be one of furnished, cylinder, .*mesh file"),
         ({"scene": "nowhere.glb"}, r"nowhere\.glb: no such file"),
-        ({"scene": "room.stl"}, "unknown mesh format '.stl'"),
+        ({"scene": "room.off"}, "unknown mesh format '.off'"),
         (
             {"scene": "furnished", "size_m": SIZE, "material": ({"name": "sofa", "gloss": 0.1},)},
             "the scene furnished has none named 'sofa'; it has floor, .*table, column, box",
@@ -108,7 +108,6 @@ def test_a_file_brings_its_colours_and_the_profile_the_rest(tmp_path: Path) -> N
             {"scene": "furnished", "size_m": SIZE, "material": ({"name": "floor", "gloss": 0.6, "reflectance": 0.5},)},
             "material 'floor' reflects 1.1 in all, more than 0.99",
         ),
-        ({"scene": "furnished", "size_m": SIZE, "cell_size_m": 0.01}, "light samples, 60000 fit; raise .*cell_size_m"),
     ],
 )
 def test_a_scene_that_cannot_be_used_is_refused_with_the_reason(
@@ -117,6 +116,11 @@ def test_a_scene_that_cannot_be_used_is_refused_with_the_reason(
     settings = settings_of(**changes)
     with pytest.raises(ProfileError, match=message):
         prepare_scene(settings, tmp_path)
+
+
+def test_cells_that_fit_in_no_memory_are_refused_when_the_profile_is_read() -> None:
+    with pytest.raises(ValidationError, match=r"cell_size_m 0\.01 m makes 9\.22e\+05 cells .* the limit is 20000"):
+        settings_of(scene="furnished", size_m=SIZE, cell_size_m=0.01)
 
 
 def test_triangles_without_a_colour_are_counted(tmp_path: Path) -> None:
