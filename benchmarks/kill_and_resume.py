@@ -28,7 +28,8 @@ FOLDERS = ("frames", "maps", "images", "calibration")
 VOLATILE = (
     re.compile(rb"Written \d{4}-\d\d-\d\d \d\d:\d\d UTC"),
     re.compile(rb'<img class="chart" src="[^"]*" alt="Bar chart of the seconds'),
-    re.compile(rb"<h2>How to repeat it</h2>.*?</pre>", re.DOTALL),  # the commands that were typed, with the session's own folder
+    # The commands that were typed, with the session's own folder.
+    re.compile(rb"<h2>How to repeat it</h2>.*?</section>", re.DOTALL),
 )
 
 

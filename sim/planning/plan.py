@@ -66,9 +66,8 @@ LEAST_MEMORY_MB = 1.0
 """Less than the smallest model takes."""
 PATCHES_SHARE = 0.8
 """Share of the tolerance that patches may take where the form factors come from rays; in squares."""
-ROUNDING = 1e-9
-LEAST_SAMPLING, MOST_SAMPLING = 0.5, 0.9
-"""Shares of the tolerance between which the rays' own error is chosen."""
+LEAST_SAMPLING, MOST_SAMPLING, ROUNDING = 0.5, 0.9, 1e-9
+"""Shares of the tolerance between which the rays' own error is chosen, and by which it stays below what is left."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
