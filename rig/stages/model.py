@@ -46,7 +46,6 @@ from rig.stages.scene_model import (
     with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
-from rig.stages.surface.scene import factors_of
 from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.terminal import OnStep
 
@@ -167,10 +166,11 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     projector_xy_px = np.stack([blur["column"], blur["row"]], axis=-1)
     seen = SeenInWhite(light=_together(bands), lit=lit, projector_xy_px=projector_xy_px, border=border)
     placed = _placed(session, seen, on_step)
-    standing = standing_of(session, load_geometry(session), shift_of(placed))
+    measured = load_geometry(session)
+    standing = standing_of(session, measured, shift_of(placed))
     if standing is not None:
         step.save_record("standing", standing)
-    bare = bare_room(load_geometry(session), session.profile.room.patch_size_m, shift_of(placed), standing)
+    bare = bare_room(measured, session.profile.room.patch_size_m, shift_of(placed), standing)
     gains = [direct_gain(light, lit, bare.camera_hits) / border for light in bands]
     on_step("build model", 1, 4)
     on_model = on_the_model(bare, projector_xy_px)
@@ -278,7 +278,7 @@ def _scene_models(
     blur = session.finished("separation").load_image("blur")
     xy_px = np.stack([blur["column"], blur["row"]], axis=-1).astype(np.float64)
     variance = np.stack([blur["variance_x"], blur["variance_y"]], axis=-1).astype(np.float64)
-    factors = factors_of(scene)
+    factors, faces = geometry.form_factors, load_geometry(session).surface.faces
     projector = PosedProjector(
         device=geometry.projector,
         hits=cast_pixels(scene, geometry.projector),
@@ -293,7 +293,7 @@ def _scene_models(
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
             projectors={pair.projector: replace(projector, flux=flux)},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
-            walls=load_geometry(session).surface.faces,
+            walls=faces,
         )
         for (band, flux), gain in zip(surfaces, gains, strict=True)
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -28,6 +29,7 @@ from rig.stages.scene_model import (
 )
 from rig.stages.surface.scene import AnyScene, factors_of, scene_of
 from rig.stages.surface.standing import StandingRecord
+from sim.form_factors import FormFactors
 from sim.geometry.optics import Pose, project
 
 FloatArray = NDArray[np.float64]
@@ -64,6 +66,11 @@ class BareRoom:
     camera: PosedLens
     projector: PosedLens
     camera_hits: PixelHits
+
+    @cached_property
+    def form_factors(self) -> FormFactors:
+        """Of the scene: the same in all bands of light."""
+        return factors_of(self.scene)
 
     def with_vignetting(self, vignetting: Vignetting) -> BareRoom:
         """Return the room with both lenses' vignetting."""
@@ -166,7 +173,7 @@ def fit_reflectance(
         per_lit,
         per_global,
         irradiance,
-        factors_of(scene).matrix,
+        geometry.form_factors.matrix,
         wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
     )

@@ -29,7 +29,6 @@ from rig.stages.light.fit import (
 )
 from rig.stages.scene_model import PosedLens, face_of_pixels, unit_emission
 from rig.terminal import OnStep
-from sim.form_factors import form_factors
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -241,7 +240,7 @@ class _CoarseRoom:
     def _shares_of_halves(self, shift_m: Shift) -> tuple[FloatArray, FloatArray]:
         """(P, 2) left and top half's global light over white's, and the same of direct light; NaN where unlit."""
         room = self.at(shift_m)
-        fit, factors = self.fitted(room), form_factors(room.scene).matrix
+        fit, factors = self.fitted(room), room.form_factors.matrix
         height, width = room.projector.lens.shape
         halves = np.ones((3, height, width))
         halves[1, :, width // 2 :] = halves[2, height // 2 :] = 0
