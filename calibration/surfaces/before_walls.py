@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
-from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.pinhole import project
 from calibration.geometry.room import FACES, RoomBox
 from calibration.structured_light.correspondence import Correspondence
 from calibration.surfaces.point_map import camera_rays
@@ -32,32 +32,28 @@ class BeforeWalls:
     """(H, W) valid pixels that see something else than this wall."""
 
 
-def before_walls(
-    correspondence: Correspondence, camera: PinholeModel, projector: PinholeModel, box: RoomBox
-) -> BeforeWalls:
+def before_walls(correspondence: Correspondence, box: RoomBox) -> BeforeWalls:
     """Find the pixels whose code says that their light does not land on the wall behind them.
 
     Parameters
     ----------
     correspondence : Correspondence
         Of both devices.
-    camera, projector : PinholeModel
-        Lenses and poses in the room's frame.
     box : RoomBox
-        The room.
+        The room, and the devices in it.
 
     Returns
     -------
     BeforeWalls
     """
-    rays = camera_rays(camera)
+    camera, rays = box.camera, camera_rays(box.camera)
     face, distance_m = _first_wall(camera.position_m, rays, box)
     rows, columns = np.nonzero(correspondence.valid)
     on_wall = camera.position_m + distance_m[rows, columns][:, None] * rays[rows, columns]
     there = np.isfinite(on_wall).all(axis=1)
     off_px = np.full(len(rows), np.inf)
     seen = correspondence.projector_xy_px[rows, columns].astype(np.float64)
-    off_px[there] = np.abs(project(projector, on_wall[there]) - seen[there]).max(axis=1)
+    off_px[there] = np.abs(project(box.projector, on_wall[there]) - seen[there]).max(axis=1)
     limit = np.full(len(rows), _OFF_PX)
     if correspondence.sigma_px is not None:
         limit = np.maximum(limit, _OFF_SIGMAS * correspondence.sigma_px[rows, columns].max(axis=1))

@@ -34,11 +34,6 @@ class PointMap:
         return np.isfinite(self.distance_m)
 
     @property
-    def points_m(self) -> FloatArray:
-        """Points in the world, (H, W, 3) [m]; NaN where there is none."""
-        return np.asarray(self.origin_m + self.distance_m[..., None] * self.rays)
-
-    @property
     def metres_per_px(self) -> float:
         """Median length that a camera pixel covers across its ray, at the distance of 1 m."""
         turn = np.linalg.norm(np.diff(self.rays, axis=1), axis=-1)

@@ -74,7 +74,7 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> S
         angle_error_deg=surface.angle_error_deg,
         notes=surface.notes,
     )
-    stands = before_walls(correspondence, camera, projector, box).stands
+    stands = before_walls(correspondence, box).stands
     points = point_map(correspondence, camera, projector, stands)
     pieces = pieces_of(points, stands, LEAST_PIXELS)
     parts = parts_of(points, pieces, LEAST_PIXELS)

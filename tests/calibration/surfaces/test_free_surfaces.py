@@ -60,12 +60,12 @@ def ball_and_wall():
 
 def test_bare_walls_have_nothing_before_them():
     seen = correspondence_of(WALLS, camera=ROOM_CAMERA, projector=ROOM_PROJECTOR)
-    assert not before_walls(seen, ROOM_CAMERA, ROOM_PROJECTOR, BOX).stands.any()
+    assert not before_walls(seen, BOX).stands.any()
 
 
 def test_what_stands_before_a_wall_is_found_to_the_pixel():
     seen = correspondence_of([*WALLS, BLOCK], camera=ROOM_CAMERA, projector=ROOM_PROJECTOR)
-    found = before_walls(seen, ROOM_CAMERA, ROOM_PROJECTOR, BOX)
+    found = before_walls(seen, BOX)
     true = seen.valid & (distances([BLOCK], ROOM_CAMERA) < np.inf)
     assert true.sum() > 2000
     assert (found.stands != true).sum() <= 8, "but for its four corners"
