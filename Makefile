@@ -13,7 +13,7 @@ demo: $(READY)
 	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
 
 test: $(READY) lint docs
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadfile
 
 test-devices: $(READY)
 	$(BIN)/python tests/device_lab/run.py $(SUITES)

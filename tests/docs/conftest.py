@@ -11,6 +11,7 @@ import pytest
 from calibration.structured_light.gray import gray_code_patterns
 from rig.files.pictures import write_png
 from rig.profile.schema import load_profile
+from tests.made_once import made_once
 
 ROOT = Path(__file__).parents[2]
 
@@ -76,12 +77,14 @@ def photograph_a_wall(folder: Path) -> None:
 @pytest.fixture(scope="session")
 def compared_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The session that the tutorial's first script makes; copy it before you change it."""
-    folder = tmp_path_factory.mktemp("tutorial")
+    return made_once(tmp_path_factory, "tutorial", _first_session) / "first"
+
+
+def _first_session(folder: Path) -> None:
     page = (ROOT / "docs" / "tutorials" / "first-session.md").read_text(encoding="utf-8")
     script = page.split("```python\n")[1].split("```")[0]
     with chdir(folder):
         exec(compile(script, "first-session.md", "exec"), {})
-    return folder / "first"
 
 
 @pytest.fixture

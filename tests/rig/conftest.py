@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.made_once import made_once
+
 
 @dataclass(frozen=True)
 class Finished:
@@ -19,8 +21,13 @@ class Finished:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
-    folder = tmp_path_factory.mktemp("undisturbed") / "session"
-    command = [sys.executable, "-m", "rig", "run", str(folder), "-p", "ci-tiny", "--json"]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    made = made_once(tmp_path_factory, "undisturbed", _run)
+    return Finished(made / "session", (made / "out").read_text("utf-8"), (made / "err").read_text("utf-8"))
+
+
+def _run(folder: Path) -> None:
+    command = [sys.executable, "-m", "rig", "run", str(folder / "session"), "-p", "ci-tiny", "--json"]
+    run = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)
     assert run.returncode in (0, 1), run.stderr
-    return Finished(folder, run.stdout, run.stderr)
+    (folder / "out").write_text(run.stdout, encoding="utf-8")
+    (folder / "err").write_text(run.stderr, encoding="utf-8")
