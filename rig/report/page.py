@@ -29,11 +29,11 @@ from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.results import (
     ExpectedFigure,
     SessionResult,
-    ShownTarget,
     StrategyResult,
     TruthErrors,
 )
 from rig.stages.separation import load_separation_record
+from rig.stages.target import ShownTarget
 from rig.terminal import OnStep
 from rig.terminal.line import counted
 from rig.version import __version__

@@ -27,11 +27,11 @@ from rig.stages.results import (
     PartialResult,
     SeparationResult,
     SessionResult,
-    ShownTarget,
     StandingResult,
     StrategyResult,
     TruthErrors,
 )
+from rig.stages.target import shown_target
 
 _LAMP_PERCENT_PER_MINUTE = 1.0
 """Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
@@ -168,12 +168,7 @@ def _colour(session: Session) -> PairRadiometry | None:
 
 def _compensation(session: Session) -> CompensationResult:
     record = load_compensation(session)
-    settings = session.finished("compensate").settings
-    target = ShownTarget(
-        name=str(settings["target"]),
-        light=str(settings.get("light", "linear light")),
-        lost_colours=bool(settings.get("lost_colours")),
-    )
+    target = shown_target(session.finished("compensate").settings)
     clipped_share = record.strategies[record.best].clipped_share
     return CompensationResult(strategy=record.best, clipped_share=clipped_share, target=target)
 

@@ -12,6 +12,7 @@ from rig.records import Record, Verdict
 from rig.stages.comparison import ModelErrors
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
+from rig.stages.target import ShownTarget
 
 ByBand = float | tuple[float, ...]
 """A number of a grey rig; three of a colour rig: red, green, blue."""
@@ -104,22 +105,6 @@ class TruthErrors(Record):
     global_bias_percent: float
     mixing_max_error: float | None = None
     """Of a colour rig."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ShownTarget(Record):
-    """What was to be seen."""
-
-    name: str
-    light: str
-    """How its file was read: sRGB, or linear light."""
-    lost_colours: bool
-    """Its colours became grey, for the rig is grey."""
-
-    @property
-    def sentence(self) -> str:
-        """The same in words."""
-        return f"{self.name}, taken as {self.light}" + ("; it becomes grey: the camera is grey" * self.lost_colours)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from rig.errors import SessionCorrupt, SessionError, UsageError
 from rig.files.channels import image_of
 from rig.files.pictures import astronaut, in_channels, read_picture_of_shape
 from rig.profile.tables import ProjectorProfile
+from rig.records import Record
 from rig.session import Session
 
 Float32Array = NDArray[np.float32]
@@ -22,6 +24,22 @@ Light = Literal["sRGB", "linear light"]
 DEFAULT = "default"
 """In place of a target's file: the test picture, though the session has shown another one."""
 _TEST_PICTURE = "photograph 'astronaut' of scikit-image, mean 123, sd 46"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShownTarget(Record):
+    """What was to be seen."""
+
+    name: str
+    light: Light
+    """How its file was read."""
+    lost_colours: bool
+    """Its colours became grey, for the rig is grey."""
+
+    @property
+    def sentence(self) -> str:
+        """The same in words."""
+        return f"{self.name}, taken as {self.light}" + ("; it becomes grey: the camera is grey" * self.lost_colours)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +58,11 @@ class Target:
     def grey(self) -> Float32Array:
         """(H, W) luminance."""
         return in_channels(self.levels, 1)[..., 0]
+
+    @property
+    def shown(self) -> ShownTarget:
+        """What records and pages say of it."""
+        return ShownTarget(name=self.name, light=self.light, lost_colours=self.lost_colours)
 
     @property
     def sha256(self) -> str:
@@ -92,8 +115,14 @@ def last_target(session: Session) -> Target | None:
             f"{session.path}: its last target, {settings['target']}, is lost or was not written yet; name the picture "
             "again: --target FILE, or --target default for the test picture"
         ) from error
+    shown = shown_target(settings)
+    return Target(shown.name, levels, shown.light, lost_colours=shown.lost_colours)
+
+
+def shown_target(settings: Mapping[str, Any]) -> ShownTarget:
+    """Return what the settings of a step say of its target; older versions took all codes as linear light."""
     light: Light = "sRGB" if settings.get("light") == "sRGB" else "linear light"
-    return Target(str(settings["target"]), levels, light, lost_colours=bool(settings.get("lost_colours")))
+    return ShownTarget(name=str(settings["target"]), light=light, lost_colours=bool(settings.get("lost_colours")))
 
 
 def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:

@@ -107,7 +107,7 @@ def _compare_picture(
             computed[name] = keep_solution(step, room, picture, name=name, solution=solution, seed=dither_seed(name))
         on_step(f"compute strategies: {picture.name}", len(names), len(names))
         rows = photographed_rows(work, step, room=room, picture=picture, computed=computed, shot=shot, on_step=on_step)
-        record = ComparedPicture(name=picture.name, title=picture.target.name, rows=rows)
+        record = ComparedPicture(name=picture.name, title=picture.target.name, rows=rows, target=picture.target.shown)
         step.save_record(step.name, record)
         step.finish()
     return step.load_record(step.name, ComparedPicture)

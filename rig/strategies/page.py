@@ -56,7 +56,7 @@ class PaperPictures:
 def print_strategies(result: ComparisonResult) -> None:
     """Print a table a picture; then closed loops, ratios, warnings, and where the page is."""
     for picture in result.pictures:
-        print_table(f"{picture.name}: {picture.title}", *_table(_all_rows(result, picture)))
+        print_table(f"{picture.name}: {picture.sentence}", *_table(_all_rows(result, picture)))
     for text in recommendation(result) if result.session is not None else ():
         say(text)
     for loop in result.loops:
@@ -192,7 +192,7 @@ def _picture_section(session: Session, result: ComparisonResult, picture: Compar
     first = picture is result.pictures[0]
     return {
         "title": "The target" if first else picture.name.replace("-", " ").capitalize(),
-        "text": f"{picture.title}. All pictures as the camera sees them; outside the judged area they are dimmed.",
+        "text": f"{picture.sentence}. All pictures as the camera sees them; outside the judged area they are dimmed.",
         "heads": ("target", "projected", "predicted", "measured", "measured - target"),
         "rows": [_measured_row(step, picture.name, row.strategy, view=view, scale=scale) for row in picture.rows],
         "table": {"head": head, "rows": cells},

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rig.records import JsonObject, Record
 from rig.stages.picture_errors import PerceivedErrors
+from rig.stages.target import ShownTarget
 
 AFTER = (1, 2, 4, 8)
 """Numbers of captures after which a closed loop's error is told."""
@@ -58,6 +59,13 @@ class ComparedPicture(Record):
     name: str
     title: str
     rows: tuple[StrategyRow, ...]
+    target: ShownTarget | None = None
+    """How its file was read; None of the pictures of the paper's configurations, which are codes."""
+
+    @property
+    def sentence(self) -> str:
+        """What it shows, and how that was read."""
+        return self.target.sentence if self.target else self.title
 
     def row(self, strategy: str) -> StrategyRow:
         """The row of a strategy that was compared."""

@@ -57,6 +57,12 @@ def test_every_strategy_is_measured_on_every_picture(compared: Any) -> None:
             assert {"clipped_share", "gain", "seconds", "iterations", "captures", "frames"} <= set(each)
 
 
+def test_each_picture_says_how_its_file_was_read(compared: Any) -> None:
+    answer, page = compared[1:]
+    assert {picture["target"]["light"] for picture in answer["pictures"]} == {"linear light"}
+    assert "taken as linear light" in page
+
+
 def test_the_optimum_shows_a_fraction_of_the_uncompensated_error(compared: Any) -> None:
     answer = compared[1]
     assert answer["ratios"]["bounded / none"] <= 0.3
