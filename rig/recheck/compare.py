@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry.moved.find import find_motion
-from calibration.geometry.moved.records import ComparedPixels, MotionFound, SeenWalls
+from calibration.geometry.moved.records import ComparedPixels, MotionFound
 from calibration.geometry.moved.residual import points_on
 from calibration.geometry.pinhole import PinholeModel, bearings, project
 from calibration.radiometry.steadiness import LightChange, light_change
@@ -87,7 +87,7 @@ def compare(known: KnownRig, now: Correspondence, white: FloatArray, black: Floa
         lost_share=_lost_share(known, now, motion, mapped),
         walls=_walls(known, label[elsewhere]),
     )
-    light = _light(known, motion, mapped, white, black)
+    light = _light(known, motion, mapped, white=white, black=black)
     return Compared(
         motion=motion, surface=surface, light=light, residual_px=residual, before_px=before, elsewhere=elsewhere
     )
@@ -152,26 +152,34 @@ def _residuals(
     before, seen = (m.projector_xy_px[mapped].astype(np.float64) for m in (known.map, now))
     shift = seen - before
     flat = xy.reshape(-1, 2)
-    walls = known.seen_by(motion.camera_now, flat)
-    landed = _landed(known, motion.camera_now, motion.projector_now, walls, flat)
-    landed -= _landed(known, known.camera, known.projector, known.seen_by(known.camera, flat), flat)
-    return shift - landed.reshape(shift.shape), shift, walls.label.reshape(shift.shape[:2])
+    landed = _landed_now(known, motion, flat) - _landed_before(known, flat)
+    label = known.seen_by(motion.camera_now, flat).label
+    return shift - landed.reshape(shift.shape), shift, label.reshape(shift.shape[:2])
 
 
-def _landed(
-    known: KnownRig, camera: PinholeModel, projector: PinholeModel, walls: SeenWalls, xy_px: FloatArray
-) -> FloatArray:
-    lens = known.camera
-    rays = bearings(xy_px, lens.focal_px, lens.principal_point_px, lens.distortion)
-    return project(projector, points_on(walls, camera, rays))
+def _landed_before(known: KnownRig, xy_px: FloatArray) -> FloatArray:
+    """(N, 2) projector pixels that camera pixels should see by the session's own geometry."""
+    return project(known.projector, _points(known, known.camera, xy_px))
+
+
+def _landed_now(known: KnownRig, motion: MotionFound, xy_px: FloatArray) -> FloatArray:
+    """(N, 2) the same where the devices stand now."""
+    return project(motion.projector_now, _points(known, motion.camera_now, xy_px))
+
+
+def _points(known: KnownRig, camera: PinholeModel, xy_px: FloatArray) -> FloatArray:
+    """(N, 3) of the walls that a camera's pixels see. [m]."""
+    rays = bearings(xy_px, camera.focal_px, camera.principal_point_px, camera.distortion)
+    return points_on(known.seen_by(camera, xy_px), camera, rays)
 
 
 def _elsewhere(residual_px: FloatArray, noise_px: float) -> BoolArray:
     """(h, w) pixels around which residuals agree with each other, and not with zero."""
-    there = np.isfinite(residual_px).all(axis=-1)
+    there: BoolArray = np.asarray(np.isfinite(residual_px).all(axis=-1))
     size = max(3, 2 * round(_WINDOW_SHARE * there.shape[1] / 2) + 1)
     count = _sums(there.astype(np.float64), size)
-    limited = np.clip(np.where(there[..., None], residual_px, 0.0), -_FAR_PX, _FAR_PX)
+    known = np.where(there[..., None], residual_px, np.zeros_like(residual_px))
+    limited: FloatArray = np.minimum(np.maximum(known, -_FAR_PX), _FAR_PX)
     total = np.stack([_sums(limited[..., k], size) for k in range(2)], axis=-1)
     mean = np.linalg.norm(total / np.maximum(count, 1)[..., None], axis=-1)
     limit = np.maximum(_ELSEWHERE_PX, _ELSEWHERE_SIGMAS * noise_px / np.sqrt(np.maximum(count, 1)))
@@ -187,9 +195,7 @@ def _sums(values: FloatArray, size: int) -> FloatArray:
 def _lost_share(known: KnownRig, now: Correspondence, motion: MotionFound, mapped: tuple[slice, slice]) -> float:
     """Share of well lit pixels that should have a projector pixel from where the devices stand now, and have none."""
     xy = _xy(now.valid.shape, mapped).reshape(-1, 2)
-    expected = _landed(
-        known, motion.camera_now, motion.projector_now, known.seen_by(motion.camera_now, xy), xy
-    ).reshape(-1, 2)
+    expected = _landed_now(known, motion, xy)
     height, width = known.map.projector_shape
     margin = 0.02 * width
     with np.errstate(invalid="ignore"):
@@ -208,17 +214,14 @@ def _walls(known: KnownRig, label: NDArray[np.int64]) -> tuple[str, ...]:
 
 
 def _light(
-    known: KnownRig, motion: MotionFound, mapped: tuple[slice, slice], white: FloatArray, black: FloatArray
+    known: KnownRig, motion: MotionFound, mapped: tuple[slice, slice], *, white: FloatArray, black: FloatArray
 ) -> LightChange:
     """The same places of the walls, as they were seen before and as they are seen now."""
     valid = known.map.valid[mapped].ravel()
     xy = _xy(white.shape, mapped).reshape(-1, 2)[valid]
-    walls = known.seen_by(motion.camera_now, xy)
-    lens = known.camera
-    rays = bearings(xy, lens.focal_px, lens.principal_point_px, lens.distortion)
-    points = points_on(walls, motion.camera_now, rays)
+    points, normal = _points(known, motion.camera_now, xy), known.seen_by(motion.camera_now, xy).normal
     there = project(known.camera, points)
-    ratio = _irradiance(motion.projector_now, points, walls.normal) / _irradiance(known.projector, points, walls.normal)
+    ratio = _irradiance(motion.projector_now, points, normal) / _irradiance(known.projector, points, normal)
     ripple = max(known.radiometric.black_ripple.values(), default=0.0)
     return light_change(
         xy,

@@ -26,8 +26,8 @@ _LEAST_SCALE_PX = 0.3
 """Of the robust fit: twice the noise of a sub-pixel correspondence, as in the calibration itself."""
 _ROUNDS, _ITERATIONS = 3, 30
 """Which wall a pixel sees is looked up again after each round: near edges it is another one after a turn."""
-_COMMON_PX = 0.01
-"""By which all of a wall's coordinates are off together, as in the calibration itself."""
+_COMMON_PX = 0.01 * 2**0.5
+"""By which all of a wall's coordinates are off together: twice what it is in one map, in squares."""
 _STRUCTURE_PX, _STRUCTURE_SHARE = 0.03, 0.01
 """Root mean square that one device's motion may leave over more than both devices' do: absolutely, and as a share of
 the displacement. Lenses, walls and windows of the refinement that are slightly wrong leave about as much, on twenty
@@ -36,7 +36,9 @@ _NOISE_CHI2 = 40.0
 """Of twelve unknowns: noise alone exceeds it once in ten thousand."""
 _CLEARLY = 3.0
 """Ratio of what two motions leave over, from which on one is the better."""
-_MOST_LEFT_PX, _MOST_LEFT_SHARE = 0.5, 0.1
+_FARTHEST_DEG, _FARTHEST_M = 10.0, 0.3
+"""Of a bump. Beyond, another room of much the same shape explains the photographs as well as a move does."""
+_MOST_LEFT_PX, _MOST_LEFT_SHARE = 0.5, 0.02
 """Median residual beyond which no motion explains the photographs: absolutely, and as a share of the displacement."""
 
 
@@ -96,15 +98,19 @@ def find_motion(
     seen = before.label >= 0
     _check_count(int(seen.sum()))
     chosen = _of(pixels, seen)
-    fitted = _Fitting(camera, projector, chosen, walls_seen, _walls_of(before, seen)).fits()
+    fitting = _Fitting(
+        camera=camera, projector=projector, pixels=chosen, walls_seen=walls_seen, before=_walls_of(before, seen)
+    )
+    fitted = fitting.fits()
     both = fitted["both"]
     displacement_px = float(np.median(np.linalg.norm(chosen.now_px - chosen.before_px, axis=1)))
     _refuse_unexplained(both, displacement_px)
-    moved = _least_motion(fitted, chosen, displacement_px)
-    return _found(moved, fitted, seen, displacement_px)
+    found = _found(_least_motion(fitted, chosen, displacement_px), fitted, seen, displacement_px)
+    _refuse_far(found)
+    return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _Fitting:
     """All that the fits of different devices share."""
 
@@ -271,13 +277,29 @@ def _check_count(found: int) -> None:
 
 def _refuse_unexplained(both: _Fitted, displacement_px: float) -> None:
     left_px = float(np.median(np.linalg.norm(both.fit.residual, axis=1)))
-    limit_px = max(_MOST_LEFT_PX, _MOST_LEFT_SHARE * displacement_px)
+    limit_px = max(_FARTHEST_DEG, _FARTHEST_M = 10.0, 0.3
+"""Of a bump. Beyond, another room of much the same shape explains the photographs as well as a move does."""
+_MOST_LEFT_PX, _MOST_LEFT_SHARE * displacement_px)
     if left_px > limit_px:
         raise CalibrationError(
             f"no move of camera and projector explains what the camera sees: {left_px:.2g} of {displacement_px:.2g} "
             f"projector pixels are left at the median, the limit is {limit_px:.2g}: too much was moved (walls, "
             "furniture, a lens zoomed or focused), or it is another rig's session; calibrate a new session"
         )
+
+
+def _refuse_far(found: MotionFound) -> None:
+    """Raise CalibrationError for what is no bump."""
+    for name, motion, has_moved in (
+        ("camera", found.camera, found.moved in ("camera", "both", "either")),
+        ("projector", found.projector, found.moved in ("projector", "both", "either")),
+    ):
+        if has_moved and (motion.turned_deg > _FARTHEST_DEG or motion.shifted_m > _FARTHEST_M):
+            raise CalibrationError(
+                f"the {name} would have been turned by {motion.turned_deg:.2g}° and shifted by {motion.shifted_m:.2g} "
+                f"m, the limits are {_FARTHEST_DEG:g}° and {_FARTHEST_M:g} m: too much was moved, or it is another "
+                "rig's session; calibrate a new session"
+            )
 
 
 def _of(pixels: ComparedPixels, chosen: BoolArray) -> ComparedPixels:
