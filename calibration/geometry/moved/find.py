@@ -277,9 +277,7 @@ def _check_count(found: int) -> None:
 
 def _refuse_unexplained(both: _Fitted, displacement_px: float) -> None:
     left_px = float(np.median(np.linalg.norm(both.fit.residual, axis=1)))
-    limit_px = max(_FARTHEST_DEG, _FARTHEST_M = 10.0, 0.3
-"""Of a bump. Beyond, another room of much the same shape explains the photographs as well as a move does."""
-_MOST_LEFT_PX, _MOST_LEFT_SHARE * displacement_px)
+    limit_px = max(_MOST_LEFT_PX, _MOST_LEFT_SHARE * displacement_px)
     if left_px > limit_px:
         raise CalibrationError(
             f"no move of camera and projector explains what the camera sees: {left_px:.2g} of {displacement_px:.2g} "
