@@ -52,6 +52,7 @@ VERBS: dict[str, tuple[Callable[..., int], Group]] = {
     "compare": (session.compare, _SESSION),
     "report": (session.report, _SESSION),
     "export": (by_hand.export, _SESSION),
+    "recheck": (session.recheck, _SHOW),
     "live": (live.live, _SHOW),
     "compare-strategies": (studies.compare_strategies, _SHOW),
     "simulate": (studies.simulate, _OFFLINE),

@@ -8,6 +8,7 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from rig.cli.options import Json, print_json
+from rig.errors import UsageError
 
 
 def live(
@@ -39,6 +40,10 @@ def live(
     record: Annotated[Path | None, Parameter(help="New folder: what was shown and photographed.")] = None,
     flashes: Annotated[bool, Parameter(negative="", help="First measure the latency to light, with flashes.")] = False,
     threads: Annotated[int, Parameter(help="Of the frame kernel.")] = 2,
+    show: Annotated[
+        str | None,
+        Parameter(help="Saved show to keep for months: its file, or NAME of shows/NAME.toml; all else is in it."),
+    ] = None,
     as_json: Json = False,
 ) -> int:
     """Show live pictures, each compensated, at the display's pace; black at the end.
@@ -49,10 +54,12 @@ def live(
     Keys: n next source, c compensation on or off, s next strategy, + - gain, a automatic gain, f freeze, b black,
     q quit.
 
-    Example: rig live runs/first --source film.mp4
+    Example: rig live runs/first --source film.mp4; rig live --show lobby
     """
     from rig.terminal import TerminalProgress
 
+    if show is not None:
+        return _keep(show, has_more=session is not None or profile is not None, as_json=as_json)
     with TerminalProgress():
         from rig.live.latency import with_light_latency
         from rig.live.plan import LiveRequest, plan_live
@@ -82,3 +89,18 @@ def live(
             result = run_live(plan, status)
     print_json(result.as_json()) if as_json else print_live(result)
     return result.exit_status
+
+
+def _keep(name: str, *, has_more: bool, as_json: bool) -> int:
+    """Run a saved show until somebody ends it."""
+    from rig.live.status import StatusLine
+    from rig.shows.run import keep_show
+    from rig.terminal import TerminalProgress
+
+    if has_more:
+        raise UsageError("--show names a saved show, which says what is shown; leave session and profile out")
+    with TerminalProgress() as progress, StatusLine() as status:
+        result = keep_show(name, progress, status)
+    shown = f"{result.seconds_shown:.0f} s shown in {result.runs} runs, {result.failures} failures"
+    print_json(result) if as_json else print(f"{shown}; ended by {result.ended_by}")
+    return 0

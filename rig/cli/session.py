@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
@@ -146,6 +147,33 @@ def compare(
         folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
     )
     return _run(request, as_json)
+
+
+def recheck(
+    session: Annotated[Path, Parameter(help="Folder of a calibrated session.")],
+    *,
+    profile: Annotated[
+        str | None, Parameter(name=["--profile", "-p"], help="Profile that differs in [simulation] alone.")
+    ] = None,
+    realign: Annotated[bool, Parameter(negative="", help="Measure anew what moved; the session itself stays.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Say in under a minute whether camera or projector moved since, by how much, and whether brightness drifted.
+
+    Status: 0 within limits, 1 outside, or nothing explains what the camera sees.
+
+    Example: rig recheck runs/first --realign
+    """
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        from rig.recheck.page import print_recheck
+        from rig.recheck.records import RecheckRequest
+        from rig.recheck.run import recheck as look_again
+
+        result = look_again(RecheckRequest(folder=session, profile=profile, realign=realign), progress)
+    print_json(result) if as_json else print_recheck(result)
+    return 0 if result.within_limits else 1
 
 
 def report(session: SessionFolder, *, as_json: Json = False) -> int:

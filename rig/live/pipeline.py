@@ -14,6 +14,7 @@ from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceError
 from rig.live.plan import LivePlan, LiveRequest
 from rig.live.record import Recorder
+from rig.live.show.controls import RemoteControl
 from rig.live.show.frame_mailbox import FrameMailbox
 from rig.live.show.loop import LiveLoop, LoopArguments, nothing_more
 from rig.live.show.output import ThreadedOutput
@@ -53,7 +54,7 @@ class LivePipeline:
 
 
 @contextmanager
-def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]:
+def open_pipeline(plan: LivePlan, signals: EndSignals, remote: RemoteControl) -> Iterator[LivePipeline]:
     """Make a show's devices, open them, and tie everything together; the projector is black afterwards.
 
     A signal may end the opening. Raises UsageError for a bad source, DeviceError, SessionError for a bad recording.
@@ -92,6 +93,7 @@ def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]
             refresh_rate_hz=rate_hz,
             replug_timeout_s=profile.timing.replug_timeout_s,
             keys=keyboard.pressed,
+            remote=remote,
             next_source=reader.next_source,
             on_shown=nothing_more if recorder is None else recorder.offer,
             interrupting=signals.interrupting,

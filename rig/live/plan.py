@@ -13,6 +13,7 @@ from rig.live.show.compensator import STRATEGIES, Compensator, warm_compensators
 from rig.live.show.controls import Controls
 from rig.profile.schema import Profile, load_profile
 from rig.session import Session
+from rig.session.alignment import aligned_folder
 from rig.stages.error_tree import one_error_tree
 from rig.terminal import OnStep, silent
 
@@ -125,7 +126,7 @@ def _profile_and_model(request: LiveRequest) -> tuple[Profile, LiveModel | None]
     """The profile, and the session's model, or a guess where only a simulated room is at stake."""
     profile = load_profile(request.profile) if request.profile is not None else None
     if request.folder is not None:
-        with Session.open(request.folder) as session:
+        with Session.open(aligned_folder(request.folder)) as session:
             return profile or session.profile, session_model(session, is_linear=request.is_linear)
     if profile is None:
         raise UsageError("rig live needs a session, or a profile with -p")

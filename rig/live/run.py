@@ -14,6 +14,7 @@ from rig.errors import RigError
 from rig.live.pipeline import LivePipeline, open_pipeline
 from rig.live.plan import LivePlan
 from rig.live.results import Recorded, ShowResult, SourceFailure
+from rig.live.show.controls import NoRemote, RemoteControl
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
 from rig.stages.error_tree import one_error_tree
@@ -43,7 +44,7 @@ class _Progress:
     """After the warm-up."""
 
 
-def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult:
+def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, remote: RemoteControl | None = None) -> ShowResult:
     """Show sources until one of: time over, sources over, key q, a signal. The projector is black afterwards.
 
     Parameters
@@ -52,6 +53,8 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult
         Of :func:`rig.live.plan.plan_live`.
     on_status
         Told a line for a person twice a second.
+    remote
+        Commands beside those of the keyboard.
 
     Returns
     -------
@@ -66,7 +69,7 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult
         The projector does not open, or stayed away for longer than `timing.replug_timeout_s`.
     """
     with one_error_tree(), realtime_priority() as is_realtime:
-        with EndSignals() as signals, open_pipeline(plan, signals) as pipeline:
+        with EndSignals() as signals, open_pipeline(plan, signals, remote or NoRemote()) as pipeline:
             progress = _run(pipeline, signals, plan.request.seconds, on_status)
         return _result(plan, pipeline, progress, signals.received, is_realtime=is_realtime)
 

@@ -90,7 +90,7 @@ def read_folder(folder: Path, profile: Profile | None) -> tuple[SessionHeader, P
     own = Profile.parse(_read_copy(folder, made_with.sha256), Path(made_with.source))
     if profile is None or profile.sha256 == made_with.sha256:
         return header, profile or own
-    if changed := _changed_devices(own, profile):
+    if changed := changed_devices(own, profile):
         raise SessionError(
             f"{folder}: was made with profile {made_with.name!r} ({made_with.sha256[:12]}), not {profile.name!r} "
             f"({profile.sha256[:12]}): they differ in {', '.join(changed)}; leave the profile out, or give a new "
@@ -99,8 +99,8 @@ def read_folder(folder: Path, profile: Profile | None) -> tuple[SessionHeader, P
     return header, profile
 
 
-def _changed_devices(own: Profile, other: Profile) -> list[str]:
-    """Tables in which two profiles differ, of those that have to stay as they were photographed with."""
+def changed_devices(own: Profile, other: Profile) -> list[str]:
+    """Return tables in which two profiles differ, of those that have to stay as they were photographed with."""
     before, after = (profile.model_dump(mode="json", exclude=set(CHANGEABLE)) for profile in (own, other))
     names = {"cameras": "camera", "projectors": "projector"}
     return [names.get(key, key) for key in before if before[key] != after[key]]

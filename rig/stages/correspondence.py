@@ -119,21 +119,40 @@ def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep
 
     Where light from other walls has spoilt much, the patterns are shown again on the pixels that are still open.
     """
+    photograph_code_once(rig, session, step, on_step)
     shape, code = rig.projector.shape, find_code(rig.profile.patterns.code)
-    white, black = flat(shape, 255, "white"), flat(shape, 0, "black")
-    shown = partial(
-        photograph,
-        rig,
-        session,
-        step,
-        bracket=_gray_bracket(session),
-        n_patterns=gray_frames(rig.profile),
-        on_step=on_step,
-    )
-    shown(chain((white, black), _as_light(code.patterns(shape), session)))
+    white, shown = flat(shape, 255, "white"), _photographed(rig, session, step, on_step)
     for part, lights in enumerate(_lights_again(session, step, code)):
         again = with_lights(chain((white,), _as_light(code.patterns(shape), session)), lights)
         shown(Pattern(_again_name(part, pattern.name), pattern.codes) for pattern in again)
+
+
+def photograph_flats(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Photograph white and black, the first two pictures of step `gray`: they tell whether the others are worth it."""
+    _photographed(rig, session, step, on_step)(_flats(rig.projector.shape))
+
+
+def photograph_code_once(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Photograph white, black, and the patterns of the structured-light code, each once."""
+    shape, code = rig.projector.shape, find_code(rig.profile.patterns.code)
+    _photographed(rig, session, step, on_step)(chain(_flats(shape), _as_light(code.patterns(shape), session)))
+
+
+def read_code_once(session: Session, step: Step) -> Correspondence:
+    """Return the map of what :func:`photograph_code_once` took, between whole pixels where it can be."""
+    code, radiometric = find_code(session.profile.patterns.code), load_radiometric_calibration(session)
+    found = read_code(code, _frames_of(step), session.profile.projector.shape, radiometric)
+    return refine_subpixel(found)
+
+
+def _flats(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
+    return flat(shape, 255, "white"), flat(shape, 0, "black")
+
+
+def _photographed(rig: Rig, session: Session, step: Step, on_step: OnStep) -> Callable[[Iterable[Pattern]], None]:
+    """Return what takes the photographs of patterns that the step does not have yet."""
+    bracket, n_patterns = _gray_bracket(session), gray_frames(rig.profile)
+    return partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns, on_step=on_step)
 
 
 def _again_name(part: int, pattern: str) -> str:

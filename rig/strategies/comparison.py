@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from rig.run.request import SessionRequest
 from rig.run.session import OpenSession, opened_session
 from rig.run.steps import required
 from rig.session import Session, Step
+from rig.session.alignment import aligned_folder
 from rig.session.ledger import write_json
 from rig.stages.compensation import dither_seed, solve, versions_of
 from rig.stages.linear_light import merge_exposures
@@ -76,7 +78,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> Comparis
     started_s = time.perf_counter()
     names = check_strategies(wanted.request.strategies or ("all",))
     loops = [Loop(name, wanted.captures, wanted.rule).checked() for name in wanted.loops]
-    plan = plan_session(wanted.request)
+    plan = plan_session(replace(wanted.request, folder=aligned_folder(Path(wanted.request.folder))))
     target = required(plan.showing).target
     with opened_session(plan) as work:
         session = work.session

@@ -29,7 +29,7 @@ class SimulatedOptics:
     @property
     def position_m(self) -> FloatArray:
         """(3,) centre of projection."""
-        return np.array(self.lens.position_m)
+        return np.asarray(np.add(self.lens.position_m, self.lens.moved_m), dtype=np.float64)
 
     def depth_m(self, points_m: FloatArray) -> FloatArray:
         """(...) distance of points (..., 3) along the optical axis."""
@@ -44,7 +44,10 @@ def make_optics(lens: SimulatedLensSettings, shape: tuple[int, int]) -> Simulate
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
     c, s = np.cos(np.radians(lens.roll_deg)), np.sin(np.radians(lens.roll_deg))
-    return SimulatedOptics(lens, shape, np.stack([c * right + s * down, c * down - s * right, forward]))
+    rotation = np.stack([c * right + s * down, c * down - s * right, forward])
+    if any(lens.turned_deg):
+        rotation = cv2.Rodrigues(np.radians(lens.turned_deg))[0] @ rotation
+    return SimulatedOptics(lens, shape, rotation)
 
 
 def distort(lens: SimulatedLensSettings, xy: FloatArray) -> FloatArray:

@@ -78,6 +78,10 @@ class SimulatedLensSettings(Table):
     position_m: Vector3
     look_at_m: Vector3
     roll_deg: float = 0.0
+    turned_deg: Vector3 = (0.0, 0.0, 0.0)
+    """By how much it was turned since, as a rotation vector about its own axes right, down and forward."""
+    moved_m: Vector3 = (0.0, 0.0, 0.0)
+    """By how much its lens was shifted since, along the room's axes; it looks along where it did."""
     focal_px: Annotated[float, Field(gt=0)]
     principal_point_px: tuple[float, float]
     distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
@@ -301,6 +305,7 @@ class SimulationSettings(Table):
         if self.is_mesh_file:
             return self
         for lens in (*self.cameras, *self.projectors):
-            if not all(0.0 < p < s for p, s in zip(lens.position_m, self.size_m, strict=True)):
-                raise ValueError(f"position_m {lens.position_m} of {lens.name!r} is outside size_m {self.size_m}")
+            there = tuple(at + by for at, by in zip(lens.position_m, lens.moved_m, strict=True))
+            if not all(0.0 < p < s for p, s in zip(there, self.size_m, strict=True)):
+                raise ValueError(f"position_m {there} of {lens.name!r} is outside size_m {self.size_m}")
         return self

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 _GAIN_STEP = 2 ** (1 / 8)
 """Of one key: eight make twice as bright; a single one is just seen."""
-_GAIN_RANGE = (1 / 16, 4.0)
+GAIN_RANGE = (1 / 16, 4.0)
 """From hardly visible to what clips nearly every picture; chosen."""
 KEYS = {
     "n": "next source",
@@ -40,6 +41,30 @@ class Controls:
         return self.strategy if self.compensating else ""
 
 
+class RemoteControl(Protocol):
+    """Commands from elsewhere than the keyboard."""
+
+    def adjusted(self, controls: Controls) -> Controls:
+        """Settings after all commands that wait."""
+        ...
+
+    def pressed(self) -> str:
+        """Keys that commands stand for, a character each."""
+        ...
+
+
+class NoRemote:
+    """Stands for a remote control where there is none."""
+
+    def adjusted(self, controls: Controls) -> Controls:
+        """Return the same settings."""
+        return controls
+
+    def pressed(self) -> str:
+        """Return no key."""
+        return ""
+
+
 def pressed(controls: Controls, key: str, strategies: Sequence[str]) -> Controls:
     """Settings after a key; keys that are no setting change nothing."""
     if key == "c":
@@ -49,7 +74,7 @@ def pressed(controls: Controls, key: str, strategies: Sequence[str]) -> Controls
         return replace(controls, strategy=following, compensating=True)
     if key in ("+", "=", "-"):
         gain = controls.gain / _GAIN_STEP if key == "-" else controls.gain * _GAIN_STEP
-        return replace(controls, gain=min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1]))
+        return replace(controls, gain=min(max(gain, GAIN_RANGE[0]), GAIN_RANGE[1]))
     if key == "a":
         return replace(controls, auto_gain=not controls.auto_gain)
     if key == "f":

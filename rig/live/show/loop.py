@@ -16,7 +16,7 @@ from rig.capture.recovery import Recovery
 from rig.devices.protocols import Clock, Projector, check_on_screen
 from rig.errors import DeviceLost
 from rig.live.show.compensator import Compensator
-from rig.live.show.controls import Controls, pressed
+from rig.live.show.controls import Controls, NoRemote, RemoteControl, pressed
 from rig.live.show.frame_mailbox import FrameQueue, LiveFrame
 from rig.live.show.frame_pacing import DisplayClock, LatchTimer
 from rig.live.show.frame_statistics import FrameStatistics
@@ -83,6 +83,7 @@ class LoopArguments:
     refresh_rate_hz: float
     replug_timeout_s: float = 20.0
     keys: Callable[[], str] = no_keys
+    remote: RemoteControl = field(default_factory=NoRemote)
     next_source: Callable[[], None] = lambda: None
     on_shown: Callable[[ShownFrame], None] = nothing_more
     interrupting: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -168,7 +169,9 @@ class LiveLoop:
         return self._arguments.queue.is_timed and self._output.is_concurrent
 
     def _obey_keys(self) -> None:
-        for key in self._arguments.keys():
+        before, self.controls = self.controls, self._arguments.remote.adjusted(self.controls)
+        self._changed = self._changed or self.controls != before
+        for key in self._arguments.keys() + self._arguments.remote.pressed():
             if key == "q":
                 self.ended = "quit"
             elif key == "n":

@@ -23,8 +23,8 @@ _UNFORESEEN = (OSError, MemoryError, ValueError, ArithmeticError, RuntimeError, 
 """What decoders and the system raise in a source: its failure is told as any other, and not lost in a thread."""
 _KEPT_NOTES = 50
 """A source that breaks in an endless loop must not fill the memory."""
-_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
-"""After a failure, before the next try: twice as long each time, as long as no picture comes."""
+_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 8.0
+"""After a failure, before the next try: twice as long each time, so that a source is back within ten seconds."""
 
 
 def locked_rate(rate_hz: float, refresh_rate_hz: float) -> float:

@@ -1,0 +1,136 @@
+"""A saved show from its file to its end: plan, log, lamp, recordings, commands, and what keeps it."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from datetime import datetime
+from logging.handlers import RotatingFileHandler
+from pathlib import Path
+
+from rig.devices.clock import SystemClock
+from rig.errors import SessionError
+from rig.live.plan import LivePlan, plan_live
+from rig.live.run import OnStatus, run_live
+from rig.shows.disk import keep_within
+from rig.shows.keeper import KeptShow, ShowKeeper
+from rig.shows.lamp import KeptLamp, control_of
+from rig.shows.remote import OscListener, Remote
+from rig.shows.saved import LogSettings, SavedShow, load_show, request_of
+from rig.terminal import OnStep, silent
+from rig.terminal.signals import EndSignals
+
+_TIDY_S = 60.0
+"""Between two looks at what recordings take."""
+
+log = logging.getLogger("rig.shows")
+
+
+def keep_show(name: str, on_step: OnStep = silent, on_status: OnStatus = lambda _: None) -> KeptShow:
+    """Run a saved show until somebody ends it; the projector is black whenever it is not shown.
+
+    Parameters
+    ----------
+    name
+        File or name of the show.
+    on_step
+        Told how far its preparation is.
+    on_status
+        Told a line for a person twice a second.
+
+    Returns
+    -------
+    KeptShow
+
+    Raises
+    ------
+    UsageError, ProfileError, SessionError
+        It cannot begin.
+    """
+    show, path = load_show(name)
+    plan = plan_live(request_of(show, path), on_step)
+    with ExitStack() as stack:
+        stack.enter_context(_logging(path.with_suffix(".log"), show.log))
+        remote = Remote()
+        if show.osc is not None:
+            stack.enter_context(OscListener(remote, show.osc.host, show.osc.port))
+        signals = stack.enter_context(EndSignals())
+        return _keeper(show, path, plan, remote=remote, signals=signals, on_status=on_status).keep()
+
+
+def _keeper(
+    show: SavedShow, path: Path, plan: LivePlan, *, remote: Remote, signals: EndSignals, on_status: OnStatus
+) -> ShowKeeper:
+    clock = SystemClock()
+    pjlink = control_of(plan.profile.projector.pjlink) if show.switch_off else None
+    lamp = KeptLamp(path.with_suffix(".lamp.json"), pjlink, show.lamp_hours_limit)
+    tidy = _Tidy(show, path, clock)
+
+    def told(line: str) -> None:
+        tidy.look()
+        on_status(line)
+
+    def play(seconds: float | None) -> str:
+        request = replace(plan.request, seconds=seconds, record=tidy.new_recording())
+        result = run_live(replace(plan, request=request), told, remote)
+        for note in result.notes:
+            log.info("%s", note)
+        figures = result.figures
+        log.info("%d frames, %d late, ended by %s", figures.frames, figures.late_frames, result.ended_by)
+        return result.ended_by
+
+    return ShowKeeper(
+        play=play,
+        timetable=show.timetable,
+        clock=clock,
+        time_of_day=datetime.now,
+        is_ended=lambda: signals.received is not None,
+        lamp=lamp,
+    )
+
+
+class _Tidy:
+    """Recordings of a show, and what they may take."""
+
+    def __init__(self, show: SavedShow, path: Path, clock: SystemClock):
+        self._folder = None if show.record is None else path.parent / show.record
+        self._limit_bytes = int(show.record_limit_gb * 1e9)
+        self._clock = clock
+        self._looked_s = -math.inf
+
+    def new_recording(self) -> Path | None:
+        """Return a new folder for a run's recording; None where nothing is recorded."""
+        return None if self._folder is None else self._folder / f"{datetime.now():%Y%m%d-%H%M%S-%f}"
+
+    def look(self) -> None:
+        """Keep recordings within their limit, now and then."""
+        now_s = self._clock.now_s()
+        if self._folder is None or now_s - self._looked_s < _TIDY_S:
+            return
+        self._looked_s = now_s
+        if deleted := keep_within(self._folder, self._limit_bytes):
+            log.info("%d old pictures of recordings were deleted", deleted)
+
+
+@contextmanager
+def _logging(path: Path, settings: LogSettings) -> Iterator[None]:
+    """Write the show's log beside its file, in files of a limited size. Raises SessionError when that fails."""
+    try:
+        handler = RotatingFileHandler(
+            path, maxBytes=int(settings.size_mb * 1e6), backupCount=settings.files - 1, encoding="utf-8"
+        )
+    except OSError as error:
+        raise SessionError(f"{path}: the log cannot be written: {error.strerror}; check the folder") from error
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    level = log.level
+    log.setLevel(logging.INFO)
+    log.addHandler(handler)
+    try:
+        yield
+    finally:
+        log.removeHandler(handler)
+        log.setLevel(level)
+        handler.close()
