@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from rig.session import Session
     from rig.stages.results import SessionResult
     from rig.strategies.comparison import Comparison, compare_strategies
+    from rig.sweeps.run import sweep
     from rig.version import __version__
 
 _HOMES = {
@@ -83,6 +84,7 @@ _HOMES = {
     "run_simulate": "offline.simulate",
     "separate": "run.script",
     "show_picture": "by_hand.show",
+    "sweep": "sweeps.run",
     "write_report": "run.script",
 }
 """Where each public name lives."""
@@ -120,6 +122,7 @@ __all__ = [
     "run_simulate",
     "separate",
     "show_picture",
+    "sweep",
     "write_report",
 ]
 

@@ -55,6 +55,7 @@ VERBS: dict[str, tuple[Callable[..., int], Group]] = {
     "live": (live.live, _SHOW),
     "compare-strategies": (studies.compare_strategies, _SHOW),
     "simulate": (studies.simulate, _OFFLINE),
+    "sweep": (studies.sweep, _OFFLINE),
     "scan": (studies.scan, _OFFLINE),
     "paper": (studies.paper, _OFFLINE),
     "bench": (studies.bench, _OFFLINE),

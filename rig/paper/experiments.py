@@ -277,7 +277,7 @@ def _run(
         name=configuration.name,
         title=configuration.title,
         image=configuration.image,
-        coverage=_coverage(transport),
+        coverage=coverage_of(transport),
         pixels_on_surface=float(seen.mean()),
         indirect=spread(indirect),
         indirect_bias_percent=float(100 * (indirect.mean() / unbiased.mean() - 1)),
@@ -302,7 +302,7 @@ def _run(
     return result, shown
 
 
-def _coverage(transport: LightTransport) -> float:
+def coverage_of(transport: LightTransport) -> float:
     """Share of the room's surface in patches that some pixel lights."""
     areas = transport.radiosity.form_factors.areas
     return float(areas[visible_patches(transport)].sum() / areas.sum())
@@ -328,7 +328,7 @@ def _errors_from(pose: Viewpoint, factors: FormFactors) -> PoseErrors:
         errors[base.name] = means
     return PoseErrors(
         **asdict(pose),
-        coverage=_coverage(transport),
+        coverage=coverage_of(transport),
         reference=errors["reference"],
         indoor=errors["indoor"],
         grey=errors["grey"],

@@ -1,0 +1,78 @@
+"""Points as columns: a row each of inputs and figures, and how the figures are distributed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.records import Json
+from rig.sweeps.records import FigureSpread, PointLine
+
+Cells = Sequence[Json]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Columns:
+    """All points of a study that are known."""
+
+    ids: tuple[str, ...]
+    inputs: Mapping[str, Cells]
+    figures: Mapping[str, Cells]
+    outcome: Mapping[str, Cells]
+    """Status, error, tries, seconds of processor time, file of arrays."""
+
+    @property
+    def values(self) -> Mapping[str, Cells]:
+        """All columns by name; a figure that is called like an input is told apart."""
+        clashing = self.inputs.keys() & self.figures.keys()
+        renamed = {f"figure.{name}" if name in clashing else name: cells for name, cells in self.figures.items()}
+        return {**self.inputs, **renamed, **self.outcome}
+
+    def varied(self) -> tuple[str, ...]:
+        """Names of the inputs that are not the same at all points."""
+        return tuple(name for name, cells in self.inputs.items() if any(cell != cells[0] for cell in cells))
+
+
+def columns_of(lines: Sequence[PointLine]) -> Columns:
+    """Return the columns of points, in their order; None where a point has no such figure."""
+    inputs = dict.fromkeys(name for line in lines for name in line.inputs)
+    figures = dict.fromkeys(name for line in lines for name in line.figures)
+    return Columns(
+        ids=tuple(line.id for line in lines),
+        inputs={name: [line.inputs.get(name) for line in lines] for name in inputs},
+        figures={name: [line.figures.get(name) for line in lines] for name in figures},
+        outcome={
+            "status": [line.status for line in lines],
+            "error": [line.error for line in lines],
+            "tries": [line.tries for line in lines],
+            "seconds": [line.seconds for line in lines],
+            "arrays": [line.arrays for line in lines],
+        },
+    )
+
+
+def numbers_of(cells: Cells) -> NDArray[np.float64] | None:
+    """Return a column's numbers, NaN for none; None for a column of words."""
+    if any(isinstance(cell, str | list | dict) for cell in cells):
+        return None
+    return np.array([np.nan if cell is None else cell for cell in cells], dtype=np.float64)
+
+
+def spreads_of(columns: Columns) -> tuple[FigureSpread, ...]:
+    """Return how each figure that is a number is distributed."""
+    spreads = []
+    for name, cells in columns.figures.items():
+        numbers = numbers_of(cells)
+        known = None if numbers is None else numbers[np.isfinite(numbers)]
+        if known is None or not known.size:
+            continue
+        low, tenth, median, ninetieth, high = (float(q) for q in np.quantile(known, (0, 0.1, 0.5, 0.9, 1)))
+        spreads.append(
+            FigureSpread(
+                figure=name, points=known.size, min=low, tenth=tenth, median=median, ninetieth=ninetieth, max=high
+            )
+        )
+    return tuple(spreads)
