@@ -256,7 +256,9 @@ def lenses(
 def sweep(
     study: Annotated[Path, Parameter(help="File of the study (docs/how-to/sweeps.md).")],
     *,
-    folder: Annotated[Path | None, Parameter(help="Where points are kept; default: runs/ and the study's name.")] = None,
+    folder: Annotated[
+        Path | None, Parameter(help="Where points are kept; default: runs/ and the study's name.")
+    ] = None,
     workers: Annotated[int | None, Parameter(help="Processes on this machine; default: one a processor.")] = None,
     scheduler: Annotated[
         str | None, Parameter(help="Dask scheduler to compute on instead, such as tcp://head-node:8786.")
@@ -276,8 +278,8 @@ def sweep(
 
     with TerminalProgress() as progress:
         from rig.sweeps.executors import ExecutorChoice
-        from rig.sweeps.page import print_sweep
         from rig.sweeps.run import SweepRequest, run_sweep
+        from rig.sweeps.tables import print_sweep
 
         where = ExecutorChoice(workers=workers, scheduler=scheduler)
         request = SweepRequest(study=study, folder=folder, where=where, tries=tries, retry=retry)

@@ -116,9 +116,7 @@ def run_experiment(wanted: Experiment) -> tuple[ExperimentResult, ExperimentPict
         raise UsageError(f"no pixel of the projector lights a surface from {wanted.viewpoint}; turn it to a wall")
     desired = np.where(seen, _picture(wanted.photograph, wanted.shape).ravel(), 0.0)
     uncompensated = np.asarray(transport @ desired)
-    solutions = {
-        name: compensate(name, transport, desired, lower=0.0, upper=WHITE) for name in wanted.strategies
-    }
+    solutions = {name: compensate(name, transport, desired, lower=0.0, upper=WHITE) for name in wanted.strategies}
     errors = tuple(
         (
             name,

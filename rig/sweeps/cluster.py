@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rig.errors import UsageError
 from rig.sweeps.executors import AHEAD, OpenedExecutor
 from rig.sweeps.work import WorkerVersions, versions_here
-
-if TYPE_CHECKING:
-    from distributed import Client
 
 _ANSWERS_WITHIN_S = 10.0
 """A scheduler on a network; one that needs longer is overloaded or another program."""
@@ -36,18 +33,19 @@ def opened_cluster(address: str) -> Iterator[OpenedExecutor]:
     try:
         threads, warnings = _checked(client, address)
         executor: Executor = client.get_executor(pure=False)
-        yield OpenedExecutor(executor=executor, ahead=AHEAD * threads, name=f"{threads} Dask workers", warnings=warnings)
+        yield OpenedExecutor(executor=executor, ahead=AHEAD * threads, warnings=warnings)
     finally:
         client.close(timeout=2)
 
 
-def _client(address: str) -> Client:
+def _client(address: str) -> Any:
     try:
         from distributed import Client
     except ImportError as error:
         raise UsageError("--scheduler needs Dask: pip install 'procam-rig[cluster]'") from error
     try:
-        return Client(address, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
+        reach: Callable[..., Any] = Client
+        return reach(address, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
     except (OSError, TimeoutError, ValueError, TypeError, RuntimeError) as error:
         raise UsageError(
             f"scheduler {address}: no Dask scheduler answers within {_ANSWERS_WITHIN_S:g} s "
@@ -55,7 +53,7 @@ def _client(address: str) -> Client:
         ) from error
 
 
-def _checked(client: Client, address: str) -> tuple[int, tuple[str, ...]]:
+def _checked(client: Any, address: str) -> tuple[int, tuple[str, ...]]:
     """Return how many threads the workers have together, and what may make their bits differ."""
     here = versions_here()
     _check_scheduler(client, address)
@@ -74,14 +72,12 @@ def _checked(client: Client, address: str) -> tuple[int, tuple[str, ...]]:
     return sum(threads.values()), tuple(_thread_warnings(found, threads))
 
 
-def _check_scheduler(client: Client, address: str) -> None:
-    import distributed
-
-    other: Any = client.get_versions()["scheduler"]
-    version = (other or {}).get("packages", {}).get("distributed")
-    if version != distributed.__version__:
+def _check_scheduler(client: Any, address: str) -> None:
+    found = client.get_versions()
+    there, here = (found[place]["packages"]["distributed"] for place in ("scheduler", "client"))
+    if there != here:
         raise UsageError(
-            f"scheduler {address} runs distributed {version}, here is {distributed.__version__}; install the same "
+            f"scheduler {address} runs distributed {there}, here is {here}; install the same "
             "version on all machines. No point was begun"
         )
 

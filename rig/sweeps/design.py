@@ -52,11 +52,9 @@ def samples_of(wanted: LatinHypercube) -> list[Settings]:
     unit = bits.random_raw(2 * len(ranges) * wanted.points).reshape(2, len(ranges), wanted.points) / 2.0**64
     parts = np.argsort(unit[0], axis=1, kind="stable")
     share = (parts + unit[1]) / wanted.points
-    ends = np.array([ends for ends in ranges.values()], dtype=np.float64)
+    ends = np.array(list(ranges.values()), dtype=np.float64)
     values = ends[:, :1] + share * (ends[:, 1:] - ends[:, :1])
-    return [
-        {name: _rounded(value, 6) for name, value in zip(ranges, column, strict=True)} for column in values.T
-    ]
+    return [{name: _rounded(value, 6) for name, value in zip(ranges, column, strict=True)} for column in values.T]
 
 
 def _rounded(value: float, digits: int) -> float:

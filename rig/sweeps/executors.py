@@ -21,7 +21,6 @@ class OpenedExecutor:
     executor: Executor
     ahead: int
     """Points that are given to it at a time: what is lost when this process is killed."""
-    name: str
     warnings: tuple[str, ...] = ()
 
 
@@ -51,7 +50,7 @@ def opened(choice: ExecutorChoice, points: int) -> Iterator[OpenedExecutor]:
         raise UsageError("workers, scheduler and executor exclude each other; give one")
     if choice.executor is not None:
         here = processors()
-        yield OpenedExecutor(executor=choice.executor, ahead=AHEAD * here, name=type(choice.executor).__name__)
+        yield OpenedExecutor(executor=choice.executor, ahead=AHEAD * here)
     elif choice.scheduler is not None:
         from rig.sweeps.cluster import opened_cluster  # here: Dask is an extra
 
@@ -69,7 +68,7 @@ def _local(wanted: int | None, points: int) -> Iterator[OpenedExecutor]:
     count = max(1, min(wanted or processors(), points))
     processes = LocalProcesses(count)
     try:
-        yield OpenedExecutor(executor=processes, ahead=AHEAD * count, name=f"{count} processes")
+        yield OpenedExecutor(executor=processes, ahead=AHEAD * count)
     finally:
         processes.shutdown(wait=False, cancel_futures=True)
 

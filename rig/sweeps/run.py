@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import ProfileError, UsageError
+from rig.records import JsonObject
 from rig.sweeps.columns import Columns, columns_of, spreads_of
 from rig.sweeps.design import count_of, settings_of
 from rig.sweeps.drive import PointEnd, drive
@@ -19,6 +20,7 @@ from rig.sweeps.folder import PAGE, TABLE, SweepFolder, is_complete
 from rig.sweeps.records import PointLine, StudyPoint, SweepResult, point_id
 from rig.sweeps.study import MOST_POINTS, StudyTable, read_study
 from rig.sweeps.subjects import Subject, subject_of
+from rig.sweeps.tables import write_table
 from rig.sweeps.work import PointTask
 from rig.terminal import OnStep, silent
 from rig.version import __version__
@@ -37,7 +39,7 @@ class SweepRequest:
     study: Path
     folder: Path | None = None
     """Default: ``runs/`` and the study's name."""
-    where: ExecutorChoice = ExecutorChoice()
+    where: ExecutorChoice = field(default_factory=ExecutorChoice)
     tries: int | None = None
     """Of a point that kills its worker; None: as the study says."""
     retry: bool = False
@@ -153,8 +155,9 @@ def _swept(request: SweepRequest, on_step: OnStep) -> tuple[SweepResult, Columns
 
 def _planned(request: SweepRequest) -> _Plan:
     table = read_study(request.study)
-    if count_of(table) > MOST_POINTS:
-        raise UsageError(f"{request.study}: has {count_of(table)} points, the limit is {MOST_POINTS}; thin its grid out")
+    count = count_of(table)
+    if count > MOST_POINTS:
+        raise UsageError(f"{request.study}: has {count} points, the limit is {MOST_POINTS}; thin its grid out")
     subject = subject_of(table.subject)
     base = subject.base_of(table.base, request.study.parent)
     version = f"{subject.version}, procam-rig {__version__.partition('+')[0]}"
@@ -170,11 +173,11 @@ def _planned(request: SweepRequest) -> _Plan:
         version=version,
         base=base,
         points=points,
-        repeated=count_of(table) - len(points),
+        repeated=count - len(points),
     )
 
 
-def _complete(subject: Subject, settings: Mapping[str, object], base: str | None, study: Path) -> dict[str, object]:
+def _complete(subject: Subject, settings: Mapping[str, object], base: str | None, study: Path) -> JsonObject:
     try:
         return subject.complete(settings, base)
     except ProfileError as error:
@@ -232,9 +235,7 @@ def _line(end: PointEnd, plan: _Plan, folder: SweepFolder) -> PointLine:
     if found is None:
         return replace(own, status="refused", error=end.answer.error, seconds=end.answer.seconds)
     arrays = folder.add_arrays(end.point.id, found.arrays) if found.arrays else None
-    return replace(
-        own, status="done", error=None, figures=found.figures, arrays=arrays, seconds=end.answer.seconds
-    )
+    return replace(own, status="done", error=None, figures=found.figures, arrays=arrays, seconds=end.answer.seconds)
 
 
 def _result(plan: _Plan, lines: list[PointLine], folder: Path, *, computed_now: int) -> SweepResult:
@@ -261,7 +262,7 @@ def _written(
 ) -> SweepResult:
     """Write table and page where there is something new, and name them."""
     if is_new or not (is_complete(folder, PAGE) and is_complete(folder, TABLE)):
-        from rig.sweeps.page import sweep_page, write_table  # here: a second start draws nothing
+        from rig.sweeps.page import sweep_page  # here: a second start draws nothing
 
         on_step("table and page", 0, 2)
         write_table(folder / TABLE, columns)

@@ -49,8 +49,8 @@ class StudyTable(Table):
     """File or name that the parameters are settings of; None where the subject needs none."""
     arrays: bool = False
     tries: Annotated[int, Field(ge=1, le=100)] = 3
-    fixed: dict[str, object] = {}
-    grid: dict[str, object] = {}
+    fixed: dict[str, object] = Field(default_factory=dict)
+    grid: dict[str, object] = Field(default_factory=dict)
     list_: Annotated[tuple[dict[str, object], ...], Field(alias="list")] = ()
     latin_hypercube: LatinHypercube | None = None
     page: StudyPage = StudyPage()

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import Field
 
 from rig.errors import UsageError
 from rig.files.toml import Table, check_model
-from rig.paper.experiments import Viewpoint
-from rig.paper.viewpoints import Experiment, ExperimentResult, direction_of, run_experiment
 from rig.records import JsonObject
+from rig.report.terms import STRATEGIES
 from rig.sweeps.records import Evaluated, Figure
-from sim.compensation import STRATEGIES
+
+if TYPE_CHECKING:
+    from rig.paper.viewpoints import Experiment, ExperimentResult
 
 _FROM_WALLS_M = 0.05
 """Nearer to a wall, a single patch of 0.4 m fills the picture."""
@@ -52,12 +54,14 @@ class PaperSubject:
         if name is not None:
             raise UsageError(f"base: the subject paper has its own room, not {name!r} of {near}; leave base out")
 
-    def complete(self, settings: Mapping[str, object], base: str | None) -> JsonObject:
+    def complete(self, settings: Mapping[str, object], base: str | None) -> JsonObject:  # noqa: ARG002 - it has none
         """Return all inputs, defaults filled in; raises ProfileError."""
         return check_model(PaperInputs, settings, Path("study"), _unknown_strategies(settings)).model_dump(mode="json")
 
-    def evaluate(self, inputs: JsonObject, base: str | None) -> Evaluated:
+    def evaluate(self, inputs: JsonObject, base: str | None) -> Evaluated:  # noqa: ARG002 - it has none
         """Compute the paper's criteria and the errors of the strategies."""
+        from rig.paper.viewpoints import run_experiment  # here: who only reads points waits for no model
+
         asked = check_model(PaperInputs, inputs, Path("point"))
         result, shown = run_experiment(_experiment(asked))
         arrays = {"desired": shown.desired, "uncompensated": shown.uncompensated, **dict(shown.visible)}
@@ -66,14 +70,18 @@ class PaperSubject:
 
 def _unknown_strategies(settings: Mapping[str, object]) -> list[str]:
     names = settings.get("strategies", ())
-    return [
-        f"strategies: {name!r} is none; there are {', '.join(STRATEGIES)}"
-        for name in (names if isinstance(names, list | tuple) else ())
-        if name not in STRATEGIES
-    ]
+    unknown = [name for name in names if name not in STRATEGIES] if isinstance(names, list | tuple) else []
+    if unknown:
+        from sim.compensation import STRATEGIES as REGISTERED  # of other packages, too
+
+        unknown = [name for name in unknown if name not in REGISTERED]
+    return [f"strategies: {name!r} is none; there are {', '.join(STRATEGIES)}" for name in unknown]
 
 
 def _experiment(asked: PaperInputs) -> Experiment:
+    from rig.paper.experiments import Viewpoint
+    from rig.paper.viewpoints import Experiment, direction_of
+
     half = math.atan(asked.picture_scale * math.tan(math.radians(asked.hfov_deg / 2)))
     direction = direction_of(asked.azimuth_deg, asked.elevation_deg)
     return Experiment(
@@ -100,9 +108,5 @@ def _figures(result: ExperimentResult) -> dict[str, Figure]:
         figures["required_emission_max"] = result.required_emission.max
     figures |= {f"uncompensated_{name}": getattr(result.uncompensated, name) for name in ("mean", "sd", "max", "rms")}
     for strategy, errors in result.strategies:
-        figures |= {f"{strategy}_{name}": value for name, value in errors.as_json().items() if _is_figure(value)}
+        figures |= {f"{strategy}_{name}": value for name, value in asdict(errors).items() if value is not None}
     return figures
-
-
-def _is_figure(value: object) -> bool:
-    return isinstance(value, float | int | str | bool)
