@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.files.photographs import PHOTOGRAPHS, photograph
 from rig.paper.figures import PaperImages, write_paper_figures
-from rig.paper.published import exceptions, published_effects, sensitivity_remark
+from rig.paper.published import claimed, exceptions, published_effects, sensitivity_remark
 from rig.paper.records import (
     ConfigurationResult,
     Ends,
@@ -191,7 +191,7 @@ def run_paper(figures_dir: Path | None = None, on_step: OnStep = silent) -> Pape
         written = tuple(str(path) for path in write_paper_figures(results, images, figures_dir))
     on_step("done", total, total)
     by_name = {result.name: result for result in results}
-    effects = published_effects(by_name)
+    effects = published_effects({name: claimed(result) for name, result in by_name.items()})
     row_sums = factors[True].row_sums
     return PaperResult(
         coverage_quarter=by_name["quarter"].coverage,

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from rig.errors import UsageError
+from rig.sweeps import work
 from rig.sweeps.executors import AHEAD, OpenedExecutor
 from rig.sweeps.work import WorkerVersions, versions_here
 
@@ -61,7 +62,7 @@ def _checked(client: Any, address: str) -> tuple[int, tuple[str, ...]]:
     if not threads:
         raise UsageError(f"scheduler {address} has no worker; start one: dask worker {address} --nthreads 1")
     try:
-        found: dict[str, WorkerVersions] = client.run(versions_here)
+        found: dict[str, WorkerVersions] = client.run(work.versions_here)
     except (ImportError, AttributeError) as error:
         raise UsageError(
             f"scheduler {address}: a worker cannot load procam-rig ({error}); install procam-rig "
