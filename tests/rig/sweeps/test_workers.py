@@ -111,7 +111,7 @@ SCRIPT = """
 import sys, numpy
 from pathlib import Path
 from rig.sweeps.executors import ExecutorChoice
-
+from rig.sweeps.run import SweepRequest, run_sweep
 run_sweep(SweepRequest(study=Path(sys.argv[1]), folder=Path(sys.argv[2]), where=ExecutorChoice(workers=1)))
 """
 
