@@ -38,8 +38,8 @@ class Columns:
 
 def columns_of(lines: Sequence[PointLine]) -> Columns:
     """Return the columns of points, in their order; None where a point has no such figure."""
-    inputs = dict.fromkeys(name for line in lines for name in line.inputs)
-    figures = dict.fromkeys(name for line in lines for name in line.figures)
+    inputs = _names([line.inputs for line in lines])
+    figures = _names([line.figures for line in lines])
     return Columns(
         ids=tuple(line.id for line in lines),
         inputs={name: [line.inputs.get(name) for line in lines] for name in inputs},
@@ -54,11 +54,18 @@ def columns_of(lines: Sequence[PointLine]) -> Columns:
     )
 
 
+def _names(tables: Sequence[Mapping[str, object]]) -> tuple[str, ...]:
+    """All keys, in the order in which they are met; few sets of keys are met often."""
+    return tuple(dict.fromkeys(name for keys in dict.fromkeys(map(tuple, tables)) for name in keys))
+
+
 def numbers_of(cells: Cells) -> NDArray[np.float64] | None:
     """Return a column's numbers, NaN for none; None for a column of words."""
-    if any(isinstance(cell, str | list | dict) for cell in cells):
+    kinds = set(map(type, cells))
+    if kinds & {str, list, dict}:
         return None
-    return np.array([np.nan if cell is None else cell for cell in cells], dtype=np.float64)
+    known = [np.nan if cell is None else cell for cell in cells] if type(None) in kinds else cells
+    return np.asarray(known, dtype=np.float64)
 
 
 def spreads_of(columns: Columns) -> tuple[FigureSpread, ...]:
