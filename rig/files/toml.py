@@ -75,11 +75,13 @@ def read_model(model: type[Model], raw: bytes, path: Path, checks: Callable[[dic
     ProfileError with one line ``FILE: table.key: what`` for each problem.
     """
     data = parse_toml(raw, path)
-    return _validate(model, data, path, checks(data))
+    return check_model(model, data, path, checks(data))
 
 
-def _validate(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
-    """Build the model from the TOML's data, without any conversion between text, numbers and truth values.
+def check_model(
+    model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()
+) -> Model:
+    """Build a model from a TOML's data, without any conversion between text, numbers and truth values.
 
     ``known_problems`` ("table.key: what") are those that no single table shows. Raises ProfileError with one line
     ``FILE: table.key: what`` for each problem.
