@@ -78,9 +78,7 @@ def read_model(model: type[Model], raw: bytes, path: Path, checks: Callable[[dic
     return check_model(model, data, path, checks(data))
 
 
-def check_model(
-    model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()
-) -> Model:
+def check_model(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
     """Build a model from a TOML's data, without any conversion between text, numbers and truth values.
 
     ``known_problems`` ("table.key: what") are those that no single table shows. Raises ProfileError with one line

@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import UsageError
-from rig.plan.projector import ProjectorNumbers, projector_numbers, projector_pose
+from rig.plan.projector import ProjectorNumbers, projector_numbers
 from rig.plan.request import PlanRequest, RoomLight
-from rig.plan.room import PlannedRoom, check_inside, planned_room
+from rig.plan.room import ImpossiblePlace, PlannedRoom, check_inside, planned_room
+from sim.errors import SimulationError
 from sim.geometry.optics import Lens, Pose, rays_at, solid_angles
 from sim.geometry.rays import trace
 from sim.geometry.scene import Hits
@@ -110,7 +110,7 @@ def lit_room(request: PlanRequest, width_px: int | None = None) -> LitRoom:
     UsageError
         For anything in it that cannot be.
     """
-    numbers, pose = projector_numbers(request.projector), projector_pose(request.projector)
+    numbers, pose = projector_numbers(request.projector), _pose(request)
     room = planned_room(request)
     check_inside(room.surface, request.projector.position_m, "projector.position_m")
     for viewer in request.viewer:
@@ -118,7 +118,7 @@ def lit_room(request: PlanRequest, width_px: int | None = None) -> LitRoom:
     lens = numbers.lens(width_px or request.show.width_px)
     transport = coaxial_transport(room.surface, room.factors, lens, pose, convention="physical", emission_rule="area")
     if not (transport.pixel_patch >= 0).any():
-        raise UsageError("projector.look_at_m: no pixel meets a surface; aim at a wall")
+        raise ImpossiblePlace("projector.look_at_m: no pixel meets a surface; aim at a wall")
     flux = lens.n_pixels / (lens.focal_px[0] * lens.focal_px[1])
     return LitRoom(
         room=room,
@@ -129,6 +129,17 @@ def lit_room(request: PlanRequest, width_px: int | None = None) -> LitRoom:
         lux_per_unit=numbers.lumens / flux,
         ambient_exitance=ambient_exitance(room, request.room_light),
     )
+
+
+def _pose(request: PlanRequest) -> Pose:
+    asked = request.projector
+    try:
+        return Pose.look_at(asked.position_m, asked.look_at_m, roll_deg=asked.roll_deg)
+    except SimulationError as error:
+        raise ImpossiblePlace(
+            f"projector.look_at_m: {list(asked.look_at_m)} from {list(asked.position_m)}: the aim is at the lens, or "
+            "straight up or down; move it a little"
+        ) from error
 
 
 def ambient_exitance(room: PlannedRoom, light: RoomLight) -> FloatArray:

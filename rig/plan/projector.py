@@ -9,8 +9,7 @@ from rig.errors import ProfileError, UsageError
 from rig.plan.request import PlannedProjector
 from rig.profile.hardware_facts import Fact, ProjectorFacts, by_model, known_projectors
 from rig.records import Record
-from sim.errors import SimulationError
-from sim.geometry.optics import Lens, Pose
+from sim.geometry.optics import Lens
 
 THROW = 0.1, 20.0
 """Throw ratios that lenses have; mirrors reach 0.19, long lenses 15."""
@@ -79,17 +78,6 @@ def projector_numbers(asked: PlannedProjector) -> ProjectorNumbers:
         hfov_deg=math.degrees(2 * math.atan(0.5 / throw_ratio)),
         said=tuple(said),
     )
-
-
-def projector_pose(asked: PlannedProjector) -> Pose:
-    """Return where the projector stands. Raises UsageError for an aim at its own place, or straight up or down."""
-    try:
-        return Pose.look_at(asked.position_m, asked.look_at_m, roll_deg=asked.roll_deg)
-    except SimulationError as error:
-        raise UsageError(
-            f"projector.look_at_m: {list(asked.look_at_m)} from {list(asked.position_m)}: the aim is at the lens, or "
-            "straight up or down; move it a little"
-        ) from error
 
 
 def _check_lens(throw_ratio: float, shift: tuple[float, float]) -> None:

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from rig.errors import ProfileError
 from rig.files.toml import Table, check_model, read_model
-from rig.plan.search_request import SearchTable
+from rig.plan.search.request import SearchTable
 from rig.records import JsonObject
 
 Positive = Annotated[float, Field(gt=0)]

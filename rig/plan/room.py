@@ -251,8 +251,12 @@ def _part(face: Face, piece: Piece, patch_m: float) -> Face:
     )
 
 
+class ImpossiblePlace(UsageError):
+    """A place or an aim that a projector or viewer cannot have in this room."""
+
+
 def check_inside(surface: Surface, point_m: tuple[float, float, float], what: str) -> None:
-    """Raise UsageError for a point that is not in the room's air: the surface is met from behind, or touched.
+    """Raise ImpossiblePlace for a point that is not in the room's air: the surface is met from behind, or touched.
 
     Parameters
     ----------
@@ -271,7 +275,7 @@ def check_inside(surface: Surface, point_m: tuple[float, float, float], what: st
     if len(behind) or not met.any() or float(hits.distance[met].min()) < 1e-6:
         room_m = " x ".join(f"{a:g} ... {b:g}" for a, b in zip(low, high, strict=True))
         place = ", ".join(f"{one:g}" for one in point_m)
-        raise UsageError(
+        raise ImpossiblePlace(
             f"{what}: ({place}) m is not in the air of the room: it is in or behind a wall, or outside; the room is "
             f"{room_m} m; move it inside"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def picture_levels(name: str, shape: tuple[int, int]) -> FloatArray:
     """
     word, _, share = name.partition(":")
     if word in PHOTOGRAPHS and not share:
-        return photograph(word, shape)
+        return _photograph(word, shape)
     if name == "checker":
         return np.where(checker(shape), WHITE, 0.0)
     if word in ("grey", "white"):
@@ -68,6 +69,14 @@ def picture_levels(name: str, shape: tuple[int, int]) -> FloatArray:
         raise UsageError(f"show.pictures: {name!r} is neither a file nor one of {there}")
     levels, _ = read_picture_of_shape(Path(name), shape, channels=1, fit=True, is_linear=False)
     return np.asarray(levels, dtype=np.float64)[..., 0]
+
+
+@lru_cache(maxsize=8)
+def _photograph(name: str, shape: tuple[int, int]) -> FloatArray:
+    """A photograph, kept: a search shows it again and again."""
+    levels = photograph(name, shape)
+    levels.flags.writeable = False
+    return levels
 
 
 def _grey_level(name: str, word: str, share: str) -> float:

@@ -1,0 +1,144 @@
+"""Rooms whose best design is known by brute force: python benchmarks/planning/search_rooms.py [--seeds N].
+
+Each room has three or four free parameters on a grid. All designs of the grid are computed; then the search looks at
+one in twenty of that number, free within the same ranges. Said is by how much its best score is above the grid's best,
+in percent of the latter (of the best measure; the scores of one goal without spread). Times are processor time.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.plan.request import PlanRequest, request_of
+from rig.plan.search.evaluate import DesignSpace
+from rig.plan.search.run import search_designs
+
+ROOM = {"size_m": [4.8, 4.8, 2.4], "patch_m": 0.8}
+PROJECTOR = {
+    "throw_ratio": 0.4,
+    "lumens": 3000,
+    "contrast": 1000,
+    "width_px": 1600,
+    "height_px": 1200,
+    "position_m": [1.2, 1.2, 1.2],
+    "look_at_m": [2.4, 2.4, 1.0],
+}
+PAINTS = [0.1, 0.2, 0.35, 0.5, 0.65, 0.8]
+
+
+@dataclass(frozen=True)
+class StudyRoom:
+    """A request with a search, and how fine its grid is."""
+
+    name: str
+    request: PlanRequest
+    steps: tuple[int, ...]
+
+
+def study_room(name: str, changes: dict, search: dict, steps: tuple[int, ...]) -> StudyRoom:
+    """A room of the study; the search may look at one design in twenty of its grid."""
+    points = int(np.prod(steps))
+    data = {
+        "room": ROOM,
+        "projector": PROJECTOR,
+        "show": {"white_cdm2": 15, "pictures": ["outdoor"]},
+        **changes,
+        "search": {"evaluations": points // 20, "width_px": 48, **search},
+    }
+    return StudyRoom(name, request_of(data), steps)
+
+
+ROOMS = (
+    study_room(
+        "where to stand",
+        {"show": {"white_cdm2": 40, "pictures": ["outdoor"]}},
+        {
+            "free": [
+                {"key": "projector.position_m.x", "low": 0.3, "high": 2.3},
+                {"key": "projector.position_m.y", "low": 0.3, "high": 2.3},
+                {"key": "projector.look_at_m.z", "low": 0.3, "high": 2.1},
+            ],
+            "goal": [{"measure": "error", "at_most": 200}, {"measure": "coverage", "weight": 1e-9, "at_least": 0.4}],
+        },
+        (11, 11, 10),
+    ),
+    study_room(
+        "lens and distance",
+        {"room": {"size_m": [7.0, 5.0, 2.8], "patch_m": 0.9}, "paint": {"all": 0.7, "x1": 0.9}},
+        {
+            "free": [
+                {"key": "projector.throw_ratio", "low": 0.4, "high": 1.6},
+                {"key": "projector.position_m.x", "low": 1.0, "high": 6.0},
+                {"key": "projector.lens_shift.1", "low": -0.5, "high": 0.5},
+            ],
+            "goal": [{"measure": "contrast"}, {"measure": "coverage", "weight": 1e-9, "at_least": 0.06}],
+            "keep_out": [{"low_m": [2.5, 0, 0], "high_m": [3.5, 5, 2.8], "name": "seats"}],
+        },
+        (13, 11, 11),
+    ),
+    study_room(
+        "paint of four surfaces",
+        {
+            "show": {"white_cdm2": 10, "pictures": ["checker"]},
+            "named_paint": [{"name": f"p{rho}", "reflectance": rho, "cost": 5 + 10 * (0.8 - rho)} for rho in PAINTS],
+        },
+        {
+            "free": [
+                {"key": f"paint.{surface}", "choices": [f"p{rho}" for rho in PAINTS]}
+                for surface in ("floor", "ceiling", "walls", "x1")
+            ],
+            "goal": [{"measure": "error"}, {"measure": "paint_cost", "weight": 0.2}],
+        },
+        (6, 6, 6, 6),
+    ),
+)
+
+
+def grid_values(room: StudyRoom) -> list[dict[str, float | str]]:
+    """All designs of the grid."""
+    axes = [
+        list(one.choices) or np.linspace(one.low, one.high, n).tolist()
+        for one, n in zip(room.request.search.free, room.steps, strict=True)
+    ]
+    keys = [one.key for one in room.request.search.free]
+    return [dict(zip(keys, values, strict=True)) for values in itertools.product(*axes)]
+
+
+def main() -> None:
+    """Print a table."""
+    options = argparse.ArgumentParser(description=__doc__)
+    options.add_argument("--seeds", type=int, default=5)
+    seeds = range(1, options.parse_args().seeds + 1)
+    print(f"{'room':26} {'grid':>6} {'looked at':>9} {'above best % by seed':40} {'grid s':>7} {'search s':>8}")
+    for room in ROOMS:
+        search = room.request.search
+        started = time.process_time()
+        found = [search_designs(room.request, seed=seed) for seed in seeds]
+        search_s = (time.process_time() - started) / len(found)
+        started = time.process_time()
+        values = grid_values(room)
+        above = []
+        bare = DesignSpace(request=room.request, search=search)
+        designs = [bare.design(one) for one in values]
+        for one in found:
+            space = DesignSpace(request=room.request, search=search, spreads=one.spreads)
+            best = min(score_of(space, design) for design in designs if design.allowed)
+            ours = score_of(space, one.best)
+            above.append(100 * (ours - best) / abs(best))
+        texts = " ".join(f"{one:+.2f}" for one in above)
+        grid_s = time.process_time() - started
+        print(f"{room.name:26} {len(values):6} {search.evaluations:9} {texts:40} {grid_s:7.1f} {search_s:8.1f}")
+
+
+def score_of(space: DesignSpace, design) -> float:
+    """Score of a design that keeps all limits, with a search's spreads."""
+    return sum(goal.weight * space.badness(goal, design.measures) for goal in space.search.goal)
+
+
+if __name__ == "__main__":
+    main()
