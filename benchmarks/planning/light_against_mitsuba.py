@@ -3,10 +3,10 @@
 python benchmarks/planning/light_against_mitsuba.py [--spp 64] [--width 160]
 
 A plan's unit is the illuminance on the plane across the axis at 1 m: lumens over the area that the picture covers
-there. What Mitsuba's ``projector`` makes of a picture of ones is read off a matte screen at 1 m, direct light alone; the
-picture is scaled to the plan's illuminance, and Mitsuba's pixels are then luminances in cd/m². Compared are means over
-each surface's part of the picture, by the area that each pixel covers. Needs ``pip install mitsuba``; says so and ends
-with 0 where it is missing. Status 1 where a surface is off by more than 1 %.
+there. What Mitsuba's ``projector`` makes of a picture of ones is read off a matte screen at 1 m, direct light alone;
+the picture is scaled to the plan's illuminance, and Mitsuba's pixels are then luminances in cd/m². Compared are means
+over each surface's part of the picture, by the area that each pixel covers. Needs ``pip install mitsuba``; says so
+and ends with 0 where it is missing. Status 1 where a surface is off by more than 1 %.
 """
 
 from __future__ import annotations

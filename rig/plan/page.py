@@ -12,6 +12,7 @@ from rig.files.atomic import write_bytes
 from rig.plan.compute import ComputedPlan
 from rig.plan.figures import light_view, plan_view
 from rig.plan.records import PlanResult
+from rig.plan.search.page import DesignsSection, designs_section
 from rig.plan.shown import WHITE, PictureInRoom
 from rig.plan.tables import (
     contrast_table,
@@ -65,18 +66,18 @@ class PlanPage:
     viewers: TextTable | None
     shadows: TextTable | None
     paints: TextTable
-    designs: object
+    designs: DesignsSection | None
     """Of a search; None without one."""
     footer: str
 
 
-def write_plan_page(computed: ComputedPlan, path: Path, designs: object = None) -> Path:
+def write_plan_page(computed: ComputedPlan, path: Path) -> Path:
     """Write the page as one HTML file that needs no other. Raises SessionError when the disk refuses."""
-    write_bytes(path, rendered("plan/plan.html", plan_page(computed, designs)).encode())
+    write_bytes(path, rendered("plan/plan.html", plan_page(computed)).encode())
     return path
 
 
-def plan_page(computed: ComputedPlan, designs: object = None) -> PlanPage:
+def plan_page(computed: ComputedPlan) -> PlanPage:
     """Return what the page of a plan shows."""
     result = computed.result
     reached = result.totals.reached_share
@@ -101,7 +102,7 @@ def plan_page(computed: ComputedPlan, designs: object = None) -> PlanPage:
         viewers=viewer_table(result) if result.viewers else None,
         shadows=shadow_table(result) if result.shadows else None,
         paints=paint_table(result),
-        designs=designs,
+        designs=None if result.search is None else designs_section(result.search),
         footer="Matte surfaces, one reflectance for all colours, a projector whose pixels all send the same light. "
         f"{result.patches} patches, pictures of {result.pixels[0]} x {result.pixels[1]} px; nothing was measured.",
     )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from rig.plan.paints import ChosenPaint
 from rig.plan.projector import ProjectorNumbers
+from rig.plan.search.records import SearchResult
 from rig.records import Record
 
 
@@ -177,3 +178,5 @@ class PlanResult(Record):
     viewers: tuple[ViewerSight, ...]
     remarks: tuple[str, ...]
     """What a reader should know: guesses, and what falls short, in words."""
+    search: SearchResult | None = None
+    """Better designs; None: nobody looked."""

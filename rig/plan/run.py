@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from rig.errors import UsageError
-from rig.plan.compute import ComputedPlan, computed_plan
+from rig.plan.compute import computed_plan
 from rig.plan.page import write_plan_page
+from rig.plan.records import PlanResult
 from rig.plan.request import PlanRequest, load_room
+from rig.plan.search.run import search_designs
+from rig.plan.search.words import result_of
 from rig.profile.hardware_facts import FOLDER
 from rig.terminal import OnStep, silent
 
@@ -31,8 +35,10 @@ def room_file(name: Path) -> Path:
     raise UsageError(f"{name}: no such room file; give one (docs/how-to/plan-a-room.md), or one of {known}")
 
 
-def run_plan(request: PlanRequest | Path, page: Path | None = None, on_step: OnStep = silent) -> ComputedPlan:
-    """Compute a plan and write its page.
+def run_plan(
+    request: PlanRequest | Path, page: Path | None = None, on_step: OnStep = silent, *, search: bool = True
+) -> PlanResult:
+    """Compute a plan, look for better designs if the room file asks for them, and write the page.
 
     Parameters
     ----------
@@ -42,11 +48,21 @@ def run_plan(request: PlanRequest | Path, page: Path | None = None, on_step: OnS
         HTML file to write; None: none.
     on_step
         Told how far it is.
+    search
+        False: without the search.
+
+    Raises
+    ------
+    UsageError
+        For anything in the request that cannot be.
     """
     wanted = load_room(room_file(request)) if isinstance(request, Path) else request
     computed = computed_plan(wanted, on_step)
+    if search and wanted.search is not None:
+        designs = result_of(search_designs(wanted, on_step=on_step))
+        computed = replace(computed, result=replace(computed.result, search=designs))
     if page is not None:
         on_step("page", 0, 1)
         write_plan_page(computed, page)
         on_step("page", 1, 1)
-    return computed
+    return computed.result

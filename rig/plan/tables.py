@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rig.plan.records import PlannedPicture, PlanResult
+from rig.plan.search.page import print_search
 from rig.report.render import TextTable
 from rig.terminal import print_table, say
 
@@ -17,6 +18,8 @@ def print_plan(result: PlanResult, page: str | None) -> None:
         print_table(title, list(table.head), [tuple(row) for row in table.rows])
     for sentence in result.remarks:
         say(f"- {sentence}")
+    if result.search is not None:
+        print_search(result.search)
     if page is not None:
         print(f"page: {page}")
 

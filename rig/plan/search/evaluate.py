@@ -21,8 +21,6 @@ from rig.records import Json, JsonObject
 
 LARGER_IS_BETTER = ("brightness", "coverage", "contrast", "density")
 AXES = {"x": 0, "y": 1, "z": 2}
-FORBIDDEN = 1e6
-"""Score from which on a design breaks a limit; by how much is added, so that the search finds its way back."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,21 +35,17 @@ class DesignSpace:
     def design(self, values: Mapping[str, float | str]) -> Design:
         """Return a design computed."""
         request = with_values(self.request, values)
-        depth = keep_out_depth(request, self.search.keep_out)
+        kept_out = keep_out_depth(request, self.search.keep_out) > 0
         try:
-            measures = {} if depth > 0 else measures_of(request, self.search)
+            measures = {} if kept_out else measures_of(request, self.search)
         except ImpossiblePlace:
             measures = {}
-        if not measures:
-            return Design(values=values, measures={}, score=FORBIDDEN * (2 + depth), allowed=False)
-        broken = sum(_broken(goal, measures[goal.measure]) for goal in self.search.goal)
-        score = sum(goal.weight * self.badness(goal, measures) for goal in self.search.goal)
-        return Design(
-            values=values,
-            measures=measures,
-            score=score + FORBIDDEN * min(broken, 1.0) + (broken > 0),
-            allowed=not broken,
-        )
+        allowed = bool(measures) and self.broken(measures) == 0
+        return Design(values=values, measures=measures, score=0.0, allowed=allowed)
+
+    def broken(self, measures: Mapping[str, float]) -> float:
+        """Return by which share of their values limits are broken, all together."""
+        return sum(_broken(goal, measures[goal.measure]) for goal in self.search.goal)
 
     def badness(self, goal: SearchGoal, measures: Mapping[str, float]) -> float:
         """Return a goal's measure, smaller better, over its spread."""

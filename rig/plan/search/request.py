@@ -49,7 +49,6 @@ class SearchTable(Table):
     goal: Annotated[tuple[SearchGoal, ...], Field(min_length=1)]
     keep_out: tuple[KeepOut, ...] = ()
     evaluations: Annotated[int, Field(ge=8, le=100_000)] = 200
-    seed: Annotated[int, Field(ge=0)] = 1
     strategy: Text = "bounded"
     """Whose error is meant."""
     width_px: Annotated[int, Field(ge=16, le=640)] = 80
