@@ -52,17 +52,18 @@ def study_room(name: str, changes: dict, search: dict, steps: tuple[int, ...]) -
     return StudyRoom(name, request_of(data), steps)
 
 
+STAND = [
+    {"key": "projector.position_m.x", "low": 0.3, "high": 2.3},
+    {"key": "projector.position_m.y", "low": 0.3, "high": 2.3},
+    {"key": "projector.look_at_m.z", "low": 0.3, "high": 2.1},
+]
 ROOMS = (
     study_room(
         "where to stand",
         {"show": {"white_cdm2": 40, "pictures": ["outdoor"]}},
         {
-            "free": [
-                {"key": "projector.position_m.x", "low": 0.3, "high": 2.3},
-                {"key": "projector.position_m.y", "low": 0.3, "high": 2.3},
-                {"key": "projector.look_at_m.z", "low": 0.3, "high": 2.1},
-            ],
-            "goal": [{"measure": "error", "at_most": 200}, {"measure": "coverage", "weight": 1e-9, "at_least": 0.4}],
+            "free": STAND,
+            "goal": [{"measure": "error"}, {"measure": "coverage", "weight": 1e-9, "at_least": 0.4}],
         },
         (11, 11, 10),
     ),
@@ -96,6 +97,16 @@ ROOMS = (
         (6, 6, 6, 6),
     ),
 )
+HELD_OUT = tuple(
+    study_room(
+        f"to stand, {picture} at {white}",
+        {"show": {"white_cdm2": white, "pictures": [picture]}},
+        {"free": STAND, "goal": [{"measure": "error"}, {"measure": "coverage", "weight": 1e-9, "at_least": coverage}]},
+        (11, 11, 10),
+    )
+    for white, coverage, picture in ((60, 0.4, "outdoor"), (80, 0.35, "indoor"))
+)
+"""Rooms on which nothing of the search was chosen."""
 
 
 def grid_values(room: StudyRoom) -> list[dict[str, float | str]]:
@@ -109,10 +120,10 @@ def grid_values(room: StudyRoom) -> list[dict[str, float | str]]:
 
 
 def main() -> int:
-    """Print a table; status 1 where a search is more than 2 % above the best of its grid."""
+    """Print a table; status 1 where a search of the first rooms is more than 2 % above the best of its grid."""
     print(f"{'room':26} {'grid':>6} {'looked at':>9} {'above best %':>12} {'grid s':>7} {'search s':>8}")
     worst = 0.0
-    for room in ROOMS:
+    for room in (*ROOMS, *HELD_OUT):
         started = time.process_time()
         found = search_designs(room.request)
         search_s, started = time.process_time() - started, time.process_time()
@@ -120,9 +131,9 @@ def main() -> int:
         grid_s = time.process_time() - started
         best = min(score_of(found.space, design) for design in designs if design.allowed)
         above = 100 * (score_of(found.space, found.best) - best) / abs(best)
-        worst = max(worst, above)
+        worst = max(worst, above) if room in ROOMS else worst
         print(f"{room.name:26} {len(designs):6} {len(found.tried):9} {above:+12.2f} {grid_s:7.1f} {search_s:8.1f}")
-    print(f"worst {worst:+.2f} %, limit {LIMIT_PERCENT:g} %")
+    print(f"worst of the first {len(ROOMS)}: {worst:+.2f} %, limit {LIMIT_PERCENT:g} %")
     return int(worst > LIMIT_PERCENT)
 
 

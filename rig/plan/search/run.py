@@ -129,7 +129,7 @@ def search_designs(request: PlanRequest, on_step: OnStep = silent) -> FoundDesig
         raise UsageError("the room file has no [search]; say what is free and what is wanted")
     check_search(request, search)
     space = DesignSpace(request=request, search=search)
-    given = space.design({one.key: _given(request, one) for one in search.free})
+    given = replace(space.design({}), values={one.key: _given(request, one.key) for one in search.free})
     looker = _Looker(space, on_step)
     goals = weighty(search) if len(weighty(search)) > 1 else []
     whole = looker.allowance
@@ -183,12 +183,12 @@ def coordinate_of(one: FreeParameter, value: float | str) -> float:
     return min(max((float(value) - low) / (high - low), 0.0), 1.0)
 
 
-def _given(request: PlanRequest, one: FreeParameter) -> float | str:
-    """Return what the room file has for a parameter; the middle or first of what it may be where it has nothing."""
-    found = value_at(request, one.key)
-    if found is not None:
-        return found
-    return one.choices[0] if one.choices else 0.5 * sum(ends_of(one))
+def _given(request: PlanRequest, key: str) -> float | str:
+    """Return what the room file has for a parameter; of a surface without a paint of its own, that of all."""
+    found = value_at(request, key)
+    if found is None and key.startswith("paint."):
+        found = value_at(request, "paint.all")
+    return "-" if found is None else found
 
 
 def ends_of(one: FreeParameter) -> tuple[float, float]:

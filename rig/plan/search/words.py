@@ -126,7 +126,7 @@ def _matters(sensitivity: tuple[Sensitivity, ...]) -> str:
     if not ordered or ordered[0].share <= 0:
         return "No small change of a single parameter makes it worse: the best is flat."
     calm = [one.key for one in ordered if one.share < 0.1]
-    rest = f"; it hardly matters where {', '.join(calm)} stand" if calm else ""
+    rest = f"; {', '.join(calm)} may be moved a little without harm" if calm else ""
     return f"What matters most is {ordered[0].key}{rest}."
 
 
