@@ -68,11 +68,11 @@ def numbers_of(cells: Cells) -> NDArray[np.float64] | None:
     return np.asarray(known, dtype=np.float64)
 
 
-def spreads_of(columns: Columns) -> tuple[FigureSpread, ...]:
-    """Return how each figure that is a number is distributed."""
+def spreads_of(columns: Columns, first: Sequence[str] = ()) -> tuple[FigureSpread, ...]:
+    """Return how each figure that is a number is distributed, those that are asked for first."""
     spreads = []
-    for name, cells in columns.figures.items():
-        numbers = numbers_of(cells)
+    for name in dict.fromkeys((*(name for name in first if name in columns.figures), *columns.figures)):
+        numbers = numbers_of(columns.figures[name])
         known = None if numbers is None else numbers[np.isfinite(numbers)]
         if known is None or not known.size:
             continue

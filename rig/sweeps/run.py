@@ -148,7 +148,12 @@ def _swept(request: SweepRequest, on_step: OnStep) -> tuple[SweepResult, Columns
         lines = [known[name] for name in plan.points if name in known]
         columns = columns_of(lines)
         result = _result(plan, lines, folder.path, computed_now=len(to_do))
-        result = replace(result, others=len(known) - len(lines), warnings=tuple(warnings), spreads=spreads_of(columns))
+        result = replace(
+            result,
+            others=len(known) - len(lines),
+            warnings=tuple(warnings),
+            spreads=spreads_of(columns, plan.table.page.figures),
+        )
         result = _written(result, plan, columns, folder.path, is_new=bool(to_do) or changed, on_step=on_step)
     return replace(result, elapsed_s=time.perf_counter() - started_s), columns
 

@@ -14,6 +14,8 @@ from rig.sweeps.records import SweepResult
 from rig.terminal import print_table, say
 from rig.terminal.line import counted
 
+_SHOWN = 12
+"""Figures in the terminal's table: those that [page] names come first."""
 SPREAD_HEAD = ("figure", "points", "min", "10 %", "median", "90 %", "max")
 
 
@@ -31,6 +33,8 @@ def print_sweep(result: SweepResult) -> None:
     """Print how the figures are distributed, what failed, and where everything lies."""
     rows = [(one.figure, one.points, one.min, one.tenth, one.median, one.ninetieth, one.max) for one in result.spreads]
     print_table(result.title, SPREAD_HEAD, rows)
+    if len(result.spreads) > len(shown):
+        say(f"{len(result.spreads) - len(shown)} more figures are on the page and in the table")
     for line in result.failures:
         say(f"{line.status}: {words_of(line.inputs)}: {line.error}")
     for text in result.warnings:

@@ -61,6 +61,7 @@ class Subject(Protocol):
 
 SUBJECTS: Mapping[str, str] = {
     "paper": "rig.sweeps.subjects.paper:PaperSubject",
+    "plan": "rig.sweeps.subjects.plan:PlanSubject",
     "session": "rig.sweeps.subjects.session:SessionSubject",
 }
 """Where each subject is; none is loaded before a study asks for it."""

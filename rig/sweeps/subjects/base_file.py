@@ -1,16 +1,21 @@
-"""Parameters as settings of a TOML file: dotted names, devices by their names."""
+"""Parameters as settings of a TOML file, and results as figures: dotted names, tables of a list by their names."""
 
 from __future__ import annotations
 
 import difflib
+import hashlib
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 
 from rig.errors import ProfileError
 from rig.files.toml import toml_text
+from rig.records import Json, JsonObject
+from rig.sweeps.records import Figure
 
 _Node = dict[str, object]
+_NAMES = ("name", "strategy", "surface", "person")
+"""What tells the records of a list apart, where they have it."""
 
 
 def text_with(base: str, settings: Mapping[str, object]) -> bytes:
@@ -34,6 +39,40 @@ def text_with(base: str, settings: Mapping[str, object]) -> bytes:
     if problems:
         raise ProfileError("\n".join(problems))
     return toml_text(data).encode()
+
+
+def digest_of(base: str) -> str:
+    """Return what stands for a base file in a point's inputs: another file makes other points."""
+    return hashlib.sha256(base.encode()).hexdigest()[:16]
+
+
+def figures_of(result: JsonObject, left_out: tuple[str, ...] = (), before: str = "") -> Iterator[tuple[str, Figure]]:
+    """Yield a result's numbers and truth values by dotted name, records of a list by what they are called.
+
+    Parameters
+    ----------
+    result
+        A record as JSON.
+    left_out
+        Names that are no figures.
+    before
+        What the names begin with.
+    """
+    for key, value in result.items():
+        if f"{before}{key}" not in left_out:
+            yield from _figures_in(value, f"{before}{key}")
+
+
+def _figures_in(value: Json, name: str) -> Iterator[tuple[str, Figure]]:
+    if isinstance(value, dict):
+        yield from figures_of(value, before=f"{name}.")
+    elif isinstance(value, list):
+        for one in value:
+            word = next((str(one[key]) for key in _NAMES if key in one), "") if isinstance(one, dict) else ""
+            if word:
+                yield from _figures_in(one, f"{name}.{word}")
+    elif isinstance(value, bool | int | float):
+        yield name, value
 
 
 def _put(data: _Node, name: str, value: object) -> str:

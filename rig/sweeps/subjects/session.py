@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig.errors import ProfileError, UsageError
-from rig.records import Json, JsonObject, json_of
-from rig.sweeps.records import Evaluated, Figure
-from rig.sweeps.subjects.base_file import text_with
+from rig.records import JsonObject, json_of
+from rig.sweeps.records import Evaluated
+from rig.sweeps.subjects.base_file import digest_of, figures_of, text_with
 
 if TYPE_CHECKING:
     from rig.profile.schema import Profile
@@ -52,7 +52,7 @@ class SessionSubject:
             raise ProfileError(f"{_STRATEGIES}: {error}") from error
         _refuse_devices(Profile.parse(_profile_text(settings, base), _PROFILE))
         inputs: JsonObject = {key: json_of(value) for key, value in settings.items()}
-        return {**inputs, _STRATEGIES: json_of(list(names)), "base": _digest(base or "")}
+        return {**inputs, _STRATEGIES: json_of(list(names)), "base": digest_of(base or "")}
 
     def evaluate(self, inputs: JsonObject, base: str | None) -> Evaluated:
         """Run a session in a folder of its own, and return what its metrics.json holds as figures."""
@@ -67,18 +67,11 @@ class SessionSubject:
             strategies = tuple(str(name) for name in names) if isinstance(names, list) else ()
             request = SessionRequest(folder=Path(folder) / "session", profile=profile, strategies=strategies)
             result = run_session(request).as_json()
-        return Evaluated(figures=dict(_figures(result)))
+        return Evaluated(figures=dict(figures_of(result, _NOT_FIGURES)))
 
 
 def _profile_text(settings: Mapping[str, object], base: str | None) -> bytes:
     return text_with(base or "", {key: value for key, value in settings.items() if key != _STRATEGIES})
-
-
-def _digest(text: str) -> str:
-    """Another base file makes other points."""
-    import hashlib
-
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _refuse_devices(profile: Profile) -> None:
@@ -89,17 +82,3 @@ def _refuse_devices(profile: Profile) -> None:
             f"profile {profile.name} has devices with driver {others}: a sweep would run them at many points at once; "
             "give a simulated rig"
         )
-
-
-def _figures(value: JsonObject, before: str = "") -> Iterator[tuple[str, Figure]]:
-    """Yield numbers and truth values by dotted name."""
-    for key, one in value.items():
-        if f"{before}{key}" not in _NOT_FIGURES:
-            yield from _figures_of(one, f"{before}{key}")
-
-
-def _figures_of(value: Json, name: str) -> Iterator[tuple[str, Figure]]:
-    if isinstance(value, dict):
-        yield from _figures(value, f"{name}.")
-    elif isinstance(value, bool | int | float):
-        yield name, value
