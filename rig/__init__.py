@@ -38,6 +38,9 @@ if TYPE_CHECKING:
     from rig.offline.scan import run_scan
     from rig.offline.simulate import SimulationRequest, run_simulate
     from rig.paper.experiments import run_paper
+    from rig.plan.compute import plan_room
+    from rig.plan.records import PlanResult
+    from rig.plan.request import PlanRequest, load_room
     from rig.profile.schema import load_profile
     from rig.report.export import export_session
     from rig.run.plan import plan_session
@@ -48,11 +51,14 @@ if TYPE_CHECKING:
     from rig.session import Session
     from rig.stages.results import SessionResult
     from rig.strategies.comparison import Comparison, compare_strategies
+    from rig.sweeps.run import sweep
     from rig.version import __version__
 
 _HOMES = {
     "Comparison": "strategies.comparison",
     "LiveRequest": "live.plan",
+    "PlanRequest": "plan.request",
+    "PlanResult": "plan.records",
     "Rig": "capture.rig",
     "RigError": "errors",
     "Session": "session",
@@ -67,10 +73,12 @@ _HOMES = {
     "export_session": "report.export",
     "list_devices": "inventory.list",
     "load_profile": "profile.schema",
+    "load_room": "plan.request",
     "look": "by_hand.look",
     "model": "run.script",
     "open_rig": "run.script",
     "plan_live": "live.plan",
+    "plan_room": "plan.compute",
     "plan_session": "run.plan",
     "run_bench": "benchmark",
     "run_check": "self_check",
@@ -83,6 +91,7 @@ _HOMES = {
     "run_simulate": "offline.simulate",
     "separate": "run.script",
     "show_picture": "by_hand.show",
+    "sweep": "sweeps.run",
     "write_report": "run.script",
 }
 """Where each public name lives."""
@@ -90,6 +99,8 @@ _HOMES = {
 __all__ = [
     "Comparison",
     "LiveRequest",
+    "PlanRequest",
+    "PlanResult",
     "Rig",
     "RigError",
     "Session",
@@ -104,10 +115,12 @@ __all__ = [
     "export_session",
     "list_devices",
     "load_profile",
+    "load_room",
     "look",
     "model",
     "open_rig",
     "plan_live",
+    "plan_room",
     "plan_session",
     "run_bench",
     "run_check",
@@ -120,6 +133,7 @@ __all__ = [
     "run_simulate",
     "separate",
     "show_picture",
+    "sweep",
     "write_report",
 ]
 

@@ -21,9 +21,10 @@ What is behind each name: ``help(sim.compensate)`` and so on; all strategies: ``
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import version as _version
 from typing import Any
 
-__version__ = "0.1.0"
+__version__ = _version("procam-rig")
 
 _HOME_OF = {
     "Scene": "sim.geometry.scene",

@@ -6,9 +6,9 @@ import doctest
 import inspect
 import re
 import textwrap
-import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -125,8 +125,8 @@ def stub_names(package: ModuleType) -> set[str]:
 
 
 def distribution_version() -> str:
-    """Return the version that pyproject.toml gives to all packages."""
-    return str(tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"])
+    """Return the version that was installed: that of the last tag and what came after it."""
+    return version("procam-rig")
 
 
 def run_examples(package: ModuleType) -> int:

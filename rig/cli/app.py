@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import cyclopts
 from cyclopts import App, Group, Parameter
 
-from rig.cli import by_hand, hardware, live, session, studies
+from rig.cli import by_hand, hardware, live, rooms, session, studies
 from rig.errors import RigError, UsageError
 from rig.terminal.sentences import say
 
@@ -56,6 +56,8 @@ VERBS: dict[str, tuple[Callable[..., int], Group]] = {
     "live": (live.live, _SHOW),
     "compare-strategies": (studies.compare_strategies, _SHOW),
     "simulate": (studies.simulate, _OFFLINE),
+    "plan": (rooms.plan, _OFFLINE),
+    "sweep": (studies.sweep, _OFFLINE),
     "scan": (studies.scan, _OFFLINE),
     "paper": (studies.paper, _OFFLINE),
     "bench": (studies.bench, _OFFLINE),

@@ -251,3 +251,38 @@ def lenses(
         result = run_lenses(manifest, output, page, on_step=progress)
     print_json(result.as_json()) if as_json else print_lenses(result)
     return 0 if result.within_limits else 1
+
+
+def sweep(
+    study: Annotated[Path, Parameter(help="File of the study (docs/how-to/sweeps.md).")],
+    *,
+    folder: Annotated[
+        Path | None, Parameter(help="Where points are kept; default: runs/ and the study's name.")
+    ] = None,
+    workers: Annotated[int | None, Parameter(help="Processes on this machine; default: one a processor.")] = None,
+    scheduler: Annotated[
+        str | None, Parameter(help="Dask scheduler to compute on instead, such as tcp://head-node:8786.")
+    ] = None,
+    tries: Annotated[int | None, Parameter(help="Of a point that kills its worker; default: the study's, 3.")] = None,
+    retry: Annotated[bool, Parameter(negative="", help="Also points that failed before.")] = False,
+    as_json: Json = False,
+) -> int:
+    """Compute a study: many points of a plan, a simulated rig or the paper's room, on all processors or a cluster.
+
+    Points that are done are never done again; after an interruption run the same command again. Status 1 if a point
+    has no answer.
+
+    Example: rig sweep studies/paper-poses.toml --workers 2
+    """
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        from rig.sweeps.executors import ExecutorChoice
+        from rig.sweeps.run import SweepRequest, run_sweep
+        from rig.sweeps.tables import print_sweep
+
+        where = ExecutorChoice(workers=workers, scheduler=scheduler)
+        request = SweepRequest(study=study, folder=folder, where=where, tries=tries, retry=retry)
+        result = run_sweep(request, progress)
+    print_json(result.as_json()) if as_json else print_sweep(result)
+    return 1 if result.refused + result.killed else 0

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -16,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import SessionCorrupt, SessionError
-from rig.files.atomic import session_error, sync
+from rig.files.lines import AppendedFile, complete_bytes
 
 JOURNAL_NAME = "journal.jsonl"
 
@@ -37,11 +36,7 @@ def read_events(path: Path) -> list[Event]:
         data = path.read_bytes()
     except OSError as error:
         raise SessionError(f"{path}: cannot be read: {error.strerror}; is this a session's folder?") from error
-    return _parse(path, data[: _complete_bytes(data)])
-
-
-def _complete_bytes(data: bytes) -> int:
-    return data.rfind(b"\n") + 1
+    return _parse(path, data[: complete_bytes(data)])
 
 
 def _parse(path: Path, data: bytes) -> list[Event]:
@@ -72,26 +67,12 @@ def corrupt_line(path: Path, number: int) -> SessionCorrupt:
     return SessionCorrupt(f"{path}: line {number} is damaged; restore the file from a copy, or start a new session")
 
 
-class Journal:
+class Journal(AppendedFile):
     """A journal that is open for writing; made when it is not there."""
 
     def __init__(self, path: Path):
-        self.path = path
-        try:
-            self._descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-            self._size_bytes, self._seal = self._drop_torn_line()
-            sync(path.parent)
-        except OSError as error:
-            raise session_error(error, path) from error
-
-    def _drop_torn_line(self) -> tuple[int, bytes]:
-        """Return the size of what is complete, and the seal of its last line."""
-        data = self.path.read_bytes()
-        size_bytes = _complete_bytes(data)
-        os.ftruncate(self._descriptor, size_bytes)
-        os.fsync(self._descriptor)
-        last = _SEALED.fullmatch(data[data.rfind(b"\n", 0, max(size_bytes - 1, 0)) + 1 : size_bytes].rstrip(b"\n"))
-        return size_bytes, b"" if last is None else last[2]
+        super().__init__(path)
+        self._seal = _last_seal(path.read_bytes())
 
     def events(self) -> list[Event]:
         """Read everything back from the disk; raises SessionCorrupt."""
@@ -105,24 +86,13 @@ class Journal:
         stamped = {**event, "time": datetime.now(UTC).isoformat(timespec="milliseconds")}
         text = json.dumps(stamped, allow_nan=False).encode().removesuffix(b"}")
         seal = _seal_of(self._seal, text)
-        line = text + b', "seal": "' + seal + b'"}\n'
-        try:
-            self._write(line)
-        except OSError as error:
-            os.ftruncate(self._descriptor, self._size_bytes)
-            raise session_error(error, self.path, len(line)) from error
-        self._size_bytes += len(line)
+        self.append_line(text + b', "seal": "' + seal + b'"}\n')
         self._seal = seal
         return stamped
 
-    def _write(self, line: bytes) -> None:
-        written = 0
-        while written < len(line):  # a nearly full disk takes a part first and refuses the rest
-            written += os.write(self._descriptor, line[written:])
-        os.fsync(self._descriptor)
 
-    def close(self) -> None:
-        """Let the file go; any number of times."""
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
-            self._descriptor = -1
+def _last_seal(data: bytes) -> bytes:
+    """Return the seal of the last of complete lines; none of journals of older versions."""
+    lines = data.splitlines()
+    last = _SEALED.fullmatch(lines[-1]) if lines else None
+    return b"" if last is None else last[2]

@@ -8,7 +8,7 @@ import tomllib
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, TypeGuard, TypeVar, Union, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 from pydantic_core import ErrorDetails
@@ -75,11 +75,11 @@ def read_model(model: type[Model], raw: bytes, path: Path, checks: Callable[[dic
     ProfileError with one line ``FILE: table.key: what`` for each problem.
     """
     data = parse_toml(raw, path)
-    return _validate(model, data, path, checks(data))
+    return check_model(model, data, path, checks(data))
 
 
-def _validate(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
-    """Build the model from the TOML's data, without any conversion between text, numbers and truth values.
+def check_model(model: type[Model], data: Mapping[str, Any], path: Path, known_problems: Iterable[str] = ()) -> Model:
+    """Build a model from a TOML's data, without any conversion between text, numbers and truth values.
 
     ``known_problems`` ("table.key: what") are those that no single table shows. Raises ProfileError with one line
     ``FILE: table.key: what`` for each problem.
@@ -109,19 +109,47 @@ def entry_place(entries: Sequence[object], index: int) -> str:
     return f".{entry['name']}" if isinstance(entry.get("name"), str) else f".{index + 1}"
 
 
-def toml_value(value: object) -> str:
-    """Write a number, text, truth value or list of them as TOML. Raises TypeError for anything else."""
+def toml_value(value: object, *, exact: bool = False) -> str:
+    """Write a number, text, truth value or list of them as TOML, floats as people read them or with all digits.
+
+    Raises TypeError for anything else.
+    """
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)
     if isinstance(value, tuple | list):
-        return "[" + ", ".join(toml_value(one) for one in value) + "]"
+        return "[" + ", ".join(toml_value(one, exact=exact) for one in value) + "]"
     if isinstance(value, float):
-        return repr(value) if value.is_integer() else f"{value:.9g}"
+        return repr(value) if exact or value.is_integer() else f"{value:.9g}"
     if isinstance(value, int):
         return repr(value)
     raise TypeError(f"{type(value).__name__} is not written as TOML")
+
+
+def toml_text(data: Mapping[str, object], place: str = "") -> str:
+    """Write a file's tables as TOML: values first, then tables and lists of tables. Raises TypeError as above."""
+    tables = {key: value for key, value in data.items() if isinstance(value, Mapping)}
+    lists = {key: value for key, value in data.items() if _is_list_of_tables(value)}
+    lines = [
+        f"{_key(key)} = {toml_value(value, exact=True)}" for key, value in data.items() if key not in tables | lists
+    ]
+    text = "".join(f"{line}\n" for line in lines)
+    for key, table in tables.items():
+        text += f"\n[{place}{_key(key)}]\n{toml_text(table, f'{place}{_key(key)}.')}"
+    for key, rows in lists.items():
+        for row in rows:
+            text += f"\n[[{place}{_key(key)}]]\n{toml_text(row, f'{place}{_key(key)}.')}"
+    return text
+
+
+def _is_list_of_tables(value: object) -> TypeGuard[list[dict[str, object]]]:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, dict) for one in value)
+
+
+def _key(key: str) -> str:
+    plain = key and all(letter.isascii() and (letter.isalnum() or letter in "_-") for letter in key)
+    return key if plain else json.dumps(key, ensure_ascii=False)
 
 
 def _line(model: type[BaseModel], data: Mapping[str, Any], error: ErrorDetails) -> str:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.files.photographs import PHOTOGRAPHS, photograph
 from rig.paper.figures import PaperImages, write_paper_figures
-from rig.paper.published import exceptions, published_effects, sensitivity_remark
+from rig.paper.published import claimed, exceptions, published_effects, sensitivity_remark
 from rig.paper.records import (
     ConfigurationResult,
     Ends,
@@ -191,7 +191,7 @@ def run_paper(figures_dir: Path | None = None, on_step: OnStep = silent) -> Pape
         written = tuple(str(path) for path in write_paper_figures(results, images, figures_dir))
     on_step("done", total, total)
     by_name = {result.name: result for result in results}
-    effects = published_effects(by_name)
+    effects = published_effects({name: claimed(result) for name, result in by_name.items()})
     row_sums = factors[True].row_sums
     return PaperResult(
         coverage_quarter=by_name["quarter"].coverage,
@@ -277,7 +277,7 @@ def _run(
         name=configuration.name,
         title=configuration.title,
         image=configuration.image,
-        coverage=_coverage(transport),
+        coverage=coverage_of(transport),
         pixels_on_surface=float(seen.mean()),
         indirect=spread(indirect),
         indirect_bias_percent=float(100 * (indirect.mean() / unbiased.mean() - 1)),
@@ -302,7 +302,7 @@ def _run(
     return result, shown
 
 
-def _coverage(transport: LightTransport) -> float:
+def coverage_of(transport: LightTransport) -> float:
     """Share of the room's surface in patches that some pixel lights."""
     areas = transport.radiosity.form_factors.areas
     return float(areas[visible_patches(transport)].sum() / areas.sum())
@@ -328,7 +328,7 @@ def _errors_from(pose: Viewpoint, factors: FormFactors) -> PoseErrors:
         errors[base.name] = means
     return PoseErrors(
         **asdict(pose),
-        coverage=_coverage(transport),
+        coverage=coverage_of(transport),
         reference=errors["reference"],
         indoor=errors["indoor"],
         grey=errors["grey"],

@@ -3,12 +3,46 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 from rig.paper.records import ConfigurationResult, Effect, PoseErrors
 
 
-def published_effects(results: Mapping[str, ConfigurationResult]) -> tuple[Effect, ...]:
-    """Return each effect that the paper reports, its figures, ours, and whether ours go the same way."""
+@dataclass(frozen=True, kw_only=True)
+class ClaimedFigures:
+    """What the paper's claims speak of, of one configuration; light in grey levels of 255."""
+
+    indirect: float
+    """Mean over the patches that are seen."""
+    share_white: float
+    without: float
+    """Mean error without compensation."""
+    without_sd: float
+    compensated: float
+    """Mean error with the paper's compensation."""
+    compensated_sd: float
+
+
+def claimed(result: ConfigurationResult) -> ClaimedFigures:
+    """Return what the claims speak of."""
+    return ClaimedFigures(
+        indirect=result.indirect.mean,
+        share_white=result.share_white,
+        without=result.error_uncompensated.mean,
+        without_sd=result.error_uncompensated.sd,
+        compensated=result.strategies["paper"].mean,
+        compensated_sd=result.strategies["paper"].sd,
+    )
+
+
+def published_effects(results: Mapping[str, ClaimedFigures]) -> tuple[Effect, ...]:
+    """Return each effect that the paper reports, its figures, ours, and whether ours go the same way.
+
+    Parameters
+    ----------
+    results
+        Of all six configurations, by name.
+    """
     return tuple(
         Effect(effect=effect, published=published, ours=f"{first:.0f} against {second:.0f}", reproduced=first < second)
         for effect, published, first, second in (
@@ -24,44 +58,44 @@ _Claim = tuple[str, str, float, float]
 """(effect, published figures, what is to be smaller, what is to be larger)."""
 
 
-def _of_the_pictures(results: Mapping[str, ConfigurationResult]) -> tuple[_Claim, ...]:
+def _of_the_pictures(results: Mapping[str, ClaimedFigures]) -> tuple[_Claim, ...]:
     reference, indoor, grey = (results[name] for name in ("reference", "indoor", "grey"))
-    evened = (grey.strategies["paper"].sd, grey.error_uncompensated.sd)
+    evened = (grey.compensated_sd, grey.without_sd)
     return (
-        ("reference: compensation lowers the mean error", "27 against 32", _with(reference), _without(reference)),
-        ("indoor: compensation raises the mean error", "27 against 32", _without(indoor), _with(indoor)),
-        ("grey: compensation raises the mean error", "10 against 21", _without(grey), _with(grey)),
+        ("reference: compensation lowers the mean error", "27 against 32", reference.compensated, reference.without),
+        ("indoor: compensation raises the mean error", "27 against 32", indoor.without, indoor.compensated),
+        ("grey: compensation raises the mean error", "10 against 21", grey.without, grey.compensated),
         ("grey: compensation evens the error out (sd)", "3 against 8", *evened),
     )
 
 
-def _of_a_quarter(results: Mapping[str, ConfigurationResult]) -> tuple[_Claim, ...]:
+def _of_a_quarter(results: Mapping[str, ClaimedFigures]) -> tuple[_Claim, ...]:
     less, all_ = results["quarter"], results["reference"]
     return (
-        ("25 %: less indirect light than the reference", "38 against 71", less.indirect.mean, all_.indirect.mean),
-        ("25 %: smaller error without compensation", "21 against 32", _without(less), _without(all_)),
+        ("25 %: less indirect light than the reference", "38 against 71", less.indirect, all_.indirect),
+        ("25 %: smaller error without compensation", "21 against 32", less.without, all_.without),
         ("25 %: larger once-reflected share (%)", "35 against 45", 100 * all_.share_white, 100 * less.share_white),
     )
 
 
-def _of_an_open_ceiling(results: Mapping[str, ConfigurationResult]) -> tuple[_Claim, ...]:
+def _of_an_open_ceiling(results: Mapping[str, ClaimedFigures]) -> tuple[_Claim, ...]:
     open_, shut = results["no_ceiling"], results["reference"]
     shares = (100 * shut.share_white, 100 * open_.share_white)
     return (
-        ("no ceiling: less indirect light", "20 against 71", open_.indirect.mean, shut.indirect.mean),
-        ("no ceiling: smaller error with compensation", "6 against 27", _with(open_), _with(shut)),
+        ("no ceiling: less indirect light", "20 against 71", open_.indirect, shut.indirect),
+        ("no ceiling: smaller error with compensation", "6 against 27", open_.compensated, shut.compensated),
         ("no ceiling: larger once-reflected share (%)", "35 against 71", *shares),
     )
 
 
-def _of_dark_walls(results: Mapping[str, ConfigurationResult]) -> tuple[_Claim, ...]:
+def _of_dark_walls(results: Mapping[str, ClaimedFigures]) -> tuple[_Claim, ...]:
     dark, light = results["dark_walls"], results["reference"]
     shares = (100 * light.share_white, 100 * dark.share_white)
     return (
-        ("reflectance 0.4: less indirect light", "13 against 71", dark.indirect.mean, light.indirect.mean),
+        ("reflectance 0.4: less indirect light", "13 against 71", dark.indirect, light.indirect),
         ("reflectance 0.4: larger once-reflected share (%)", "35 against 60", *shares),
-        ("reflectance 0.4: larger error without compensation", "32 against 83", _without(light), _without(dark)),
-        ("reflectance 0.4: compensation lowers the mean error", "47 against 83", _with(dark), _without(dark)),
+        ("reflectance 0.4: larger error without compensation", "32 against 83", light.without, dark.without),
+        ("reflectance 0.4: compensation lowers the mean error", "47 against 83", dark.compensated, dark.without),
     )
 
 
@@ -87,11 +121,3 @@ def sensitivity_remark(rows: Sequence[PoseErrors]) -> str:
 
 def _raised(rows: Sequence[PoseErrors]) -> tuple[list[Mapping[str, float]], list[Mapping[str, float]]]:
     return [row.indoor for row in rows], [row.grey for row in rows]
-
-
-def _without(result: ConfigurationResult) -> float:
-    return result.error_uncompensated.mean
-
-
-def _with(result: ConfigurationResult) -> float:
-    return result.strategies["paper"].mean

@@ -1,6 +1,7 @@
 """CITATION.cff parses, says what the package says, and names the article."""
 
 import datetime
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -26,9 +27,14 @@ def test_it_has_what_the_format_requires(citation: dict[str, Any]) -> None:
 
 def test_it_says_what_the_package_says(citation: dict[str, Any]) -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    said = {"name": citation["title"], "version": citation["version"], "license": citation["license"]}
+    said = {"name": citation["title"], "license": citation["license"]}
     assert said == {key: project[key] for key in said}
     assert citation["keywords"] == project["keywords"]
+
+
+def test_it_cites_the_last_version_that_was_released(citation: dict[str, Any]) -> None:
+    released = re.findall(r"^## \[(\d+\.\d+\.\d+)\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+    assert citation["version"] == released[0]
 
 
 def test_the_version_and_its_date_stand_in_the_changes(citation: dict[str, Any]) -> None:

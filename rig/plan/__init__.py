@@ -1,0 +1,1 @@
+"""A room planned before it is built: brightness, contrast, interreflection and what compensation is worth."""

@@ -1,0 +1,224 @@
+"""What a plan is asked for: the tables of ``ROOM.toml``, checked one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from rig.errors import ProfileError
+from rig.files.toml import Table, check_model, read_model
+from rig.plan.search.request import SearchTable
+from rig.records import JsonObject
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Share = Annotated[float, Field(ge=0.001, le=0.99)]
+"""A reflectance: nothing on a wall is blacker than 0.001, and above 0.99 light would hardly fade."""
+Text = Annotated[str, Field(min_length=1)]
+Point = tuple[float, float, float]
+Paint = float | str
+Unit = Literal["m", "cm", "mm", "in", "inch", "ft"]
+UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
+BoxFace = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
+
+
+class RoomShape(Table):
+    """``[room]``: a box by its size, a scene of the library, or a mesh file."""
+
+    size_m: tuple[Positive, Positive, Positive] | None = None
+    """Along x, y and z. [m]"""
+    surfaces: tuple[BoxFace, ...] = ("floor", "ceiling", "x0", "x1", "y0", "y1")
+    """Of a box, those that there are."""
+    scene: Text | None = None
+    """A name that ``rig simulate`` knows."""
+    mesh: Text | None = None
+    """A mesh file; from the plan's folder."""
+    unit: Unit | None = None
+    up: UpAxis | None = None
+    patch_m: Positive = 0.4
+    """Wanted size of the patches. [m]"""
+
+
+class NamedPaint(Table):
+    """``[[named_paint]]``: a paint of one's own."""
+
+    name: Text
+    reflectance: Share
+    """Luminous: a colour card's LRV over 100."""
+    cost: NotNegative = 0.0
+    """A square metre, in any currency."""
+    source: str = ""
+    """Who measured it."""
+
+
+class Opening(Table):
+    """``[[opening]]``: a window, a door, a lamp's panel in a surface of a box."""
+
+    name: Text
+    surface: BoxFace
+    from_m: tuple[NotNegative, NotNegative]
+    """Lower left corner seen from inside: along the wall, and up; on floor and ceiling along the face's axes. [m]"""
+    to_m: tuple[Positive, Positive]
+    """Upper right corner. [m]"""
+    paint: Paint = "window-glass"
+    emits_cdm2: NotNegative = 0.0
+    """Its own luminance, the same in all directions. [cd/m²]"""
+
+
+class RoomLight(Table):
+    """``[room_light]``: what shines beside projector and openings; one of the two."""
+
+    lux: NotNegative | None = None
+    """As a meter reads it on every surface while the projector is off, whatever the paint. [lx]"""
+    lamp_lm: NotNegative | None = None
+    """Of lamps that shine alike on all surfaces; these pass it on, so that dark paint keeps the room dark. [lm]"""
+
+
+class PlannedProjector(Table):
+    """``[projector]``: a model of hw_profiles/projectors, numbers, or both; numbers go first."""
+
+    model: Text | None = None
+    throw_ratio: Positive | None = None
+    """Distance over picture width."""
+    lens_shift: tuple[float, float] = (0.0, 0.0)
+    """Of the picture against the optical axis, to the right and up, in shares of its width and height."""
+    lumens: Positive | None = None
+    """Of full white. [lm]"""
+    contrast: Annotated[float, Field(gt=1)] | None = None
+    """Full white over full black, the projector alone."""
+    width_px: Annotated[int, Field(ge=16)] | None = None
+    height_px: Annotated[int, Field(ge=16)] | None = None
+    position_m: Point
+    """Of the lens. [m]"""
+    look_at_m: Point
+    """A point on the optical axis. [m]"""
+    roll_deg: float = 0.0
+
+
+class PlannedViewer(Table):
+    """``[[viewer]]``: an eye; ``stands`` for a person below it who throws a shadow."""
+
+    name: Text
+    eye_m: Point
+    stands: bool = False
+
+
+class PlannedPerson(Table):
+    """``[[person]]``: somebody who stands in the room, a cylinder from the floor up."""
+
+    name: Text
+    at_m: tuple[float, float]
+    height_m: Positive = 1.75
+    radius_m: Positive = 0.25
+
+
+class Shown(Table):
+    """``[show]``: what is wanted on the walls."""
+
+    white_cdm2: Positive
+    """Luminance that the pictures' white shall have, whatever the paint. [cd/m²]"""
+    pictures: Annotated[tuple[Text, ...], Field(min_length=1)] = ("outdoor", "indoor", "grey")
+    """``outdoor``, ``indoor``, ``grey``, ``white``, ``checker``, ``grey:0.5``, or picture files."""
+    strategies: tuple[Text, ...] = ("direct", "paper", "exact", "bounded")
+    """Beside ``none``; ``bounded`` is always asked for what cannot be reached."""
+    width_px: Annotated[int, Field(ge=16, le=1920)] = 160
+    """Of the pictures that are computed; the projector's own pixels are counted all the same."""
+
+
+class PlanRequest(Table):
+    """A room, a projector and what is wanted of them; frozen, equal by value, and the same as ``ROOM.toml``."""
+
+    schema_: Annotated[Literal[1], Field(alias="schema")] = 1
+    name: Text = "room"
+    room: RoomShape
+    paint: Mapping[str, Paint] = Field(default_factory=lambda: {"all": 0.7})
+    """By surface: a name or a reflectance; ``walls`` for upright ones, ``all`` for the others."""
+    named_paint: tuple[NamedPaint, ...] = ()
+    opening: tuple[Opening, ...] = ()
+    room_light: RoomLight = RoomLight()
+    projector: PlannedProjector
+    viewer: tuple[PlannedViewer, ...] = ()
+    person: tuple[PlannedPerson, ...] = ()
+    show: Shown
+    search: SearchTable | None = None
+
+    def as_json(self) -> JsonObject:
+        """Return all that differs from nothing, as ``ROOM.toml`` has it."""
+        made: JsonObject = self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        return made
+
+
+def load_room(path: Path) -> PlanRequest:
+    """Read ``ROOM.toml``; names of files in it are taken from its folder.
+
+    Raises
+    ------
+    ProfileError
+        A line for each thing that is wrong with it.
+    """
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ProfileError(f"{path}: cannot be read: {error.strerror}; give a room file (TOML)") from error
+    request = read_model(PlanRequest, raw, path, _cross_checks)
+    return _with_whole_paths(request, path.parent)
+
+
+def request_of(data: dict[str, Any], folder: Path | None = None) -> PlanRequest:
+    """Return the request that a TOML's data (or :meth:`PlanRequest.as_json`) say.
+
+    Parameters
+    ----------
+    data
+        Of a room file.
+    folder
+        From which names of files are taken; None: as they stand.
+
+    Raises
+    ------
+    ProfileError
+        A line for each thing that is wrong with it.
+    """
+    request = check_model(PlanRequest, data, Path("room"), _cross_checks(data))
+    return request if folder is None else _with_whole_paths(request, folder)
+
+
+def _cross_checks(data: dict[str, Any]) -> list[str]:
+    """What no single table shows."""
+    problems = []
+    room, light, projector, show = (_table(data, key) for key in ("room", "room_light", "projector", "show"))
+    kinds = [key for key in ("size_m", "scene", "mesh") if key in room]
+    if len(kinds) != 1:
+        problems.append(f"room: {' and '.join(kinds) or 'nothing'} given; give one of size_m, scene, mesh")
+    if "lux" in light and "lamp_lm" in light:
+        problems.append("room_light: lux and lamp_lm say the same thing; give what you measured, or what you install")
+    if "lumens" not in projector and "model" not in projector:
+        problems.append("projector.lumens: missing; give the lumens of white, or a model of hw_profiles/projectors")
+    if show and "white_cdm2" not in show:
+        problems.append(
+            "show.white_cdm2: missing; say how bright white shall look: 48 as in a cinema, 10 ... 20 where "
+            "one projector fills a room"
+        )
+    if "opening" in data and "size_m" not in room:
+        problems.append("opening: known in a box only (room.size_m); a mesh brings its own windows")
+    return problems
+
+
+def _table(data: dict[str, Any], key: str) -> dict[str, Any]:
+    value = data.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _with_whole_paths(request: PlanRequest, folder: Path) -> PlanRequest:
+    """The same with files named from where the command runs."""
+    room = request.room
+    if room.mesh is not None:
+        room = room.model_copy(update={"mesh": str(folder / room.mesh)})
+    pictures = tuple(
+        str(folder / name) if "." in Path(name).name and ":" not in name else name for name in request.show.pictures
+    )
+    show = request.show.model_copy(update={"pictures": pictures})
+    return request.model_copy(update={"room": room, "show": show})

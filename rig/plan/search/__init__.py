@@ -1,0 +1,1 @@
+"""Designs of a room: free parameters, goals, the best of them, and why."""

@@ -1,0 +1,104 @@
+"""Charts of a study: each figure against each parameter that varies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rig.report.pictures import png_figure
+from rig.sweeps.columns import Cells, Columns, numbers_of
+from rig.sweeps.study import StudyPage
+
+FloatArray = NDArray[np.float64]
+_INK, _SOFT, _BLUE = "#1d2330", "#5d6678", "#2557a7"
+_MOST_FIGURES, _MOST_PARAMETERS = 6, 6
+"""That are drawn unless a study names others."""
+_DISCRETE = 16
+"""Values of a parameter up to which each has its own place; with more, the axis is divided."""
+_PARTS = 12
+_DOTS = 2000
+"""Points of a chart: more only make it black."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepChart:
+    """A figure against the parameters."""
+
+    title: str
+    text: str
+    src: str
+
+
+def charts_of(columns: Columns, wishes: StudyPage) -> list[SweepChart]:
+    """Return a chart a figure, with a panel a parameter; line: median, band: from the 10 % to the 90 % quantile."""
+    numbers = {name: found for name, cells in columns.figures.items() if (found := numbers_of(cells)) is not None}
+    shown = wishes.figures or tuple(numbers)[:_MOST_FIGURES]
+    against = wishes.against or columns.varied()[:_MOST_PARAMETERS]
+    places = {name: _places(columns.inputs[name]) for name in against}
+    return [_chart(name, numbers[name], places) for name in shown if name in numbers and places]
+
+
+@dataclass(frozen=True, eq=False)
+class _Places:
+    """Where each point stands on a parameter's axis, and the parts that are summed up together."""
+
+    at: FloatArray
+    part: NDArray[np.intp]
+    middles: FloatArray
+    words: tuple[str, ...]
+    """Of the parts; none: the axis has numbers."""
+
+
+def _places(cells: Cells) -> _Places:
+    numbers = numbers_of(cells)
+    if numbers is not None and len(np.unique(numbers)) > _DISCRETE:
+        edges = np.quantile(numbers, np.linspace(0, 1, _PARTS + 1))
+        part = np.clip(np.searchsorted(edges, numbers, side="right") - 1, 0, _PARTS - 1)
+        return _Places(numbers, part, (edges[1:] + edges[:-1]) / 2, ())
+    words = [_word(cell) for cell in cells]
+    names = list(dict.fromkeys(words)) if numbers is None else [_word(n) for n in np.unique(numbers).tolist()]
+    if numbers is None:
+        part = np.array([names.index(word) for word in words])
+    else:
+        part = np.searchsorted(np.unique(numbers), numbers)
+    return _Places(part.astype(np.float64), part, np.arange(len(names), dtype=np.float64), tuple(names))
+
+
+def _word(cell: object) -> str:
+    return f"{cell:g}" if isinstance(cell, float | int) and not isinstance(cell, bool) else str(cell)
+
+
+def _chart(name: str, values: FloatArray, places: Mapping[str, _Places]) -> SweepChart:
+    figure = Figure(figsize=(3.6 * len(places), 3.0), layout="constrained")
+    panels = figure.subplots(1, len(places), sharey=True, squeeze=False)[0]
+    for axes, (parameter, place) in zip(panels, places.items(), strict=True):
+        _panel(axes, values, place)
+        axes.set_xlabel(parameter, fontsize=9, color=_SOFT)
+    panels[0].set_ylabel(name, fontsize=9, color=_SOFT)
+    known = int(np.isfinite(values).sum())
+    text = f"{known} points: dots (at most {_DOTS}), median, and the band between the 10 % and the 90 % quantile."
+    return SweepChart(title=name, text=text, src=png_figure(figure))
+
+
+def _panel(axes: Axes, values: FloatArray, place: _Places) -> None:
+    known = np.flatnonzero(np.isfinite(values))
+    few = known[:: max(len(known) // _DOTS, 1)]
+    spread = np.linspace(-0.25, 0.25, len(few))[np.argsort(np.argsort(few * 7919 % max(len(values), 1)))]
+    at = place.at[few] + (spread if place.words else 0)
+    axes.plot(at, values[few], ".", markersize=1.5, color=_SOFT, alpha=0.35, rasterized=True)
+    there = [k for k in range(len(place.middles)) if np.any(place.part[known] == k)]
+    bands = [np.quantile(values[known][place.part[known] == k], (0.1, 0.5, 0.9)) for k in there]
+    if bands:
+        low, median, high = np.transpose(bands)
+        middles = place.middles[there]
+        axes.fill_between(middles, low, high, color=_BLUE, alpha=0.18, linewidth=0)
+        axes.plot(middles, median, "o-", color=_BLUE, markersize=3, linewidth=1.4)
+    if place.words:
+        axes.set_xticks(place.middles, place.words, fontsize=8)
+    axes.tick_params(labelsize=8, colors=_INK)
+    axes.spines[["top", "right"]].set_visible(False)
