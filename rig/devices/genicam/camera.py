@@ -14,25 +14,32 @@ from dataclasses import dataclass, field
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
 from rig.devices.genicam.clock_map import ClockMap
-from rig.devices.genicam.features import EXPOSURES, Features, Setting, manual
-from rig.devices.genicam.find import is_address, opened_by, why_silent
+from rig.devices.genicam.features import Features, Setting
 from rig.devices.genicam.formats import PIXEL_FORMATS, PixelFormat, Pixels, pixel_format
 from rig.devices.genicam.library import AravisError, aravis
 from rig.devices.genicam.settings import GenicamOptions, options_of
-from rig.devices.genicam.stream import SOCKET_BUFFER_BYTES, Filled, Stream, socket_buffer_limit
+from rig.devices.genicam.setup import (
+    MICROSECONDS,
+    Wishes,
+    called,
+    check_control,
+    connected,
+    exposure_feature,
+    set_packets,
+    set_up,
+    transport_advice,
+)
+from rig.devices.genicam.stream import Filled, Stream
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure, check_mosaic
-from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, SettingRefused
+from rig.errors import CaptureTimeout, DeviceBusy, DeviceLost, SettingRefused
 
-_TRIES = 3
-"""To connect: a first answer may be lost, or come too late."""
-_MICROSECONDS = 1e6
 _ANSWER_S = 1.0
 """From a trigger to the frame, on top of its exposure: readout and transfer of any camera that this is for."""
 _EARLY_SHARE = 0.9
 """Of the exposure: a frame that arrives sooner after the trigger was exposed before it."""
-_SMALL_PACKET = 1500
-"""Bytes: what a network without jumbo frames carries."""
+_QUEUED_PERIODS = 2
+"""Frames that a camera that is not triggered may have begun or queued with the exposure before."""
 _STEP = 1e-5
 """Relative: exposures that are nearer than this are one."""
 
@@ -160,116 +167,37 @@ class GenicamCamera:
         """
         if self._opened is not None:
             return
-        wanted = self._format
+        wishes = Wishes(
+            self._name, self._shape, self._format, 1 / self._period_s, self._exposure_range_s, self._options
+        )
         with ExitStack() as undo:
-            camera = self._connected(opened_by(self.device_id))
+            camera = connected(self.device_id, self._name)
             undo.callback(aravis().call, "g_object_unref", camera)
             device = aravis().call("arv_camera_get_device", camera)
             is_gige = bool(aravis().call("arv_camera_is_gv_device", camera))
             if is_gige and not aravis().call("arv_gv_device_is_controller", device):
                 raise DeviceBusy(f"{self._name} is controlled by another program; close that, and try again")
             features = Features(device, self._name)
-            held = self._set_up(features, wanted)
-            packet_bytes = self._packets(camera) if is_gige else None
-            payload = self._called("arv_camera_get_payload", camera, "size of a frame")
-            stream = Stream(camera, payload, is_gige=is_gige, clock=self._clock)
+            held = set_up(features, wishes)
+            packet_bytes = set_packets(camera, wishes) if is_gige else None
+            stream = Stream(
+                camera, called("arv_camera_get_payload", camera, wishes.name), is_gige=is_gige, clock=self._clock
+            )
             undo.callback(stream.close)
-            exposure = self._exposure_feature(features)
-            self._opened = _Opened(
+            exposure = exposure_feature(features, wishes)
+            opened = _Opened(
                 device=device,
                 camera=camera,
                 features=features,
                 stream=stream,
                 exposure=exposure,
-                exposure_s=features.number(exposure) / _MICROSECONDS,
+                exposure_s=features.number(exposure) / MICROSECONDS,
                 held=held,
                 packet_bytes=packet_bytes,
                 undo=undo,
             )
-            self._called("arv_camera_start_acquisition", camera, "starting")
-            self._opened.undo = undo.pop_all()
-
-    def _connected(self, address: str) -> int:
-        """Return Aravis' camera at an address or of a name; asks again when the first answer is lost."""
-        last: AravisError | None = None
-        for _ in range(_TRIES):
-            try:
-                found = aravis().call("arv_camera_new", address.encode())
-            except AravisError as error:
-                last = error
-                if error.means_taken:
-                    raise DeviceBusy(f"{self._name} is controlled by another program ({error}); close that") from error
-                continue
-            if found:
-                return int(found)
-        why = why_silent(address) if is_address(address) else "plug it in again, and see `rig devices`"
-        raise DeviceLost(f"{self._name} does not answer ({last}): {why}") from last
-
-    def _set_up(self, features: Features, wanted: PixelFormat) -> list[Setting]:
-        """Set format, size, rate, trigger, automatics and the profile's features; returns what has to stay so."""
-        if features.has("TriggerMode"):
-            features.hold(Setting("TriggerMode", "Off"))
-        for name in ("OffsetX", "OffsetY"):
-            if features.has(name):
-                features.hold(Setting(name, 0))
-        height_px, width_px, _ = self._shape
-        picture = [Setting("PixelFormat", wanted.name), Setting("Width", width_px), Setting("Height", height_px)]
-        others = [Setting(name, value) for name, value in self._options.features.items()]
-        given = {name for name, _ in others}
-        held = [*picture, *(one for one in manual(features) if one.name not in given), *self._trigger(features), *others]
-        for setting in held:
-            features.hold(setting)
-        if features.has("AcquisitionFrameRate") and not self._is_triggered:
-            if features.has("AcquisitionFrameRateEnable"):
-                features.hold(Setting("AcquisitionFrameRateEnable", True))
-            features.hold(Setting("AcquisitionFrameRate", 1 / self._period_s))
-        if features.has("AcquisitionMode"):
-            features.hold(Setting("AcquisitionMode", "Continuous"))
-        return held
-
-    def _trigger(self, features: Features) -> list[Setting]:
-        if self._options.trigger == "free":
-            return []
-        source = "Software" if self._is_triggered else self._options.line
-        wanted = [Setting("TriggerSelector", "FrameStart")] if features.has("TriggerSelector") else []
-        wanted.append(Setting("TriggerSource", source))
-        if not self._is_triggered:
-            wanted.append(Setting("TriggerActivation", self._options.activation))
-        if not features.has("TriggerMode"):
-            raise SettingRefused(f'{self._name} has no trigger; give camera.options.trigger = "free"')
-        return [*wanted, Setting("TriggerMode", "On")]
-
-    def _exposure_feature(self, features: Features) -> str:
-        found = features.first_of(EXPOSURES)
-        if found is None:
-            raise SettingRefused(f"{self._name} has no exposure time that can be set; is it an industrial camera?")
-        range_s = ExposureRange(*(one / _MICROSECONDS for one in features.bounds(found)))
-        if not (range_s.holds(self._exposure_range_s.shortest_s) and range_s.holds(self._exposure_range_s.longest_s)):
-            raise SettingRefused(
-                f"camera.exposure_range_s {self._exposure_range_s} is outside what {self._name} can do, {range_s} s; "
-                "give a range within it"
-            )
-        return found
-
-    def _packets(self, camera: int) -> int:
-        """Set the size of packets, and return it."""
-        if self._options.packet_size is not None:
-            size = self._options.packet_size
-            try:
-                aravis().call("arv_camera_gv_set_packet_size", camera, size)
-            except AravisError as error:
-                raise SettingRefused(f"{self._name}: packets of {size} bytes: {error}; leave packet_size out") from error
-        else:
-            with suppress(AravisError):  # then it stays what it was
-                aravis().call("arv_camera_gv_auto_packet_size", camera)
-        return int(self._called("arv_camera_gv_get_packet_size", camera, "size of packets"))
-
-    def _called(self, function: str, pointer: int, doing: str) -> int:
-        try:
-            return int(aravis().call(function, pointer) or 0)
-        except AravisError as error:
-            kind = DeviceLost if error.means_gone else DeviceError
-            raise kind(f"{self._name}: {doing}: {error}; check cable and power") from error
+            called("arv_camera_start_acquisition", camera, wishes.name)
+            opened.undo, self._opened = undo.pop_all(), opened
 
     def close(self) -> None:
         """Stop it and let it go; any number of times, from any state."""
@@ -287,14 +215,16 @@ class GenicamCamera:
         """
         with self._opened_for("setting its exposure") as opened:
             check_exposure(exposure_s, self._exposure_range_s)
+            self._check_control(opened)
             changed = [one.name for one in opened.held if not opened.features.is_as_set(one)]
             if changed:
                 raise SettingRefused(
-                    f"{self._name}: {', '.join(changed)} is not as it was set any more; close other programs that use it"
+                    f"{self._name}: {', '.join(changed)} is not as it was set; close other programs that use it"
                 )
-            chosen_s = opened.features.set_number(opened.exposure, exposure_s * _MICROSECONDS) / _MICROSECONDS
+            chosen_s = opened.features.set_number(opened.exposure, exposure_s * MICROSECONDS) / MICROSECONDS
             if abs(chosen_s - opened.exposure_s) > _STEP * opened.exposure_s:
-                opened.exposure_s, opened.valid_from_s = chosen_s, self._clock.now_s()
+                queued_s = 0.0 if self._is_triggered else _QUEUED_PERIODS * max(self._period_s, opened.exposure_s)
+                opened.exposure_s, opened.valid_from_s = chosen_s, self._clock.now_s() + queued_s
             return opened.exposure_s
 
     def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
@@ -312,8 +242,8 @@ class GenicamCamera:
                 return frame
             self._check_control(opened)
             raise CaptureTimeout(
-                f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: {seen}; "
-                "check the cable (packets missing: larger socket buffer, see `rig check`), or raise timing.timeout_s"
+                f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
+                f"{seen}; check the cable (where packets are missing, `rig check` says more), or raise timing.timeout_s"
             )
 
     def _triggered(self, opened: _Opened, after_s: float, until_s: float, seen: _Search) -> RawFrame | None:
@@ -338,8 +268,8 @@ class GenicamCamera:
 
     def _restart(self, opened: _Opened) -> None:
         """A frame that was triggered and did not come may come still, and would pass for the next one."""
-        self._called("arv_camera_stop_acquisition", opened.camera, "stopping")
-        self._called("arv_camera_start_acquisition", opened.camera, "starting again")
+        called("arv_camera_stop_acquisition", opened.camera, self._name)
+        called("arv_camera_start_acquisition", opened.camera, self._name)
         opened.stream.drop_waiting()
         opened.stream.forget_ids()
 
@@ -383,10 +313,8 @@ class GenicamCamera:
 
     def _check_control(self, opened: _Opened) -> None:
         """Raise DeviceLost when the camera is not ours any more: silence has no other sign."""
-        if opened.packet_bytes is None:
-            return
-        if not aravis().call("arv_gv_device_is_controller", opened.device):
-            raise DeviceLost(f"{self._name} has let this program go: its heartbeat was lost; check the network")
+        if opened.packet_bytes is not None:
+            check_control(opened.device, self._name)
         opened.features.number("Width")
 
     @contextmanager
@@ -405,24 +333,7 @@ class GenicamCamera:
         opened = self._opened
         if opened is None or opened.packet_bytes is None:
             return ()
-        counters, limit = opened.stream.counters(), socket_buffer_limit()
-        found = []
-        if opened.packet_bytes <= _SMALL_PACKET:
-            found.append(
-                f"{self._name}: packets of {opened.packet_bytes} bytes; larger ones cost less: ip link set DEVICE mtu 9000"
-            )
-        if limit is not None and limit < SOCKET_BUFFER_BYTES:
-            found.append(
-                f"{self._name}: sockets may keep {limit} bytes, {SOCKET_BUFFER_BYTES} are wanted: "
-                f"sysctl -w net.core.rmem_max={SOCKET_BUFFER_BYTES}"
-            )
-        if counters.failed or counters.missing_packets:
-            found.append(
-                f"{self._name}: {counters.failed} of {counters.complete + counters.failed} frames came incomplete, "
-                f"{counters.missing_packets} packets were missing, {counters.resent_packets} were sent again; use a cable "
-                "and a card of its own"
-            )
-        return tuple(found)
+        return transport_advice(self._name, opened.packet_bytes, opened.stream.counters())
 
 
 def from_profile(settings: CameraSettings, clock: Clock) -> GenicamCamera:

@@ -93,7 +93,7 @@ class Features:
         return self.number(feature)
 
     def hold(self, setting: Setting) -> None:
-        """Set a feature and read it back. Raises SettingRefused when the camera has another value, or no such feature."""
+        """Set a feature and read it back. Raises SettingRefused for another value, or when there is none."""
         name, value = setting
         if not self.has(name):
             raise SettingRefused(f"{self._name} has no feature {name!r} that can be set now; remove it")

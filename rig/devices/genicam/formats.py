@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,8 +67,8 @@ def _pairs(data: Bytes, count: int) -> tuple[NDArray[np.uint16], ...]:
     return tuple(whole.reshape(-1, 3).T.astype(np.uint16))
 
 
-def _interleaved(first: NDArray[np.uint16], second: NDArray[np.uint16], count: int) -> Pixels:
-    return np.stack([first, second], axis=-1).reshape(-1)[:count]
+def _interleaved(first: NDArray[Any], second: NDArray[Any], count: int) -> Pixels:
+    return np.stack([first, second], axis=-1).reshape(-1)[:count].astype(np.uint16)
 
 
 def _packed(low_bits: int) -> Unpack:

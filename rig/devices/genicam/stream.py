@@ -84,7 +84,9 @@ class Stream:
                 frame_retention=_RETENTION_US,
             )
         for _ in range(_BUFFERS):
-            aravis().call("arv_stream_push_buffer", self._pointer, aravis().call("arv_buffer_new_allocate", payload_bytes))
+            aravis().call(
+                "arv_stream_push_buffer", self._pointer, aravis().call("arv_buffer_new_allocate", payload_bytes)
+            )
         self._number = 0
         self._last_id: int | None = None
 
@@ -128,7 +130,8 @@ class Stream:
         size = c_size_t()
         data = aravis().call("arv_buffer_get_data", filled.pointer, byref(size))
         try:
-            yield np.frombuffer((ctypes.c_uint8 * size.value).from_address(data or 1), np.uint8)
+            held = (ctypes.c_uint8 * (size.value if data else 0)).from_address(data or 1)
+            yield np.frombuffer(memoryview(held), np.uint8)
         finally:
             self.give_back(filled)
 
@@ -157,5 +160,3 @@ def socket_buffer_limit() -> int | None:
         return int(_LIMIT_FILE.read_text())
     except (OSError, ValueError):
         return None
-
-

@@ -74,7 +74,9 @@ def _integer(name: str, address: int, least: int, most: int) -> Iterator[str]:
 
 
 def _enumeration(name: str, address: int, entries: Mapping[str, int]) -> Iterator[str]:
-    listed = "".join(f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>' for entry, value in entries.items())
+    listed = "".join(
+        f'<EnumEntry Name="{entry}"><Value>{value}</Value></EnumEntry>' for entry, value in entries.items()
+    )
     yield f'<Enumeration Name="{name}" NameSpace="Standard">{listed}<pValue>{name}Register</pValue></Enumeration>'
     yield _register(name, address)
 
