@@ -16,10 +16,15 @@ from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
 from rig.profile.schema import Profile
 from rig.session import Session
+from tests.gige import GigeRig, gige_rig, needs_aravis, plugged
 
 LEVELS = {"white": 255, "black": 0, "level-128": 128}
 """Pictures that every back end can show."""
-BACK_ENDS = os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", "simulated,session,photographs").split(",")
+OWN = ("simulated", "session", "photographs")
+BACK_ENDS = [
+    pytest.param(name, marks=[needs_aravis]) if name == "gige" else name
+    for name in os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", ",".join((*OWN, "gige"))).split(",")
+]
 
 
 def flat_codes(rig: Rig, name: str) -> Codes:
@@ -87,13 +92,22 @@ def back_ends(
     }
 
 
-@pytest.fixture(params=BACK_ENDS)
-def open_back_end(request: pytest.FixtureRequest) -> Callable[[], Rig]:
-    if request.param in ("simulated", "session", "photographs"):
-        return partial(open_rig, request.getfixturevalue("back_ends")[request.param])
-    from tests.contract import lab
+@pytest.fixture(scope="session")
+def gige() -> GigeRig:
+    return gige_rig()
 
-    return lab.BACK_ENDS[request.param]
+
+@pytest.fixture(params=BACK_ENDS)
+def open_back_end(request: pytest.FixtureRequest) -> Iterator[Callable[[], Rig]]:
+    if request.param == "gige":
+        with plugged(request.getfixturevalue("gige")) as gige:
+            yield partial(open_rig, gige.profile)
+    elif request.param in OWN:
+        yield partial(open_rig, request.getfixturevalue("back_ends")[request.param])
+    else:
+        from tests.contract import lab
+
+        yield lab.BACK_ENDS[request.param]
 
 
 @pytest.fixture

@@ -116,9 +116,11 @@ class EmulatedGigeCamera:
         if not server or not library.call("arv_gv_fake_camera_is_running", server):
             if server:
                 library.call("g_object_unref", server)
+            self.unplug()
             raise DeviceError(
-                f"no camera could be put on {self.address}: another program serves one there; end it, or give another "
-                "address of loopback (127.0.0.2)"
+                f"no camera could be put on {self.address}: either no network card of this machine has that address "
+                "(`ip address`), or another emulated camera is there: end it, or give its address away: "
+                "ip address add 127.0.0.2/8 dev lo"
             )
         self._server, self._fake = server, library.call("arv_gv_fake_camera_get_fake_camera", server)
         self._set_up()
