@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 from rig.devices.genicam.library import AravisError, aravis
 from rig.devices.genicam.settings import Value
-from rig.devices.protocols import ExposureRange
 from rig.errors import DeviceLost, SettingRefused
 
 EXPOSURES = ("ExposureTime", "ExposureTimeAbs")
@@ -20,6 +19,8 @@ AUTOMATICS = ("ExposureAuto", "GainAuto", "BlackLevelAuto", "BalanceWhiteAuto")
 _SWITCHES = ("GammaEnable", "GammaEnabled", "ReverseX", "ReverseY", "LUTEnable")
 """Switched off as well: what bends the response or turns the picture."""
 _NEUTRAL: Mapping[str, float] = {"Gamma": 1.0, "BinningHorizontal": 1, "BinningVertical": 1}
+_CHECKED = 1
+"""Aravis: a number outside its bounds is refused, not passed on."""
 _SAME = 1e-3
 """Relative: a feature is stepped, and says what it took."""
 
@@ -44,6 +45,7 @@ class Features:
 
     def __init__(self, device: int, name: str):
         self._device, self._name = device, name
+        aravis().call("arv_device_set_range_check_policy", device, _CHECKED)
 
     def has(self, feature: str) -> bool:
         """Tell whether there is such a feature, and it may be used now."""
@@ -65,11 +67,11 @@ class Features:
             return float(self._call("arv_device_get_float_feature_value", feature))
         return float(self._called("arv_device_get_integer_feature_value", feature))
 
-    def bounds(self, feature: str) -> ExposureRange:
+    def bounds(self, feature: str) -> tuple[float, float]:
         """Return least and most of a number, in its own unit."""
         least, most = c_double(), c_double()
         self._called("arv_device_get_float_feature_bounds", feature, byref(least), byref(most))
-        return ExposureRange(least.value, most.value)
+        return least.value, most.value
 
     def entries(self, feature: str) -> list[str]:
         """Return the entries of an enumeration that can be chosen now."""
@@ -147,7 +149,8 @@ def _same(got: Value, wanted: Value) -> bool:
 
 
 def manual(features: Features) -> list[Setting]:
-    """Return what has to be set so that nothing of a camera is automatic, bent or turned."""
+    """Return what has to be set so that nothing of a camera is automatic, amplified, bent or turned."""
     off: list[Setting] = [Setting(name, "Off") for name in AUTOMATICS if features.has(name)]
+    off += [Setting("Gain", features.bounds("Gain")[0])] if features.has("Gain") else []
     off += [Setting(name, False) for name in _SWITCHES if features.has(name)]
     return off + [Setting(name, value) for name, value in _NEUTRAL.items() if features.has(name)]

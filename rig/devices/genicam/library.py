@@ -36,6 +36,7 @@ _NO_ERROR: Mapping[str, tuple[Any, tuple[Any, ...]]] = {
     "arv_gv_device_is_controller": (c_int, (_POINTER,)),
     "arv_device_get_feature": (_POINTER, (_POINTER, _TEXT)),
     "arv_device_set_register_cache_policy": (None, (_POINTER, c_int)),
+    "arv_device_set_range_check_policy": (None, (_POINTER, c_int)),
     "arv_stream_push_buffer": (None, (_POINTER, _POINTER)),
     "arv_stream_try_pop_buffer": (_POINTER, (_POINTER,)),
     "arv_stream_timeout_pop_buffer": (_POINTER, (_POINTER, c_uint64)),

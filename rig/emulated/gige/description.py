@@ -19,6 +19,7 @@ GAIN_STEPS, GAMMA_STEPS = 100, 1000
 """Of the registers of gain (per dB) and gamma (per 1)."""
 AUTOMATICS: Mapping[str, int] = {"ExposureAuto": EXPOSURE_AUTO, "GainAuto": GAIN_AUTO, "BlackLevelAuto": BLACK_AUTO}
 AUTO_ENTRIES: Mapping[str, int] = {"Off": 0, "Once": 1, "Continuous": 2}
+_PERIODS_US = (5000, 1_000_000)
 _ACTIVATIONS = {"RisingEdge": 1}
 _SOURCES = {"Line0": 0, "Software": 1}
 _FEATURES = (
@@ -117,7 +118,12 @@ def _acquisition(sensor: Sensor) -> Iterator[str]:
     yield from _enumeration("AcquisitionMode", MODE, {"Continuous": 1})
     yield from _command("AcquisitionStart", ACQUISITION, 1)
     yield from _command("AcquisitionStop", ACQUISITION, 0)
-    yield from _float("AcquisitionFrameRate", PERIOD_US, (1.0, 200.0), "1000000/FROM", "1000000/TO")
+    yield from _integer("AcquisitionFramePeriod", PERIOD_US, *_PERIODS_US)
+    yield (
+        '<Float Name="AcquisitionFrameRate" NameSpace="Standard"><pValue>AcquisitionFrameRateConverter</pValue></Float>'
+        '<Converter Name="AcquisitionFrameRateConverter"><FormulaTo>1000000/FROM</FormulaTo>'
+        "<FormulaFrom>1000000/TO</FormulaFrom><pValue>AcquisitionFramePeriod</pValue></Converter>"
+    )
     yield (
         '<Enumeration Name="TriggerSelector" NameSpace="Standard"><EnumEntry Name="FrameStart"><Value>0</Value>'
         "</EnumEntry><Value>0</Value></Enumeration>"
