@@ -17,13 +17,15 @@ from rig.devices.protocols import Codes
 from rig.profile.schema import Profile
 from rig.session import Session
 from tests.gige import GigeRig, gige_rig, needs_aravis, plugged
+from tests.still import StillRig, needs_gphoto2, still_rig
 
 LEVELS = {"white": 255, "black": 0, "level-128": 128}
 """Pictures that every back end can show."""
 OWN = ("simulated", "session", "photographs")
+NEEDS = {"gige": needs_aravis, "still": needs_gphoto2}
 BACK_ENDS = [
-    pytest.param(name, marks=[needs_aravis]) if name == "gige" else name
-    for name in os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", ",".join((*OWN, "gige"))).split(",")
+    pytest.param(name, marks=[NEEDS[name]]) if name in NEEDS else name
+    for name in os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", ",".join((*OWN, *NEEDS))).split(",")
 ]
 
 
@@ -97,11 +99,20 @@ def gige() -> GigeRig:
     return gige_rig()
 
 
+@pytest.fixture(scope="session")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StillRig]:
+    found = still_rig(tmp_path_factory.mktemp("still"))
+    with found.camera:
+        yield found
+
+
 @pytest.fixture(params=BACK_ENDS)
 def open_back_end(request: pytest.FixtureRequest) -> Iterator[Callable[[], Rig]]:
     if request.param == "gige":
         with plugged(request.getfixturevalue("gige")) as gige:
             yield partial(open_rig, gige.profile)
+    elif request.param == "still":
+        yield partial(open_rig, request.getfixturevalue("still").profile)
     elif request.param in OWN:
         yield partial(open_rig, request.getfixturevalue("back_ends")[request.param])
     else:

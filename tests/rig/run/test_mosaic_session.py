@@ -1,6 +1,5 @@
 """A whole session with a mosaic of colour filters, against the same room seen by three chips."""
 
-
 import numpy as np
 import pytest
 
