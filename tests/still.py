@@ -15,7 +15,7 @@ PROFILE = Path(__file__).parents[1] / "hw_profiles" / "emulated-still.toml"
 RAW = {
     'pixel_format = "JPEG"': 'pixel_format = "RAW"\nmosaic = "RGGB"',
     "channels = 1": "channels = 3",
-    "bit_depth = 8": "bit_depth = 14",
+    "bit_depth = 8\nframe": "bit_depth = 14\nframe",
     'tone = "srgb"': "compression = 0.0",
     "black_level_dn = 2.0": "black_level_dn = 256.0",
 }
