@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeAlias
 
+from calibration.radiometry.mosaic import MosaicPattern
 from rig.devices.protocols import Camera, Clock, ExposureRange, Projector
 
 if TYPE_CHECKING:
@@ -52,7 +53,17 @@ class CameraSettings(Protocol):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, channels) of its frames, in pixels."""
+        """(height, width, numbers a pixel) of its frames."""
+        ...
+
+    @property
+    def channels(self) -> int:
+        """Bands of light that it tells apart: 1 or 3."""
+        ...
+
+    @property
+    def mosaic(self) -> MosaicPattern | None:
+        """Colour filters of a sensor whose frames have one number a pixel, and three channels all the same."""
         ...
 
     @property

@@ -13,13 +13,20 @@ from rig.devices.driver_settings import Devices, ProjectorSettings, RigSettings
 from rig.devices.protocols import Camera, Clock, Projector
 from rig.plug_ins import Kind, PlugIn, made_by, names, own
 
-CAMERAS: Mapping[str, str] = {"v4l2": "rig.devices.v4l2.camera:from_profile"}
+CAMERAS: Mapping[str, str] = {
+    "v4l2": "rig.devices.v4l2.camera:from_profile",
+    "genicam": "rig.devices.genicam.camera:from_profile",
+    "gphoto2": "rig.devices.gphoto2.camera:from_profile",
+}
 """Of single cameras: a CameraFactory by name."""
 PROJECTORS: Mapping[str, str] = {
     "kms": "rig.devices.kms.projector:from_profile",
     "window": "rig.devices.window.projector:from_profile",
+    "virtual": "rig.devices.virtual.projector:from_profile",
 }
 """Of single projectors: a ProjectorFactory by name."""
+WITH_OPTIONS = ("genicam", "gphoto2")
+"""Of this program's drivers, those that read [camera.options]."""
 RIGS: Mapping[str, str] = {
     "simulated": "rig.devices.simulated.rigs:from_profile",
     "replay": "rig.devices.replay.devices:from_profile",

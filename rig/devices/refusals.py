@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from calibration.radiometry.mosaic import MosaicPattern
 from rig.devices.protocols import Codes, ExposureRange
-from rig.errors import SettingRefused
+from rig.errors import ProfileError, SettingRefused
 
 
 def check_codes(codes: Codes, shape: tuple[int, int], whose: str = "the projector shows") -> None:
@@ -15,6 +16,13 @@ def check_codes(codes: Codes, shape: tuple[int, int], whose: str = "the projecto
             f"{whose} uint8 codes of shape {shape}, not {codes.dtype} of {codes.shape}; "
             "make the picture in exactly its size"
         )
+
+
+def check_mosaic(pixel_format: str, of_format: MosaicPattern | None, given: MosaicPattern | None) -> None:
+    """Refuse colour filters that are not those of the pixel format. Raises ProfileError."""
+    if given is not None and given != of_format:
+        says = "is no mosaic" if of_format is None else f"has the filters {of_format}"
+        raise ProfileError(f"camera.mosaic: is {given}, but pixel_format {pixel_format!r} {says}; correct one of them")
 
 
 def check_exposure(exposure_s: float, range_s: tuple[float, float], whose: str = "the camera's") -> None:

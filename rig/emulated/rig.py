@@ -17,10 +17,11 @@ from rig.devices.simulated.pair import SimulatedPair
 from rig.devices.simulated.rigs import simulated_world_of
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.emulated.faults import Faults
-from rig.emulated.room import ReadableDisplay, RoomSource, ignore
+from rig.emulated.room import RoomSource
 from rig.emulated.usbip.attach import Attachment, attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.emulated.uvc.descriptors import VideoFormat, video_formats
+from rig.emulated.watch import ReadableDisplay, ignore
 from rig.errors import DeviceError, DeviceForbidden, DeviceLost, ProfileError
 from rig.profile.schema import Profile
 

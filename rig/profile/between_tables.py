@@ -9,7 +9,7 @@ import difflib
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
-from rig.devices.drivers import CAMERAS, PROJECTORS, RIGS, driver_names
+from rig.devices.drivers import CAMERAS, PROJECTORS, RIGS, WITH_OPTIONS, driver_names
 from rig.files.toml import entry_place
 
 
@@ -75,8 +75,8 @@ def _driver_problems(device: _NamedTable) -> Iterator[str]:
             yield f"{device.place}.{key}: missing; `rig devices` prints it"
         elif driver in RIGS and key in device.table:
             yield f"{device.place}.{key}: only for driver = {' or '.join(map(repr, own))}; remove it"
-    if (driver in own or driver in RIGS) and "options" in device.table:
-        yield f"{device.place}.options: only for drivers of other packages; remove it"
+    if (driver in own or driver in RIGS) and driver not in WITH_OPTIONS and "options" in device.table:
+        yield f"{device.place}.options: only for {', '.join(WITH_OPTIONS)} and drivers of other packages; remove it"
 
 
 def _mixed_drivers(cameras: list[_NamedTable], projectors: list[_NamedTable]) -> Iterator[str]:

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
+from calibration.radiometry.mosaic import MosaicPattern
 from rig.devices.protocols import ExposureRange
 from rig.files.toml import Table
 
@@ -101,6 +102,9 @@ class CameraProfile(Table):
     width_px: Count
     height_px: Count
     channels: Literal[1, 3] = 1
+    mosaic: MosaicPattern | None = None
+    """Colour filters of a sensor with one number a pixel (``channels = 3``): first two pixels of the first row, then
+    of the second."""
     bit_depth: Annotated[int, Field(ge=8, le=16)]
     frame_rate_hz: Hertz
     exposure_range_s: Annotated[ExposureRange, AfterValidator(_possible)]
@@ -120,12 +124,18 @@ class CameraProfile(Table):
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, channels)."""
-        return self.height_px, self.width_px, self.channels
+        """(height, width, numbers a pixel) of its frames."""
+        return self.height_px, self.width_px, 1 if self.mosaic else self.channels
 
     @model_validator(mode="after")
     def _fits_in_memory(self) -> CameraProfile:
         _check_size(self.width_px, self.height_px)
+        return self
+
+    @model_validator(mode="after")
+    def _has_colours(self) -> CameraProfile:
+        if self.mosaic is not None and self.channels != 3:
+            raise ValueError(f"mosaic {self.mosaic} makes three channels, not {self.channels}; write channels = 3")
         return self
 
     @model_validator(mode="after")

@@ -16,7 +16,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.compensation import load_compensation
-from rig.stages.linear_light import LightImage, merge_exposures
+from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import PictureErrors, picture_errors
@@ -132,6 +132,7 @@ def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
     names, radiometric = list(load_compensation(session).strategies), load_radiometric_calibration(session)
     projected = session.finished("project")
     bracket = projected.load_record("shot", ExposureBracket)
+    counted = _counted(judged.mask, radiometric)
     held_out = held_out_patterns(model.scene_model.projector.lens.shape)
     total = len(names) + len(held_out)
     strategies: dict[str, StrategyErrors] = {}
@@ -145,14 +146,14 @@ def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
             predicted=_against_target(predicted.light, judged, model.level),
         )
         step.save_image(f"measured-{name}", measured.channels)
-        residuals[name] = _residuals(measured, predicted, judged.mask, model)
+        residuals[name] = _residuals(measured, predicted, counted, model)
     for k, pattern in enumerate(held_out, start=len(names)):
         on_step("compare measured and simulated", k, total)
         measured = merge_exposures(projected, pattern.name, bracket, radiometric)
         predicted = predict(model, radiometric.projector, pattern.codes)
         step.save_image(f"measured-{pattern.name}", measured.channels)
         step.save_image(f"predicted-{pattern.name}", predicted.channels)
-        residuals[pattern.name] = _residuals(measured, predicted, judged.mask, model)
+        residuals[pattern.name] = _residuals(measured, predicted, counted, model)
     on_step("compare measured and simulated", total, total)
     _save(step, model, judged, strategies, residuals=residuals)
 
@@ -168,10 +169,19 @@ def _against_target(light: FloatArray, judged: JudgedPixels, level: float) -> Pi
     return picture_errors(light * 255 / level, judged.target, judged.mask)
 
 
-def _residuals(measured: LightImage, predicted: Prediction, mask: BoolArray, model: FittedScene) -> _Residuals:
+def _counted(mask: BoolArray, radiometric: RadiometricCalibration) -> BoolArray:
+    """(H, W, B) numbers that count: of a mosaic only what a pixel saw itself, for what is between them is guessed."""
+    whole = np.repeat(mask[..., None], len(radiometric.balance), axis=2)
+    if radiometric.mosaic is None:
+        return whole
+    own = radiometric.mosaic.bands(mask.shape)[..., None] == np.arange(whole.shape[2])
+    return np.asarray(whole & own)
+
+
+def _residuals(measured: LightImage, predicted: Prediction, counted: BoolArray, model: FittedScene) -> _Residuals:
     """Measured minus predicted on one frame, over all bands, in grey levels."""
     scale = 255 / model.level
-    usable = mask & ~measured.any_saturated
+    usable = counted & ~measured.any_saturated[..., None]
     light = predicted.light[usable]
     # The model's direct light was measured too: its noise is part of what is to be expected.
     relative = model.white_variance[usable] / np.maximum(model.white[usable], 1e-6) ** 2

@@ -13,6 +13,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.mosaic import Mosaic
 from calibration.radiometry.response import Response, codes_from_linear, light_of_levels, linear_from_codes
 from rig.files.channels import layers, one_or_all
 from rig.records import Record
@@ -51,6 +52,16 @@ class LightImage:
         """(H, W) clipped in any band."""
         return np.asarray(self.saturated.any(axis=-1))
 
+    def in_bands(self, mosaic: Mosaic | None) -> LightImage:
+        """Return the image of a sensor behind a mosaic, (H, W, 1), in three bands; of another, itself."""
+        if mosaic is None:
+            return self
+        return LightImage(
+            mosaic.interpolated(self.value),
+            mosaic.interpolated_variance(self.variance),
+            mosaic.touched(self.saturated),
+        )
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RadiometricCalibration:
@@ -75,6 +86,8 @@ class RadiometricCalibration:
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes; rows sum to 1."""
     balance: FloatArray
     """(B,) factors that make projector white alike in the bands."""
+    mosaic: Mosaic | None = None
+    """Of a camera whose frames have one number a pixel, and three bands all the same."""
 
     def table(self) -> Float32Array:
         """Return (full scale + 1,) linear light of each digital number; below the offset it goes on straight.
@@ -146,6 +159,13 @@ def merge_exposures(
         (H, W, B) light in the camera's full scale at the reference exposure; where every exposure is clipped, the
         shortest one's.
     """
+    return merge_raw_exposures(step, pattern, bracket, radiometric).in_bands(radiometric.mosaic)
+
+
+def merge_raw_exposures(
+    step: Step, pattern: str, bracket: ExposureBracket, radiometric: RadiometricCalibration
+) -> LightImage:
+    """Merge as :func:`merge_exposures`, and leave each pixel of a mosaic what it saw: (H, W, 1) of one."""
     parts = []
     for exposure, exposure_s in enumerate(bracket.exposures_s):
         names = [frame_name(pattern, exposure, repeat) for repeat in range(bracket.repeats)]
@@ -158,6 +178,8 @@ def merge_exposures(
     good = weight_sum > 0
     safe = np.where(good, weight_sum, 1)
     balance = radiometric.balance.astype(np.float32)
+    if radiometric.mosaic is not None:
+        balance = radiometric.mosaic.of_bands(radiometric.balance, parts[0].value.shape[:2])
     value, variance = np.where(good, total / safe, parts[0].value), np.where(good, 1 / safe, parts[0].variance)
     return LightImage(value * balance, np.asarray(variance * balance**2, np.float32), ~good)
 
@@ -169,6 +191,8 @@ def _single_exposure(
     shots = [step.load_frame(name) for name in names]
     frames = [shot.pixels for shot in shots]
     table, black = radiometric.table(), radiometric.black[exposure_s]
+    if radiometric.mosaic is not None:
+        black = np.asarray(radiometric.mosaic.seen(black), np.float32)
     # The first frame comes last: the order of a sum is part of its last digits, and those of a session do not change.
     total = sum(table[frame] for frame in frames[1:]) + table[frames[0]]
     mean = np.asarray(total / np.float32(len(frames)), dtype=np.float32)

@@ -12,12 +12,14 @@ from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
+from calibration.radiometry.mosaic import Mosaic
 from calibration.radiometry.photon_transfer import fit_camera_noise
 from calibration.radiometry.response import Response, fit_channel_responses
 from calibration.structured_light.patterns import Pattern, flat, level_patterns, primary
 from rig.capture.rig import Rig
 from rig.files.channels import PRIMARIES, image_of, layers
 from rig.profile.schema import Profile
+from rig.profile.tables import CameraProfile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.linear_light import (
@@ -195,9 +197,9 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     """
     bracket = measuring_bracket(session, repeats=1)
     levels = _levels(rig.profile.patterns.response_levels)
-    colours = pure_colours(rig.projector.shape, rig.camera.shape[2])
+    colours = pure_colours(rig.projector.shape, rig.profile.camera.channels)
     _photograph_responses(rig, session, step, on_step)
-    bare = _fit_camera(step, rig.camera.full_scale_dn, reference_exposure_s(session), _sweep_of(session))
+    bare = _fit_camera(step, rig.profile.camera, reference_exposure_s(session), _sweep_of(session))
     black, ripple = _black(step, bracket, bare)
     radiometric = replace(bare, black=black, black_ripple=ripple)
     white = merge_exposures(step, "level-255", bracket, radiometric)
@@ -223,7 +225,7 @@ def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnSte
         ([flat(shape, 0, "black-sweep")], ExposureBracket(sweep.exposures_s)),
         ([flat(shape, 255, "white-sweep")], sweep),
         (list(level_patterns(shape, levels)), bracket),
-        (pure_colours(shape, rig.camera.shape[2]), bracket),
+        (pure_colours(shape, rig.profile.camera.channels), bracket),
     ]
     total, before = sum(len(patterns) * how.frames_per_pattern for patterns, how in sets), 0
     for patterns, how in sets:
@@ -235,6 +237,11 @@ def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnSte
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:
     """Flat pictures of each of the projector's channels; none for a grey camera."""
     return [primary(shape, channel, name, channels) for channel, name in enumerate(PRIMARIES[channels])]
+
+
+def mosaic_of(camera: CameraProfile) -> Mosaic | None:
+    """Return the colour filters of a camera whose frames have one number a pixel; None of any other."""
+    return None if camera.mosaic is None else Mosaic(camera.mosaic)
 
 
 def _levels(count: int) -> list[int]:
@@ -256,26 +263,29 @@ def _sweep_samples(step: Step, pattern: str, sweep: ExposureBracket, stride: int
     return np.array(levels), np.array(exposures)
 
 
-def _fit_camera(step: Step, full_scale_dn: int, reference_s: float, sweep: ExposureBracket) -> RadiometricCalibration:
+def _fit_camera(
+    step: Step, camera: CameraProfile, reference_s: float, sweep: ExposureBracket
+) -> RadiometricCalibration:
     """Fit the camera's response and noise; black, projector and mixing are still missing."""
     shape = step.load_frame(frame_name("black")).pixels.shape
     stride = max(1, round((np.prod(shape) / _SAMPLES) ** 0.5))
     black = fit_black_level(*_sweep_samples(step, "black-sweep", ExposureBracket(sweep.exposures_s), stride))
     levels, exposures = _sweep_samples(step, "white-sweep", sweep, stride)
-    above, top = levels - black.offset_dn, full_scale_dn - black.offset_dn
+    above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
     response = fit_camera_response(above, exposures, top, black_sigma_dn=black.sigma_dn)
     noise = fit_camera_noise(above, exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,
         offset_dn=black.offset_dn,
-        full_scale_dn=full_scale_dn,
+        full_scale_dn=camera.full_scale_dn,
         camera=response,
         projector=(),
         gain_e_per_dn=noise.gain_e_per_dn,
         read_noise_dn=noise.read_noise_dn,
         black={},
-        mixing=np.eye(shape[2]),
-        balance=np.ones(shape[2]),
+        mixing=np.eye(camera.channels),
+        balance=np.ones(camera.channels),
+        mosaic=mosaic_of(camera),
     )
 
 
@@ -290,7 +300,8 @@ def _black(
     means, ripple = {}, {}
     for e, exposure_s in enumerate(bracket.exposures_s):
         frames = [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(BLACK_REPEATS)]
-        means[exposure_s] = np.mean(frames, axis=0).astype(np.float32)
+        mean = np.mean(frames, axis=0).astype(np.float32)
+        means[exposure_s] = mean if radiometric.mosaic is None else radiometric.mosaic.interpolated(mean)
         light = np.array([frame.mean(dtype=np.float64) for frame in frames])
         ripple[exposure_s] = float(light.std(ddof=1) / max(light.mean(), _LEAST_BLACK))
     return means, ripple
@@ -377,4 +388,5 @@ def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
         black_ripple=dict(zip(camera.black_exposures_s, camera.black_ripple, strict=True)),
         mixing=np.array(pair.mixing),
         balance=np.array(pair.balance),
+        mosaic=mosaic_of(session.profile.camera),
     )

@@ -11,6 +11,7 @@ from calibration.light.blur import LensBlur, PointSpread, fit_point_spread, foot
 from calibration.light.check_size import blur_of_picture_px, check_size_px, stripes_that_tell
 from calibration.light.separation import Separation, separate, separate_by_pattern
 from calibration.light.two_level import white_share
+from calibration.radiometry.mosaic import Mosaic
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.patterns import Pattern, checker_patterns, flat
 from rig.capture.rig import Rig
@@ -20,7 +21,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import BoolArray, Float32Array, FloatArray, LightImage, merge_exposures
+from rig.stages.linear_light import BoolArray, Float32Array, FloatArray, LightImage, merge_raw_exposures
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
@@ -89,12 +90,13 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     for patterns, how in (([flat(shape, 255, "white")], white_bracket), (checkers, bracket)):
         photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
     radiometric = load_radiometric_calibration(session)
-    white = merge_exposures(step, "white", white_bracket, radiometric)
+    white = merge_raw_exposures(step, "white", white_bracket, radiometric)
     names = [pattern.name for pattern in checkers]
-    frames = [merge_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
+    frames = [merge_raw_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
     bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
-    _save(step, white, bright, known)
-    step.save_image("blur", _blur_maps(spread, load_correspondence(session), known), folder="maps")
+    _save(step, white, bright, known, radiometric.mosaic)
+    blur = _blur_maps(spread, load_correspondence(session), known, radiometric.mosaic)
+    step.save_image("blur", blur, folder="maps")
     step.save_record("separation", _record(spread, bright, known, checks=(size_px, blur_px)))
 
 
@@ -130,14 +132,25 @@ def _told(names: Sequence[str], on_step: OnStep) -> Iterator[str]:
     on_step("separate direct and global", len(names), len(names))
 
 
-def _save(step: Step, white: LightImage, bright: Separation, known: Separation) -> None:
-    """Keep the light by the known pattern, and where that is not valid, by the brightest and darkest frames."""
+def _save(step: Step, white: LightImage, bright: Separation, known: Separation, mosaic: Mosaic | None) -> None:
+    """Keep the light by the known pattern, and where that is not valid, by the brightest and darkest frames.
+
+    Pixels of a mosaic were separated one by one, each with the light of its own filter; here they become bands.
+    """
+    direct, global_ = (
+        np.where(known.valid, known.direct, bright.direct),
+        np.where(known.valid, known.global_, bright.global_),
+    )
     valid = known.valid.all(axis=-1)
+    if mosaic is not None:
+        direct, global_ = mosaic.interpolated(direct), mosaic.interpolated(global_)
+        valid = ~mosaic.touched(~known.valid).any(axis=-1)
+        white = white.in_bands(mosaic)
     step.save_image(
         "separation",
         {
-            **layers("direct", np.where(known.valid, known.direct, bright.direct)),
-            **layers("global", np.where(known.valid, known.global_, bright.global_)),
+            **layers("direct", direct),
+            **layers("global", global_),
             **layers("white", white.value),
             **layers("white_variance", white.variance),
             "valid": (valid & ~white.any_saturated).astype(np.float32),
@@ -175,13 +188,16 @@ def _blur_record(blur: LensBlur, variance_sigma_px2: float) -> BlurRecord:
     )
 
 
-def _blur_maps(spread: PointSpread, correspondence: Correspondence, known: Separation) -> dict[str, Float32Array]:
+def _blur_maps(
+    spread: PointSpread, correspondence: Correspondence, known: Separation, mosaic: Mosaic | None
+) -> dict[str, Float32Array]:
     """What each camera pixel sees of the projector picture: where, how wide, how much of white, how well separated."""
     if known.projector_xy_px is None or known.variance is None or known.place_variance_px2 is None:
         raise ValueError("a separation by the known pattern has places and variances")
     finer = replace(correspondence, projector_xy_px=known.projector_xy_px)
     seen = footprint_map(spread, finer)
     sigma = variance_sigma_map(spread, finer).astype(np.float32)
+    variance = np.where(np.isfinite(known.variance), known.variance, 0.0).astype(np.float32)
     return {
         "column": known.projector_xy_px[..., 0],
         "row": known.projector_xy_px[..., 1],
@@ -191,7 +207,7 @@ def _blur_maps(spread: PointSpread, correspondence: Correspondence, known: Separ
         "variance_sigma_x": sigma[..., 0],
         "variance_sigma_y": sigma[..., 1],
         "place_variance": known.place_variance_px2,
-        **layers("direct_variance", np.where(np.isfinite(known.variance), known.variance, 0.0)),
+        **layers("direct_variance", variance if mosaic is None else mosaic.interpolated_variance(variance)),
     }
 
 

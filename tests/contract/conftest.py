@@ -16,10 +16,17 @@ from rig.capture.rig import Rig, open_rig
 from rig.devices.protocols import Codes
 from rig.profile.schema import Profile
 from rig.session import Session
+from tests.gige import GigeRig, gige_rig, needs_aravis, plugged
+from tests.still import StillRig, needs_gphoto2, still_rig
 
 LEVELS = {"white": 255, "black": 0, "level-128": 128}
 """Pictures that every back end can show."""
-BACK_ENDS = os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", "simulated,session,photographs").split(",")
+OWN = ("simulated", "session", "photographs")
+NEEDS = {"gige": needs_aravis, "still": needs_gphoto2}
+BACK_ENDS = [
+    pytest.param(name, marks=[NEEDS[name]]) if name in NEEDS else name
+    for name in os.environ.get("PROCAM_DEVICE_LAB_BACK_ENDS", ",".join((*OWN, *NEEDS))).split(",")
+]
 
 
 def flat_codes(rig: Rig, name: str) -> Codes:
@@ -87,13 +94,31 @@ def back_ends(
     }
 
 
-@pytest.fixture(params=BACK_ENDS)
-def open_back_end(request: pytest.FixtureRequest) -> Callable[[], Rig]:
-    if request.param in ("simulated", "session", "photographs"):
-        return partial(open_rig, request.getfixturevalue("back_ends")[request.param])
-    from tests.contract import lab
+@pytest.fixture(scope="session")
+def gige() -> GigeRig:
+    return gige_rig()
 
-    return lab.BACK_ENDS[request.param]
+
+@pytest.fixture(scope="session")
+def still(tmp_path_factory: pytest.TempPathFactory) -> Iterator[StillRig]:
+    found = still_rig(tmp_path_factory.mktemp("still"))
+    with found.camera:
+        yield found
+
+
+@pytest.fixture(params=BACK_ENDS)
+def open_back_end(request: pytest.FixtureRequest) -> Iterator[Callable[[], Rig]]:
+    if request.param == "gige":
+        with plugged(request.getfixturevalue("gige")) as gige:
+            yield partial(open_rig, gige.profile)
+    elif request.param == "still":
+        yield partial(open_rig, request.getfixturevalue("still").profile)
+    elif request.param in OWN:
+        yield partial(open_rig, request.getfixturevalue("back_ends")[request.param])
+    else:
+        from tests.contract import lab
+
+        yield lab.BACK_ENDS[request.param]
 
 
 @pytest.fixture

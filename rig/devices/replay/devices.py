@@ -40,7 +40,11 @@ def _frames(profile: RigSettings) -> RecordedFrames:
     if recorded is not None:
         _check_recorded(profile, (recorded.camera.shape, recorded.camera.full_scale_dn, recorded.projector.shape))
         return recorded_frames(profile.recording)
-    channels = profile.camera.shape[2]
+    if profile.camera.mosaic is not None:
+        raise ProfileError(
+            f"{profile.path}: camera.mosaic: photographs are replayed with all channels at each pixel; remove it"
+        )
+    channels = profile.camera.channels
     manifest = load_manifest(profile.recording)
     check_photographs(manifest)
     shape = (*manifest.camera_shape, channels)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.mosaic import Mosaic
 from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown
 from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
@@ -140,6 +141,8 @@ class SimulatedCamera:
         That projector.
     others
         The same of further projectors; room light is the first one's.
+    mosaic
+        Colour filters: each pixel has one band's number.
     """
 
     def __init__(
@@ -152,10 +155,12 @@ class SimulatedCamera:
         frame_rate_hz: float,
         exposure_range_s: tuple[float, float],
         others: Sequence[tuple[Bands, SimulatedProjector]] = (),
+        mosaic: Mosaic | None = None,
     ):
         self.bands = bands
         self.world = bands[0]
         self._clock = clock
+        self._mosaic = mosaic
         self._bit_depth = bit_depth
         self._period_s = 1.0 / frame_rate_hz
         self._exposure_range_s = ExposureRange(*exposure_range_s)
@@ -168,8 +173,8 @@ class SimulatedCamera:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(height, width, channels), in pixels; three channels are red, green and blue at every pixel."""
-        return (*self.world.camera.shape, len(self.bands))
+        """(height, width, numbers a pixel); three are red, green and blue, one of a mosaic is one of them."""
+        return (*self.world.camera.shape, 1 if self._mosaic else len(self.bands))
 
     @property
     def full_scale_dn(self) -> int:
@@ -259,6 +264,8 @@ class SimulatedCamera:
         if self.world.settings.ambient_flicker:
             swell = self.world.ambient_swell(starts_s, exposure_s)
             light += swell.astype(np.float32)[..., None] * self._sources[0].ambient()
+        if self._mosaic is not None:
+            light = np.asarray(self._mosaic.seen(light), np.float32)
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
         return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from calibration.radiometry.mosaic import Mosaic
 from rig.devices.driver_settings import CameraSettings, Devices, ProjectorSettings, RigSettings
 from rig.devices.protocols import Clock
 from rig.devices.simulated.devices import Bands, SimulatedCamera, SimulatedProjector
@@ -31,6 +32,7 @@ def from_profile(profile: RigSettings, clock: Clock) -> Devices:
             bit_depth=camera.bit_depth,
             frame_rate_hz=camera.frame_rate_hz,
             exposure_range_s=camera.exposure_range_s,
+            mosaic=None if camera.mosaic is None else Mosaic(camera.mosaic),
             others=[(seen[other.name], projectors[other.name]) for other in others],
         )
     return Devices(cameras, projectors, clock)
@@ -52,7 +54,7 @@ class _Stage:
     def bands(self, camera: CameraSettings, projector: ProjectorSettings, channels: int | None = None) -> Bands:
         """The world of a camera and a projector, in each band of the camera or of one with so many channels."""
         settings = self._settings.of_pair(camera.name, projector.name)
-        count = channels or camera.shape[2]
+        count = channels or camera.channels
         shapes = (camera.shape[:2], projector.shape)
         if self._exchange is None:
             return make_simulated_worlds(settings, *shapes, count)

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
-from rig.devices.refusals import check_exposure
+from rig.devices.refusals import check_exposure, check_mosaic
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.controls import EXPOSURE_STEP_S, Setting, mismatch, read_control
 from rig.devices.v4l2.describe import ControlAbility
 from rig.devices.v4l2.find import FoundCamera, find_camera
-from rig.devices.v4l2.formats import layout_of, pixel_format
+from rig.devices.v4l2.formats import layout_of, mosaic_of_format, pixel_format
 from rig.devices.v4l2.frames import Frames, FrameSearch
 from rig.devices.v4l2.node import STALLED, Node
 from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
@@ -320,11 +320,13 @@ class V4l2Camera:
 
 
 def from_profile(settings: CameraSettings, clock: Clock) -> V4l2Camera:
-    """Make the camera of a profile's table [[camera]], closed: driver ``v4l2``."""
+    """Make the camera of a profile's table [[camera]], closed: driver ``v4l2``. Raises ProfileError."""
+    pixel_format = settings.pixel_format or ""
+    check_mosaic(pixel_format, mosaic_of_format(pixel_format), settings.mosaic)
     return V4l2Camera(
         settings.device_id or "",
         shape=settings.shape,
-        pixel_format=settings.pixel_format or "",
+        pixel_format=pixel_format,
         bit_depth=settings.bit_depth,
         frame_rate_hz=settings.frame_rate_hz,
         exposure_range_s=settings.exposure_range_s,

@@ -8,13 +8,14 @@ YUV with the matrix and range that the driver reports; chroma is taken from the 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.radiometry.mosaic import MosaicPattern
 from rig.devices.v4l2 import abi
 from rig.errors import SettingRefused
 
@@ -279,6 +280,20 @@ def _known() -> list[PixelFormat]:
     known.append(_colour("BGR3", (3,), _three_bytes, _rgb24(slice(None, None, -1))))
     known += [_colour(name, (1, 3), None, _jpeg) for name in ("MJPG", "JPEG")]
     return known
+
+
+_MOSAICS: Mapping[MosaicPattern, str] = {
+    "RGGB": "RGGB RG10 RG12 RG14 RG16 pRAA pRCC",
+    "GRBG": "GRBG BA10 BA12 GR14 GR16 pgAA pgCC",
+    "GBRG": "GBRG GB10 GB12 GB14 GB16 pGAA pGCC",
+    "BGGR": "BA81 BG10 BG12 BG14 BYR2 pBAA pBCC",
+}
+"""Formats with colour filters, by their first two rows (kernel documentation, "Raw Bayer Formats")."""
+
+
+def mosaic_of_format(name: str) -> MosaicPattern | None:
+    """Return the colour filters that a pixel format says; None of one that is no mosaic."""
+    return next((pattern for pattern, names in _MOSAICS.items() if name.strip() in names.split()), None)
 
 
 PIXEL_FORMATS = {known.name: known for known in _known()}

@@ -5,18 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from rig.devices.fingerprint import Fingerprint
 from rig.devices.protocols import Clock, RawFrame
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.cadence import Cadence
-from rig.devices.v4l2.formats import Bytes, Layout, PixelFormat, Undecodable
+from rig.devices.v4l2.formats import Layout, PixelFormat, Undecodable
 from rig.devices.v4l2.stream import Filled, Stream
 from rig.errors import DeviceError
 
 _TIME_STAMP_SLACK_S = 1.0
 """A stamp further off is of another clock, or nonsense."""
-_LARGEST = np.iinfo(np.uint64).max
 _JITTER_SHARE = 0.75
 """Of a frame period."""
 
@@ -42,21 +40,6 @@ class FrameSearch:
         )
         early = "" if self.early_s is None else f", the newest began {self.early_s * 1e3:.0f} ms too early"
         return f"{self.frames} frames came, {rejected}{early}"
-
-
-class Fingerprint:
-    """Tells equal buffers from others, four times as fast as a CRC: words times random numbers, modulo 2^64."""
-
-    def __init__(self) -> None:
-        self._weights = np.zeros(0, np.uint64)
-
-    def of(self, data: Bytes) -> tuple[int, int, bytes]:
-        """Return what only equal buffers have in common, but for a chance of about 2^-64."""
-        words = data.size // 8
-        if words > self._weights.size:
-            self._weights = np.random.default_rng(words).integers(0, _LARGEST, words, np.uint64) | np.uint64(1)
-        total = int(np.dot(data[: 8 * words].view(np.uint64), self._weights[:words]))
-        return data.size, total, data[8 * words :].tobytes()
 
 
 class Frames:

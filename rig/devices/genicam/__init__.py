@@ -1,0 +1,1 @@
+"""Cameras of GigE Vision and USB3 Vision, over the library Aravis."""

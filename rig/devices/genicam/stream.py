@@ -1,0 +1,162 @@
+"""The stream of a camera: buffers that Aravis fills, each looked at once."""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ctypes import byref, c_size_t, c_uint64
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rig.devices.genicam.formats import Bytes
+from rig.devices.genicam.library import aravis
+from rig.devices.protocols import Clock
+from rig.errors import DeviceError
+
+SOCKET_BUFFER_BYTES = 8 << 20
+"""Of a stream over a plain socket: with the default of the kernel a third of a burst at 50 frames/s was lost."""
+_BUFFERS = 6
+_COMPLETE = 0
+_PACKET_TIMEOUT_US, _RETENTION_US = 20_000, 100_000
+"""When a missing packet is asked for again, and when a frame counts as incomplete."""
+_IDS = 0xFFFF
+"""Block ids of GigE Vision 1 count to here, and begin again with 1."""
+_LIMIT_FILE = Path("/proc/sys/net/core/rmem_max")
+
+
+@dataclass(frozen=True, slots=True)
+class Filled:
+    """A buffer that holds a frame, or what has arrived of one."""
+
+    pointer: int
+    is_complete: bool
+    number: int
+    """Counted up over all that the camera sent since the program began."""
+    lost: int
+    """Frames that never arrived, before this one."""
+    device_s: float
+    """Its time stamp on the camera's clock."""
+    arrived_s: float
+    """When its first packet came, on the rig's clock."""
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """Of a stream since it began."""
+
+    complete: int
+    failed: int
+    underruns: int
+    resent_packets: int
+    missing_packets: int
+
+
+class Stream:
+    """The stream of an open camera; buffers belong to Aravis while they wait.
+
+    Parameters
+    ----------
+    camera
+        Aravis' pointer.
+    payload_bytes
+        Of a frame.
+    is_gige
+        Whether it comes over the network.
+    clock
+        The rig's.
+    """
+
+    def __init__(self, camera: int, payload_bytes: int, *, is_gige: bool, clock: Clock):
+        self._is_gige, self._clock = is_gige, clock
+        self._pointer: int | None = aravis().call("arv_camera_create_stream", camera, None, None)
+        if not self._pointer:
+            raise DeviceError("the camera gives no stream; close the program that has it, or switch it off and on")
+        if is_gige:
+            aravis().set_properties(
+                self._pointer,
+                socket_buffer=0,
+                socket_buffer_size=SOCKET_BUFFER_BYTES,
+                packet_timeout=_PACKET_TIMEOUT_US,
+                frame_retention=_RETENTION_US,
+            )
+        for _ in range(_BUFFERS):
+            aravis().call(
+                "arv_stream_push_buffer", self._pointer, aravis().call("arv_buffer_new_allocate", payload_bytes)
+            )
+        self._number = 0
+        self._last_id: int | None = None
+
+    def next(self, until_s: float) -> Filled | None:
+        """Wait for a frame; None when none has come by ``until_s``."""
+        wait_s = max(until_s - self._clock.now_s(), 0.0)
+        pointer = aravis().call("arv_stream_timeout_pop_buffer", self._pointer, int(wait_s * 1e6))
+        return self._filled(pointer) if pointer else None
+
+    def drop_waiting(self) -> None:
+        """Give back what came before now."""
+        while pointer := aravis().call("arv_stream_try_pop_buffer", self._pointer):
+            self._filled(pointer)
+            aravis().call("arv_stream_push_buffer", self._pointer, pointer)
+
+    def forget_ids(self) -> None:
+        """The camera was started again: it counts anew."""
+        self._last_id = None
+
+    def _filled(self, pointer: int) -> Filled:
+        block = int(aravis().call("arv_buffer_get_frame_id", pointer))
+        step = 1 if self._last_id is None else block - self._last_id
+        if step < 0 and self._last_id is not None and self._last_id <= _IDS:
+            step += _IDS
+        self._last_id = block
+        step = max(step, 1)
+        self._number += step
+        arrived = aravis().call("arv_buffer_get_system_timestamp", pointer) * 1e-9
+        return Filled(
+            pointer=pointer,
+            is_complete=aravis().call("arv_buffer_get_status", pointer) == _COMPLETE,
+            number=self._number,
+            lost=step - 1,
+            device_s=aravis().call("arv_buffer_get_timestamp", pointer) * 1e-9,
+            arrived_s=arrived - time.time() + self._clock.now_s(),
+        )
+
+    @contextmanager
+    def bytes_of(self, filled: Filled) -> Iterator[Bytes]:
+        """The frame's bytes, for the length of a ``with`` statement; copy what has to last. Gives the buffer back."""
+        size = c_size_t()
+        data = aravis().call("arv_buffer_get_data", filled.pointer, byref(size))
+        try:
+            held = (ctypes.c_uint8 * (size.value if data else 0)).from_address(data or 1)
+            yield np.frombuffer(memoryview(held), np.uint8)
+        finally:
+            self.give_back(filled)
+
+    def give_back(self, filled: Filled) -> None:
+        """Let Aravis fill a buffer again."""
+        aravis().call("arv_stream_push_buffer", self._pointer, filled.pointer)
+
+    def counters(self) -> Counters:
+        """Return what was counted so far."""
+        complete, failed, underruns, resent, missing = (c_uint64() for _ in range(5))
+        aravis().call("arv_stream_get_statistics", self._pointer, byref(complete), byref(failed), byref(underruns))
+        if self._is_gige:
+            aravis().call("arv_gv_stream_get_statistics", self._pointer, byref(resent), byref(missing))
+        return Counters(complete.value, failed.value, underruns.value, resent.value, missing.value)
+
+    def close(self) -> None:
+        """End it, and free its buffers."""
+        pointer, self._pointer = self._pointer, None
+        if pointer is not None:
+            aravis().call("g_object_unref", pointer)
+
+
+def socket_buffer_limit() -> int | None:
+    """Return the bytes that the kernel lets a socket keep; None where it does not say."""
+    try:
+        return int(_LIMIT_FILE.read_text())
+    except (OSError, ValueError):
+        return None

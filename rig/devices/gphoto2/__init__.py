@@ -1,0 +1,1 @@
+"""Digital still cameras, over the library gphoto2."""
