@@ -122,7 +122,7 @@ def geometry_settings(session: Session) -> JsonObject:
         **({"lenses": lenses} if (lenses := lens_settings(profile)) else {}),
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.room.model_dump(mode="json", exclude=unused),
-        "third_wall": "strips of it, too",
+        "third_wall": "strips of it beside edges, too",
     }
 
 
@@ -152,7 +152,8 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     CalibrationError
         If the correspondence does not determine them, or something contradicts; with the cause.
     """
-    rows, columns = np.nonzero(_well_inside(correspondence))
+    inside, beside = _inside_and_beside(correspondence)
+    rows, columns = np.concatenate([np.nonzero(inside), np.nonzero(beside)], axis=1)
     sigma = correspondence.sigma_px
     pair = calibrate_stereo(
         np.stack([columns, rows], axis=1).astype(np.float64),
@@ -161,6 +162,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         right_angles=profile.room.right_angles,
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
+        beside=int(beside.sum()),
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
@@ -172,10 +174,11 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
 
-def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
-    """Pixels away from edges of the picture and of surfaces, where sub-pixel coordinates are biased.
+def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Pixels away from edges of the picture and of surfaces, and those beside: there coordinates are biased.
 
-    At such edges the refinement keeps integer codes, so these tell where the edges are.
+    At such edges the refinement keeps integer codes, so these tell where the edges are. But where glare leaves integer
+    codes all over a strip of floor, nothing of it is inside, and it would tell where the floor is.
     """
     xy = correspondence.projector_xy_px
     with np.errstate(invalid="ignore"):
@@ -183,7 +186,9 @@ def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
     refined = (correspondence.valid & ~whole).astype(np.uint8)
     size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
     inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
-    return inside if inside.sum() > _LEAST_INSIDE * refined.sum() else refined > 0
+    if inside.sum() <= _LEAST_INSIDE * refined.sum():
+        return refined > 0, np.zeros_like(inside)
+    return inside, (refined > 0) & ~inside
 
 
 @dataclass(frozen=True, eq=False)
