@@ -109,8 +109,9 @@ class GeometryRecord(Record):
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses, baseline and room, in that unit.
 
-    Positions of the devices are those in the room; `relative` is the projector in the camera's frame. What was guessed,
-    because no wall along an axis was seen, has none."""
+    Positions of the devices are those in the room; `relative` is the projector in the camera's frame, `surface` the
+    distance of a measured wall from the projector. What was guessed, because no wall along an axis was seen, has none.
+    """
 
 
 def geometry_settings(session: Session) -> JsonObject:
@@ -242,11 +243,13 @@ def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
             found.add(f"room_{axis}_m")
         if not seen or (seen == {faces[1]} and size_m is None):
             found |= {f"camera_{axis}_m", f"projector_{axis}_m"}
+        found |= {f"surface_{face}_m" for face in faces if face not in room.box.seen}
     return found
 
 
 _FIGURES = (
     *(f"{device}_{axis}_m" for device in ("camera", "projector", "relative", "room") for axis in "xyz"),
+    *(f"surface_{face}_m" for face in ("x0", "y0", "floor", "x1", "y1", "ceiling")),
     *(f"{device}_rotation_{axis}_deg" for device in ("camera", "projector", "relative") for axis in "xyz"),
     "baseline_m",
 )
@@ -263,7 +266,9 @@ def _figures(room: _ScaledRoom, nominal: _ScaledRoom) -> NDArray[np.float64]:
     ]
     relative_then = before.projector.rotation @ before.camera.rotation.T
     turns.append(vector_of(projector.rotation @ camera.rotation.T @ relative_then.T))
-    lengths = [camera.position_m, projector.position_m, relative, np.array(room.box.size_m)]
+    size_m = np.array(room.box.size_m)
+    surfaces = [projector.position_m, size_m - projector.position_m]
+    lengths = [camera.position_m, projector.position_m, relative, size_m, *surfaces]
     return np.concatenate([*lengths, np.degrees(np.concatenate(turns)), [np.linalg.norm(relative)]])
 
 
