@@ -140,8 +140,7 @@ def calibrate_stereo(
     sigma_px : (N, 2), optional
         Standard deviation of the projector's pixels: those that are less certain than most count less. [px]
     beside : int
-        So many of the last points lie beside edges of surfaces or of what was decoded: no wall is found in them, but a
-        strip of floor or ceiling may be.
+        So many of the last points lie beside edges: a strip of floor or ceiling may be found in them, but no wall.
     on_step : callable, optional
         Called with the steps done and all steps.
 
@@ -166,9 +165,8 @@ def calibrate_stereo(
     order = np.concatenate([random.permutation(n_inside), n_inside + random.permutation(beside)])
     fitted = min(_MANY, n_inside)
     every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], weights_of(sigma_px, order, usual_of=fitted))
-    how = partial(
-        _calibrated, every, fitted=fitted, right_angles=right_angles, one_wall=one_wall, report=on_step or _silent
-    )
+    report = on_step or _silent
+    how = partial(_calibrated, every, fitted=fitted, right_angles=right_angles, one_wall=one_wall, report=report)
     if nominal.sheets is None:
         return how(nominal)
     try:
