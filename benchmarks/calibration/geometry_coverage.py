@@ -139,6 +139,8 @@ def compared(
             there = np.where(turn.sum(axis=1) < 0, size + there, there)
             pairs = zip(model.position_m, there, strict=True)
             lengths |= {f"{device}_{axis}_m": pair for axis, pair in zip("xyz", pairs, strict=True)}
+            if device == "projector":
+                lengths |= _surfaces(model.position_m, there, np.array(record.surface.size_m), size)
     extent = float(max(record.surface.size_m))
     sigma = record.sigmas
     lengths = {key: pair for key, pair in lengths.items() if key in sigma}
@@ -149,6 +151,18 @@ def compared(
         share_off=max(abs(a - b) for a, b in lengths.values()) / extent,
         share_sigma=max(sigma[key] for key in lengths) / extent,
     )
+
+
+def _surfaces(
+    found_m: FloatArray, true_m: FloatArray, found_size_m: FloatArray, size_m: FloatArray
+) -> dict[str, tuple[float, float]]:
+    """Distances of the walls from the projector, as found and as they are."""
+    near = {
+        f"surface_{face}_m": pair
+        for face, pair in zip(("x0", "y0", "floor"), zip(found_m, true_m, strict=True), strict=True)
+    }
+    far = zip(found_size_m - found_m, size_m - true_m, strict=True)
+    return near | {f"surface_{face}_m": pair for face, pair in zip(("x1", "y1", "ceiling"), far, strict=True)}
 
 
 def _relative(camera: PinholeModel | SimulatedOptics, projector: PinholeModel | SimulatedOptics) -> FloatArray:

@@ -8,7 +8,8 @@
 
 Rooms of 2.5 to 7 m, reflectance 0.3 to 0.85, fields of view of 45 to 100 degrees, blur of 0.2 to 1.2 px, contrast of
 200 to 5000, 8 to 12 bits, posters, room light up to 0.05 that may flicker, lens shift up to 0.6 of the height, a tape
-true to 0.3 %. `--effects` adds blur that grows to the corners, a lamp that warms up, a tone curve, only 8 bits.
+true to 0.3 %. `--effects` adds blur that grows to the corners, a lamp that warms up, a tone curve, only 8 bits, frames
+that come as JPEG of quality 75 to 95.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ FloatArray = NDArray[np.float64]
 
 KINDS = ("random", "small", "tiny")
 TINY = Path(__file__).parents[2] / "hw_profiles" / "ci-tiny.toml"
-EFFECTS = ("corner-blur", "lamp", "tone", "8-bit")
+EFFECTS = ("corner-blur", "lamp", "tone", "8-bit", "mjpeg")
 _LATENCY_S = 0.046
 _CORNER_MARGIN = 0.12
 """Of the room's length and width: nearer to a wall no device stands."""
@@ -85,9 +86,19 @@ def rig_of(seed: int, effects: Sequence[str] = (), shapes: Shapes = Shapes()) ->
         projector["lamp_drift"], projector["lamp_warm_up_s"] = random.uniform(0.002, 0.03), random.uniform(30, 300)
     if "tone" in effects:
         camera["tone"] = ["srgb", float(random.uniform(1.8, 2.4))][random.integers(2)]
-    bits = 8 if "8-bit" in effects else int(random.choice([8, 10, 12]))
+    bits = 8 if {"8-bit", "mjpeg"} & set(effects) else int(random.choice([8, 10, 12]))
     camera["black_level_dn"] = float(random.uniform(0.01, 0.03) * 2**bits)
-    return _profile(random, seed, room, (camera, projector), bits, shapes)
+    profile = _profile(random, seed, room, (camera, projector), bits, shapes)
+    if "mjpeg" not in effects:
+        return profile
+    # Drawn last, so that the rig is the one without it in all else.
+    return _mjpeg(profile, int(random.integers(75, 96)))
+
+
+def _mjpeg(profile: str, quality: int) -> str:
+    """The same rig with a camera that streams JPEG."""
+    head = "[[simulation.camera]]"
+    return profile.replace(head, f"{head}\njpeg_quality = {quality}")
 
 
 def _lens(random: np.random.Generator, name: str, shape: tuple[int, int], shift: float) -> dict[str, Any]:

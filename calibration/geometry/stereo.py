@@ -122,6 +122,7 @@ def calibrate_stereo(
     right_angles: bool = True,
     one_wall: bool = False,
     sigma_px: FloatArray | None = None,
+    beside: int = 0,
     on_step: Callable[[int, int], None] | None = None,
 ) -> StereoCalibration:
     """Find lenses, relative pose and planes from correspondences; the unit of length is the baseline.
@@ -138,6 +139,8 @@ def calibrate_stereo(
         One flat wall may be all that there is: lenses then rest on the data sheets.
     sigma_px : (N, 2), optional
         Standard deviation of the projector's pixels: those that are less certain than most count less. [px]
+    beside : int
+        So many of the last points lie beside edges: a strip of floor or ceiling may be found in them, but no wall.
     on_step : callable, optional
         Called with the steps done and all steps.
 
@@ -156,10 +159,14 @@ def calibrate_stereo(
     R. Hartley and A. Zisserman, Multiple View Geometry, 2nd edition, Cambridge 2004, chapters 9 and 11 (epipolar
     geometry); B. Triggs et al., Bundle adjustment - a modern synthesis, 1999.
     """
-    _check_count(len(camera_xy_px))
-    order = np.random.default_rng(0).permutation(len(camera_xy_px))
-    every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], weights_of(sigma_px, order, usual_of=_MANY))
-    how = partial(_calibrated, every, right_angles=right_angles, one_wall=one_wall, report=on_step or _silent)
+    n_inside = len(camera_xy_px) - beside
+    _check_count(n_inside)
+    random = np.random.default_rng(0)
+    order = np.concatenate([random.permutation(n_inside), n_inside + random.permutation(beside)])
+    fitted = min(_MANY, n_inside)
+    every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], weights_of(sigma_px, order, usual_of=fitted))
+    report = on_step or _silent
+    how = partial(_calibrated, every, fitted=fitted, right_angles=right_angles, one_wall=one_wall, report=report)
     if nominal.sheets is None:
         return how(nominal)
     try:
@@ -191,13 +198,14 @@ def _calibrated(
     every: WeighedPoints,
     nominal: NominalIntrinsics,
     *,
+    fitted: int,
     right_angles: bool,
     one_wall: bool,
     report: Callable[[int, int], None],
     others: int = _OTHERS,
 ) -> StereoCalibration:
     """Fit what is seen: one wall, or several."""
-    x1, x2, weight = every.camera_xy_px[:_MANY], every.projector_xy_px[:_MANY], every.weight[:_MANY]
+    x1, x2, weight = every.camera_xy_px[:fitted], every.projector_xy_px[:fitted], every.weight[:fitted]
     flat = fit_where_flat(x1, x2, nominal, weight=weight, one_wall=one_wall)
     if flat is not None:
         return replace(_finished(flat.solution, x1, x2, nominal), notes=flat.notes)
@@ -213,7 +221,7 @@ def _calibrated(
             raise
         final = better
     hold_against_boards(final)
-    resting = with_third_wall(final, every, nominal, n_fitted=_MANY)
+    resting = with_third_wall(final, every, nominal, n_fitted=fitted)
     report(3, 3)
     return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
 

@@ -15,6 +15,9 @@ _MOST_FALL = 0.02
 """Of white: root mean square by which a projector's measured light may fall as codes rise."""
 _USUAL_GAMMA = 2.2
 """A power near it makes a projector's curve almost straight, so interpolation between few codes is accurate."""
+_OF_HALVED = 1 / 8
+"""Of what every second code alone would have made of the others: a cubic's error goes with the third power of the steps
+at least, where its slopes are estimated."""
 _NEAR_BLACK = 1 / 64
 """Of full scale: below black a camera's curve goes on as steeply as it rises up to here on average."""
 
@@ -53,6 +56,25 @@ def light_of_levels(response: Response, levels: FloatArray) -> FloatArray:
     slope = (linear[near] - linear[0]) / (table[near] - table[0])
     inside = np.interp(levels, table, linear)
     return np.where(levels < table[0], linear[0] + (levels - table[0]) * slope, inside)
+
+
+def light_sigma(response: Response, light: FloatArray) -> FloatArray:
+    """Return the standard error of the linear light that a response curve gives.
+
+    Parameters
+    ----------
+    response : Response
+        Of a camera or of a projector's channel.
+    light : any shape
+        Linear light in the response's unit. [1]
+
+    Returns
+    -------
+    same shape
+        Where the curve does not know its own: the fit's residual. [1]
+    """
+    sigma = np.full_like(response.linear, response.rms) if response.sigma is None else response.sigma
+    return np.asarray(np.interp(light, response.linear, sigma))
 
 
 def ideal_levels(response: Response, levels: FloatArray) -> FloatArray:
@@ -105,7 +127,8 @@ def fit_projector_response(codes: ArrayLike, linear: ArrayLike) -> Response:
     Returns
     -------
     Response
-        One level a code; `rms` is what was made monotone. [1]
+        One level a code; `rms` is what was made monotone, `sigma` what interpolation between the codes may be off by:
+        it is known of a curve through every second one. [1]
 
     Raises
     ------
@@ -124,8 +147,23 @@ def fit_projector_response(codes: ArrayLike, linear: ArrayLike) -> Response:
         )
     rising = (rising - rising[0]) / (rising[-1] - rising[0])
     dense = np.arange(codes_[0], codes_[-1] + 1)
-    curve = PchipInterpolator(codes_, rising ** (1 / _USUAL_GAMMA))(dense) ** _USUAL_GAMMA
-    return Response(dense, np.clip(np.maximum.accumulate(curve), 0, 1), rms)
+    curve = _through(codes_, rising, dense)
+    return Response(dense, curve, rms, _interpolation_sigma(codes_, rising, dense, curve))
+
+
+def _through(codes: FloatArray, linear: FloatArray, dense: FloatArray) -> FloatArray:
+    """(N,) rising curve through measured light, at other codes."""
+    curve = PchipInterpolator(codes, linear ** (1 / _USUAL_GAMMA))(dense) ** _USUAL_GAMMA
+    return np.asarray(np.clip(np.maximum.accumulate(curve), 0, 1))
+
+
+def _interpolation_sigma(codes: FloatArray, linear: FloatArray, dense: FloatArray, curve: FloatArray) -> FloatArray:
+    """(N,) by the codes left out of a curve through every second one: the larger of the two on either side."""
+    half = np.unique(np.append(np.arange(0, len(codes), 2), len(codes) - 1))
+    off = _OF_HALVED * np.abs(_through(codes[half], linear[half], dense) - curve)
+    between = np.searchsorted(codes[half], dense, side="right")
+    largest = np.array([off[between == k].max(initial=0.0) for k in range(between.max() + 1)])
+    return np.asarray(np.maximum(largest[between], off))
 
 
 def fit_channel_responses(codes: ArrayLike, bands: FloatArray, mixing: FloatArray) -> tuple[Response, ...]:

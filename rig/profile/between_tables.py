@@ -39,6 +39,7 @@ def problems_between_tables(data: Mapping[str, Any]) -> list[str]:
         *_needed_tables(data, cameras),
         *_unknown_names(data, cameras, projectors),
         *_unlike_the_simulation(data, cameras, projectors),
+        *_jpeg_of_many_bits(data, cameras),
     ]
 
 
@@ -151,3 +152,13 @@ def _unlike_the_simulation(
             if isinstance(device.name, str) and truths and device.name not in named and not strangers:
                 yield f"simulation.{kind}: none is named {device.name!r}, as [[{kind}]] is; give each its truth"
         yield from (f"simulation.{line}" for line in _repeated_names(truths))
+
+
+def _jpeg_of_many_bits(data: Mapping[str, Any], cameras: list[_NamedTable]) -> Iterator[str]:
+    """JPEG as cameras stream it has eight bits."""
+    simulation = data.get("simulation")
+    bits = {camera.name: camera.table.get("bit_depth") for camera in cameras if isinstance(camera.name, str)}
+    for truth in _devices(simulation, "camera") if isinstance(simulation, dict) else ():
+        found = bits.get(truth.name, 8) if isinstance(truth.name, str) else 8
+        if "jpeg_quality" in truth.table and found != 8:
+            yield f"simulation.{truth.place}.jpeg_quality: the camera has bit_depth = {found}; JPEG goes with 8"

@@ -326,6 +326,7 @@ class Limits(Table):
     """Where a verdict turns red; image errors in grey levels of 255."""
 
     geometry_rms_px: Positive = 0.5
+    geometry_sigma_percent: Positive = 0.45
     valid_share: Share = 0.8
     comparison_rmse: Positive = 5.0
     comparison_bias: Positive = 2.0

@@ -55,6 +55,9 @@ WORDS: Mapping[str, str] = {
     "predicted - target": "Blue too dark, red too bright.",
     "geometry: reprojection rms": "How far the fitted lenses and walls miss the places where pixels were seen.",
     "geometry: uncertainty of the room's lengths": "Standard deviation of the least certain length, tape included.",
+    "geometry: uncertainty of the places of devices and surfaces": (
+        "Standard deviation of where the least certain device or measured wall is, of the room's longest side."
+    ),
     "geometry: directions in which no wall was measured": "Along these the place of walls is only a guess.",
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
     "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",

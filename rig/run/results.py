@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from rig.files.channels import image_of
-from rig.profile.schema import Profile
 from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
 from rig.run.lamp import lamp_change
 from rig.run.steps import VERBS, Verb
+from rig.run.verdicts import verdicts
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
@@ -35,19 +35,6 @@ from rig.stages.target import shown_target
 
 _LAMP_PERCENT_PER_MINUTE = 1.0
 """Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
-_LENGTH_SIGMA_PERCENT = 0.45
-"""A tape true to 0.3 %, and a fit that is as sure: then a length is wrong by 1 % once in forty rooms."""
-_OF_NOISE = 1.25
-"""Of the noise part: a camera of few electrons is no worse a model."""
-_UNEXPLAINED_GLOBAL = 0.12
-"""Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
-_TOLD_BY_LIGHT = 0.05
-"""Of the room's length, the standard deviation up to which walls that nobody saw are where the light puts them: floors
-a tenth of the height off left pictures of random rooms 3 to 5 grey levels wrong."""
-_ADVICE_ONE_WALL = (
-    "the rest of the room, which the model has not, sends light back to the wall unevenly: show a corner, so that the "
-    "surfaces near by are modelled, or cover what is bright beside the wall"
-)
 _LEAST_DIRECT = 0.05
 """A pixel counts as lit when its direct light is above this share of the median of the valid ones."""
 
@@ -69,7 +56,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     geometry, comparison = _geometry(session, is_separated=True), _comparison(session)
     strategies, best = _strategies(session), load_compensation(session).best
     model = _model(session)
-    limits = (*_verdicts(geometry, model, comparison, session.profile), _lamp_verdict(session))
+    limits = (*verdicts(geometry, model, comparison, session.profile), _lamp_verdict(session))
     return SessionResult(
         geometry=geometry,
         separation=_separation(session),
@@ -210,87 +197,4 @@ def _lamp_verdict(session: Session) -> Verdict:
         unit="% a minute",
         advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest: let the projector "
         "warm up, eco mode and dynamic iris off; daylight drifts, too",
-    )
-
-
-def _length_sigma_percent(geometry: GeometryResult) -> float:
-    """Largest standard deviation of a length of the room that was measured, tape included, as a share of it.
-
-    A wall alone has no size: before it the lengths are those between wall, camera and projector.
-    """
-    if len(geometry.faces_seen) == 1:
-        return 100 * geometry.sigmas["baseline_m"] / geometry.baseline_m
-    sigmas_m = [geometry.sigmas.get(f"room_{axis}_m", 0.0) for axis in "xyz"]
-    return max(100 * sigma / length for sigma, length in zip(sigmas_m, geometry.room_size_m, strict=True))
-
-
-def _guessed_directions(geometry: GeometryResult, model: ModelResult) -> int:
-    """Those along which no wall was seen or measured, so that a device's place has no sigma, nor told by the light."""
-    told = {one.axis for one in model.placed if one.sigma_m <= _TOLD_BY_LIGHT * _length_m(geometry, one.axis)}
-    return sum(f"projector_{axis}_m" not in geometry.sigmas and axis not in told for axis in "xyz")
-
-
-def _length_m(geometry: GeometryResult, axis: str) -> float:
-    return geometry.room_size_m["xyz".index(axis)]
-
-
-def _verdicts(
-    geometry: GeometryResult, model: ModelResult, comparison: ModelComparison, profile: Profile
-) -> tuple[Verdict, ...]:
-    limits = profile.limits
-    return (
-        Verdict(
-            what="geometry: reprojection rms",
-            value=geometry.rms_px,
-            limit=limits.geometry_rms_px,
-            unit="px",
-            advice="nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
-        ),
-        Verdict(
-            what="geometry: uncertainty of the room's lengths",
-            value=_length_sigma_percent(geometry),
-            limit=_LENGTH_SIGMA_PERCENT,
-            unit="%",
-            advice="what is lit and seen tells the lengths badly: show three surfaces, move the camera away from the "
-            "projector, or give both devices a lens file (rig lenses)",
-        ),
-        Verdict(
-            what="geometry: directions in which no wall was measured",
-            value=_guessed_directions(geometry, model) if profile.room.closed else 0,
-            limit=0,
-            unit="",
-            advice="nobody knows where the floor and the ceiling (or both walls of a side) are, and the light tells it "
-            "badly: show one of them, or give surface.lens_height_m, the projector's lens above the floor by tape",
-        ),
-        Verdict(
-            what="valid share of the lit pixels",
-            value=geometry.valid_share,
-            limit=limits.valid_share,
-            at_least=True,
-            advice="focus the projector and the camera, darken the room, and keep glossy things out of the picture",
-        ),
-        Verdict(
-            what="model: global light left unexplained, rms",
-            value=max(model.global_rms) if isinstance(model.global_rms, tuple) else model.global_rms,
-            limit=_UNEXPLAINED_GLOBAL,
-            unit="",
-            advice=_ADVICE_ONE_WALL
-            if len(geometry.faces_seen) == 1
-            else "no reflectance explains the light between the walls: check surface.size_m of walls that nobody "
-            "sees, show the floor or the ceiling, and look for things that are no walls",
-        ),
-        Verdict(
-            what="measured - simulated: rms",
-            value=comparison.rmse,
-            limit=max(limits.comparison_rmse, _OF_NOISE * comparison.noise_rms),
-            unit="grey levels",
-            advice="look at the report's error pictures: what is not a wall of the room is not in the model",
-        ),
-        Verdict(
-            what="measured - simulated: |bias|",
-            value=abs(comparison.bias),
-            limit=limits.comparison_bias,
-            unit="grey levels",
-            advice="let the projector warm up, and switch everything automatic off in both devices",
-        ),
     )

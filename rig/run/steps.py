@@ -12,6 +12,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject
 from rig.session import Session, Step
 from rig.stages import comparison, compensation, correspondence, geometry, model, radiometry, separation
+from rig.stages.light import exposure
 from rig.stages.target import CompensationRequest
 from rig.terminal import OnStep
 
@@ -64,9 +65,9 @@ STEPS: tuple[AnyStep, ...] = (
     ShootingStep(
         name="exposure",
         verb="calibrate",
-        settings=radiometry.exposure_settings,
-        shoot=radiometry.find_exposure,
-        frames=radiometry.exposure_frames,
+        settings=exposure.exposure_settings,
+        shoot=exposure.find_exposure,
+        frames=exposure.exposure_frames,
     ),
     ShootingStep(
         name="response",

@@ -16,6 +16,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.compensation import load_compensation
+from rig.stages.light.lamp import N_WHITES, lamp_of, time_of, with_whites, without_drift
 from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
@@ -79,7 +80,7 @@ def held_out_patterns(shape: tuple[int, int]) -> list[Pattern]:
 def project_settings(session: Session) -> JsonObject:
     """Return what step `project` depends on."""
     bracket = measuring_bracket(session)
-    return {"exposures_s": json_of(bracket.exposures_s), "repeats": bracket.repeats}
+    return {"exposures_s": json_of(bracket.exposures_s), "repeats": bracket.repeats, "between": "whites"}
 
 
 def frames_per_picture(profile: Profile) -> int:
@@ -89,7 +90,7 @@ def frames_per_picture(profile: Profile) -> int:
 
 def held_out_frames(profile: Profile) -> int:
     """Return how many frames step `project` takes beside those of the strategies."""
-    return _HELD_OUT * frames_per_picture(profile)
+    return (_HELD_OUT + N_WHITES) * frames_per_picture(profile)
 
 
 def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -98,7 +99,7 @@ def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnSt
     patterns = [
         Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}"))) for name in names
     ] + held_out_patterns(rig.projector.shape)
-    bracket = measuring_bracket(session)
+    patterns, bracket = with_whites(patterns, rig.projector.shape), measuring_bracket(session)
     photograph(rig, session, step, patterns, bracket=bracket, n_patterns=len(patterns), on_step=on_step)
     step.save_record("shot", bracket)
 
@@ -123,7 +124,7 @@ class _Residuals:
 
 def comparison_settings(_: Session) -> JsonObject:
     """Return what step `compare` depends on."""
-    return {"sigma": "of noise and model", "judged": JUDGED}
+    return {"sigma": "of noise and model", "judged": JUDGED, "lamp": "taken out"}
 
 
 def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
@@ -134,12 +135,17 @@ def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
     bracket = projected.load_record("shot", ExposureBracket)
     counted = _counted(judged.mask, radiometric)
     held_out = held_out_patterns(model.scene_model.projector.lens.shape)
-    total = len(names) + len(held_out)
+    total, lamp = len(names) + len(held_out), lamp_of(projected, bracket, radiometric, _white_of(session))
+
+    def photographed(picture: str) -> LightImage:
+        image = merge_exposures(projected, picture, bracket, radiometric)
+        return without_drift(image, lamp.at(time_of(projected, picture, bracket)))
+
     strategies: dict[str, StrategyErrors] = {}
     residuals: dict[str, _Residuals] = {}
     for k, name in enumerate(names):
         on_step("compare measured and simulated", k, total)
-        measured = merge_exposures(projected, f"shown-{name}", bracket, radiometric)
+        measured = photographed(f"shown-{name}")
         predicted = _predicted(session, name)
         strategies[name] = StrategyErrors(
             measured=_against_target(measured.value.astype(np.float64), judged, model.level),
@@ -149,13 +155,21 @@ def compare_all(session: Session, step: Step, on_step: OnStep) -> None:
         residuals[name] = _residuals(measured, predicted, counted, model)
     for k, pattern in enumerate(held_out, start=len(names)):
         on_step("compare measured and simulated", k, total)
-        measured = merge_exposures(projected, pattern.name, bracket, radiometric)
-        predicted = predict(model, radiometric.projector, pattern.codes)
+        measured = photographed(pattern.name)
+        predicted = predict(model, radiometric, pattern.codes)
         step.save_image(f"measured-{pattern.name}", measured.channels)
         step.save_image(f"predicted-{pattern.name}", predicted.channels)
         residuals[pattern.name] = _residuals(measured, predicted, counted, model)
     on_step("compare measured and simulated", total, total)
+    step.save_record("lamp", lamp)
     _save(step, model, judged, strategies, residuals=residuals)
+
+
+def _white_of(session: Session) -> LightImage:
+    """The white that the model is of."""
+    image = session.finished("separation").load_image("separation")
+    value, variance = image_of(image, "white"), image_of(image, "white_variance")
+    return LightImage(value, variance, np.zeros(value.shape, dtype=bool))
 
 
 def _predicted(session: Session, name: str) -> Prediction:

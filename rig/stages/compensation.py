@@ -67,7 +67,7 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
         "target_sha256": request.target.sha256,
         "strategies": json_of(request.strategies),
         "versions": versions_of(request.strategies),
-        "prediction": "all projector pixels, blurred, with sigma",
+        "prediction": "all projector pixels, blurred, with sigma by the curves' own",
         "blur": "of the projector",
     }
 
@@ -102,7 +102,7 @@ def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **
 
 def compute_compensation(session: Session, step: Step, request: CompensationRequest, on_step: OnStep) -> None:
     """Step `compensate`: solve each strategy in the projector's view; predict the camera's for the codes."""
-    model, responses = load_model(session), load_radiometric_calibration(session).projector
+    model, radiometric = load_model(session), load_radiometric_calibration(session)
     step.save_image("target", layers("grey", request.target.levels))
     transport, wanted = model.room.projector_transport, wanted_light(model, request.target)
     options, computed = measured_options(model), {}
@@ -110,9 +110,9 @@ def compute_compensation(session: Session, step: Step, request: CompensationRequ
         on_step("compute compensation images", k, len(request.strategies))
         solution = solve(name, transport, wanted, **options.get(name, {}))
         linear = whole_picture(model, solution.projector_image)
-        codes = channel_codes(responses, linear, seed=dither_seed(name))
+        codes = channel_codes(radiometric.projector, linear, seed=dither_seed(name))
         step.save_image(f"projector-{name}", layers("linear", linear) | code_layers(codes))
-        step.save_image(f"predicted-{name}", predict(model, responses, codes).channels)
+        step.save_image(f"predicted-{name}", predict(model, radiometric, codes).channels)
         computed[name] = _computed(solution, model.level)
     on_step("compute compensation images", len(request.strategies), len(request.strategies))
     active_share = float(model.room.active.mean())

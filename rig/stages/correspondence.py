@@ -33,9 +33,10 @@ from rig.plug_ins import code_version, find_code
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
+from rig.stages.light.exposure import reference_exposure_s
 from rig.stages.linear_light import Codes, Float32Array, RadiometricCalibration, channel_codes
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
-from rig.stages.radiometry import load_radiometric_calibration, reference_exposure_s
+from rig.stages.radiometry import load_radiometric_calibration
 from rig.terminal import OnStep
 
 Key = TypeVar("Key")

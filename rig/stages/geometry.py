@@ -109,8 +109,9 @@ class GeometryRecord(Record):
     sigmas: Mapping[str, float]
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses, baseline and room, in that unit.
 
-    Positions of the devices are those in the room; `relative` is the projector in the camera's frame. What was guessed,
-    because no wall along an axis was seen, has none."""
+    Positions of the devices are those in the room; `relative` is the projector in the camera's frame, `surface` the
+    distance of a measured wall from the projector. What was guessed, because no wall along an axis was seen, has none.
+    """
 
 
 def geometry_settings(session: Session) -> JsonObject:
@@ -122,7 +123,7 @@ def geometry_settings(session: Session) -> JsonObject:
         **({"lenses": lenses} if (lenses := lens_settings(profile)) else {}),
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.room.model_dump(mode="json", exclude=unused),
-        "third_wall": "strips of it, too",
+        "third_wall": "strips of it beside edges, too",
     }
 
 
@@ -152,7 +153,8 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     CalibrationError
         If the correspondence does not determine them, or something contradicts; with the cause.
     """
-    rows, columns = np.nonzero(_well_inside(correspondence))
+    inside, beside = _inside_and_beside(correspondence)
+    rows, columns = np.concatenate([np.nonzero(inside), np.nonzero(beside)], axis=1)
     sigma = correspondence.sigma_px
     pair = calibrate_stereo(
         np.stack([columns, rows], axis=1).astype(np.float64),
@@ -161,6 +163,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         right_angles=profile.room.right_angles,
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
+        beside=int(beside.sum()),
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
@@ -172,10 +175,11 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
 
-def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
-    """Pixels away from edges of the picture and of surfaces, where sub-pixel coordinates are biased.
+def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Pixels away from edges of the picture and of surfaces, and those beside: there coordinates are biased.
 
-    At such edges the refinement keeps integer codes, so these tell where the edges are.
+    At such edges the refinement keeps integer codes, so these tell where the edges are. But where glare leaves integer
+    codes all over a strip of floor, nothing of it is inside, and it would tell where the floor is.
     """
     xy = correspondence.projector_xy_px
     with np.errstate(invalid="ignore"):
@@ -183,7 +187,9 @@ def _well_inside(correspondence: Correspondence) -> NDArray[np.bool_]:
     refined = (correspondence.valid & ~whole).astype(np.uint8)
     size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
     inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
-    return inside if inside.sum() > _LEAST_INSIDE * refined.sum() else refined > 0
+    if inside.sum() <= _LEAST_INSIDE * refined.sum():
+        return refined > 0, np.zeros_like(inside)
+    return inside, (refined > 0) & ~inside
 
 
 @dataclass(frozen=True, eq=False)
@@ -237,11 +243,13 @@ def _guessed(profile: Profile, room: _ScaledRoom) -> set[str]:
             found.add(f"room_{axis}_m")
         if not seen or (seen == {faces[1]} and size_m is None):
             found |= {f"camera_{axis}_m", f"projector_{axis}_m"}
+        found |= {f"surface_{face}_m" for face in faces if face not in room.box.seen}
     return found
 
 
 _FIGURES = (
     *(f"{device}_{axis}_m" for device in ("camera", "projector", "relative", "room") for axis in "xyz"),
+    *(f"surface_{face}_m" for face in ("x0", "y0", "floor", "x1", "y1", "ceiling")),
     *(f"{device}_rotation_{axis}_deg" for device in ("camera", "projector", "relative") for axis in "xyz"),
     "baseline_m",
 )
@@ -258,7 +266,9 @@ def _figures(room: _ScaledRoom, nominal: _ScaledRoom) -> NDArray[np.float64]:
     ]
     relative_then = before.projector.rotation @ before.camera.rotation.T
     turns.append(vector_of(projector.rotation @ camera.rotation.T @ relative_then.T))
-    lengths = [camera.position_m, projector.position_m, relative, np.array(room.box.size_m)]
+    size_m = np.array(room.box.size_m)
+    surfaces = [projector.position_m, size_m - projector.position_m]
+    lengths = [camera.position_m, projector.position_m, relative, size_m, *surfaces]
     return np.concatenate([*lengths, np.degrees(np.concatenate(turns)), [np.linalg.norm(relative)]])
 
 

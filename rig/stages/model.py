@@ -28,7 +28,7 @@ from rig.stages.light.fit import (
     fit_lenses,
     fit_reflectance,
     lit_pixels,
-    on_the_model,
+    pixels_that_tell,
 )
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
@@ -152,7 +152,7 @@ def model_settings(session: Session) -> JsonObject:
         "global_gain": "of white",
         "blur": "of both lenses",
         "vignetting": "told apart by what lenses usually do",
-        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light"],
+        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light", "inside"],
     }
 
 
@@ -171,10 +171,9 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     if standing is not None:
         step.save_record("standing", standing)
     bare = bare_room(measured, session.profile.room.patch_size_m, shift_of(placed), standing)
-    gains = [direct_gain(light, lit, bare.camera_hits) / border for light in bands]
+    gains = [direct_gain(light, lit, bare.camera_hits, border) for light in bands]
     on_step("build model", 1, 4)
-    on_model = on_the_model(bare, projector_xy_px)
-    inner = walls.on_model_of(lit, on_model) & walls.away_from_edges(face_of_pixels(bare.camera_hits, lit.shape))
+    inner = pixels_that_tell(bare, lit, projector_xy_px, border)
     vignetting = fit_lenses(bare, np.mean(gains, axis=0), inner)
     geometry = bare.with_vignetting(vignetting)
     on_step("build model", 2, 4)

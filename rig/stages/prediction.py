@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.radiometry.response import Response
+from calibration.radiometry.response import light_sigma
 from rig.files.channels import image_of, layers
 from rig.session import Step
-from rig.stages.linear_light import channel_light
+from rig.stages.linear_light import RadiometricCalibration, channel_light
 from rig.stages.maps.sampling import sample, sample_bands
 from rig.stages.model import FittedScene
 from rig.stages.target import Target
@@ -27,8 +26,6 @@ JUDGED = "the target sharp on the wall, through the camera"
 SPLIT_BIAS = 0.004
 """Relative standard deviation of all direct light together: its bias on random rigs, 0.1 % at the median and 0.9 % at
 most. What differs from pixel to pixel, the frames tell."""
-CURVE_ERROR = 0.002
-"""Relative standard deviation of light by the response curves of projector and camera."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,17 +66,22 @@ class Prediction:
         return layers("light", self.light) | layers("sigma", self.sigma)
 
 
-def predict(model: FittedScene, responses: Sequence[Response], codes: Codes) -> Prediction:
+def predict(model: FittedScene, radiometric: RadiometricCalibration, codes: Codes) -> Prediction:
     """Return the camera light that the model expects of codes, with its standard deviation."""
-    light = channel_light(responses, codes).reshape(-1, model.channels).astype(np.float64)
+    light = channel_light(radiometric.projector, codes).reshape(-1, model.channels).astype(np.float64)
     transport = model.room.camera_transport
     mixed, white = light @ transport.mixing.T, transport.mixing.sum(axis=1)
-    bands = [_predict_band(model, b, mixed[:, b], white[b]) for b in range(model.channels)]
+    bands = [
+        _predict_band(model, band, mixed[:, band], white=white[band], radiometric=radiometric)
+        for band in range(model.channels)
+    ]
     value, sigma = (np.stack(parts, axis=-1) for parts in zip(*bands, strict=True))
     return Prediction(value, sigma)
 
 
-def _predict_band(model: FittedScene, band: int, light: FloatArray, white: float) -> tuple[FloatArray, FloatArray]:
+def _predict_band(
+    model: FittedScene, band: int, light: FloatArray, *, white: float, radiometric: RadiometricCalibration
+) -> tuple[FloatArray, FloatArray]:
     """(H, W) light, and its standard deviation."""
     transport, shape = model.room.camera_transport.bands[band], model.scene_model.camera.lens.shape
     images = np.stack([light, np.full_like(light, white)], axis=-1)
@@ -92,7 +94,19 @@ def _predict_band(model: FittedScene, band: int, light: FloatArray, white: float
     split = error * (direct[..., 0] - direct[..., 1] * _share(global_))
     spread = model.global_error * (global_[..., 0] - global_[..., 1] * _share(direct))
     place, width = _edges(model, band, light)
-    return value, np.sqrt(noise + split**2 + spread**2 + place**2 + width**2 + (CURVE_ERROR * value) ** 2)
+    curve = _curve_sigma(radiometric, band, value, in_white)
+    return value, np.sqrt(noise + split**2 + spread**2 + place**2 + width**2 + curve**2)
+
+
+def _curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArray, in_white: FloatArray) -> FloatArray:
+    """(H, W) what errors of both response curves make: light is read by the camera's in the picture, and in white.
+
+    Of the projector's that at the share of white's light that a pixel sees: the codes that light it are near.
+    """
+    balance, share = radiometric.balance[band], value / in_white
+    read, read_white = (balance * light_sigma(radiometric.camera, light / balance) for light in (value, in_white))
+    shown = in_white * light_sigma(radiometric.projector[band], share)
+    return np.asarray(np.sqrt(read**2 + (share * read_white) ** 2 + shown**2))
 
 
 def _share(parts: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Reference exposure, black, response curves and colour mixing: steps `exposure` and `response`."""
+"""Black, response curves and colour mixing: step `response`."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
-from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
 from calibration.radiometry.mixing import Mixing, fit_mixing
 from calibration.radiometry.mosaic import Mosaic
 from calibration.radiometry.photon_transfer import fit_camera_noise
@@ -22,6 +21,7 @@ from rig.profile.schema import Profile
 from rig.profile.tables import CameraProfile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
+from rig.stages.light.exposure import reference_exposure_s
 from rig.stages.linear_light import (
     BLACK_REPEATS,
     Float32Array,
@@ -30,14 +30,12 @@ from rig.stages.linear_light import (
     ResponseRecord,
     merge_exposures,
 )
-from rig.stages.photograph import ExposureBracket, frame_name, photograph, take_one
+from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.terminal import OnStep, part_of
 
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-_AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
-"""Of the brightest permille of projector white: the sweep goes to 1.1 times this exposure and must not clip."""
 _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
 _SWEEP_REPEATS = 2
@@ -46,25 +44,6 @@ _SAMPLES = 12000
 """Pixels of a frame that the camera's curve and noise are fitted to; more change neither by its error."""
 _LEAST_BLACK = 1e-5
 """Of full scale: of less light on black a share means nothing."""
-_MAX_TRIES = 10
-_USUAL_FRAMES = 3
-"""Frames of the search that a plan counts with: two of white, and the black one."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraExposure(Record):
-    """The reference exposure of one camera."""
-
-    exposure_s: float
-    brightest_share_of_full_scale: float
-    """Of the brightest permille of projector white."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ExposureRecord(Record):
-    """What step `exposure` found."""
-
-    cameras: Mapping[str, CameraExposure]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,48 +93,6 @@ class RadiometricRecord(Record):
     cameras: Mapping[str, CameraRadiometry]
     projectors: Mapping[str, ProjectorRadiometry]
     pairs: tuple[PairRadiometry, ...]
-
-
-def exposure_settings(session: Session) -> JsonObject:
-    """Return what step `exposure` depends on."""
-    return {"aim": _AIM.share, "start_s": session.profile.camera.exposure_s}
-
-
-def exposure_frames(_: Profile) -> int:
-    """Return about how many frames step `exposure` takes."""
-    return _USUAL_FRAMES
-
-
-def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
-    """Step `exposure`: projector white just below saturation."""
-    white = flat(rig.projector.shape, 255, "white")
-    exposure_s = rig.profile.camera.exposure_s
-    full_scale = rig.camera.full_scale_dn
-    earlier: tuple[float, float] | None = None
-    for attempt in range(_MAX_TRIES):
-        on_step("photograph: exposure", attempt, _MAX_TRIES)
-        name = frame_name("white", attempt)
-        if not step.has_frame(name):
-            take_one(rig, session, step, white, name=name, exposure_s=exposure_s)
-        level = brightest_share(step.load_frame(name).pixels, full_scale)
-        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s, earlier=earlier)
-        if chosen_s is None:
-            break
-        earlier, exposure_s = (exposure_s, level), chosen_s
-    on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
-    black_name, black = frame_name("black"), flat(rig.projector.shape, 0, "black")
-    if not step.has_frame(black_name):
-        take_one(rig, session, step, black, name=black_name, exposure_s=exposure_s)
-    dark, bright = (step.load_frame(name).pixels for name in (black_name, frame_name("white", attempt)))
-    refuse_darkness(bright, dark, full_scale_dn=full_scale, exposure_s=exposure_s)
-    found = CameraExposure(exposure_s=exposure_s, brightest_share_of_full_scale=level)
-    step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
-
-
-def reference_exposure_s(session: Session) -> float:
-    """Return the session's reference exposure."""
-    record = session.finished("exposure").load_record("exposure", ExposureRecord)
-    return record.cameras[session.profile.camera.name].exposure_s
 
 
 def measuring_bracket(session: Session, repeats: int | None = None) -> ExposureBracket:

@@ -137,7 +137,7 @@ def keep_solution(
 ) -> StrategyRow:
     """Save the codes of a strategy and what the model predicts of them; what is known of it before it is shown."""
     codes = room.codes(solution.projector_image, seed)
-    predicted = predict(room.model, room.radiometric.projector, codes)
+    predicted = predict(room.model, room.radiometric, codes)
     step.save_image(f"projector-{picture.name}-{name}", code_layers(codes))
     step.save_image(f"predicted-{picture.name}-{name}", predicted.channels)
     return StrategyRow(

@@ -24,6 +24,7 @@ from calibration.radiometry.response import (
     ideal_levels,
     ideal_slope,
     light_of_levels,
+    light_sigma,
     linear_from_codes,
 )
 
@@ -384,3 +385,24 @@ def test_dither_makes_the_mean_right_and_repeats_with_its_seed(response: Respons
 
 def test_light_beyond_white_and_below_black_is_clipped(response: Response) -> None:
     assert codes_from_linear(response, np.array([-0.3, 1.7])).tolist() == [0, 255]
+
+
+@pytest.mark.parametrize("gamma", [1.8, 2.2, 2.6])
+@pytest.mark.parametrize("s_shape", [0.0, 0.4])
+def test_a_projector_curve_is_off_between_its_codes_by_no_more_than_three_of_its_sigmas(gamma, s_shape):
+    def light(codes):
+        x = codes / 255
+        return (1 - s_shape) * x**gamma + s_shape * x * x * (3 - 2 * x)
+
+    codes = np.rint(np.linspace(0, 255, 9))
+    found = fit_projector_response(codes, light(codes))
+    error = np.abs(found.linear - light(np.arange(256)))
+    assert (error <= 3 * found.sigma + 5e-4).all()
+    assert found.sigma.max() < 0.006
+
+
+def test_light_sigma_goes_between_the_curves_own_and_is_the_residual_where_it_has_none():
+    known = Response(np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.5, 1.0]), 0.01, np.array([0.0, 0.004, 0.002]))
+    assert light_sigma(known, np.array([0.25, 0.75])) == pytest.approx([0.002, 0.003])
+    unknown = Response(known.levels, known.linear, 0.01)
+    assert light_sigma(unknown, np.array([0.25, 0.75])) == pytest.approx([0.01, 0.01])

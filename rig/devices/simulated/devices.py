@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -268,7 +269,8 @@ class SimulatedCamera:
             light = np.asarray(self._mosaic.seen(light), np.float32)
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
-        return sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
+        levels = sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
+        return levels if settings.jpeg_quality is None else through_jpeg(levels, settings.jpeg_quality)
 
     def _check_open(self) -> float:
         """When it was opened. Raises DeviceLost when it is closed, or was unplugged since."""
@@ -304,6 +306,18 @@ def sensor_response(
     y = toned(y, camera.tone)
     digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y
     return np.asarray(np.clip(np.rint(digital), 0, full_scale_dn), dtype=np.uint16)
+
+
+def through_jpeg(levels: NDArray[np.uint16], quality: int) -> NDArray[np.uint16]:
+    """What is left of 8-bit levels (H, W, C) after JPEG, as cameras that stream MJPEG send them.
+
+    Three channels go as luminance and halved chrominance, as they do there.
+    """
+    picture = np.ascontiguousarray(levels[..., ::-1].astype(np.uint8))
+    _, stream = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    kind = cv2.IMREAD_GRAYSCALE if levels.shape[-1] == 1 else cv2.IMREAD_COLOR
+    back = np.asarray(cv2.imdecode(stream, kind)).reshape(levels.shape)
+    return np.ascontiguousarray(back[..., ::-1]).astype(np.uint16)
 
 
 def toned(y: Float32Array, tone: str | float) -> Float32Array:

@@ -43,6 +43,10 @@ _LEAST_IN_A_BAND = 0.005
 """A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
 _MOST_OFF_PX = 4.0
 """Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
+_ALL_OF_WHITE = 0.9995
+"""Share of white from which on a pixel tells its patch's reflectance: on random rigs those with 0.97 to 0.995 of it had
+3 to 6 % too little direct light, for the blur at the border is known to a few percent of itself."""
+_NO_LIGHT = 1e-9
 LEAST_PIXELS = 40
 """Camera pixels that a patch needs before its light counts."""
 LEAST_OF_TRIANGLES = 6
@@ -122,15 +126,52 @@ def on_the_model(room: BareRoom, projector_xy_px: NDArray[np.float32], most_off_
         return np.asarray(off < most_off_px)
 
 
-def direct_gain(light: BandLight, lit: BoolArray, camera_hits: PixelHits) -> FloatArray:
-    """Return (H, W) direct light of white, 0 where not lit.
+def direct_gain(light: BandLight, lit: BoolArray, camera_hits: PixelHits, border: NDArray[np.float32]) -> FloatArray:
+    """Return (H, W) direct light of a white without borders, 0 where not lit.
 
     The checkers tell the share of direct light with noise; that share is smooth along a wall (reflectance and
-    vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise.
+    vignetting cancel in it), so it is smoothed there and applied to the white frame, which has little noise. Beside the
+    picture's border less than white arrives: the share of light is smooth only once what is missing is put back.
+
+    Parameters
+    ----------
+    light
+        Of one band.
+    lit : (H, W) bool
+    camera_hits
+        What each pixel sees.
+    border : (H, W)
+        Share of white that a pixel sees, above 0.
     """
-    share = np.where(lit, light.direct / np.maximum(light.white, 1e-9), 0.0).astype(np.float64)
-    face = face_of_pixels(camera_hits, lit.shape)
-    return walls.smoothed_along_faces(share, lit, face, SMOOTHING_SHARE) * light.white
+    direct = np.where(lit, light.direct / border, 0.0).astype(np.float64)
+    share = np.where(lit, direct / np.maximum(direct + light.white - light.direct, _NO_LIGHT), 0.0)
+    smooth = walls.smoothed_along_faces(share, lit, face_of_pixels(camera_hits, lit.shape), SMOOTHING_SHARE)
+    return np.asarray(light.white * smooth / np.maximum(1 - smooth * (1 - border), _NO_LIGHT))
+
+
+def pixels_that_tell(
+    room: BareRoom, lit: BoolArray, projector_xy_px: NDArray[np.float32], border: NDArray[np.float32]
+) -> BoolArray:
+    """Return (H, W) lit pixels whose light tells what reflects it: on the model, away from edges and borders.
+
+    Parameters
+    ----------
+    room
+        With its camera.
+    lit : (H, W) bool
+    projector_xy_px : (H, W, 2)
+        What each pixel sees of the projector's picture.
+    border : (H, W)
+        Share of white that a pixel sees.
+
+    Raises
+    ------
+    CalibrationError
+        If few lit pixels see in the model what their code says.
+    """
+    on_model = walls.on_model_of(lit, on_the_model(room, projector_xy_px))
+    face = face_of_pixels(room.camera_hits, lit.shape)
+    return np.asarray(on_model & walls.away_from_edges(face) & (border > _ALL_OF_WHITE))
 
 
 def fit_lenses(geometry: BareRoom, gain: FloatArray, lit: BoolArray) -> Vignetting:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from calibration.light import faces as walls
 from calibration.light.reflectance import ReflectanceFit, ReflectanceSource
 from rig.records import Record
 from rig.stages.geometry import TAPE_SIGMA, BoxSurface, GeometryRecord
@@ -26,8 +25,9 @@ from rig.stages.light.fit import (
     fit_lenses,
     fit_reflectance,
     on_the_model,
+    pixels_that_tell,
 )
-from rig.stages.scene_model import PosedLens, face_of_pixels, unit_emission
+from rig.stages.scene_model import PosedLens, unit_emission
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -208,10 +208,8 @@ class _CoarseRoom:
     @classmethod
     def begun(cls, record: GeometryRecord, patch_size_m: float, shift_m: Shift, *, seen: SeenInWhite) -> _CoarseRoom:
         full = bare_room(record, _COARSER * patch_size_m, shift_m)
-        gain = direct_gain(seen.light, seen.lit, full.camera_hits) / seen.border
-        on_model = on_the_model(full, seen.projector_xy_px)
-        away = walls.away_from_edges(face_of_pixels(full.camera_hits, seen.lit.shape))
-        inner = walls.on_model_of(seen.lit, on_model) & away
+        gain = direct_gain(seen.light, seen.lit, full.camera_hits, seen.border)
+        inner = pixels_that_tell(full, seen.lit, seen.projector_xy_px, seen.border)
         full = full.with_vignetting(fit_lenses(full, gain, inner))
         few = (slice(None, None, _EVERY_PX),) * 2
         light = BandLight(seen.light.direct[few], seen.light.global_[few], seen.light.white[few])

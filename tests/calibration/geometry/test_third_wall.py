@@ -22,14 +22,14 @@ def above(room, height_m):
     return room.changed(size_m=(4.8, 4.8, 9.0), camera_hfov_deg=80.0, projector_hfov_deg=75.0, **devices)
 
 
-def calibrated(room, correspondences):
+def calibrated(room, correspondences, beside=0):
     nominal = NominalIntrinsics.of(
         camera_shape=room.camera.shape,
         projector_shape=room.projector.shape,
         camera_hfov_deg=room.camera_hfov_deg,
         projector_hfov_deg=room.projector_hfov_deg,
     )
-    return calibrate_stereo(*correspondences, nominal)
+    return calibrate_stereo(*correspondences, nominal, beside=beside)
 
 
 def heights_below_camera(room, pair):
@@ -63,6 +63,17 @@ def strip(room):
 
 def test_a_strip_of_the_floor_is_found_where_it_is(strip):
     seen, pair = strip
+    assert sorted(pair.axes) == [0, 1, 2]
+    assert heights_below_camera(seen, pair) == pytest.approx([seen.camera.position_m[2]], rel=0.02)
+
+
+def test_a_strip_is_found_though_all_of_it_lies_beside_edges(room):
+    """Glare leaves whole codes among it, and what is next to those is no point that walls are looked for in."""
+    seen = above(room, 1.2)
+    xy, image = seen.correspondences(5)
+    on_floor = np.abs(seen.hits(seen.camera, xy)[0][:, 2]) < 1e-9
+    order = np.argsort(on_floor, kind="stable")
+    pair = calibrated(seen, (xy[order], image[order]), beside=int(on_floor.sum()))
     assert sorted(pair.axes) == [0, 1, 2]
     assert heights_below_camera(seen, pair) == pytest.approx([seen.camera.position_m[2]], rel=0.02)
 

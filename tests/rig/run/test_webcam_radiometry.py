@@ -76,8 +76,19 @@ def ripple_light(found: RadiometricCalibration) -> float:
 
 
 def test_room_light_that_flickers_is_in_the_variance(tmp_path: Path) -> None:
+    """Of a lamp that is not on the mains: no exposure is blind to it."""
     still = calibrated(changed(), tmp_path / "still")
-    lamps = ("ambient = 0.0004", "ambient = 0.05\nambient_flicker = 0.3\nambient_flicker_hz = 100.0")
+    lamps = ("ambient = 0.0004", "ambient = 0.05\nambient_flicker = 0.3\nambient_flicker_hz = 77.0")
     flickering = calibrated(changed(lamps), tmp_path / "flickering")
     assert ripple_light(still) < 1e-4
     assert ripple_light(flickering) > 3e-4
+
+
+def test_the_exposure_holds_whole_periods_of_room_light_that_flickers(tmp_path: Path) -> None:
+    """Of 100 Hz; what is left of the swell is then below that of the same rig with still room light."""
+    lamps = ("ambient = 0.0004", "ambient = 0.05\nambient_flicker = 0.3\nambient_flicker_hz = 100.0")
+    found = calibrated(changed(lamps), tmp_path / "flickering")
+    periods = found.reference_exposure_s * 100
+    assert periods == pytest.approx(round(periods), abs=1e-6)
+    assert round(periods) >= 1
+    assert ripple_light(found) < 1e-4

@@ -12,6 +12,7 @@ from calibration.geometry.pinhole import PinholeModel
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
 from rig.stages.correspondence import DevicePair
+from rig.stages.light.fit import BandLight, BareRoom, direct_gain, pixels_that_tell
 from rig.stages.maps.sampling import sample
 from rig.stages.scene_model import (
     ColouredRoom,
@@ -178,3 +179,37 @@ def test_without_a_known_blur_a_picture_is_seen_as_it_is(scene_model: SceneModel
     picture = np.random.default_rng(5).uniform(size=(int(room.active.sum()), 1))
     assert np.array_equal(room.through_camera(picture), picture)
     assert projector_view(scene_model, scene_model.active).blur is None
+
+
+@pytest.fixture(scope="module")
+def bare(scene_model: SceneModel) -> BareRoom:
+    return BareRoom(scene_model.scene, scene_model.camera, scene_model.projector, scene_model.camera_hits)
+
+
+BLURRED = slice(150, 154)
+"""Columns of the camera beside a border of the projector's picture ..."""
+WHITE_SHARE = np.array([0.97, 0.9, 0.7, 0.4])
+"""... and how much of white they see."""
+
+
+def test_blur_at_the_pictures_border_takes_no_direct_light_from_what_lies_beside(bare: BareRoom) -> None:
+    shape = bare.camera.lens.shape
+    direct = 0.5 + 0.2 * np.linspace(-1, 1, shape[1]) * np.ones(shape)
+    global_, border = 0.3 * direct, np.ones(shape, dtype=np.float32)
+    border[:, BLURRED] = WHITE_SHARE
+    lit = np.zeros(shape, dtype=bool)
+    lit[:, : BLURRED.stop] = True
+    seen = BandLight(*(each.astype(np.float32) for each in (border * direct, global_, border * direct + global_)))
+    gain = direct_gain(seen, lit, bare.camera_hits, border)
+    assert np.abs(gain / direct - 1)[lit].max() < 0.002
+
+
+def test_pixels_beside_the_pictures_border_tell_no_reflectance(bare: BareRoom) -> None:
+    shape = bare.camera.lens.shape
+    border, lit = np.ones(shape, dtype=np.float32), np.ones(shape, dtype=bool)
+    border[:, BLURRED] = WHITE_SHARE
+    there = project(bare.projector.lens, bare.projector.pose, bare.camera_hits.points_m).reshape(*shape, 2)
+    lit &= np.isfinite(there).all(axis=-1)
+    telling = pixels_that_tell(bare, lit, there.astype(np.float32), border)
+    assert not telling[:, BLURRED].any()
+    assert telling[lit & (border == 1)].mean() > 0.8

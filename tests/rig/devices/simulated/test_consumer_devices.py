@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from rig.devices.simulated.devices import sensor_response, toned
+from rig.devices.simulated.devices import sensor_response, through_jpeg, toned
 from rig.devices.simulated.optics import blurred, make_optics
 from rig.devices.simulated.settings import SimulatedCameraSettings, SimulatedLensSettings, SimulationSettings
 from rig.devices.simulated.world import SimulatedWorld
+from rig.errors import ProfileError
+from rig.profile.schema import Profile
 
 PROFILE = Path(__file__).parents[4] / "hw_profiles" / "ci-tiny.toml"
 SHAPE = (120, 160)
@@ -98,3 +100,26 @@ def test_a_lamp_is_darker_until_it_is_warm() -> None:
 def test_a_lamp_that_does_not_drift_shines_alike_at_all_times() -> None:
     world = SimulatedWorld(settings_with(), (24, 32), (24, 32))
     assert world.lamp(np.array([0.0, 1e4]), 0.1).tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_jpeg_keeps_a_smooth_picture_and_spoils_a_noisy_one_more_the_lower_its_quality(channels: int) -> None:
+    rows, columns = np.mgrid[0:64, 0:96]
+    smooth = np.repeat((60 + rows + columns)[..., None], channels, axis=2).astype(np.uint16)
+    noisy = smooth + np.random.default_rng(1).integers(0, 20, smooth.shape).astype(np.uint16)
+    assert np.abs(through_jpeg(smooth, 90).astype(int) - smooth).max() <= 2
+    errors = [np.std(through_jpeg(noisy, quality).astype(float) - noisy) for quality in (95, 85, 75)]
+    assert errors == sorted(errors)
+    assert errors[0] > 0.5
+
+
+def test_jpeg_keeps_the_order_of_the_bands() -> None:
+    red = np.zeros((16, 16, 3), np.uint16)
+    red[..., 0] = 200
+    assert through_jpeg(red, 95).reshape(-1, 3).mean(axis=0) == pytest.approx([200, 0, 0], abs=4)
+
+
+def test_jpeg_of_a_camera_of_twelve_bits_is_refused() -> None:
+    text = PROFILE.read_text("utf-8").replace("blur_px = 0.4\n", "blur_px = 0.4\njpeg_quality = 90\n", 1)
+    with pytest.raises(ProfileError, match=r"jpeg_quality: the camera has bit_depth = 12; JPEG goes with 8"):
+        Profile.parse(text.encode(), PROFILE)

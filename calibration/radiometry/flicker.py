@@ -1,0 +1,88 @@
+"""Room light on the mains: whether it is seen in a few frames of darkness, and which exposures are blind to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.arrays import FloatArray, Frame
+
+MAINS_LIGHT_HZ = (100.0, 120.0)
+"""Lamps swell with the square of the mains' 50 or 60 Hz."""
+_SIGMAS, _LEAST_SHARE = 5.0, 5e-5
+"""A swell is seen from so many of the noise of a frame's mean on; below that share of full scale it matters to none."""
+_EXPLAINED = 0.8
+"""Of what the frames vary by: less is no swell of that frequency."""
+_LEAST_APART = 1e-3
+"""Of a swell's sine and cosine at the frames' times: with less, all frames are at one phase and show nothing."""
+_BRIGHTER = 1.03
+"""By which an exposure may grow to hold one period more; by more and white clips."""
+
+
+def room_light_hz(frames: Sequence[Frame], middles_s: FloatArray, full_scale_dn: float) -> float | None:
+    """Find the frequency with which frames of darkness swell.
+
+    Parameters
+    ----------
+    frames : (N of) (H, W, C)
+        Of one scene that the projector does not light. [dn]
+    middles_s : (N,)
+        Middles of their exposures. [s]
+    full_scale_dn : float
+        Largest digital number.
+
+    Returns
+    -------
+    float or None
+        100 or 120; None where nothing swells, or not as lamps on the mains do. [Hz]
+    """
+    means = np.array([float(frame.mean(dtype=np.float64)) for frame in frames])
+    spread = means - means.mean()
+    if float(np.sqrt(np.mean(spread**2))) < max(_SIGMAS * _noise_of_mean(frames), _LEAST_SHARE * full_scale_dn):
+        return None
+    explained = {hz: _explained(spread, 2 * np.pi * hz * (middles_s - middles_s[0])) for hz in MAINS_LIGHT_HZ}
+    best = max(explained, key=lambda hz: explained[hz])
+    return best if explained[best] > _EXPLAINED else None
+
+
+def _noise_of_mean(frames: Sequence[Frame]) -> float:
+    """Standard deviation of a frame's mean that its pixels' noise makes. [dn]."""
+    change = np.subtract(frames[1], frames[0], dtype=np.float64)
+    return float(change.std() / np.sqrt(2 * change.size))
+
+
+def _explained(spread: FloatArray, phase: FloatArray) -> float:
+    """Share of the variance about the mean that a swell of these phases takes away, for the unknowns it spends."""
+    waves = np.stack([np.sin(phase), np.cos(phase)], axis=1)
+    waves -= waves.mean(axis=0)
+    if np.linalg.norm(waves) < _LEAST_APART * len(phase):
+        return 0.0
+    basis, values, _ = np.linalg.svd(waves, full_matrices=False)
+    told = basis[:, values > _LEAST_APART * len(phase)]
+    left = spread - told @ (told.T @ spread)
+    free = len(spread) - 1 - told.shape[1]
+    return float(1 - (left @ left / max(free, 1)) / (spread @ spread / (len(spread) - 1)))
+
+
+def whole_periods(exposure_s: float, light_hz: float, range_s: tuple[float, float]) -> float | None:
+    """Choose the exposure nearest to one that is wanted, and not much longer, that holds whole periods of a light.
+
+    Its multiples hold whole periods, too.
+
+    Parameters
+    ----------
+    exposure_s : float
+        That is wanted. [s]
+    light_hz : float
+        Of the light's swell. [Hz]
+    range_s : (shortest, longest)
+        What the camera can do. [s]
+
+    Returns
+    -------
+    float or None
+        None where even one period is too long. [s]
+    """
+    chosen_s = int(exposure_s * _BRIGHTER * light_hz) / light_hz
+    return chosen_s if chosen_s > 0 and range_s[0] <= chosen_s <= range_s[1] else None

@@ -1,0 +1,160 @@
+"""What a session is judged by: its numbers against the limits of its profile."""
+
+from __future__ import annotations
+
+from rig.profile.schema import Profile
+from rig.profile.tables import Limits
+from rig.records import Verdict
+from rig.stages.results import GeometryResult, ModelComparison, ModelResult
+
+_SURER = "show three surfaces, move the camera away from the projector, or give both devices a lens file (rig lenses)"
+_OF_NOISE = 1.25
+"""Of the noise part: a camera of few electrons is no worse a model."""
+_UNEXPLAINED_GLOBAL = 0.12
+"""Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
+_ADVICE_ONE_WALL = (
+    "the rest of the room, which the model has not, sends light back to the wall unevenly: show a corner, so that the "
+    "surfaces near by are modelled, or cover what is bright beside the wall"
+)
+_WHERE = ("x", "y", "z", "x0", "x1", "y0", "y1", "floor", "ceiling")
+"""Axes of the room, and its surfaces."""
+
+
+def verdicts(
+    geometry: GeometryResult, model: ModelResult, comparison: ModelComparison, profile: Profile
+) -> tuple[Verdict, ...]:
+    """Return what a finished session is judged by, without the lamp."""
+    return (
+        *geometry_verdicts(geometry, profile.limits),
+        _guesses(geometry, model, profile),
+        _valid(geometry, profile.limits),
+        _explained(geometry, model),
+        *_compared(comparison, profile.limits),
+    )
+
+
+def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict, ...]:
+    """Return what lenses, poses and walls are judged by: all that a person would call wrong has a limit."""
+    return (
+        Verdict(
+            what="geometry: reprojection rms",
+            value=geometry.rms_px,
+            limit=limits.geometry_rms_px,
+            unit="px",
+            advice="nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
+        ),
+        Verdict(
+            what="geometry: uncertainty of the room's lengths",
+            value=_length_sigma_percent(geometry),
+            limit=limits.geometry_sigma_percent,
+            unit="%",
+            advice=f"what is lit and seen tells the lengths badly: {_SURER}",
+        ),
+        Verdict(
+            what="geometry: uncertainty of the places of devices and surfaces",
+            value=_place_sigma_percent(geometry),
+            limit=limits.geometry_sigma_percent,
+            unit="% of the room",
+            advice=f"{_least_certain(geometry)} is known to no better: {_SURER}. If you can live with it, raise "
+            "limits.geometry_sigma_percent",
+        ),
+    )
+
+
+def _guesses(geometry: GeometryResult, model: ModelResult, profile: Profile) -> Verdict:
+    most_m = profile.limits.geometry_sigma_percent / 100 * max(geometry.room_size_m)
+    return Verdict(
+        what="geometry: directions in which no wall was measured",
+        value=_guessed_directions(geometry, model, most_m) if profile.room.closed else 0,
+        limit=0,
+        unit="",
+        advice="nobody knows where the floor and the ceiling (or both walls of a side) are, and the light tells it "
+        f"{_by_light(model)}: show one of them, or give surface.lens_height_m, the projector's lens above the floor by "
+        "tape",
+    )
+
+
+def _valid(geometry: GeometryResult, limits: Limits) -> Verdict:
+    return Verdict(
+        what="valid share of the lit pixels",
+        value=geometry.valid_share,
+        limit=limits.valid_share,
+        at_least=True,
+        advice="focus the projector and the camera, darken the room, and keep glossy things out of the picture",
+    )
+
+
+def _explained(geometry: GeometryResult, model: ModelResult) -> Verdict:
+    return Verdict(
+        what="model: global light left unexplained, rms",
+        value=max(model.global_rms) if isinstance(model.global_rms, tuple) else model.global_rms,
+        limit=_UNEXPLAINED_GLOBAL,
+        unit="",
+        advice=_ADVICE_ONE_WALL
+        if len(geometry.faces_seen) == 1
+        else "no reflectance explains the light between the walls: check surface.size_m of walls that nobody "
+        "sees, show the floor or the ceiling, and look for things that are no walls",
+    )
+
+
+def _compared(comparison: ModelComparison, limits: Limits) -> tuple[Verdict, Verdict]:
+    return (
+        Verdict(
+            what="measured - simulated: rms",
+            value=comparison.rmse,
+            limit=max(limits.comparison_rmse, _OF_NOISE * comparison.noise_rms),
+            unit="grey levels",
+            advice="look at the report's error pictures: what is not a wall of the room is not in the model",
+        ),
+        Verdict(
+            what="measured - simulated: |bias|",
+            value=abs(comparison.bias),
+            limit=limits.comparison_bias,
+            unit="grey levels",
+            advice="let the projector warm up, and switch everything automatic off in both devices",
+        ),
+    )
+
+
+def _length_sigma_percent(geometry: GeometryResult) -> float:
+    """Largest standard deviation of a length of the room that was measured, tape included, as a share of it.
+
+    A wall alone has no size: before it the lengths are those between wall, camera and projector.
+    """
+    if len(geometry.faces_seen) == 1:
+        return 100 * geometry.sigmas["baseline_m"] / geometry.baseline_m
+    sigmas_m = [geometry.sigmas.get(f"room_{axis}_m", 0.0) for axis in "xyz"]
+    return max(100 * sigma / length for sigma, length in zip(sigmas_m, geometry.room_size_m, strict=True))
+
+
+def _place_sigma_percent(geometry: GeometryResult) -> float:
+    """Largest standard deviation of where a device or a measured surface is, as a share of the room's longest side."""
+    return 100 * max(_place_sigmas(geometry).values()) / max(geometry.room_size_m)
+
+
+def _least_certain(geometry: GeometryResult) -> str:
+    """In words."""
+    sigmas = _place_sigmas(geometry)
+    what, which, _ = max(sigmas, key=lambda name: sigmas[name]).split("_")
+    if what == "surface":
+        return f"the distance of {which} from the projector"
+    return f"the camera against the projector along {which}" if what == "relative" else f"the {what}'s {which}"
+
+
+def _place_sigmas(geometry: GeometryResult) -> dict[str, float]:
+    """By name, in metres: of what nobody measured there is none."""
+    kinds = ("camera", "projector", "relative", "surface")
+    return {f"{k}_{w}_m": s for k in kinds for w in _WHERE if (s := geometry.sigmas.get(f"{k}_{w}_m")) is not None}
+
+
+def _guessed_directions(geometry: GeometryResult, model: ModelResult, most_m: float) -> int:
+    """Those along which no wall was seen or measured, so that a device's place has no sigma, nor told by the light."""
+    told = {one.axis for one in model.placed if one.sigma_m <= most_m}
+    return sum(f"projector_{axis}_m" not in geometry.sigmas and axis not in told for axis in "xyz")
+
+
+def _by_light(model: ModelResult) -> str:
+    """How well, in words."""
+    if not model.placed:
+        return "badly"
+    return "to " + " and ".join(f"{one.sigma_m:.2f} m along {one.axis}" for one in model.placed) + " only"

@@ -1,0 +1,111 @@
+"""The reference exposure: white just below saturation, in whole periods of the room light. Step `exposure`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
+from calibration.radiometry.flicker import MAINS_LIGHT_HZ, room_light_hz, whole_periods
+from calibration.structured_light.patterns import flat
+from rig.capture.rig import Rig
+from rig.devices.protocols import RawFrame
+from rig.profile.schema import Profile
+from rig.records import JsonObject, Record, json_of
+from rig.session import Session, Step
+from rig.stages.photograph import frame_name, take_one
+from rig.terminal import OnStep
+
+FloatArray = NDArray[np.float64]
+
+_AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
+"""Of the brightest permille of projector white: the sweep goes to 1.1 times this exposure and must not clip."""
+_MAX_TRIES = 10
+_DARK_FRAMES = 8
+"""Frames of black that are asked for room light that swells: three phases of 100 Hz at 30 frames a second, twice."""
+_PAUSES = 3
+"""Of 0, 1 and 2 frames between them."""
+_USUAL_FRAMES = 2 + _DARK_FRAMES
+"""Frames of the search that a plan counts with: two of white, and the black ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraExposure(Record):
+    """The reference exposure of one camera."""
+
+    exposure_s: float
+    brightest_share_of_full_scale: float
+    """Of the brightest permille of projector white, when the exposure was looked for."""
+    room_light_hz: float | None = None
+    """Room light that swells so often was seen; if whole periods of it fit, the exposure holds such."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExposureRecord(Record):
+    """What step `exposure` found."""
+
+    cameras: Mapping[str, CameraExposure]
+
+
+def exposure_settings(session: Session) -> JsonObject:
+    """Return what step `exposure` depends on."""
+    return {"aim": _AIM.share, "start_s": session.profile.camera.exposure_s, "blind_to": json_of(MAINS_LIGHT_HZ)}
+
+
+def exposure_frames(_: Profile) -> int:
+    """Return about how many frames step `exposure` takes."""
+    return _USUAL_FRAMES
+
+
+def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `exposure`: projector white just below saturation."""
+    white = flat(rig.projector.shape, 255, "white")
+    exposure_s = rig.profile.camera.exposure_s
+    full_scale = rig.camera.full_scale_dn
+    earlier: tuple[float, float] | None = None
+    for attempt in range(_MAX_TRIES):
+        on_step("photograph: exposure", attempt, _MAX_TRIES)
+        name = frame_name("white", attempt)
+        if not step.has_frame(name):
+            take_one(rig, session, step, white, name=name, exposure_s=exposure_s)
+        level = brightest_share(step.load_frame(name).pixels, full_scale)
+        chosen_s = next_exposure(exposure_s, level, _AIM, rig.profile.camera.exposure_range_s, earlier=earlier)
+        if chosen_s is None:
+            break
+        earlier, exposure_s = (exposure_s, level), chosen_s
+    on_step("photograph: exposure", _MAX_TRIES, _MAX_TRIES)
+    dark, bright = _dark_frames(rig, session, step, exposure_s), step.load_frame(frame_name("white", attempt))
+    refuse_darkness(bright.pixels, dark[0].pixels, full_scale_dn=full_scale, exposure_s=exposure_s)
+    light_hz = room_light_hz([frame.pixels for frame in dark], _middles_s(dark), full_scale)
+    blind_s = None if light_hz is None else whole_periods(exposure_s, light_hz, rig.profile.camera.exposure_range_s)
+    found = CameraExposure(
+        exposure_s=exposure_s if blind_s is None else blind_s,
+        brightest_share_of_full_scale=level,
+        room_light_hz=light_hz,
+    )
+    step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
+
+
+def _dark_frames(rig: Rig, session: Session, step: Step, exposure_s: float) -> list[RawFrame]:
+    """Frames of projector black, with pauses: one every tenth of a second would see each swell at the same phase."""
+    black = flat(rig.projector.shape, 0, "black")
+    names = [frame_name("black", 0, repeat) for repeat in range(_DARK_FRAMES)]
+    for repeat, name in enumerate(names):
+        if not step.has_frame(name):
+            pause_s = repeat % _PAUSES / rig.profile.camera.frame_rate_hz
+            rig.clock.wait_until_s(rig.clock.now_s() + pause_s)
+            take_one(rig, session, step, black, name=name, exposure_s=exposure_s)
+    return [step.load_frame(name) for name in names]
+
+
+def _middles_s(frames: Sequence[RawFrame]) -> FloatArray:
+    return np.array([frame.started_s + frame.exposure_s / 2 for frame in frames])
+
+
+def reference_exposure_s(session: Session) -> float:
+    """Return the session's reference exposure."""
+    record = session.finished("exposure").load_record("exposure", ExposureRecord)
+    return record.cameras[session.profile.camera.name].exposure_s

@@ -1,0 +1,79 @@
+"""How bright the lamp was while pictures were photographed, by white before and after them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.structured_light.patterns import Pattern, flat
+from rig.records import Record
+from rig.session import Step
+from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
+from rig.stages.photograph import ExposureBracket, frame_name
+
+_BEFORE, _AFTER = "lamp-before", "lamp-after"
+_SIGMAS, _LEAST_CHANGE = 4.0, 5e-4
+"""From so many of its own deviations on, and from so much of white, a change is a lamp's: an eighth of a grey level."""
+_PARTS = 16
+"""Of the picture, whose ratios of white tell by their scatter how well the ratio of all is known."""
+_LIT_SHARE = 0.2
+"""Of the brightest hundredth: darker pixels see little of the lamp."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LampRecord(Record):
+    """Light of white while pictures were photographed, over that of the white that the model is of."""
+
+    times_s: tuple[float, float]
+    shares: tuple[float, float]
+    """Before and after the pictures; 1 where no change stands out of its noise."""
+
+    def at(self, time_s: float) -> float:
+        """Return the share at a time; 1 outside the two, for nobody knows what the lamp did there."""
+        inside = self.times_s[0] <= time_s <= self.times_s[1]
+        return float(np.interp(time_s, self.times_s, self.shares)) if inside else 1.0
+
+
+def with_whites(patterns: Sequence[Pattern], shape: tuple[int, int]) -> list[Pattern]:
+    """Return patterns between two pictures of white."""
+    return [flat(shape, 255, _BEFORE), *patterns, flat(shape, 255, _AFTER)]
+
+
+N_WHITES = 2
+"""That :func:`with_whites` adds."""
+
+
+def lamp_of(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, white: LightImage) -> LampRecord:
+    """Return what the whites of a step say, held against the white (H, W, B) that the model is of."""
+    shares = [lamp_share(merge_exposures(step, name, bracket, radiometric), white) for name in (_BEFORE, _AFTER)]
+    before_s, after_s = (time_of(step, name, bracket) for name in (_BEFORE, _AFTER))
+    return LampRecord(times_s=(before_s, after_s), shares=(shares[0], shares[1]))
+
+
+def time_of(step: Step, pattern: str, bracket: ExposureBracket) -> float:
+    """Return the mean time of a pattern's frames."""
+    names = [frame_name(pattern, k, r) for k in range(len(bracket.exposures_s)) for r in range(bracket.repeats)]
+    return float(np.mean([step.load_frame(name).started_s for name in names]))
+
+
+def lamp_share(now: LightImage, then: LightImage) -> float:
+    """Return the light of white over that of an earlier white, (H, W, B) each; 1 where no change is more than noise."""
+    light, before = now.value.mean(axis=-1), then.value.mean(axis=-1)
+    lit = ~now.any_saturated & ~then.any_saturated & (before > _LIT_SHARE * np.quantile(before, 0.99))
+    rows = np.array_split(np.flatnonzero(lit), _PARTS)
+    if len(rows[-1]) == 0:
+        return 1.0
+    parts = np.array([light.ravel()[part].sum() / before.ravel()[part].sum() for part in rows])
+    sigma = float(parts.std(ddof=1) / np.sqrt(_PARTS))
+    share = float(light[lit].sum() / before[lit].sum())
+    return share if abs(share - 1) > max(_SIGMAS * sigma, _LEAST_CHANGE) else 1.0
+
+
+def without_drift(image: LightImage, share: float) -> LightImage:
+    """Return the light that the lamp would have made had it been as bright as for the model's white."""
+    if share == 1.0:
+        return image
+    scale = np.float32(1 / share)
+    return replace(image, value=image.value * scale, variance=image.variance * scale**2)

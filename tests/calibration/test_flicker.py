@@ -1,0 +1,52 @@
+"""Room light that swells with the mains: seen in frames of darkness, and left out by exposures of whole periods."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.radiometry.flicker import room_light_hz, whole_periods
+
+FULL_SCALE_DN, EXPOSURE_S = 4095.0, 0.013
+SHAPE = (60, 80, 1)
+
+
+def dark_frames(hz, swell_dn, *, rate_hz=30.0, noise_dn=3.0, slope_dn=0.0):
+    """Eight frames that one after the other are shot without any being lost."""
+    random = np.random.default_rng(5)
+    middles_s = np.arange(8) / rate_hz + EXPOSURE_S / 2 + 0.0021
+    light = 200 + swell_dn * np.sin(2 * np.pi * hz * middles_s) + slope_dn * np.arange(8)
+    return [random.normal(level, noise_dn, SHAPE) for level in light], middles_s
+
+
+@pytest.mark.parametrize(("hz", "rate_hz"), [(100.0, 30.0), (100.0, 59.94), (120.0, 25.0), (120.0, 29.0)])
+def test_a_swelling_lamp_is_found_with_its_frequency(hz, rate_hz):
+    assert room_light_hz(*dark_frames(hz, 4.0, rate_hz=rate_hz), FULL_SCALE_DN) == hz
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        dark_frames(100.0, 0.0),
+        dark_frames(100.0, 0.05),
+        dark_frames(120.0, 4.0, rate_hz=30.0),
+        dark_frames(100.0, 0.0, slope_dn=2.0),
+    ],
+    ids=["still", "less than noise", "at one phase in all frames", "daylight that grows"],
+)
+def test_what_does_not_swell_in_the_frames_is_no_lamp(frames):
+    assert room_light_hz(*frames, FULL_SCALE_DN) is None
+
+
+@pytest.mark.parametrize(
+    ("wanted_s", "hz", "chosen_s"),
+    [(0.0234, 100.0, 0.02), (0.0298, 100.0, 0.03), (0.0298, 120.0, 0.025), (0.009, 100.0, None), (0.01, 100.0, 0.01)],
+)
+def test_an_exposure_holds_as_many_whole_periods_as_white_allows(wanted_s, hz, chosen_s):
+    found = whole_periods(wanted_s, hz, (1e-4, 2.0))
+    assert found == (chosen_s if chosen_s is None else pytest.approx(chosen_s))
+
+
+def test_an_exposure_that_the_camera_cannot_do_is_not_chosen():
+    assert whole_periods(0.0234, 100.0, (1e-4, 0.015)) is None
+    assert whole_periods(0.0234, 100.0, (0.021, 1.0)) is None

@@ -1,0 +1,83 @@
+"""What a session calls within its limits: nothing of which a person would say that it is in the wrong place."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
+
+import pytest
+
+from rig.profile.schema import Profile
+from rig.records import Verdict
+from rig.run.verdicts import geometry_verdicts, verdicts
+from rig.stages.light.unseen_walls import PlacedByLight
+from rig.stages.results import GeometryResult, ModelComparison, ModelResult
+
+SIGMAS_M = {f"{device}_{axis}_m": 0.004 for device in ("camera", "projector", "room") for axis in "xyz"}
+SIGMAS_M |= {"relative_x_m": 0.001, "surface_x1_m": 0.004, "surface_floor_m": 0.003, "baseline_m": 0.001}
+GEOMETRY = GeometryResult(
+    rms_px=0.1,
+    camera_rms_px=0.1,
+    projector_rms_px=0.1,
+    valid_share_of_image=0.8,
+    baseline_m=0.6,
+    room_size_m=(4.8, 4.0, 2.4),
+    faces_seen=("x1", "y1", "floor"),
+    room_notes="",
+    sigmas=SIGMAS_M,
+    valid_share=0.95,
+)
+
+
+def places(profile: Profile, **sigmas_m: float) -> Verdict:
+    """Of a room of which some places are less sure."""
+    rows = geometry_verdicts(replace(GEOMETRY, sigmas=SIGMAS_M | sigmas_m), profile.limits)
+    return next(row for row in rows if "places of devices and surfaces" in row.what)
+
+
+def test_a_room_whose_places_are_sure_is_within_its_limits(tiny_profile: Profile) -> None:
+    assert all(row.met for row in geometry_verdicts(GEOMETRY, tiny_profile.limits))
+    assert places(tiny_profile).value == pytest.approx(100 * 0.004 / 4.8)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("camera_y_m", "the camera's y is known to no better"),
+        ("projector_z_m", "the projector's z"),
+        ("relative_x_m", "the camera against the projector along x"),
+        ("surface_x1_m", "the distance of x1 from the projector"),
+        ("surface_floor_m", "the distance of floor from the projector"),
+    ],
+)
+def test_each_place_that_may_be_off_by_a_percent_is_outside_and_named(
+    tiny_profile: Profile, name: str, words: str
+) -> None:
+    row = places(tiny_profile, **{name: 0.01 * 4.8 / 2})
+    assert not row.met
+    assert row.value == pytest.approx(0.5)
+    assert words in row.advice
+    assert "show three surfaces" in row.advice
+
+
+def test_the_profile_decides_what_is_sure_enough(tiny_profile: Profile) -> None:
+    limits = tiny_profile.limits.model_copy(update={"geometry_sigma_percent": 2.0})
+    easy = tiny_profile.model_copy(update={"limits": limits})
+    assert places(easy, camera_x_m=0.06).met
+    assert not places(tiny_profile, camera_x_m=0.06).met
+
+
+@pytest.mark.parametrize(("sigma_m", "met"), [(0.06, False), (0.01, True)])
+def test_a_floor_that_only_the_light_places_is_as_uncertain_as_any_other_place(
+    tiny_profile: Profile, sigma_m: float, met: bool
+) -> None:
+    """Of 0.06 m in a room of 4.8 m, one floor in ten is off by more than 2 %."""
+    two_walls = replace(GEOMETRY, sigmas={key: one for key, one in SIGMAS_M.items() if key[-3:] != "z_m"})
+    placed = PlacedByLight(axis="z", shift_m=0.1, projector_m=1.2, sigma_m=sigma_m, light_error=0.01)
+    model = cast("ModelResult", SimpleNamespace(placed=(placed,), global_rms=0.01))
+    comparison = cast("ModelComparison", SimpleNamespace(rmse=2.0, bias=0.0, noise_rms=2.0))
+    rows = verdicts(two_walls, model, comparison, tiny_profile)
+    guessed = next(row for row in rows if "no wall was measured" in row.what)
+    assert guessed.met == met
+    assert f"to {sigma_m} m along z only" in guessed.advice
