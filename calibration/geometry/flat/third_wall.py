@@ -152,7 +152,7 @@ def _away_from_edges(scene: PlanarScene, camera_xy_px: FloatArray) -> IntArray:
 
 
 def _away_from_others(scene: PlanarScene, points: WeighedPoints, camera_xy_px: FloatArray, limit_px: float) -> IntArray:
-    """Rows of the points around which all points lie on their plane: the first plane on a ray need not be the one seen."""
+    """Rows of the points around which all lie on their plane: the first plane on a ray need not be the one seen."""
     errors = plane_errors_px(scene, points.camera_xy_px, points.projector_xy_px)
     name = np.where(errors.min(axis=0) < _REACHED * limit_px, errors.argmin(axis=0) + 1, len(errors) + 1)
     column, row = np.rint(points.camera_xy_px).astype(np.int64).T
@@ -206,7 +206,7 @@ def _errors_px(fit: BundleSolution, points: WeighedPoints, plane: FloatArray) ->
 
 
 def _wanted_wall(fit: BundleSolution, points: WeighedPoints) -> tuple[int, FloatArray | None] | None:
-    """The axis across which a wall is missing, and the plane behind which it stands, if any; None of a room that closes.
+    """The axis across which a wall is missing, and the plane behind which it stands, if any; None where none is.
 
     Of several planes that others reach beyond it is the first, which has most points.
     """
