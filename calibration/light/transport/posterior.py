@@ -184,15 +184,20 @@ def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPoste
     return TransportPosterior(prior=prior, weights=weights, told=told, surprise=surprise)
 
 
-def fitted(prior: TransportPrior, photographs: Photographs, neighbours: csr_array | None = None) -> TransportPosterior:
+def fitted(
+    prior: TransportPrior, photographs: Photographs, alike: csr_array | None = None, worth: float = 1.0
+) -> TransportPosterior:
     """Combine them after the prior's spread was brought to what the photographs' differences show it to be.
 
     Parameters
     ----------
     prior : TransportPrior
     photographs : Photographs
-    neighbours : (N, N) csr, optional
-        Weights, rows summing to 1, over which the spread is taken to be alike; None: everywhere.
+    alike : (N, N) csr, optional
+        Weights, rows summing to 1, of the places about each at which the unknowns are taken to be the same: each has
+        the means of all. None: the places are some of many.
+    worth : float
+        How many independent measurements such a mean is worth.
 
     Returns
     -------
@@ -200,13 +205,13 @@ def fitted(prior: TransportPrior, photographs: Photographs, neighbours: csr_arra
     """
     found = posterior(prior, photographs)
     for _ in range(_ROUNDS if len(photographs.lit) else 0):
-        # A whole picture's worth of surprise at first, then that of each place's neighbours.
         everywhere = np.full_like(found.surprise, found.surprise.mean())
-        surprise = everywhere if neighbours is None else np.asarray(neighbours @ found.surprise)
+        surprise = everywhere if alike is None else np.asarray(alike @ found.surprise)
         factor = np.clip(np.sqrt(surprise), 1 / _MOST_AT_ONCE, _MOST_AT_ONCE)
         spread = np.clip(found.prior.spread * factor, *_SPREADS)
         found = posterior(replace(prior, spread=spread), photographs)
-    return found
+    found = posterior(found.prior, replace(photographs, variance=photographs.variance / worth))
+    return found if alike is None else replace(found, weights=np.asarray(alike @ found.weights))
 
 
 def _parts(count: int) -> Iterator[slice]:
