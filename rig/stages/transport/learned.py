@@ -20,6 +20,8 @@ BoolArray = NDArray[np.bool_]
 
 _MOST_RANK = 48
 """Pictures in which what was learned is kept."""
+_WHOLE = 0.99
+"""Of a pixel's direct light, what white makes of it away from the picture's border."""
 _MOST_CHANGE = 0.2
 """Of direct light, relative: more is no error of the split."""
 
@@ -48,8 +50,11 @@ def band_prior(
     every = np.ones(scene_model.projector.lens.n_pixels, dtype=bool)
     transport = camera_view(scene_model, every)
     face = scene_model.camera_hits.hits.face.reshape(lit_pixels.shape)
-    places, lit = places_of(lit_pixels, face), LitPatches.of(transport)
-    direct = places.mean_of() @ scene_model.light.direct_gain.ravel()
+    gain = scene_model.light.direct_gain
+    # Beside the picture's border white lights a part of a pixel only: its direct light is extrapolated, and less sure.
+    whole = (transport.direct @ np.ones(transport.shape[1])).reshape(gain.shape) > _WHOLE * gain
+    places, lit = places_of(lit_pixels & whole, face), LitPatches.of(transport)
+    direct = places.mean_of() @ gain.ravel()
     prior = prior_of(
         scene_model,
         transport,

@@ -65,10 +65,9 @@ def _walsh(count: int) -> FloatArray:
 
 
 def of_patches(lit_shares: FloatArray, lit: LitPatches, shape: tuple[int, int]) -> list[KnownPicture]:
-    """Return pictures (J, L) of patches, lit where most of a pixel's light falls on one that is."""
-    # Which of its patches takes most of a pixel's light: of what falls there, not of what is sent back.
-    owner = np.asarray(lit.emission.multiply(lit.white[lit.patch][:, None]).tocsc().argmax(axis=0)).ravel()
-    return [KnownPicture(kind="least certain", image=(each[owner] > 0).reshape(shape)) for each in lit_shares]
+    """Return pictures (J, L) of patches, lit where a pixel falls on one that is."""
+    images = ((each[lit.owner] > 0) & (lit.owner >= 0) for each in lit_shares)
+    return [KnownPicture(kind="least certain", image=image.reshape(shape)) for image in images]
 
 
 def usual_pictures(shape: tuple[int, int]) -> FloatArray:

@@ -37,6 +37,8 @@ class LitPatches:
     """(L, n pixels) as a share of white's."""
     white: FloatArray
     """(P,) emission of white."""
+    owner: IntArray
+    """(n pixels,) which of them each pixel falls on; -1 for none."""
 
     @classmethod
     def of(cls, transport: LightTransport) -> LitPatches:
@@ -44,7 +46,9 @@ class LitPatches:
         white = np.asarray(transport.emission.sum(axis=1))
         patch = np.flatnonzero(white > 0)
         share = csr_array(transport.emission[patch] / white[patch][:, None])
-        return cls(patch=patch, emission=share, white=white)
+        number = np.full(len(white) + 1, -1, dtype=np.intp)
+        number[patch] = np.arange(len(patch))
+        return cls(patch=patch, emission=share, white=white, owner=number[transport.pixel_patch])
 
     def shares(self, pictures: FloatArray) -> FloatArray:
         """Return (J, L) light on each patch of pictures (n pixels, J), as a share of white's."""
