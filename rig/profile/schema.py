@@ -26,7 +26,7 @@ from rig.profile.tables import (
     Room,
     Scale,
     Surface,
-    Transport,
+    TransportPhotographs,
     Viewer,
     check_patches,
 )
@@ -55,7 +55,7 @@ class Profile(Table):
     viewer: Viewer | None = None
     """Who judges the picture; None: the only camera."""
     patterns: Patterns = Patterns()
-    transport: Transport = Transport()
+    transport: TransportPhotographs = TransportPhotographs()
     brightness: Brightness = Brightness()
     limits: Limits = Limits()
     replay: Replay | None = None

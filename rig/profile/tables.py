@@ -305,7 +305,7 @@ class Patterns(Table):
     frames_averaged: FewCount = 1
 
 
-class Transport(Table):
+class TransportPhotographs(Table):
     """Photographs of known pictures that teach the model of the room's light."""
 
     photographs: Annotated[int, Field(ge=0, le=256)] = 0

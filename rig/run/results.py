@@ -21,6 +21,7 @@ from rig.stages.results import (
     ByBand,
     CompensationResult,
     GeometryResult,
+    LearnedResult,
     MeasuredResult,
     ModelComparison,
     ModelResult,
@@ -32,6 +33,7 @@ from rig.stages.results import (
     StrategyResult,
     TruthErrors,
 )
+from rig.stages.transport.records import TransportRecord
 
 _LAMP_PERCENT_PER_MINUTE = 1.0
 """Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
@@ -136,6 +138,7 @@ def _model(session: Session) -> ModelResult:
         level=record.level,
         placed=record.placed,
         standing=_standing(session),
+        learned=_learned(session),
         mixing=None if colour is None else colour.mixing,
         mixing_variation=None if colour is None else colour.mixing_variation,
         white_over_channels=None if colour is None else colour.white_over_channels,
@@ -153,6 +156,20 @@ def _standing(session: Session) -> StandingResult | None:
         triangles=len(found.triangles),
         share_of_image=found.share_of_image,
         share_left_out=found.share_left_out,
+    )
+
+
+def _learned(session: Session) -> LearnedResult | None:
+    if not session.is_finished("transport"):
+        return None
+    found = session.finished("transport").load_record("transport", TransportRecord)
+    before = [each.rms_before for each in found.photographs]
+    return LearnedResult(
+        photographs=len(found.photographs),
+        rms_before=max(before, default=found.rms_left),
+        rms_left=found.rms_left,
+        another_brings=found.another_brings,
+        noise=found.noise_of_place,
     )
 
 
@@ -274,16 +291,7 @@ def _verdicts(
             at_least=True,
             advice="focus the projector and the camera, darken the room, and keep glossy things out of the picture",
         ),
-        Verdict(
-            what="model: global light left unexplained, rms",
-            value=max(model.global_rms) if isinstance(model.global_rms, tuple) else model.global_rms,
-            limit=_UNEXPLAINED_GLOBAL,
-            unit="",
-            advice=_ADVICE_ONE_WALL
-            if len(geometry.faces_seen) == 1
-            else "no reflectance explains the light between the walls: check surface.size_m of walls that nobody "
-            "sees, show the floor or the ceiling, and look for things that are no walls",
-        ),
+        _global_light(geometry, model, profile),
         Verdict(
             what="measured - simulated: rms",
             value=comparison.rmse,
@@ -298,4 +306,27 @@ def _verdicts(
             unit="grey levels",
             advice="let the projector warm up, and switch everything automatic off in both devices",
         ),
+    )
+
+
+def _global_light(geometry: GeometryResult, model: ModelResult, profile: Profile) -> Verdict:
+    """What the patches leave open of global light; with photographs of known pictures, what these leave open."""
+    if model.learned is not None and model.learned.photographs:
+        return Verdict(
+            what="model: error expected with the photographs of [transport], rms",
+            value=model.learned.rms_left,
+            limit=profile.limits.comparison_rmse,
+            unit="grey levels",
+            advice="these photographs tell too little of the light: take more (transport.photographs), or average "
+            "several frames of each (patterns.frames_averaged)",
+        )
+    return Verdict(
+        what="model: global light left unexplained, rms",
+        value=max(model.global_rms) if isinstance(model.global_rms, tuple) else model.global_rms,
+        limit=_UNEXPLAINED_GLOBAL,
+        unit="",
+        advice=_ADVICE_ONE_WALL
+        if len(geometry.faces_seen) == 1
+        else "no reflectance explains the light between the walls: check surface.size_m of walls that nobody "
+        "sees, show the floor or the ceiling, and look for things that are no walls",
     )

@@ -165,7 +165,7 @@ def _away_from_others(scene: PlanarScene, points: WeighedPoints, camera_xy_px: F
 
 
 @dataclass(frozen=True, eq=False)
-class _Strip:
+class _WallStrip:
     """Points that no wall explains, and a wall that does."""
 
     rows: IntArray
@@ -177,7 +177,7 @@ class _Strip:
     """All walls bound one box, so that the first on a ray is the one seen."""
 
 
-def _strip(fit: BundleSolution, points: WeighedPoints) -> _Strip | None:
+def _strip(fit: BundleSolution, points: WeighedPoints) -> _WallStrip | None:
     """The strip with the wall that is missing; None if there is none."""
     wanted = _wanted_wall(fit, points)
     if wanted is None:
@@ -197,7 +197,7 @@ def _strip(fit: BundleSolution, points: WeighedPoints) -> _Strip | None:
         return None
     axes = Axes(fit.axes.directions, np.append(fit.axes.of_plane, axis))
     scene = fit.with_planes(np.vstack([fit.planes, plane]), axes)
-    return _Strip(np.flatnonzero(own), scene, limit_px, closes_box=before is None)
+    return _WallStrip(np.flatnonzero(own), scene, limit_px, closes_box=before is None)
 
 
 def _errors_px(fit: BundleSolution, points: WeighedPoints, plane: FloatArray) -> FloatArray:

@@ -29,7 +29,7 @@ from rig.terminal import OnStep, silent
 FloatArray = NDArray[np.float64]
 
 _ASKED_PLACES = 400
-"""Places at which the next picture is chosen; all of them say the same, more slowly."""
+"""SurfacePlaces at which the next picture is chosen; all of them say the same, more slowly."""
 _DIRECTIONS = 6
 """Least certain directions that are among the candidates."""
 _WHITE_FRAMES = 4
@@ -60,12 +60,12 @@ def learns_transport(profile: Profile) -> bool:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Search:
+class _NextPicture:
     """What the next picture is chosen with: some places of one band."""
 
     band: BandPrior
     chosen: NDArray[np.intp]
-    """Places that are asked."""
+    """SurfacePlaces that are asked."""
     direct: csr_array
     """(places, n pixels) direct light of the chosen ones, as a share of white's."""
     noise_variance: FloatArray
@@ -74,7 +74,7 @@ class _Search:
     fixed_seen: Pictures
 
     @classmethod
-    def of(cls, band: BandPrior, white_variance: FloatArray, shape: tuple[int, int]) -> _Search:
+    def of(cls, band: BandPrior, white_variance: FloatArray, shape: tuple[int, int]) -> _NextPicture:
         """Prepare for a band, of which white has a variance (H, W)."""
         places = band.places
         chosen = np.unique(np.linspace(0, places.count - 1, _ASKED_PLACES).astype(np.intp))
@@ -124,7 +124,7 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
     most, bracket = session.profile.transport.photographs, measuring_bracket(session)
     bands, shape = transport_priors(session), rig.projector.shape
     middle = len(bands) // 2
-    search = _Search.of(bands[middle], model.white_variance[..., middle], shape)
+    search = _NextPicture.of(bands[middle], model.white_variance[..., middle], shape)
     known = [Photographs.none(band.prior) for band in bands]
     notes: list[PhotographNote] = []
     to_levels = 255 / model.level
@@ -135,7 +135,7 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
             break
         pattern = Pattern(f"transport-{len(notes):02d}", np.where(picture.image, 255, 0).astype(np.uint8))
         photograph(rig, session, step, [pattern], bracket=bracket, n_patterns=1, on_step=silent)
-        taken = _evidence(model, radiometric, bands, step, pattern, bracket=bracket)
+        taken = _evidence(model, radiometric, bands, step=step, pattern=pattern, bracket=bracket)
         known = [before.and_(more) for before, more in zip(known, taken, strict=True)]
         notes.append(_note(pattern.name, picture, best, to_levels))
     on_step("photograph what tells most of the light", most, most)
@@ -165,9 +165,9 @@ def _evidence(
     model: FittedScene,
     radiometric: RadiometricCalibration,
     bands: tuple[BandPrior, ...],
+    *,
     step: Step,
     pattern: Pattern,
-    *,
     bracket: ExposureBracket,
 ) -> list[Photographs]:
     """What one photograph says in each band."""

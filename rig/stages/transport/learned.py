@@ -11,7 +11,7 @@ from calibration.light.transport.low_rank import low_rank
 from calibration.light.transport.posterior import Photographs, TransportPosterior, TransportPrior, fitted
 from rig.stages.maps.uncertainty import SPLIT_BIAS
 from rig.stages.scene_model import LearnedLight, MeasuredLight, SceneModel, camera_view
-from rig.stages.transport.places import WORTH, Places, places_of
+from rig.stages.transport.places import WORTH, SurfacePlaces, places_of
 from rig.stages.transport.prior import LitPatches, OpenWalls, prior_of
 from sim.light.transport import LightTransport
 
@@ -33,7 +33,7 @@ class BandPrior:
     scene_model: SceneModel
     transport: LightTransport
     """Of all projector pixels to the camera's."""
-    places: Places
+    places: SurfacePlaces
     lit: LitPatches
     prior: TransportPrior
 
@@ -73,7 +73,7 @@ class LearnedBand:
 
     scene_model: SceneModel
     """That predicts with what was learned."""
-    places: Places
+    places: SurfacePlaces
     lit: LitPatches
     posterior: TransportPosterior
     where: BoolArray

@@ -1,4 +1,4 @@
-"""Places of a camera's picture: some pixels of one surface side by side, whose global light is alike."""
+"""SurfacePlaces of a camera's picture: some pixels of one surface side by side, whose global light is alike."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.intp]
 
 _ACROSS = 80
-"""Places along a picture's width: a lobe of roughness 0.1 seen from a few metres is ten of them wide."""
+"""SurfacePlaces along a picture's width: a lobe of roughness 0.1 seen from a few metres is ten of them wide."""
 _LEAST_PIXELS = 6
 """Of a place: fewer tell too little."""
 ALIKE, _REACH = 1.0, 2.6
@@ -25,7 +25,7 @@ WORTH = 4 * np.pi * ALIKE**2
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Places:
+class SurfacePlaces:
     """Where a light transport is learned."""
 
     of_pixel: IntArray
@@ -75,7 +75,7 @@ class Places:
         return smooth
 
 
-def places_of(lit: BoolArray, face: IntArray) -> Places:
+def places_of(lit: BoolArray, face: IntArray) -> SurfacePlaces:
     """Cut the lit pixels (H, W) of each face (H, W) into places."""
     size_px = lit.shape[1] / _ACROSS
     row, column = (np.floor(index / size_px).astype(np.intp) for index in np.nonzero(lit))
@@ -86,4 +86,4 @@ def places_of(lit: BoolArray, face: IntArray) -> Places:
     of_pixel = np.full(lit.shape, -1, dtype=np.intp)
     of_pixel[lit] = renamed[number.ravel()]
     centre = unique[kept][:, [2, 1, 0]] * np.array([1.0, 1.0, 1000.0])
-    return Places(of_pixel=of_pixel, face=face, centre=centre)
+    return SurfacePlaces(of_pixel=of_pixel, face=face, centre=centre)

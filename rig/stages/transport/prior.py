@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from calibration.light.reflectance import ReflectanceSource
 from calibration.light.transport.posterior import TransportPrior
 from rig.stages.scene_model import SceneModel
-from rig.stages.transport.places import Places
+from rig.stages.transport.places import SurfacePlaces
 from sim.light.transport import LightTransport
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +74,7 @@ class OpenWalls:
 def prior_of(
     scene_model: SceneModel,
     transport: LightTransport,
-    places: Places,
+    places: SurfacePlaces,
     lit: LitPatches,
     *,
     relative_error: float,
