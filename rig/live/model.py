@@ -14,7 +14,7 @@ from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.linear_light import RadiometricCalibration
 from rig.stages.maps.sampling import sample_bands
-from rig.stages.model import FittedScene, load_model
+from rig.stages.model import FittedScene, load_prior_model
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import LEAST_GAIN
 from sim.form_factors import form_factors
@@ -39,6 +39,10 @@ _GUESSED_REFLECTANCE = 0.7
 _GUESSED_GAMMA = 2.2
 
 
+_GREY = "the session is monochrome: red, green and blue get the same light transport and are taken not to mix"
+_NOT_LEARNED = "live pictures know the light between patches, not what photographs of [transport] taught of it"
+
+
 @dataclass(frozen=True, eq=False)
 class LiveModel:
     """What the kernel needs, and where it comes from, in words."""
@@ -55,7 +59,7 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     a grey camera each colour gets the same light transport, and colours are taken not to mix.
     Raises SessionError when the session's model is not finished.
     """
-    model, radiometric = load_model(session), load_radiometric_calibration(session)
+    model, radiometric = load_prior_model(session), load_radiometric_calibration(session)
     transport, black = model.room.projector_transport, black_at_pixels(model, radiometric)
     tables = np.stack([np.interp(np.arange(256), each.levels, each.linear) for each in radiometric.projector])
     grey = model.channels == 1
@@ -69,8 +73,10 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
         response=tables[0] if grey else tables,
         dither_seed=_DITHER_SEED,
     )
-    note = "the session is monochrome: red, green and blue get the same light transport and are taken not to mix"
-    return LiveModel(frames, f"session {session.path}", (note,) if grey else ())
+    notes = [_GREY] if grey else []
+    if session.profile.transport.photographs:
+        notes.append(_NOT_LEARNED)
+    return LiveModel(frames, f"session {session.path}", tuple(notes))
 
 
 def black_at_pixels(model: FittedScene, radiometric: RadiometricCalibration) -> FloatArray:

@@ -26,6 +26,7 @@ from rig.profile.tables import (
     Room,
     Scale,
     Surface,
+    TransportPhotographs,
     Viewer,
     check_patches,
 )
@@ -54,6 +55,7 @@ class Profile(Table):
     viewer: Viewer | None = None
     """Who judges the picture; None: the only camera."""
     patterns: Patterns = Patterns()
+    transport: TransportPhotographs = TransportPhotographs()
     brightness: Brightness = Brightness()
     limits: Limits = Limits()
     replay: Replay | None = None

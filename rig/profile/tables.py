@@ -315,6 +315,13 @@ class Patterns(Table):
     frames_averaged: FewCount = 1
 
 
+class TransportPhotographs(Table):
+    """Photographs of known pictures that teach the model of the room's light."""
+
+    photographs: Annotated[int, Field(ge=0, le=256)] = 0
+    """At most; 0: the model alone."""
+
+
 class Brightness(Table):
     """What a target's white means."""
 

@@ -15,7 +15,8 @@ def geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
     return (
         f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
         f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}. "
-        f"{geometry.room_notes}{_standing_words(model)}{_placed_words(model)}{_colour_words(model)}"
+        f"{geometry.room_notes}{_standing_words(model)}{_placed_words(model)}{_learned_words(model)}"
+        f"{_colour_words(model)}"
     )
 
 
@@ -42,6 +43,23 @@ def _placed_words(model: ModelResult) -> str:
         f" {_FAR_WALLS[one.axis]} are where reflectances explain the light best that comes back from them: the "
         f"projector's lens is {one.projector_m:.2f} ± {one.sigma_m:.2f} m from {_NEAR_WALL[one.axis]}."
         for one in model.placed
+    )
+
+
+def _learned_words(model: ModelResult) -> str:
+    """What photographs of known pictures brought; empty where none were asked for."""
+    found = model.learned
+    if found is None:
+        return ""
+    if not found.photographs:
+        return (
+            " No photograph of a known picture was taken: the best would bring "
+            f"{found.another_brings:.2f} grey levels, less than the noise of {found.noise:.2f}."
+        )
+    return (
+        f" {found.photographs} photographs of known pictures taught it where light goes that the patches do not tell: "
+        f"on usual pictures an error of {found.rms_left:.2f} grey levels is expected, {found.rms_before:.2f} before; "
+        f"another photograph would bring {found.another_brings:.2f}, its noise is {found.noise:.2f}."
     )
 
 

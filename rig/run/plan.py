@@ -49,7 +49,7 @@ class SessionPlan:
         n_strategies = 0 if self.showing is None else len(self.showing.strategies)
         return tuple(
             PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, self.profile, n_strategies))
-            for each in steps_up_to(self.verb)
+            for each in steps_up_to(self.verb, self.profile)
         )
 
     @cached_property
@@ -72,7 +72,7 @@ class SessionPlan:
     def _done(self, session: Session) -> set[str]:
         """Names of the steps that would have nothing left to do; what follows an unfinished one is not among them."""
         done: set[str] = set()
-        for definition in steps_up_to(self.verb):
+        for definition in steps_up_to(self.verb, self.profile):
             if done.issuperset(definition.needs) and self._is_done(definition, session):
                 done.add(definition.name)
         return done

@@ -21,6 +21,7 @@ from rig.stages.results import (
     ByBand,
     CompensationResult,
     GeometryResult,
+    LearnedResult,
     MeasuredResult,
     ModelComparison,
     ModelResult,
@@ -32,6 +33,7 @@ from rig.stages.results import (
     TruthErrors,
 )
 from rig.stages.target import shown_target
+from rig.stages.transport.records import TransportRecord
 
 _LAMP_PERCENT_PER_MINUTE = 1.0
 """Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
@@ -123,6 +125,7 @@ def _model(session: Session) -> ModelResult:
         level=record.level,
         placed=record.placed,
         standing=_standing(session),
+        learned=_learned(session),
         mixing=None if colour is None else colour.mixing,
         mixing_variation=None if colour is None else colour.mixing_variation,
         white_over_channels=None if colour is None else colour.white_over_channels,
@@ -140,6 +143,20 @@ def _standing(session: Session) -> StandingResult | None:
         triangles=len(found.triangles),
         share_of_image=found.share_of_image,
         share_left_out=found.share_left_out,
+    )
+
+
+def _learned(session: Session) -> LearnedResult | None:
+    if not session.is_finished("transport"):
+        return None
+    found = session.finished("transport").load_record("transport", TransportRecord)
+    before = [each.rms_before for each in found.photographs]
+    return LearnedResult(
+        photographs=len(found.photographs),
+        rms_before=max(before, default=found.rms_left),
+        rms_left=found.rms_left,
+        another_brings=found.another_brings,
+        noise=found.noise_of_place,
     )
 
 

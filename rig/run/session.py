@@ -17,7 +17,6 @@ from rig.run.plan import SessionPlan, plan_session
 from rig.run.request import SessionRequest
 from rig.run.results import partial_result, session_result
 from rig.run.steps import (
-    STEPS,
     AnyStep,
     ComputingStep,
     ShootingStep,
@@ -74,7 +73,7 @@ def _page_if_it_stops(session: Session) -> Iterator[None]:
     try:
         yield
     except (RigError, CalibrationError, SimulationError) as error:
-        page = write_stopped_page(session, [step.name for step in STEPS], error)
+        page = write_stopped_page(session, [step.name for step in steps_up_to("compare", session.profile)], error)
         error.add_note(f"what was photographed by then, and how to go on: {page}")
         raise
 
@@ -136,12 +135,12 @@ class OpenSession:
 
     def do_up_to(self, verb: Verb, on_step: OnStep) -> None:
         """Do what is missing of the steps of a verb and of all verbs before it."""
-        for definition in steps_up_to(verb):
+        for definition in steps_up_to(verb, self.session.profile):
             self._do(definition, on_step)
 
     def do(self, verb: Verb, on_step: OnStep) -> None:
         """Do what is missing of a verb's own steps. Raises SessionError when those before it are not done."""
-        for definition in steps_of(verb):
+        for definition in steps_of(verb, self.session.profile):
             self._do(definition, on_step)
 
     def _do(self, definition: AnyStep, on_step: OnStep) -> None:

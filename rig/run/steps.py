@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 from rig.capture.rig import Rig
@@ -14,6 +14,7 @@ from rig.session import Session, Step
 from rig.stages import comparison, compensation, correspondence, geometry, model, radiometry, separation
 from rig.stages.light import exposure
 from rig.stages.target import CompensationRequest
+from rig.stages.transport import learn
 from rig.terminal import OnStep
 
 Verb = Literal["calibrate", "separate", "model", "compensate", "compare"]
@@ -30,6 +31,8 @@ class StepDefinition:
     """To which it belongs."""
     needs: tuple[str, ...] = ()
     """Steps whose results it reads."""
+    wanted: Callable[[Profile], bool] = lambda _: True
+    """Whether a profile asks for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,10 +117,19 @@ STEPS: tuple[AnyStep, ...] = (
         settings=model.model_settings,
         compute=model.build_model,
     ),
+    ShootingStep(
+        name="transport",
+        verb="model",
+        needs=("response", "model"),
+        wanted=learn.learns_transport,
+        settings=learn.transport_settings,
+        shoot=learn.learn_transport,
+        frames=learn.transport_frames,
+    ),
     CompensatingStep(
         name="compensate",
         verb="compensate",
-        needs=("response", "model"),
+        needs=("response", "model", "transport"),
         settings=compensation.compensation_settings,
         compute=compensation.compute_compensation,
     ),
@@ -133,22 +145,29 @@ STEPS: tuple[AnyStep, ...] = (
     ComputingStep(
         name="compare",
         verb="compare",
-        needs=("response", "model", "compensate", "project"),
+        needs=("response", "model", "transport", "compensate", "project"),
         settings=comparison.comparison_settings,
         compute=comparison.compare_all,
     ),
 )
 
 
-def steps_of(verb: Verb) -> tuple[AnyStep, ...]:
-    """Return the steps that belong to a verb itself."""
-    return tuple(step for step in STEPS if step.verb == verb)
+def steps_of(verb: Verb, profile: Profile) -> tuple[AnyStep, ...]:
+    """Return the steps that belong to a verb itself, of those that a profile asks for."""
+    return tuple(step for step in _wanted_steps(profile) if step.verb == verb)
 
 
-def steps_up_to(verb: Verb) -> tuple[AnyStep, ...]:
-    """Return the steps of a verb and of all verbs before it."""
+def steps_up_to(verb: Verb, profile: Profile) -> tuple[AnyStep, ...]:
+    """Return the steps of a verb and of all verbs before it, of those that a profile asks for."""
     included = VERBS[: VERBS.index(verb) + 1]
-    return tuple(step for step in STEPS if step.verb in included)
+    return tuple(step for step in _wanted_steps(profile) if step.verb in included)
+
+
+def _wanted_steps(profile: Profile) -> tuple[AnyStep, ...]:
+    names = {step.name for step in STEPS if step.wanted(profile)}
+    return tuple(
+        replace(step, needs=tuple(name for name in step.needs if name in names)) for step in STEPS if step.name in names
+    )
 
 
 def settings_of(definition: AnyStep, session: Session, showing: CompensationRequest | None) -> JsonObject:

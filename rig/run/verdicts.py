@@ -28,7 +28,7 @@ def verdicts(
         *geometry_verdicts(geometry, profile.limits),
         _guesses(geometry, model, profile),
         _valid(geometry, profile.limits),
-        _explained(geometry, model),
+        _explained(geometry, model, profile.limits),
         *_compared(comparison, profile.limits),
     )
 
@@ -84,7 +84,17 @@ def _valid(geometry: GeometryResult, limits: Limits) -> Verdict:
     )
 
 
-def _explained(geometry: GeometryResult, model: ModelResult) -> Verdict:
+def _explained(geometry: GeometryResult, model: ModelResult, limits: Limits) -> Verdict:
+    """What the patches leave open of global light; with photographs of known pictures, what these leave open."""
+    if model.learned is not None and model.learned.photographs:
+        return Verdict(
+            what="model: error expected with the photographs of [transport], rms",
+            value=model.learned.rms_left,
+            limit=limits.comparison_rmse,
+            unit="grey levels",
+            advice="these photographs tell too little of the light: take more (transport.photographs), or average "
+            "several frames of each (patterns.frames_averaged)",
+        )
     return Verdict(
         what="model: global light left unexplained, rms",
         value=max(model.global_rms) if isinstance(model.global_rms, tuple) else model.global_rms,

@@ -26,6 +26,7 @@ CHANGEABLE = {
     "scales": "[[scale]]",
     "surface": "[surface]",
     "patterns": "[patterns]",
+    "transport": "[transport]",
     "brightness": "[brightness]",
     "limits": "[limits]",
     "description": "description",

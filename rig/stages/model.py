@@ -47,6 +47,9 @@ from rig.stages.scene_model import (
 )
 from rig.stages.separation import projector_blur_px2
 from rig.stages.surface.standing import StandingRecord, standing_of
+from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
+from rig.stages.transport.prior import OpenWalls
+from rig.stages.transport.records import read_photographs
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -128,6 +131,8 @@ class FittedScene:
     uncertainty: LightUncertainty
     global_error: float
     """Relative standard deviation of what the patches make of global light."""
+    learned: tuple[LearnedBand, ...] | None = None
+    """What photographs of known pictures say of each band; None: the patches alone."""
 
     @property
     def scene_model(self) -> SceneModel:
@@ -299,8 +304,50 @@ def _scene_models(
 
 
 def load_model(session: Session) -> FittedScene:
-    """Return the finished step's model, read from the disk once for each of its results."""
+    """Return the finished step's model, with what photographs of known pictures have taught it where there are any.
+
+    It is read from the disk once for each of its results.
+    """
+    prior = load_prior_model(session)
+    if session.profile.transport.photographs == 0:
+        return prior
+    return _learned(session, prior, session.finished("transport").outputs_sha256)
+
+
+def model_steps(session: Session) -> tuple[str, ...]:
+    """Return the steps that a session's model comes from."""
+    return ("model", "transport") if session.profile.transport.photographs else ("model",)
+
+
+def load_prior_model(session: Session) -> FittedScene:
+    """Return the finished step's model as it was before any photograph of step `transport`."""
     return _read_model(session, session.finished("model").outputs_sha256)
+
+
+@lru_cache(maxsize=1)
+def transport_priors(session: Session) -> tuple[BandPrior, ...]:
+    """Return what that model says of each band's light, in places of the camera's picture."""
+    model, record = load_prior_model(session), load_model_record(session)
+    return tuple(
+        band_prior(
+            scene_model,
+            model.lit,
+            relative_error=model.global_error,
+            open_walls=OpenWalls(source=band.source, sigma=band.unseen_sigma),
+        )
+        for scene_model, band in zip(model.room.bands, record.bands, strict=True)
+    )
+
+
+@lru_cache(maxsize=1)
+def _learned(session: Session, prior: FittedScene, _outputs_sha256: str) -> FittedScene:
+    told = read_photographs(session.finished("transport"), prior.channels)
+    if told is None:
+        return prior
+    priors = transport_priors(session)
+    bands = tuple(learned_band(known, each, prior.lit) for known, each in zip(priors, told, strict=True))
+    room = replace(prior.room, bands=tuple(band.scene_model for band in bands))
+    return replace(prior, room=room, learned=bands)
 
 
 def load_standing(session: Session) -> StandingRecord | None:

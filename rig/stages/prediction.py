@@ -13,6 +13,7 @@ from rig.files.channels import image_of, layers
 from rig.session import Step
 from rig.stages.linear_light import RadiometricCalibration, channel_light
 from rig.stages.maps.sampling import sample, sample_bands
+from rig.stages.maps.uncertainty import SPLIT_BIAS
 from rig.stages.model import FittedScene
 from rig.stages.target import Target
 
@@ -23,9 +24,7 @@ FloatArray = NDArray[np.float64]
 
 JUDGED = "the target sharp on the wall, through the camera"
 """Against what pictures are judged: settings of the steps that do."""
-SPLIT_BIAS = 0.004
-"""Relative standard deviation of all direct light together: its bias on random rigs, 0.1 % at the median and 0.9 % at
-most. What differs from pixel to pixel, the frames tell."""
+_LEAST_LIGHT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,23 +78,47 @@ def predict(model: FittedScene, radiometric: RadiometricCalibration, codes: Code
     return Prediction(value, sigma)
 
 
-def _predict_band(
-    model: FittedScene, band: int, light: FloatArray, *, white: float, radiometric: RadiometricCalibration
-) -> tuple[FloatArray, FloatArray]:
-    """(H, W) light, and its standard deviation."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PictureParts:
+    """A picture's light in one band, (H, W) each."""
+
+    direct: FloatArray
+    global_: FloatArray
+    white_direct: FloatArray
+    """Of white ..."""
+    white_global: FloatArray
+    variance: FloatArray
+    """Of the whole, but for what the model does not know of global light, and of the split as a whole."""
+
+    @property
+    def value(self) -> FloatArray:
+        """All light."""
+        return self.direct + self.global_
+
+    def moved_by(self, error: FloatArray | float) -> FloatArray:
+        """Return what a relative error of direct light makes of the picture; in white it cancels."""
+        share = self.global_ / np.maximum(self.white_global, _LEAST_LIGHT)
+        return np.asarray(error * (self.direct - self.white_direct * share))
+
+
+def picture_parts(
+    model: FittedScene, radiometric: RadiometricCalibration, *, band: int, light: FloatArray, white: float = 1.0
+) -> PictureParts:
+    """Return what a band's light (n pixels,) of the projector makes in the camera, in parts."""
     transport, shape = model.room.camera_transport.bands[band], model.scene_model.camera.lens.shape
     images = np.stack([light, np.full_like(light, white)], axis=-1)
     direct, global_ = (np.asarray(part @ images).reshape(*shape, 2) for part in (transport.direct, transport.global_))
     value = direct[..., 0] + global_[..., 0]
-    in_white = np.maximum(direct[..., 1] + global_[..., 1], 1e-9)
+    in_white = np.maximum(direct[..., 1] + global_[..., 1], _LEAST_LIGHT)
     noise = model.white_variance[..., band] * (value / in_white) ** 2
-    # An error of the split moves light between direct and global; in white it cancels.
-    error = np.hypot(SPLIT_BIAS, model.uncertainty.split[..., band])
-    split = error * (direct[..., 0] - direct[..., 1] * _share(global_))
-    spread = model.global_error * (global_[..., 0] - global_[..., 1] * _share(direct))
     place, width = _edges(model, band, light)
-    curve = _curve_sigma(radiometric, band, value, in_white)
-    return value, np.sqrt(noise + split**2 + spread**2 + place**2 + width**2 + curve**2)
+    return PictureParts(
+        direct=direct[..., 0],
+        global_=global_[..., 0],
+        white_direct=direct[..., 1],
+        white_global=global_[..., 1],
+        variance=noise + place**2 + width**2 + _curve_sigma(radiometric, band, value, in_white) ** 2,
+    )
 
 
 def _curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArray, in_white: FloatArray) -> FloatArray:
@@ -109,9 +132,25 @@ def _curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArr
     return np.asarray(np.sqrt(read**2 + (share * read_white) ** 2 + shown**2))
 
 
-def _share(parts: FloatArray) -> FloatArray:
-    """(H, W) of a picture's light in white's."""
-    return np.asarray(parts[..., 0] / np.maximum(parts[..., 1], 1e-9))
+def _predict_band(
+    model: FittedScene, band: int, light: FloatArray, *, white: float, radiometric: RadiometricCalibration
+) -> tuple[FloatArray, FloatArray]:
+    """(H, W) light, and its standard deviation."""
+    parts = picture_parts(model, radiometric, band=band, light=light, white=white)
+    split = model.uncertainty.split[..., band]
+    if model.learned is not None:
+        known = model.learned[band].variance(light / white, parts.direct, parts.white_direct)
+        variance = parts.moved_by(split) ** 2 + known
+    else:
+        # An error of the split moves light between direct and global; in white it cancels.
+        variance = parts.moved_by(np.hypot(SPLIT_BIAS, split)) ** 2 + _spread(model, parts) ** 2
+    return parts.value, np.sqrt(parts.variance + variance)
+
+
+def _spread(model: FittedScene, parts: PictureParts) -> FloatArray:
+    """(H, W) what the patches' relative error makes of global light; in white it cancels, too."""
+    share = parts.direct / np.maximum(parts.white_direct, _LEAST_LIGHT)
+    return np.asarray(model.global_error * (parts.global_ - parts.white_global * share))
 
 
 def _edges(model: FittedScene, band: int, light: FloatArray) -> tuple[FloatArray, FloatArray]:

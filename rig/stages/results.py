@@ -62,6 +62,21 @@ class StandingResult(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class LearnedResult(Record):
+    """What photographs of known pictures taught of the light; in grey levels of 255."""
+
+    photographs: int
+    rms_before: float
+    """What was expected of the model's error on usual pictures once photographs had shown how large it is ..."""
+    rms_left: float
+    """... and with all of them."""
+    another_brings: float
+    """Part of that error that one more is expected to take away."""
+    noise: float
+    """Of a photograph, averaged over pixels that are alike: below it none is taken."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class ModelResult(Record):
     """The fitted scene."""
 
@@ -84,6 +99,8 @@ class ModelResult(Record):
     """Walls that nobody saw, where the light tells; an entry an axis."""
     standing: StandingResult | None = None
     """None of a box."""
+    learned: LearnedResult | None = None
+    """None of a session without ``[transport] photographs``."""
     mixing: tuple[tuple[float, ...], ...] | None = None
     """Of a colour rig: share of white in each band that each channel of the projector makes."""
     mixing_variation: float | None = None

@@ -16,7 +16,7 @@ from scipy.sparse import csr_array, diags_array
 
 from calibration.geometry.pinhole import PinholeModel
 from rig.stages.correspondence import DevicePair, only
-from rig.stages.maps.sampling import sample, sample_bands
+from rig.stages.maps.sampling import sample, sample_bands, sample_smooth
 from rig.stages.surface.scene import AnyScene
 from sim.form_factors import FormFactors
 from sim.geometry.interpolation import bilinear
@@ -24,6 +24,7 @@ from sim.geometry.optics import Lens, Pose, project, rays_at
 from sim.geometry.rays import trace
 from sim.geometry.scene import Hits
 from sim.light.colour import ColourTransport
+from sim.light.learned_transport import with_learned
 from sim.light.picture_blur import PictureBlur
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
@@ -177,6 +178,16 @@ class MeasuredLight:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class LearnedLight:
+    """What photographs have taught of global light, beside the patches."""
+
+    by_pixel: FloatArray
+    """(H, W, r) light that a camera pixel sees ..."""
+    by_patch: FloatArray
+    """(r, P) ... of what each patch's emission makes."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SceneModel:
     """Everything that predicts what cameras see of the scene, in one band of light."""
 
@@ -188,6 +199,8 @@ class SceneModel:
     """What ties a camera's pixels to a projector's."""
     walls: tuple[str, ...]
     """Names of the scene's first regions, the room's faces; what comes after them stands before these."""
+    learned: LearnedLight | None = None
+    """None: the patches alone."""
 
     @property
     def camera(self) -> PosedLens:
@@ -294,7 +307,11 @@ def camera_view(scene_model: SceneModel, active: BoolArray) -> LightTransport:
     direct = _direct_light(scene_model)
     view = smooth_view(scene_model.scene, hits, seen)
     chosen = csr_array(direct[:, np.flatnonzero(active)])
-    return _transport(scene_model, active, chosen, view, variance_px2=scene_model.seen_blur)
+    transport = _transport(scene_model, active, chosen, view, variance_px2=scene_model.seen_blur)
+    learned = scene_model.learned
+    if learned is None:
+        return transport
+    return with_learned(transport, learned.by_pixel.reshape(len(seen), -1), learned.by_patch)
 
 
 def _direct_light(scene_model: SceneModel) -> csr_array:
@@ -321,7 +338,11 @@ def projector_view(scene_model: SceneModel, active: BoolArray) -> LightTransport
     own = only(scene_model.projectors).blur_variance_px2
     variance = None if own is None else np.repeat(own[..., None], 2, axis=-1)
     direct = csr_array(diags_array(gain[chosen]))
-    return _transport(scene_model, active, direct, csr_array(view[chosen]), variance_px2=variance)
+    transport = _transport(scene_model, active, direct, csr_array(view[chosen]), variance_px2=variance)
+    learned = scene_model.learned
+    if learned is None:
+        return transport
+    return with_learned(transport, sample_smooth(learned.by_pixel, scene_model.camera_xy_px[chosen]), learned.by_patch)
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,7 @@ from rig.session import Session, Step
 from rig.stages.compensation import measured_options, solve, versions_of
 from rig.stages.linear_light import LightImage, RadiometricCalibration, channel_codes, channel_light, merge_exposures
 from rig.stages.maps.sampling import sample_bands
-from rig.stages.model import FittedScene, load_model
+from rig.stages.model import FittedScene, load_model, model_steps
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
 from rig.stages.prediction import JUDGED, JudgedPixels, judged_pixels, wanted_light, whole_picture
@@ -163,7 +163,9 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
     }
-    step = session.step(f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", "model"))
+    step = session.step(
+        f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", *model_steps(session))
+    )
     if not step.done:
         step.save_image("target", layers("grey", target.levels))
         room = controlled_scene_of(session, step, target)

@@ -22,7 +22,7 @@ from rig.session.alignment import aligned_folder
 from rig.session.ledger import write_json
 from rig.stages.compensation import dither_seed, solve, versions_of
 from rig.stages.linear_light import merge_exposures
-from rig.stages.model import load_model
+from rig.stages.model import load_model, model_steps
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.prediction import JUDGED, predict
 from rig.stages.radiometry import measuring_bracket
@@ -126,7 +126,7 @@ def picture_step(
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
     }
-    step = session.step(name, settings=settings, needs=("response", "model"))
+    step = session.step(name, settings=settings, needs=("response", *model_steps(session)))
     if not step.done:
         step.save_image("target", layers("grey", picture.target.levels))
     return step

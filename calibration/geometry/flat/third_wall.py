@@ -1,13 +1,17 @@
-"""A floor or a ceiling of which two walls' pictures show a strip: too few points for the search, which knows no axis.
+"""A wall of which two walls' pictures show a strip: too few points for the search, which knows no axis.
 
 Two walls at right angles leave focal lengths and distances in a bent valley, and the floor unknown. The third direction
 is theirs; a strip of a wall across it has one unknown, so that a few hundred pixels tell it, and it closes the valley.
+
+Where all three are known, a plane that others reach beyond is no wall of the room, but a partition in it: then the wall
+is looked for behind it.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from calibration.arrays import FloatArray, IntArray
@@ -92,7 +96,7 @@ class RestingOn:
 def with_third_wall(
     fit: BundleSolution, points: WeighedPoints, nominal: NominalIntrinsics, *, n_fitted: int
 ) -> RestingOn:
-    """Add the wall across the third direction that a strip of points lies on, where walls along two are all there is.
+    """Add the wall that a strip of points lies on: across a third direction, or behind a plane that does not close.
 
     Parameters
     ----------
@@ -114,7 +118,7 @@ def with_third_wall(
     found = _strip(fit, points)
     if found is None:
         return RestingOn(fit, fitted)
-    rows, start, limit_px = found
+    rows, start, limit_px = found.rows, found.scene, found.limit_px
     more = rows[rows >= n_fitted][:_MOST_TAKEN]
     together = np.random.default_rng(0).permutation(np.concatenate([np.arange(len(fitted.weight)), more]))
     chosen = points.chosen(together)
@@ -123,7 +127,7 @@ def with_third_wall(
     rough = adjust(a, b, start, nominal, rounds=rounds, weight=weight)
     if rough is None:
         return RestingOn(fit, fitted)
-    away = _away_from_edges(rough, a)
+    away = _away_from_edges(rough, a) if found.closes_box else _away_from_others(rough, points, a, limit_px)
     a, b, weight = a[away], b[away], weight[away]
     try:
         closed = hold_against_all(a, b, rough, nominal, weight=weight, margin_share=_NO_MARGIN)
@@ -147,18 +151,44 @@ def _away_from_edges(scene: PlanarScene, camera_xy_px: FloatArray) -> IntArray:
     return np.flatnonzero(far)
 
 
-def _strip(fit: BundleSolution, points: WeighedPoints) -> tuple[IntArray, PlanarScene, float] | None:
-    """The rows of a strip that no wall explains, the scene with its wall, and the limit [px]; None if there is none."""
-    known = set(fit.axes.of_plane.tolist()) - {-1}
-    if len(known) != 2:
+def _away_from_others(scene: PlanarScene, points: WeighedPoints, camera_xy_px: FloatArray, limit_px: float) -> IntArray:
+    """Rows of the points around which all lie on their plane: the first plane on a ray need not be the one seen."""
+    errors = plane_errors_px(scene, points.camera_xy_px, points.projector_xy_px)
+    name = np.where(errors.min(axis=0) < _REACHED * limit_px, errors.argmin(axis=0) + 1, len(errors) + 1)
+    column, row = np.rint(points.camera_xy_px).astype(np.int64).T
+    lowest, highest = (np.full((row.max() + 1, column.max() + 1), value, np.uint8) for value in (255, 0))
+    lowest[row, column] = highest[row, column] = name
+    window = np.ones((2 * int(_EDGE_PX) + 1,) * 2, np.uint8)
+    alike = cv2.erode(lowest, window) == cv2.dilate(highest, window)
+    column, row = np.rint(camera_xy_px).astype(np.int64).T
+    return np.flatnonzero(alike[row, column])
+
+
+@dataclass(frozen=True, eq=False)
+class _WallStrip:
+    """Points that no wall explains, and a wall that does."""
+
+    rows: IntArray
+    scene: PlanarScene
+    """With its wall, the last."""
+    limit_px: float
+    """Within which a wall explains a point."""
+    closes_box: bool
+    """All walls bound one box, so that the first on a ray is the one seen."""
+
+
+def _strip(fit: BundleSolution, points: WeighedPoints) -> _WallStrip | None:
+    """The strip with the wall that is missing; None if there is none."""
+    wanted = _wanted_wall(fit, points)
+    if wanted is None:
         return None
-    axis = next(iter({0, 1, 2} - known))
+    axis, before = wanted
     x1, x2 = points.camera_xy_px, points.projector_xy_px
     best = plane_errors_px(fit, x1, x2).min(axis=0)
     limit_px = explained_within_px(best)
     rows = np.flatnonzero(best > limit_px)
     left, enough = points.chosen(rows), max(_LEAST_POINTS, _LEAST_SHARE * len(best))
-    plane = _likeliest(fit, left, axis, _REACHED * limit_px) if len(rows) >= enough else None
+    plane = _likeliest(fit, left, axis, _REACHED * limit_px, before=before) if len(rows) >= enough else None
     if plane is None:
         return None
     own = np.zeros(len(best), dtype=bool)
@@ -166,7 +196,8 @@ def _strip(fit: BundleSolution, points: WeighedPoints) -> tuple[IntArray, Planar
     if side_by_side(x1, own) < enough or not _closes(fit, points.chosen(np.flatnonzero(best <= limit_px)), plane):
         return None
     axes = Axes(fit.axes.directions, np.append(fit.axes.of_plane, axis))
-    return np.flatnonzero(own), fit.with_planes(np.vstack([fit.planes, plane]), axes), limit_px
+    scene = fit.with_planes(np.vstack([fit.planes, plane]), axes)
+    return _WallStrip(np.flatnonzero(own), scene, limit_px, closes_box=before is None)
 
 
 def _errors_px(fit: BundleSolution, points: WeighedPoints, plane: FloatArray) -> FloatArray:
@@ -174,13 +205,39 @@ def _errors_px(fit: BundleSolution, points: WeighedPoints, plane: FloatArray) ->
     return np.asarray(np.linalg.norm(there - points.projector_xy_px, axis=1))
 
 
-def _likeliest(fit: BundleSolution, left: WeighedPoints, axis: int, reached_px: float) -> FloatArray | None:
-    """(3,) the plane across an axis that explains most of some points, as normal / offset."""
+def _wanted_wall(fit: BundleSolution, points: WeighedPoints) -> tuple[int, FloatArray | None] | None:
+    """The axis across which a wall is missing, and the plane behind which it stands, if any; None where none is.
+
+    Of several planes that others reach beyond it is the first, which has most points.
+    """
+    known = set(fit.axes.of_plane.tolist()) - {-1}
+    if len(known) == 2:
+        return next(iter({0, 1, 2} - known)), None
+    if len(known) < 2:
+        return None
+    on_walls = points.chosen(slice(0, len(fit.label)))
+    for plane, axis in zip(fit.planes, fit.axes.of_plane, strict=True):
+        if axis >= 0 and not _closes(fit, on_walls, plane) and not _is_behind_one(fit, plane, int(axis)):
+            return int(axis), plane
+    return None
+
+
+def _is_behind_one(fit: BundleSolution, plane: FloatArray, axis: int) -> bool:
+    """Tell whether another plane across the same axis stands further away on the same side."""
+    others = fit.planes[(fit.axes.of_plane == axis) & (fit.planes @ plane > 0)]
+    return bool((np.linalg.norm(others, axis=1) < np.linalg.norm(plane) / _BEYOND).any())
+
+
+def _likeliest(
+    fit: BundleSolution, left: WeighedPoints, axis: int, reached_px: float, *, before: FloatArray | None
+) -> FloatArray | None:
+    """(3,) the plane across an axis that explains most of some points, behind one or anywhere, as normal / offset."""
     seen = triangulate(left.camera_xy_px, left.projector_xy_px, *fit.devices)
-    if not seen.in_front.any():
+    there = seen.in_front if before is None else seen.in_front & (seen.points_m @ before > _BEYOND)
+    if not there.any():
         return None
     direction = fit.axes.directions[axis]
-    offsets = np.quantile(seen.points_m[seen.in_front] @ direction, np.linspace(0, 1, _CANDIDATES))
+    offsets = np.quantile(seen.points_m[there] @ direction, np.linspace(0, 1, _CANDIDATES))
     planes = [direction / offset for offset in offsets if offset]
     return max(planes, key=lambda plane: int((_errors_px(fit, left, plane) < reached_px).sum()), default=None)
 

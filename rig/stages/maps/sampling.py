@@ -24,6 +24,13 @@ def sample(image: FloatArray, xy_px: FloatArray) -> FloatArray:
     return np.where(whole, values, np.nan)
 
 
+def sample_smooth(image: FloatArray, xy_px: FloatArray) -> FloatArray:
+    """Return (N, B) bilinear samples of an image (H, W, B) in which 0 is a value like any other; 0 outside."""
+    xy = np.where(np.isfinite(xy_px), xy_px, -10.0).astype(np.float32)
+    x, y = (np.ascontiguousarray(xy[None, :, k]) for k in (0, 1))
+    return np.stack([_remap(image[..., b], x, y) for b in range(image.shape[-1])], axis=-1)
+
+
 def _remap(image: FloatArray, x: NDArray[np.float32], y: NDArray[np.float32]) -> FloatArray:
     # OpenCV's remap takes at most 32,767 columns.
     step = 30_000

@@ -1,0 +1,239 @@
+"""From a model's light transport and photographs of known pictures to a better one, with its uncertainty.
+
+At each of N places of the camera's picture global light is Σ T(l) u(l), u(l) the light on lit patch l as a share of
+white's. The model's row T₀ is wrong by
+
+    Δ(l) = s b(l) k(l)·z + Σ λ ρ(l) z'  ,  z, z' of variance 1,
+
+relative errors that are alike for neighbouring patches (k, a factor of their covariance), and what the model's own
+parameters leave open (λ ρ, directions times their standard deviations). Direct light may be off, too: by h times the
+picture's share of white's direct light, less its share of white's global light, for white itself was measured. All of
+that is one linear regression a place, its unknowns of variance 1 before any photograph.
+
+References
+----------
+C. E. Rasmussen and C. K. I. Williams, Gaussian Processes for Machine Learning, MIT Press 2006, chapter 2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.sparse import csr_array
+
+from calibration.arrays import FloatArray, IntArray
+from calibration.errors import CalibrationError
+
+_AT_ONCE = 256
+"""Places that are worked on together: their arrays stay within some tens of megabytes."""
+_WHITE_SIGMA = 1e-3
+"""Of white's global light, relative: it was measured, and the model is scaled to it."""
+_ROUNDS, _MOST_AT_ONCE, _SPREADS = 4, 3.0, (0.01, 3.0)
+"""Rounds, the factor of one of them, and the range of a spread: a lobe may send thrice what a matte wall does."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TransportPrior:
+    """What a model expects of N places' global light by L lit patches, and where it may be wrong."""
+
+    transport: FloatArray
+    """(N, L) T₀: light by each patch as white lights it."""
+    base: FloatArray
+    """(N, L) light that relative errors are of: T₀, but nowhere nothing."""
+    kernel: FloatArray
+    """(L, R) factor of the covariance of relative errors."""
+    spread: FloatArray
+    """(N,) their standard deviation."""
+    left: FloatArray
+    """(N, Q) light by the model's own open parameters, a standard deviation of each ..."""
+    right: FloatArray
+    """(Q, L) ... and by which patches."""
+    own: FloatArray
+    """(N,) standard deviation of white's direct light that is taken for global light."""
+
+    @property
+    def white(self) -> FloatArray:
+        """(N,) global light of white."""
+        return np.asarray(self.transport.sum(axis=1))
+
+    def at(self, places: IntArray | slice) -> TransportPrior:
+        """Return some of the places."""
+        names = ("transport", "base", "spread", "left", "own")
+        return replace(self, **{name: getattr(self, name)[places] for name in names})
+
+    def features(self, lit: FloatArray, own: FloatArray) -> FloatArray:
+        """Return (N, J, D) by what each unknown changes the light of J pictures.
+
+        Parameters
+        ----------
+        lit : (J, L)
+            Light on each patch, as a share of white's.
+        own : (J, N)
+            Direct light at each place, as a share of white's.
+        """
+        relative = (lit[None] * self.base[:, None, :]) @ self.kernel * self.spread[:, None, None]
+        open_ones = self.left[:, None, :] * (lit @ self.right.T)[None]
+        share = self.transport @ lit.T / np.maximum(self.white, np.finfo(float).tiny)[:, None]
+        direct = self.own[:, None] * (own.T - share)
+        return np.concatenate([relative, open_ones, direct[..., None]], axis=2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Photographs:
+    """Known pictures, and by how much their light differs from what the model expects; K pictures, N places."""
+
+    lit: FloatArray
+    """(K, L) light on each patch, as a share of white's."""
+    own: FloatArray
+    """(K, N) direct light at each place, as a share of white's."""
+    difference: FloatArray
+    """(K, N) measured minus expected."""
+    variance: FloatArray
+    """(K, N) of what is measured; infinite where nothing was."""
+
+    def __post_init__(self) -> None:
+        shapes = {self.own.shape, self.difference.shape, self.variance.shape}
+        if len(shapes) > 1 or len(self.lit) != len(self.own):
+            raise CalibrationError(
+                f"photographs of different numbers: lit {self.lit.shape}, own {self.own.shape}, difference "
+                f"{self.difference.shape}, variance {self.variance.shape}; a row each, a column a place"
+            )
+        if not (self.variance > 0).all():
+            raise CalibrationError("a photograph has no variance at some place; every measurement is uncertain")
+
+    @classmethod
+    def none(cls, prior: TransportPrior) -> Photographs:
+        """Return no photograph at all."""
+        empty = np.zeros((0, len(prior.spread)))
+        return cls(lit=np.zeros((0, prior.transport.shape[1])), own=empty, difference=empty, variance=empty)
+
+    def and_(self, other: Photographs) -> Photographs:
+        """Return these, and others after them."""
+        names = ("lit", "own", "difference", "variance")
+        return Photographs(**{name: np.concatenate([getattr(self, name), getattr(other, name)]) for name in names})
+
+    def at(self, places: IntArray | slice) -> Photographs:
+        """Return what they say of some places."""
+        return Photographs(
+            lit=self.lit,
+            own=self.own[:, places],
+            difference=self.difference[:, places],
+            variance=self.variance[:, places],
+        )
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TransportPosterior:
+    """What prior and photographs together say."""
+
+    prior: TransportPrior
+    weights: FloatArray
+    """(N, D) the unknowns' means."""
+    told: FloatArray
+    """(N, K + 1, D) factor of what the photographs, and white, took off their covariance: 1 - toldᵀ told."""
+    surprise: FloatArray
+    """(N,) mean square of what was measured, in standard deviations that were expected: 1 for a prior that is right."""
+
+    @property
+    def change(self) -> FloatArray:
+        """(N, L) T - T₀."""
+        prior, n_kernel = self.prior, self.prior.kernel.shape[1]
+        relative = self.weights[:, :n_kernel] @ prior.kernel.T
+        open_ones = (prior.left * self.weights[:, n_kernel:-1]) @ prior.right
+        return np.asarray(prior.spread[:, None] * prior.base * relative + open_ones)
+
+    @property
+    def direct_change(self) -> FloatArray:
+        """(N,) of white's direct light, taken from its global light."""
+        return np.asarray(self.prior.own * self.weights[:, -1])
+
+    def expected(self, lit: FloatArray, own: FloatArray) -> FloatArray:
+        """Return (J, N) by how much pictures' light differs from the model's, for the arguments of `features`."""
+        return np.asarray(np.einsum("njd,nd->jn", self.prior.features(lit, own), self.weights))
+
+    def variance(self, lit: FloatArray, own: FloatArray) -> FloatArray:
+        """Return (J, N) variance of that light: what stays open."""
+        found = [self._variance(part, lit, own[:, part]) for part in _parts(len(self.weights))]
+        return np.concatenate(found, axis=1)
+
+    def _variance(self, part: slice, lit: FloatArray, own: FloatArray) -> FloatArray:
+        features = self.prior.at(part).features(lit, own)
+        told = features @ self.told[part].transpose(0, 2, 1)
+        return np.asarray(np.maximum((features**2).sum(axis=2) - (told**2).sum(axis=2), 0.0).T)
+
+
+def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPosterior:
+    """Combine a model's transport with photographs, place by place.
+
+    Parameters
+    ----------
+    prior : TransportPrior
+        Of N places.
+    photographs : Photographs
+        Of these places; white counts as one more, of which the model is right.
+
+    Returns
+    -------
+    TransportPosterior
+    """
+    parts = [_of_places(prior.at(part), photographs.at(part)) for part in _parts(len(prior.spread))]
+    weights, told, surprise = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return TransportPosterior(prior=prior, weights=weights, told=told, surprise=surprise)
+
+
+def fitted(
+    prior: TransportPrior, photographs: Photographs, alike: csr_array | None = None, worth: float = 1.0
+) -> TransportPosterior:
+    """Combine them after the prior's spread was brought to what the photographs' differences show it to be.
+
+    Parameters
+    ----------
+    prior : TransportPrior
+    photographs : Photographs
+    alike : (N, N) csr, optional
+        Weights, rows summing to 1, of the places about each at which the unknowns are taken to be the same: each has
+        the means of all. None: the places are some of many.
+    worth : float
+        How many independent measurements such a mean is worth.
+
+    Returns
+    -------
+    TransportPosterior
+    """
+    found = posterior(prior, photographs)
+    for _ in range(_ROUNDS if len(photographs.lit) else 0):
+        everywhere = np.full_like(found.surprise, found.surprise.mean())
+        surprise = everywhere if alike is None else np.asarray(alike @ found.surprise)
+        factor = np.clip(np.sqrt(surprise), 1 / _MOST_AT_ONCE, _MOST_AT_ONCE)
+        spread = np.clip(found.prior.spread * factor, *_SPREADS)
+        found = posterior(replace(prior, spread=spread), photographs)
+    found = posterior(found.prior, replace(photographs, variance=photographs.variance / worth))
+    return found if alike is None else replace(found, weights=np.asarray(alike @ found.weights))
+
+
+def _parts(count: int) -> Iterator[slice]:
+    return (slice(k, min(k + _AT_ONCE, count)) for k in range(0, count, _AT_ONCE))
+
+
+def _of_places(prior: TransportPrior, photographs: Photographs) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Means, what was told, and surprise of a few places."""
+    n_places, n_patches = prior.transport.shape
+    lit = np.concatenate([np.ones((1, n_patches)), photographs.lit])
+    own = np.concatenate([np.ones((1, n_places)), photographs.own])
+    features = prior.features(lit, own)
+    white = (_WHITE_SIGMA * np.maximum(prior.white, np.finfo(float).tiny)) ** 2
+    variance = np.concatenate([white[None], photographs.variance]).T
+    known = np.isfinite(variance)
+    difference = np.concatenate([np.zeros((1, n_places)), photographs.difference]).T
+    # Divided by its standard deviation; what was not measured tells nothing.
+    scale = np.where(known, 1 / np.sqrt(np.where(known, variance, 1.0)), 0.0)
+    rows, seen = features * scale[..., None], np.where(known, difference, 0.0) * scale
+    factor = np.linalg.cholesky(rows @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1]))
+    told = np.stack([solve_triangular(L, row, lower=True) for L, row in zip(factor, rows, strict=True)])
+    explained = np.stack([solve_triangular(L, each, lower=True) for L, each in zip(factor, seen, strict=True)])
+    weights = np.einsum("nkd,nk->nd", told, explained)
+    count = np.maximum(known[:, 1:].sum(axis=1), 1)
+    return weights, told, (explained[:, 1:] ** 2).sum(axis=1) / count

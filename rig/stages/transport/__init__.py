@@ -1,0 +1,1 @@
+"""Light transport learned from a few more photographs: step `transport`."""

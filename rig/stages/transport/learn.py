@@ -1,0 +1,197 @@
+"""A few more photographs, each of the picture that tells most: step `transport`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from calibration.light.transport.choice import NextPhotograph, Pictures, least_certain, next_photograph
+from calibration.light.transport.posterior import Photographs, TransportPosterior, fitted
+from calibration.structured_light.patterns import Pattern
+from rig.capture.rig import Rig
+from rig.profile.schema import Profile
+from rig.records import JsonObject, json_of
+from rig.session import Session, Step
+from rig.stages.linear_light import RadiometricCalibration, channel_light, merge_exposures
+from rig.stages.model import FittedScene, load_prior_model, transport_priors
+from rig.stages.photograph import ExposureBracket, photograph
+from rig.stages.prediction import picture_parts
+from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.transport.learned import BandPrior
+from rig.stages.transport.pictures import KnownPicture, fixed_pictures, of_patches, usual_pictures
+from rig.stages.transport.places import WORTH
+from rig.stages.transport.records import PhotographNote, TransportRecord, save_photographs
+from rig.terminal import OnStep, silent
+
+FloatArray = NDArray[np.float64]
+
+_ASKED_PLACES = 400
+"""SurfacePlaces at which the next picture is chosen; all of them say the same, more slowly."""
+_DIRECTIONS = 6
+"""Least certain directions that are among the candidates."""
+_WHITE_FRAMES = 4
+"""Frames of white at each exposure: one photograph has so many times its variance."""
+_UNEVEN = 0.001
+"""Of the light of a place, the least standard deviation of its mean: what neighbours have in common."""
+
+
+def transport_settings(session: Session) -> JsonObject:
+    """Return what step `transport` depends on."""
+    bracket = measuring_bracket(session)
+    return {
+        "photographs": session.profile.transport.photographs,
+        "exposures_s": json_of(bracket.exposures_s),
+        "repeats": bracket.repeats,
+    }
+
+
+def transport_frames(profile: Profile) -> int:
+    """Return how many frames step `transport` takes at most."""
+    patterns = profile.patterns
+    return profile.transport.photographs * len(patterns.exposures) * patterns.frames_averaged
+
+
+def learns_transport(profile: Profile) -> bool:
+    """Tell whether a profile asks for the step."""
+    return profile.transport.photographs > 0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _NextPicture:
+    """What the next picture is chosen with: some places of one band."""
+
+    band: BandPrior
+    chosen: NDArray[np.intp]
+    """SurfacePlaces that are asked."""
+    direct: csr_array
+    """(places, n pixels) direct light of the chosen ones, as a share of white's."""
+    noise_variance: FloatArray
+    usual: Pictures
+    fixed: list[KnownPicture]
+    fixed_seen: Pictures
+
+    @classmethod
+    def of(cls, band: BandPrior, white_variance: FloatArray, shape: tuple[int, int]) -> _NextPicture:
+        """Prepare for a band, of which white has a variance (H, W)."""
+        places = band.places
+        chosen = np.unique(np.linspace(0, places.count - 1, _ASKED_PLACES).astype(np.intp))
+        means = places.mean_of()
+        direct = csr_array(means[chosen] @ band.transport.direct_matrix)
+        white = np.maximum(np.asarray(direct.sum(axis=1)), np.finfo(float).tiny)
+        pixels = np.bincount(places.of_pixel[places.of_pixel >= 0], minlength=places.count)
+        noise = _WHITE_FRAMES * (means @ white_variance.ravel()) / pixels
+        fixed, shares = fixed_pictures(shape), csr_array(direct / white[:, None])
+        images = np.stack([each.image.ravel() for each in fixed], axis=1).astype(np.float64)
+        return cls(
+            band=band,
+            chosen=chosen,
+            direct=shares,
+            noise_variance=noise[chosen] / WORTH,
+            usual=_seen(band, shares, usual_pictures(shape)),
+            fixed=fixed,
+            fixed_seen=_seen(band, shares, images),
+        )
+
+    def next(self, known: Photographs, shape: tuple[int, int]) -> tuple[KnownPicture, NextPhotograph]:
+        """Choose the picture that tells most after some photographs."""
+        prior = self.band.prior.at(self.chosen)
+        found: TransportPosterior = fitted(prior, known.at(self.chosen), worth=WORTH)
+        directions = of_patches(least_certain(found, _DIRECTIONS), self.band.lit, shape)
+        images = np.stack([each.image.ravel() for each in directions], axis=1).astype(np.float64)
+        more = _seen(self.band, self.direct, images)
+        candidates = Pictures(
+            lit=np.concatenate([self.fixed_seen.lit, more.lit]), own=np.concatenate([self.fixed_seen.own, more.own])
+        )
+        best = next_photograph(found, candidates, self.usual, self.noise_variance)
+        return [*self.fixed, *directions][best.index], best
+
+    @property
+    def noise_rms(self) -> float:
+        """Of a photograph at a place and those about it."""
+        return float(np.sqrt(self.noise_variance.mean()))
+
+
+def _seen(band: BandPrior, direct: csr_array, images: FloatArray) -> Pictures:
+    return Pictures(lit=band.lit.shares(images), own=np.asarray((direct @ images).T))
+
+
+def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
+    """Step `transport`: photograph what tells most, until that is less than the noise or there are enough."""
+    model, radiometric = load_prior_model(session), load_radiometric_calibration(session)
+    most, bracket = session.profile.transport.photographs, measuring_bracket(session)
+    bands, shape = transport_priors(session), rig.projector.shape
+    middle = len(bands) // 2
+    search = _NextPicture.of(bands[middle], model.white_variance[..., middle], shape)
+    known = [Photographs.none(band.prior) for band in bands]
+    notes: list[PhotographNote] = []
+    to_levels = 255 / model.level
+    while True:
+        on_step("photograph what tells most of the light", len(notes), most)
+        picture, best = search.next(known[middle], shape)
+        if len(notes) == most or best.brings < search.noise_rms:
+            break
+        pattern = Pattern(f"transport-{len(notes):02d}", np.where(picture.image, 255, 0).astype(np.uint8))
+        photograph(rig, session, step, [pattern], bracket=bracket, n_patterns=1, on_step=silent)
+        taken = _evidence(model, radiometric, bands, step=step, pattern=pattern, bracket=bracket)
+        known = [before.and_(more) for before, more in zip(known, taken, strict=True)]
+        notes.append(_note(pattern.name, picture, best, to_levels))
+    on_step("photograph what tells most of the light", most, most)
+    save_photographs(step, known)
+    step.save_record(
+        "transport",
+        TransportRecord(
+            photographs=tuple(notes),
+            another_brings=best.brings * to_levels,
+            noise_of_place=search.noise_rms * to_levels,
+            rms_left=best.rms_now * to_levels,
+        ),
+    )
+
+
+def _note(name: str, picture: KnownPicture, best: NextPhotograph, to_levels: float) -> PhotographNote:
+    return PhotographNote(
+        name=name,
+        kind=picture.kind,
+        lit_share=float(picture.image.mean()),
+        brings=best.brings * to_levels,
+        rms_before=best.rms_now * to_levels,
+    )
+
+
+def _evidence(
+    model: FittedScene,
+    radiometric: RadiometricCalibration,
+    bands: tuple[BandPrior, ...],
+    *,
+    step: Step,
+    pattern: Pattern,
+    bracket: ExposureBracket,
+) -> list[Photographs]:
+    """What one photograph says in each band."""
+    measured = merge_exposures(step, pattern.name, bracket, radiometric)
+    light = channel_light(radiometric.projector, pattern.codes).reshape(-1, model.channels).astype(np.float64)
+    mixing = model.room.mixing
+    mixed = (light @ mixing.T) / mixing.sum(axis=1)
+    found = []
+    for b, band in enumerate(bands):
+        parts = picture_parts(model, radiometric, band=b, light=mixed[:, b])
+        variance = measured.variance[..., b] + parts.variance + parts.moved_by(model.uncertainty.split[..., b]) ** 2
+        usable = ~measured.saturated[..., b] & (variance > 0)
+        weight = np.where(usable, 1 / np.where(usable, variance, 1.0), 0.0)
+        means = band.places.mean_of(weight)
+        off = means @ (measured.value[..., b] - parts.value).ravel()
+        own = (means @ parts.direct.ravel()) / np.maximum(means @ parts.white_direct.ravel(), np.finfo(float).tiny)
+        spread = np.asarray(means.power(2) @ variance.ravel()) + (_UNEVEN * (means @ parts.value.ravel())) ** 2
+        spread = np.where(np.asarray(means.sum(axis=1)) > 0, spread, np.inf)
+        found.append(
+            Photographs(
+                lit=band.lit.shares(mixed[:, b : b + 1]),
+                own=own[None],
+                difference=off[None],
+                variance=np.maximum(spread, np.finfo(float).tiny)[None],
+            )
+        )
+    return found
