@@ -70,7 +70,8 @@ class Simulation:
     irradiance: FloatArray
     """(P, C) from other patches, H = F B; 1 = white."""
     slopes: FloatArray | None
-    """(P, 3, C) gradients of the irradiance in each patch's plane [1/m]; None: one number a patch."""
+    """(P, 3, C) gradients of the irradiance in each patch's plane [1/m], which hold where it is not negative; None: one
+    number a patch."""
     factors: FormFactorOperator
     spectral_radius: float
     """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
@@ -102,7 +103,9 @@ class Simulation:
         if self.slopes is None:
             return values
         offset = pieces.centres - np.tile(self.cells.centres, (each, 1))
-        return np.asarray(values + np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1))))
+        # No light is below 0, so that the field's negative part is nearer to the truth as 0, whatever that is.
+        values += np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1)))
+        return np.asarray(np.maximum(values, 0.0))
 
     @property
     def energy_balance(self) -> float:
