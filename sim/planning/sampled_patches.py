@@ -38,7 +38,7 @@ NOISE_SHARE, NOISE_POWER = 0.5, 1.4
 BIAS = 1.4
 """What senders of one number a patch change, over what their slopes tell: shadows within them count as much."""
 BIAS_SHARE = 0.5
-"""Of the goal's square; where senders change more than that, those that vary most are quartered, and light bounces anew."""
+"""Of the goal's square; where senders change more, those that vary most are quartered, and light bounces anew."""
 SENDERS_CUT = 0.9
 """Of the squared variation within all patches, that quartered ones hold."""
 CUT_GAIN = 0.6
