@@ -24,7 +24,7 @@ Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 """(N,) irradiance from points (N, 3) [m], normals (N, 3) and regions (N,); 1 = white."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lighting:
     """How white light falls on a scene, by name."""
 
@@ -66,12 +66,18 @@ def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
     word_of("light", name, TEST_LIGHTINGS)
     if name == "uniform":
         return Lighting(
-            name, "white light 1 on every surface", lambda points, _normals, _region: np.ones(len(points)), even=True
+            name=name,
+            description="white light 1 on every surface",
+            irradiance=lambda points, _normals, _region: np.ones(len(points)),
+            even=True,
         )
     if name == "floor":
         lit = _floor(cells)
         return Lighting(
-            name, "white light 1 on the floor", lambda _points, _normals, region: (region == lit) * 1.0, even=True
+            name=name,
+            description="white light 1 on the floor",
+            irradiance=lambda _points, _normals, region: (region == lit) * 1.0,
+            even=True,
         )
     light = _projector(cells)
     if not emission(cells.quarters().quarters(), light).irradiance.any():
@@ -103,10 +109,10 @@ def _projector(cells: AdaptivePatches) -> Lighting:
 
     x, y, z = pose.position_m
     return Lighting(
-        "projector",
-        f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide",
-        irradiance,
-        pose.position_m,
+        name="projector",
+        description=f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide",
+        irradiance=irradiance,
+        source_m=pose.position_m,
     )
 
 
