@@ -1,4 +1,4 @@
-"""Does a plan by rays keep its tolerance? Random corners, 500 facets and more, against solutions on their quarters.
+"""Does a plan by rays keep its tolerance? Random corners, 500 facets and more, against solutions on their sixteenths.
 
     .venv/bin/python benchmarks/mesh_honesty.py 30 3 500 3000
 
@@ -26,7 +26,7 @@ def main(scenes: int, tolerance: float, fewest: int, most: int) -> int:
         planned = time.perf_counter()
         simulation = simulate(made.cells, made.light, made.model)
         solved = time.perf_counter()
-        actual = 100 * refined_check(simulation, made.light, made.model, 4 * made.patches).rms
+        actual = 100 * refined_check(simulation, made.light, made.model, 16 * made.patches).rms
         kept += actual <= tolerance
         print(
             f"| {scene.name} | {scene.n_patches} | {made.patches} | {made.error_percent:.2f} | {actual:.2f} "

@@ -20,7 +20,7 @@ from rig.offline.records import (
     SimulationOutcome,
     SimulationResult,
 )
-from rig.terminal import OnStep, silent
+from rig.terminal import OnStep, in_percent, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.mending.mend import MendedMesh
@@ -177,9 +177,16 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     lamp = request.projector or light
 
     def make_plan(scene: GlossyScene, tolerance: float, by_rays: bool = False) -> Plan:
-        reflectances = scene.reflectances(request.reflectance)
+        surface, reflectances = scene.as_matte, scene.reflectances(request.reflectance)
+        label = "plan" if request.seconds is None else f"plan for {tolerance:.2g} %"
         return plan(
-            scene.as_matte, tolerance, lamp, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays
+            surface,
+            tolerance,
+            lamp,
+            memory_limit_mb=memory_mb,
+            reflectances=reflectances,
+            by_rays=by_rays,
+            on_progress=in_percent(label, on_step),
         )
 
     try:
@@ -259,7 +266,7 @@ def run_planned(
     started = time.perf_counter()
     tracemalloc.start()
     try:
-        simulation = simulate(planned.cells, planned.light, planned.model)
+        simulation = simulate(planned.cells, planned.light, planned.model, in_percent("simulate", on_step))
         if to_do.gloss is not None:
             glossy = glossy_simulation(simulation, planned.light, to_do.gloss)
         seconds = time.perf_counter() - started

@@ -35,6 +35,11 @@ def part_of(on_step: OnStep, before: int, total: int) -> OnStep:
     return lambda label, done, _: on_step(label, before + done, total)
 
 
+def in_percent(label: str, on_step: OnStep) -> Callable[[float], None]:
+    """Return what a computation tells the share to that it has done, shown as percent of a step."""
+    return lambda share: on_step(label, int(100 * share), 100)
+
+
 class TerminalProgress:
     """A bar on stderr while a step is at work, a line for each that is finished; plain lines without a terminal.
 

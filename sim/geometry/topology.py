@@ -145,6 +145,14 @@ class Topology:
         flat = (sine < PARALLEL) & ((self.normals[first] * self.normals[second]).sum(axis=1) > 0)
         return _connected(self.n_patches, first[flat], second[flat])
 
+    @property
+    def _one_of_each(self) -> FloatArray:
+        """(V, 3) corners, each place once, or more often where corners were welded that differ a little [m]."""
+        corners = self.vertices.reshape(-1, 3)
+        _, first, number = np.unique(self.corner, return_index=True, return_inverse=True)
+        once = corners[first]
+        return once if (once[number.reshape(-1)] == corners).all() else np.unique(corners, axis=0)
+
     @cached_property
     def covers(self) -> BoolArray:
         """(P,) patches that something lies behind, so that they may stand between two others."""
@@ -154,7 +162,7 @@ class Topology:
         normals = total / np.linalg.norm(total, axis=1, keepdims=True)
         height = np.einsum("pkc,pc->p", self.vertices, normals[self.region]) / 4
         offset = np.bincount(self.region, weights * height, n) / np.bincount(self.region, weights, n)
-        behind = _lowest(normals, self.vertices) < offset - 2 * WELD * self.size_m
+        behind = _lowest(normals, self._one_of_each) < offset - 2 * WELD * self.size_m
         return np.asarray(behind[self.region])
 
 
@@ -246,9 +254,8 @@ def _on_line(points: FloatArray, a: FloatArray, b: FloatArray) -> tuple[FloatArr
     return along, np.linalg.norm(points - a - along[:, None] * line, axis=1)
 
 
-def _lowest(directions: FloatArray, vertices: FloatArray) -> FloatArray:
-    """(N,) smallest coordinate of any corner along each direction [m]."""
-    points = np.unique(vertices.reshape(-1, 3), axis=0)
+def _lowest(directions: FloatArray, points: FloatArray) -> FloatArray:
+    """(N,) smallest coordinate of any of the (V, 3) points along each direction [m]."""
     sizes = np.linalg.svd(points - points.mean(axis=0), compute_uv=False, full_matrices=False)
     if len(points) < 5 or sizes[-1] < 1e-6 * sizes[0]:
         return _lowest_of_all(directions, points)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -24,7 +25,7 @@ Irradiance = Callable[[FloatArray, FloatArray, IntArray], FloatArray]
 """(N,) irradiance from points (N, 3) [m], normals (N, 3) and regions (N,); 1 = white."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Lighting:
     """How white light falls on a scene, by name."""
 
@@ -33,6 +34,8 @@ class Lighting:
     irradiance: Irradiance
     source_m: FloatArray | None = None
     """(3,) where all of it comes from [m]; None: from everywhere alike."""
+    even: bool = False
+    """One number on each region: one point of a patch tells it all."""
 
 
 TEST_LIGHTINGS = ("projector", "floor", "uniform")
@@ -85,10 +88,20 @@ def make_test_lighting(name: str | PlacedProjector, cells: AdaptivePatches) -> L
         return _lighting_something(name, cells)
     word_of("light", name, TEST_LIGHTINGS)
     if name == "uniform":
-        return Lighting(name, "white light 1 on every surface", lambda points, _normals, _region: np.ones(len(points)))
+        return Lighting(
+            name=name,
+            description="white light 1 on every surface",
+            irradiance=lambda points, _normals, _region: np.ones(len(points)),
+            even=True,
+        )
     if name == "floor":
         lit = _floor(cells)
-        return Lighting(name, "white light 1 on the floor", lambda _points, _normals, region: (region == lit) * 1.0)
+        return Lighting(
+            name=name,
+            description="white light 1 on the floor",
+            irradiance=lambda _points, _normals, region: (region == lit) * 1.0,
+            even=True,
+        )
     return _lighting_something(standard_projector(cells), cells)
 
 
@@ -136,10 +149,10 @@ def _projector(placed: PlacedProjector, cells: AdaptivePatches) -> Lighting:
 
     x, y, z = pose.position_m
     return Lighting(
-        "projector",
-        f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, {placed.hfov_deg:g} degrees wide",
-        irradiance,
-        pose.position_m,
+        name="projector",
+        description=f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, {placed.hfov_deg:g} degrees wide",
+        irradiance=irradiance,
+        source_m=pose.position_m,
     )
 
 
@@ -153,8 +166,28 @@ class Emission:
     """(P,) of the irradiance within each patch."""
 
 
+_known: WeakKeyDictionary[AdaptivePatches, tuple[Lighting, Emission]] = WeakKeyDictionary()
+
+
 def emission(cells: AdaptivePatches, light: Lighting) -> Emission:
-    """Return the mean and variance of a lighting over each patch."""
+    """Return the mean and variance of a lighting over each patch, found once: a plan's patches are simulated next."""
+    kept = _known.get(cells)
+    if kept is None or kept[0] is not light:
+        kept = light, _even(cells, light) if light.even else _uneven(cells, light)
+        _known[cells] = kept
+    return kept[1]
+
+
+def remember_emission(cells: AdaptivePatches, light: Lighting, known: Emission) -> None:
+    """Keep the light on patches that was found piece by piece."""
+    _known[cells] = light, known
+
+
+def _even(cells: AdaptivePatches, light: Lighting) -> Emission:
+    return Emission(light.irradiance(cells.centres, cells.normals, cells.region), np.zeros(cells.n_patches))
+
+
+def _uneven(cells: AdaptivePatches, light: Lighting) -> Emission:
     mean, variance = _sampled(cells, light, SAMPLES)
     varies = variance > 1e-12
     if varies.any():

@@ -20,6 +20,7 @@ from sim.arrays import FloatArray, IntArray
 from sim.form_factors.sampled import MOST_RAYS, RaySample, SampledFormFactors, sampled_form_factors
 from sim.geometry.surface import Surface
 from sim.light.radiosity import Radiosity
+from sim.progress import OnProgress, unheard
 
 GAIN = 1.4
 """Variance falls as rays^-GAIN: 1.43 from 64 to 1,024 rays in the corner with a ball, 1.3 in random corners."""
@@ -46,7 +47,14 @@ class SampledLight:
 
 
 def sampled_light(
-    surface: Surface, E: FloatArray, reflectance: FloatArray, *, error: float, seed: int = 0, most_rays: int = MOST_RAYS
+    surface: Surface,
+    E: FloatArray,
+    reflectance: FloatArray,
+    *,
+    error: float,
+    seed: int = 0,
+    most_rays: int = MOST_RAYS,
+    on_progress: OnProgress = unheard,
 ) -> SampledLight:
     """Return form factors by as many rays as the radiosity of an emission asks for.
 
@@ -63,6 +71,8 @@ def sampled_light(
         Another one for other rays.
     most_rays : int
         Of a patch; where they are not enough, ``error`` of the result says so.
+    on_progress : callable
+        Is told the share of the rays that are sent, after each round.
 
     Returns
     -------
@@ -78,6 +88,8 @@ def sampled_light(
     goal = error**2 * float(surface.areas.sum())
     while True:
         light, weights = _solved(sample, E, reflectance, error)
+        # As many rays as bring the error that is left to the wanted one.
+        on_progress(min(1.0, (error / max(light.error, error)) ** (2 / GAIN)))
         variance = _variance(sample, light.B)
         if weights @ variance <= goal or (sample.rays >= most_rays).all():
             return light

@@ -26,8 +26,12 @@ from sim.planning.adapt import gradients
 PIECES = 16
 SEEN_OF_LINEAR = 15 / 16
 """Share of the squared variation of a linear field that shows between the sixteenths of a patch."""
-SEEN_BESIDE_LINEAR = 0.7
-"""Of a field that bends or steps: 0.70 of x^2 over four pieces in a row."""
+SEEN_OF_BEND, SEEN_OF_STEP = 0.7, 0.47
+"""Of what is left beside the slope, over lines in all directions through squares and triangles: 0.70 to 0.78 where a
+field bends, 0.66 to 0.76 where it bends sharply, 0.42 to 0.50 where it steps."""
+STEP_SHARE, STEP_HEIGHT = 0.1, 0.03
+"""It is taken for a step where that is more than this share of the squared variation, and its root more than this share
+of the light: of a step across the middle a quarter is left."""
 FREE = 3
 """Degrees of freedom that the noise of sixteenths has at least: they share their directions."""
 PATCHES_AT_A_TIME = 1 << 12
@@ -69,8 +73,8 @@ class Variation:
     """(P,) squared, of what one number and the slopes leave."""
     noise: FloatArray
     """(P,) standard deviation of both."""
-    shift: FloatArray
-    """(P,) squared, of what senders' slopes add to the mean irradiance."""
+    shifts: FloatArray
+    """(P, 2) what senders' slopes add to the mean irradiance, by either stream of rays."""
 
 
 def gathered(cells: AdaptivePatches, own: IntArray, senders: Senders, *, rays: int, stream: int) -> FloatArray:
@@ -112,11 +116,16 @@ def variation_within(cells: AdaptivePatches, own: IntArray, senders: Senders, *,
     one, other = (light[..., 1] - mean[:, 1] for light, mean in zip(both, means, strict=True))
     left, right = (_beside_linear(light, offset, share) for light in (one, other))
     noise = (share * (left - right) ** 2).sum(axis=0) / 2
+    beside_constant = (share * one * other).sum(axis=0) / SEEN_OF_LINEAR
+    beside_linear = (share * left * right).sum(axis=0)
+    middle = (means[0][:, 1] + means[1][:, 1]) / 2
+    step = (beside_linear > STEP_SHARE * beside_constant) & (beside_linear > (STEP_HEIGHT * middle) ** 2)
+    seen = np.where(step, SEEN_OF_STEP, SEEN_OF_BEND)
     return Variation(
-        beside_constant=(share * one * other).sum(axis=0) / SEEN_OF_LINEAR,
-        beside_linear=(share * left * right).sum(axis=0) / SEEN_BESIDE_LINEAR,
-        noise=noise / np.sqrt(FREE) / SEEN_BESIDE_LINEAR,
-        shift=np.prod([mean[:, 1] - mean[:, 0] for mean in means], axis=0),
+        beside_constant=beside_constant,
+        beside_linear=beside_linear / seen,
+        noise=noise / np.sqrt(FREE) / seen,
+        shifts=np.stack([mean[:, 1] - mean[:, 0] for mean in means], axis=1),
     )
 
 
@@ -144,7 +153,7 @@ class LinearLight:
     """Slopes of the irradiance within patches, and how well they are known."""
 
     slopes: FloatArray
-    """(P, 3) gradients in each patch's plane [1/m]."""
+    """(P, 3) gradients in each patch's plane [1/m]; where they make light negative there is none."""
     squared_error: FloatArray
     """(P,) of the linear field that they make, mean over each patch, without bias: may be negative for one patch."""
 
@@ -180,16 +189,9 @@ def linear_light(sample: RaySample, cells: AdaptivePatches, B: FloatArray, irrad
     believed = differs > SURE * noise
     slopes = np.where(believed[:, None], measured, beside)
     return LinearLight(
-        slopes=_nowhere_negative(cells, np.einsum("pa,pak->pk", slopes, axes), irradiance),
+        slopes=np.einsum("pa,pak->pk", slopes, axes),
         squared_error=np.where(believed, noise, differs - noise),
     )
-
-
-def _nowhere_negative(cells: AdaptivePatches, slopes: FloatArray, irradiance: FloatArray) -> FloatArray:
-    """Slopes made less where the light would be negative in a corner: there are no such lights."""
-    corners = np.einsum("pk,pnk->pn", slopes, cells.vertices - cells.centres[:, None])
-    lowest = np.maximum(-corners.min(axis=1), 1e-300)
-    return np.asarray(slopes * np.minimum(1.0, irradiance / lowest)[:, None])
 
 
 def _mean_square(slopes: FloatArray, moments: FloatArray) -> FloatArray:

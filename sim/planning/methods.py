@@ -62,3 +62,11 @@ def largest_sampled(memory_mb: float, error: float) -> int:
 def rays_pay(patches: int, error: float, exact: float) -> bool:
     """Tell if rays, and finding patches by them, are so much faster than exact factors that their noise is worth it."""
     return PREFER_EXACT * (sampled_s(patches, error) + PLANNING_RAYS * RAY_S * patches) < exact
+
+
+def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
+    """Return the bounces after which what is left, r^(n + 1) / (1 - r), is below a tenth of the tolerance."""
+    if spectral_radius <= 0:
+        return 0
+    left = tolerance_percent / 1000 * (1 - spectral_radius)
+    return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1

@@ -38,6 +38,7 @@ from sim.planning.cost import (
 )
 from sim.planning.methods import (
     RAY_PRODUCT_S,
+    bounces_needed,
     exact_s,
     largest_sampled,
     rays_needed,
@@ -47,6 +48,7 @@ from sim.planning.methods import (
 )
 from sim.planning.sampled_patches import patches_by_rays
 from sim.planning.simulation import Model, simulate
+from sim.progress import OnProgress, unheard
 
 SAFETY = 1.25
 """The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
@@ -108,6 +110,7 @@ def plan(
     memory_limit_mb: float = 4096.0,
     reflectances: tuple[float, ...] | None = None,
     by_rays: bool = False,
+    on_progress: OnProgress = unheard,
 ) -> Plan:
     """Return the cheapest model of a surface that meets a tolerance.
 
@@ -125,6 +128,8 @@ def plan(
         One for each colour, the same on all surfaces, instead of the surface's own.
     by_rays : bool
         Form factors by rays whatever they cost: they create no light where patches cut or cover each other.
+    on_progress : callable
+        Is told the share that is done, as far as it can be known.
 
     Returns
     -------
@@ -152,10 +157,10 @@ def plan(
         residual=SOLVER_SHARE * tolerance_percent / 100,
     )
     search = _Search(whole, chosen_light, model, tolerance=tolerance_percent / 100, memory_limit_mb=memory_limit_mb)
+    search.on_progress = on_progress
     search.run(by_rays)
     model = replace(search.model_for(search.cells), reflectances=colours)
-    channels = 1 if colours is None else len(colours)
-    radius = search.spectral_radius
+    channels, radius = 1 if colours is None else len(colours), search.spectral_radius
     products = products_needed(radius, model.residual)
     cost = _cost(search, model, products, channels)
     bounces = bounces_needed(radius, tolerance_percent)
@@ -202,6 +207,7 @@ class _Search:
         )
         self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
         self.correction = 1.0
+        self.on_progress: OnProgress = unheard
 
     def run(self, by_rays: bool = False) -> None:
         """Find the patches."""
@@ -215,6 +221,7 @@ class _Search:
             self.correction = self._missed(probe)
             self._meet_tolerance(probe)
             needed = self._needed()
+            self.on_progress(min(1.0, probe_cells.n_patches / needed))
             if needed <= probe_cells.n_patches * (REACH if adapted else 0.5):
                 break
             if needed > self.most_cells:
@@ -237,6 +244,7 @@ class _Search:
             goal=PATCHES_SHARE * self.tolerance,
             check_size=self._check_size,
             seed=self.model.seed,
+            on_progress=self.on_progress,
         )
         self.timing = StepTiming(self.cells.n_patches, 0.0, time.perf_counter() - started)
         self.spectral_radius = self.sampled.spectral_radius
@@ -348,14 +356,6 @@ def _visibility(cells: AdaptivePatches, tolerance_percent: float) -> Visibility:
     if cells.convex or len(cells.occluders) == 0:
         return "none"
     return "fair" if tolerance_percent >= FAIR_TOLERANCE else "exact"
-
-
-def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:
-    """Return the bounces after which what is left, r^(n + 1) / (1 - r), is below a tenth of the tolerance."""
-    if spectral_radius <= 0:
-        return 0
-    left = tolerance_percent / 1000 * (1 - spectral_radius)
-    return max(1, int(np.ceil(np.log(left) / np.log(spectral_radius))) - 1) if left < spectral_radius else 1
 
 
 def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> tuple[str, ...]:

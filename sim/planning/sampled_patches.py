@@ -14,29 +14,33 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.form_factors.sampled import FIRST_RAYS, RaySample
 from sim.geometry.adaptive_patches import AdaptivePatches, joined
-from sim.light.lighting import Emission, Lighting, emission
+from sim.light.lighting import Emission, Lighting, emission, remember_emission
 from sim.planning.adapt import gradients, squared_light_edges
 from sim.planning.linear_light import Senders, Variation, variation_within
+from sim.progress import OnProgress, unheard
 
 QUARTERS = 4
 SAFETY = 1.15
 """The error that is expected over the one measured."""
 TOTAL_SURE = 2.0
 """Standard deviations that are added to the sum of all."""
-MOST_MEASURED = 4096
-"""Of more patches a choice, even over the surface, tells whether one number a patch is enough."""
+MEASURED = (1024, 4096)
+"""Of more patches a choice, even over the surface, tells whether one number a patch is enough: a small one where it
+suffices to tell."""
 FEWEST_RAYS, PIECE_RAYS, MOST_RAYS = 8, 32, 128
 """Of a sixteenth, to measure with: more where noise hides whether the goal is met, fewer of pieces, which are small."""
 NOISE_SHARE, NOISE_POWER = 0.5, 1.4
 """Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them."""
-BIAS = 2.0
+BIAS = 1.4
 """What senders of one number a patch change, over what their slopes tell: shadows within them count as much."""
 BIAS_SHARE = 0.5
-"""Of the goal's square; where senders change more than that, all patches are quartered."""
+"""Of the goal's square; where senders change more, those that vary most are quartered, and light bounces anew."""
+SENDERS_CUT = 0.9
+"""Of the squared variation within all patches, that quartered ones hold."""
 CUT_GAIN = 0.6
 """Of a patch's squared error, that quarters are expected to lose: 0.5 at a shadow's edge, 0.94 where light bends."""
 AIM = 0.95
@@ -44,6 +48,10 @@ AIM = 0.95
 MUCH_LESS = 16.0
 """Patches of so many times less squared error than the worst wait for the next round."""
 MOST_ROUNDS = 16
+MOST_LOOKS = 12
+"""At all patches anew; a corner with much trapped light takes four."""
+FIRST_DONE, RAYS_DONE, NUMBERS_DONE, MEASURED_DONE = 0.3, 0.5, 0.6, 0.8
+"""Shares of the work after its parts, roughly."""
 RELOOK = 1.1
 """Times the patches of the start from which on light bounces between the pieces, and those are judged again."""
 PROBE_ERROR, PROBE_POWER = 0.01, 1.4
@@ -75,7 +83,13 @@ class SampledPatches:
 
 
 def patches_by_rays(
-    start: AdaptivePatches, light: Lighting, *, goal: float, check_size: Callable[[int], None], seed: int = 0
+    start: AdaptivePatches,
+    light: Lighting,
+    *,
+    goal: float,
+    check_size: Callable[[int], None],
+    seed: int = 0,
+    on_progress: OnProgress = unheard,
 ) -> SampledPatches:
     """Return the fewest patches whose light is within ``goal`` of the one that varies within them.
 
@@ -90,33 +104,83 @@ def patches_by_rays(
         Raises an error where so many patches are too many.
     seed : int
         Of the rays.
+    on_progress : callable
+        Is told the share that is done, as far as it can be known.
 
     Returns
     -------
     SampledPatches
         After some rounds the error may still be above the goal.
+
+    Raises
+    ------
+    SimulationError
+        Where more patches hardly help, or those found are lit otherwise than the ones before them, again and again.
     """
-    check_size(start.n_patches)
-    lit = emission(start, light)
-    B, radius = _bounced(start, lit, goal=goal, seed=seed)
-    pieces = _Pieces(start, light, lit, B=B, goal=goal, stream=seed + OTHER_STREAM)
-    constant = pieces.error_of_numbers()
-    if constant <= goal:
-        return SampledPatches(cells=start, linear=False, error=constant, spectral_radius=radius)
-    pieces.measure_all()
-    if pieces.bias**2 > BIAS_SHARE * goal**2:
-        return patches_by_rays(start.quarters(), light, goal=goal, check_size=check_size, seed=seed)
-    for _ in range(MOST_ROUNDS):
-        if pieces.error <= goal:
-            break
-        before = pieces.cells.n_patches, pieces.error
-        pieces.cut()
-        check_size(pieces.cells.n_patches)
-        _check_progress(before, (pieces.cells.n_patches, pieces.error), goal)
-    if pieces.cells.n_patches > RELOOK * start.n_patches:
-        # Pieces may be lit otherwise than the patches that they were cut from: light is trapped beside some.
-        return patches_by_rays(pieces.settled, light, goal=goal, check_size=check_size, seed=seed)
-    return SampledPatches(cells=pieces.settled, linear=True, error=pieces.error, spectral_radius=radius)
+    for _ in range(MOST_LOOKS):
+        look = _Look(start, light, goal=goal, check_size=check_size, seed=seed, on_progress=on_progress)
+        found = look.found()
+        if found is not None:
+            return found
+        start = look.cells
+    raise SimulationError(
+        f"{start.n_patches:,} patches, made {MOST_LOOKS} times from coarser ones, still change the light by more than "
+        f"{100 * goal:.2g} %: light is trapped between surfaces that cut through each other; try a tolerance of "
+        f"{200 * goal:.2g} %, or cut them where they meet"
+    )
+
+
+class _Look:
+    """Light bounced between some patches, and what it says of them."""
+
+    def __init__(
+        self,
+        start: AdaptivePatches,
+        light: Lighting,
+        *,
+        goal: float,
+        check_size: Callable[[int], None],
+        seed: int,
+        on_progress: OnProgress,
+    ) -> None:
+        self.cells, self.light, self.goal, self.seed = start, light, goal, seed
+        self.check_size, self.on_progress = check_size, on_progress
+
+    def found(self) -> SampledPatches | None:
+        """Return the patches, or None where others are to be begun with: then they are ``cells``."""
+        start, goal = self.cells, self.goal
+        self.check_size(start.n_patches)
+        lit = emission(start, self.light)
+        bounces = _Bounces(start, goal=goal, seed=self.seed, on_progress=self.on_progress)
+        pieces = _Pieces(start, self.light, lit, bounces=bounces, goal=goal, stream=self.seed + OTHER_STREAM)
+        radius = pieces.spectral_radius
+        constant = pieces.error_of_numbers()
+        if constant <= goal:
+            return SampledPatches(cells=start, linear=False, error=constant, spectral_radius=radius)
+        self.on_progress(NUMBERS_DONE)
+        pieces.measure_all()
+        if pieces.bias**2 > BIAS_SHARE * goal**2:
+            pieces.cut_senders()
+            self.cells = pieces.settled
+            return None
+        self._cut(pieces)
+        self.cells = pieces.settled
+        if self.cells.n_patches > RELOOK * start.n_patches:
+            # Pieces may be lit otherwise than the patches that they were cut from: light is trapped beside some.
+            return None
+        return SampledPatches(cells=self.cells, linear=True, error=pieces.error, spectral_radius=radius)
+
+    def _cut(self, pieces: _Pieces) -> None:
+        first = max(pieces.error, self.goal * (1 + 1e-9))
+        for _ in range(MOST_ROUNDS):
+            way = np.log(first / max(pieces.error, self.goal)) / np.log(first / self.goal)
+            self.on_progress(MEASURED_DONE + (1 - MEASURED_DONE) * float(way))
+            if pieces.error <= self.goal:
+                break
+            before = pieces.cells.n_patches, pieces.error
+            pieces.cut()
+            self.check_size(pieces.cells.n_patches)
+            _check_progress(before, (pieces.cells.n_patches, pieces.error), self.goal)
 
 
 def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: float) -> None:
@@ -132,34 +196,45 @@ def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: flo
         )
 
 
-def _bounced(cells: AdaptivePatches, lit: Emission, *, goal: float, seed: int) -> tuple[FloatArray, float]:
-    """(P,) radiosity by a few rays, and the share of the light that a bounce keeps."""
-    rays = FIRST_RAYS * max(1.0, PROBE_ERROR / goal) ** PROBE_POWER
-    sample = RaySample.first(cells, seed)
-    sample.lengthen(2 ** round(np.log2(min(rays, MOST_PROBE_RAYS))))
-    term = cells.reflectance * lit.irradiance
-    B, kept = term.copy(), 0.0
-    for _ in range(MOST_BOUNCES):
-        before, sent = kept, float(cells.areas @ term)
-        if sent <= 0:
-            break
-        term = cells.reflectance * sample.halves(term).mean
-        B, kept = B + term, min(float(cells.areas @ term) / sent, 1 - STEADY)
-        if abs(kept - before) <= STEADY * (1 - kept):
-            break
-    return B + term * kept / (1 - kept), kept
+class _Bounces:
+    """Light that a few rays of each patch carry from bounce to bounce."""
+
+    def __init__(self, cells: AdaptivePatches, *, goal: float, seed: int, on_progress: OnProgress) -> None:
+        rays = FIRST_RAYS * max(1.0, PROBE_ERROR / goal) ** PROBE_POWER
+        self.cells, self.kept = cells, 0.0
+        self.sample = RaySample.first(cells, seed)
+        on_progress(FIRST_DONE)
+        self.sample.lengthen(2 ** round(np.log2(min(rays, MOST_PROBE_RAYS))))
+        on_progress(RAYS_DONE)
+
+    def all_of(self, E: FloatArray) -> FloatArray:
+        """(P,) radiosity by an emission (P,); ``kept`` is then the share of the light that a bounce keeps."""
+        cells, term, B = self.cells, E, E.copy()
+        kept, sent = 0.0, float(cells.areas @ np.abs(E))
+        for _ in range(MOST_BOUNCES):
+            if sent <= 0:
+                break
+            term = cells.reflectance * self.sample.halves(term).mean
+            left, before = float(cells.areas @ np.abs(term)), kept
+            B, kept, sent = B + term, min(left / sent, 1 - STEADY), left
+            if abs(kept - before) <= STEADY * (1 - kept):
+                break
+        self.kept = kept
+        return B + term * kept / (1 - kept)
 
 
 class _Pieces:
     """Patches on their way to pieces within which light is linear enough."""
 
     def __init__(
-        self, start: AdaptivePatches, light: Lighting, lit: Emission, *, B: FloatArray, goal: float, stream: int
+        self, start: AdaptivePatches, light: Lighting, lit: Emission, *, bounces: _Bounces, goal: float, stream: int
     ) -> None:
         self.start, self.light, self.lit, self.goal, self.stream = start, light, lit, goal, stream
         self.area = float(start.areas.sum())
-        self.senders = Senders.even(start, B)
-        self.cells, self.own = start, np.arange(start.n_patches)
+        self.bounces = bounces
+        self.senders = Senders.even(start, bounces.all_of(start.reflectance * lit.irradiance))
+        self.spectral_radius = bounces.kept
+        self.cells, self.own, self.lit_cells = start, np.arange(start.n_patches), lit
         self.rays, self.bias = FEWEST_RAYS, 0.0
         self.edges = squared_light_edges(start, lit.variance, start)
         self.doubt = 0.0
@@ -167,7 +242,15 @@ class _Pieces:
 
     def error_of_numbers(self) -> float:
         """Return the error that one number a patch leaves, from a choice of patches that is even over the surface."""
-        count = min(self.start.n_patches, MOST_MEASURED)
+        error = np.inf
+        for most in MEASURED:
+            count = min(self.start.n_patches, most)
+            error = self._error_of_some(count)
+            if error <= self.goal or count == self.start.n_patches:
+                break
+        return error
+
+    def _error_of_some(self, count: int) -> float:
         chosen, weight = np.arange(count), np.ones(count)
         if count < self.start.n_patches:
             shares = np.cumsum(self.start.areas) / self.area
@@ -193,8 +276,11 @@ class _Pieces:
         self.rays = int(np.clip(2 ** np.ceil(np.log2(FEWEST_RAYS * more)), FEWEST_RAYS, MOST_RAYS))
         seen = self._seen(self.cells, self.own)
         self.squared, self.noise = self._scaled(self.cells, seen)
+        self.varies = self.start.areas * rho**2 * seen.beside_constant
         self.doubt = TOTAL_SURE * float(np.sqrt((self.noise**2).sum()))
-        shift = float(self.start.areas @ (rho**2 * seen.shift))
+        # What reaches a pocket where light is trapped bounces there many times.
+        moved = [self.bounces.all_of(rho * shift) for shift in seen.shifts.T]
+        shift = float(self.start.areas @ (moved[0] * moved[1]))
         self.bias = BIAS * float(np.sqrt(max(shift, 0.0) / self.area))
 
     @property
@@ -202,6 +288,12 @@ class _Pieces:
         """Expected of light that is linear within the pieces, with safety; 1 = white."""
         total = float(self.squared.sum()) + self.doubt + float(self.edges.sum())
         return float(np.hypot(self._error(total), self.bias))
+
+    def cut_senders(self) -> None:
+        """Quarter the patches that hold most of what one number a patch leaves: what they send is wrong by it."""
+        order = np.argsort(self.varies)[::-1]
+        held = np.cumsum(np.maximum(self.varies[order], 0.0))
+        self._quarter(order[: int(np.searchsorted(held, SENDERS_CUT * held[-1])) + 1])
 
     def cut(self) -> None:
         """Quarter as many of the worst pieces as seem to be needed, and measure the quarters."""
@@ -212,12 +304,17 @@ class _Pieces:
         excess = float((self.squared + self.edges).sum()) + self.doubt - allowed
         enough = int(np.searchsorted(CUT_GAIN * np.cumsum(worst), excess)) + 1
         chosen = order[: min(enough, int((worst > worst[0] / MUCH_LESS).sum()) + 1)]
+        self._quarter(chosen)
+
+    def _quarter(self, chosen: IntArray) -> None:
         kept = np.ones(self.cells.n_patches, dtype=bool)
         kept[chosen] = False
         pieces, own = self.cells.chosen(chosen).quarters(), np.tile(self.own[chosen], QUARTERS)
         self.rays = min(self.rays, PIECE_RAYS)
         squared, noise = self._scaled(pieces, self._seen(pieces, own))
-        edges = squared_light_edges(pieces, emission(pieces, self.light).variance, self.start)
+        lit = emission(pieces, self.light)
+        edges = squared_light_edges(pieces, lit.variance, self.start)
+        self.lit_cells = _joined_light(self.lit_cells, kept, lit)
         self.cells, self.own = joined(self.cells.chosen(kept), pieces), np.concatenate([self.own[kept], own])
         self.squared = np.concatenate([self.squared[kept], squared])
         self.noise = np.concatenate([self.noise[kept], noise])
@@ -227,7 +324,11 @@ class _Pieces:
     @property
     def settled(self) -> AdaptivePatches:
         """The pieces, from here on patches of their own."""
-        return self.cells if self.cells is self.start else replace(self.cells, whole=np.arange(self.cells.n_patches))
+        if self.cells is self.start:
+            return self.start
+        cells = replace(self.cells, whole=np.arange(self.cells.n_patches))
+        remember_emission(cells, self.light, self.lit_cells)
+        return cells
 
     def _error(self, squared: float) -> float:
         return SAFETY * float(np.sqrt(max(squared, 0.0) / self.area))
@@ -239,3 +340,11 @@ class _Pieces:
         """Squared error times area beside linear light, and its standard deviation [m²]."""
         scale = cells.areas * cells.reflectance**2
         return scale * seen.beside_linear, scale * seen.noise
+
+
+def _joined_light(before: Emission, kept: BoolArray, more: Emission) -> Emission:
+    irradiance, variance = (
+        np.concatenate([old[kept], new])
+        for old, new in ((before.irradiance, more.irradiance), (before.variance, more.variance))
+    )
+    return Emission(irradiance, variance)

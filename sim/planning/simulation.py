@@ -18,6 +18,7 @@ from sim.light.lighting import Lighting, emission
 from sim.light.radiosity import FormFactorOperator, Radiosity
 from sim.light.sampled_light import SampledLight, sampled_light
 from sim.planning.linear_light import linear_light
+from sim.progress import OnProgress, part_of, unheard
 
 OTHER_SEED = 1_000_003
 """Added to a model's seed for the rays that check it."""
@@ -25,6 +26,8 @@ OTHER_SEED = 1_000_003
 SLOPES_NOISE = 1.6
 """Error that rays leave of linear light, over that of the means alone: 1.4 to 1.8 in corners with a ball and with other
 things, 128 to 2,048 rays."""
+FACTORS_SHARE = 0.8
+"""Of the work, roughly."""
 HIGHEST_ROW_SUM = 1.1
 """Fair visibility leaves up to 0.09 in a furnished room; more is no shadow's defect, and grows by rho / (1 - rho)."""
 
@@ -70,7 +73,8 @@ class Simulation:
     irradiance: FloatArray
     """(P, C) from other patches, H = F B; 1 = white."""
     slopes: FloatArray | None
-    """(P, 3, C) gradients of the irradiance in each patch's plane [1/m]; None: one number a patch."""
+    """(P, 3, C) gradients of the irradiance in each patch's plane [1/m], which hold where it is not negative; None: one
+    number a patch."""
     factors: FormFactorOperator
     spectral_radius: float
     """Of diag(rho) F, the largest of all colours: the share of the light that a bounce keeps."""
@@ -102,7 +106,9 @@ class Simulation:
         if self.slopes is None:
             return values
         offset = pieces.centres - np.tile(self.cells.centres, (each, 1))
-        return np.asarray(values + np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1))))
+        # No light is below 0, so that the field's negative part is nearer to the truth as 0, whatever that is.
+        values += np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1)))
+        return np.asarray(np.maximum(values, 0.0))
 
     @property
     def energy_balance(self) -> float:
@@ -115,7 +121,7 @@ class Simulation:
         return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
-def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulation:
+def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress: OnProgress = unheard) -> Simulation:
     """Return the radiosity of patches under a test lighting.
 
     Parameters
@@ -124,6 +130,8 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulatio
     light : Lighting
     model : Model
         As of a :class:`Plan`, ``simulate(plan.cells, plan.light, plan.model)``.
+    on_progress : callable
+        Is told the share that is done, where form factors are compressed or come from rays.
 
     Returns
     -------
@@ -142,7 +150,7 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model) -> Simulatio
         rho = np.tile(model.reflectances, (cells.n_patches, 1))
     E = rho * irradiance[:, None]
     clock_s.append(time.perf_counter())
-    factors, sampled = _factors(cells, model, E, rho)
+    factors, sampled = _factors(cells, model, E, rho, on_progress=part_of(on_progress, 0.0, FACTORS_SHARE))
     clock_s.append(time.perf_counter())
     systems = [Radiosity(factors, column, tolerance=model.residual) for column in rho.T]
     solutions = [system.solution(light) for system, light in zip(systems, E.T, strict=True)]
@@ -182,11 +190,11 @@ def _linear(
 
 
 def _factors(
-    cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray
+    cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray, on_progress: OnProgress
 ) -> tuple[FormFactorOperator, SampledLight | None]:
     """The form factors, which create no light, and the sample if they come from rays."""
-    sampled = _sampled(cells, model, E, rho) if model.sampling is not None else None
-    factors = sampled.factors if sampled else _exact(cells, model)
+    sampled = _sampled(cells, model, E, rho, on_progress=on_progress) if model.sampling is not None else None
+    factors = sampled.factors if sampled else _exact(cells, model, on_progress)
     highest = float(factors.row_sums.max())
     if highest > HIGHEST_ROW_SUM:
         raise SimulationError(
@@ -196,16 +204,20 @@ def _factors(
     return factors, sampled
 
 
-def _sampled(cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray) -> SampledLight:
+def _sampled(
+    cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray, on_progress: OnProgress
+) -> SampledLight:
     # The brightest colour's light tells where rays are needed: it bounces most.
     brightest = int(rho.max(axis=0).argmax())
     error = float(model.sampling or 0.0) / (SLOPES_NOISE if model.linear else 1.0)
-    return sampled_light(cells, E[:, brightest], rho[:, brightest], error=error, seed=model.seed)
+    return sampled_light(
+        cells, E[:, brightest], rho[:, brightest], error=error, seed=model.seed, on_progress=on_progress
+    )
 
 
-def _exact(cells: AdaptivePatches, model: Model) -> FormFactorOperator:
+def _exact(cells: AdaptivePatches, model: Model, on_progress: OnProgress) -> FormFactorOperator:
     if model.compression is not None:
-        return compressed_form_factors(cells, model.compression)
+        return compressed_form_factors(cells, model.compression, on_progress)
     with warnings.catch_warnings():
         if model.visibility != "none":
             # The defect that is left of shadows is planned for, and reported.

@@ -18,6 +18,7 @@ from scipy.spatial import KDTree
 from sim.arrays import BoolArray, FloatArray
 from sim.errors import SimulationError
 from sim.geometry.mending.cleaning import cleaned
+from sim.geometry.mending.collapse import collapsed, library_is_there
 from sim.geometry.mending.remarks import Facets
 from sim.geometry.mending.tracing import Tracing
 
@@ -35,15 +36,13 @@ def simplified(facets: Facets, count: int) -> Facets:
     Raises
     ------
     SimulationError
-        If the library is missing.
+        If the library is missing or fails.
     """
-    try:
-        import fast_simplification
-    except ImportError as error:
+    if not library_is_there():
         raise SimulationError(
             f"{facets.n_facets:,} facets are more than a plan takes; they can be simplified: "
             "pip install 'procam-rig[meshes]'"
-        ) from error
+        )
     _, material = np.unique(np.round(facets.reflectance / MATERIAL_STEPS), return_inverse=True)
     material = material.reshape(-1)
     borders = int(material.max()) > 0
@@ -54,13 +53,11 @@ def simplified(facets: Facets, count: int) -> Facets:
         place, corners = np.ascontiguousarray(facets.points[used]), corners.reshape(-1, 3)
         goal = max(count * len(here) // facets.n_facets, 4)
         if goal < len(here):
-            place, corners = fast_simplification.simplify(
-                place, np.ascontiguousarray(corners, dtype=np.int32), target_count=goal, preserve_border=borders
-            )
+            place, corners = collapsed(place, corners, goal, borders=borders)
         nearest = KDTree(facets.corners[here].mean(axis=1)).query(place[corners].mean(axis=1))[1]
         source.append(here[nearest])
         points.append(place)
-        triangles.append(corners.astype(np.intp) + have)
+        triangles.append(corners + have)
         have += len(place)
     index = np.concatenate(source)
     simple = Facets(

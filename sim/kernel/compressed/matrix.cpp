@@ -1,5 +1,6 @@
 // How the compressed matrix is made: which blocks are tried, divided, and kept whole.
 #include "compressed/matrix.hpp"
+#include "interrupt.hpp"
 
 #include <algorithm>
 #include <iterator>
@@ -72,8 +73,11 @@ double CompressedMatrix::step(int limit) {
     std::vector<Task> tasks(std::make_move_iterator(stack_.end() - count), std::make_move_iterator(stack_.end()));
     stack_.resize(stack_.size() - count);
     std::vector<Outcome> outcomes(count);
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 1)
-    for (int k = 0; k < count; ++k) outcomes[k] = process(tasks[k]);
+    for (int k = 0; k < count; ++k)
+        if (!interruption.stopped()) outcomes[k] = process(tasks[k]);
+    interruption.finish();
     for (Outcome &outcome : outcomes) {
         done_ += outcome.done;
         if (outcome.block) keep(std::move(outcome.block));
@@ -173,12 +177,15 @@ void CompressedMatrix::exact_rows(const std::int64_t *rows, int n_rows, const do
     std::vector<int> place(size()), all(occluders_.size());
     for (int k = 0; k < size(); ++k) place[tree_.order[k]] = k;
     for (std::size_t k = 0; k < all.size(); ++k) all[k] = static_cast<int>(k);
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 1)
     for (int k = 0; k < n_rows; ++k) {
+        if (interruption.stopped()) continue;
         double *out = y + std::size_t(k) * columns;
         std::fill(out, out + columns, 0.0);
         visit(place[rows[k]], 0, all, x, out, columns);
     }
+    interruption.finish();
 }
 
 void CompressedMatrix::visit(int row, int column, const std::vector<int> &candidates, const double *x, double *y,

@@ -8,6 +8,7 @@
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "interrupt.hpp"
 #include "form_factors/exchange_run.hpp"
 #include "geometry/vectors.hpp"
 
@@ -192,6 +193,7 @@ void grid_form_factors(In<double, 3> frames, In<std::int64_t, 2> counts, In<bool
                 seen.emplace_back(i, j);
             }
     std::vector<FacePair> pairs(seen.size());
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 1)
     for (std::size_t p = 0; p < seen.size(); ++p) pairs[p] = face_pair(faces, seen[p].first, seen[p].second);
     std::vector<std::pair<std::size_t, std::size_t>> work;
@@ -200,9 +202,11 @@ void grid_form_factors(In<double, 3> frames, In<std::int64_t, 2> counts, In<bool
 #pragma omp parallel
     {
 #pragma omp for schedule(dynamic, 4)
-        for (std::size_t w = 0; w < work.size(); ++w) tabulate(pairs[work[w].first], work[w].second);
+        for (std::size_t w = 0; w < work.size(); ++w)
+            if (!interruption.stopped()) tabulate(pairs[work[w].first], work[w].second);
 #pragma omp for schedule(dynamic, 8)
         for (std::int64_t patch = 0; patch < n_patches; ++patch) {
+            if (interruption.stopped()) continue;
             int f = 0;
             while (f + 1 < n_faces && faces[f + 1].first <= patch) ++f;
             const Grid &face = faces[f];
@@ -222,6 +226,7 @@ void grid_form_factors(In<double, 3> frames, In<std::int64_t, 2> counts, In<bool
             row_sums.data()[patch] = sum;
         }
     }
+    interruption.finish();
 }
 
 }  // namespace

@@ -255,8 +255,10 @@ long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::i
         const long until = std::min(n, from + CHUNK);
         std::vector<Row> rows((until - from + together - 1) / together);
         std::fill(visible.data() + from, visible.data() + until, 1.0);
+        Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 4)
         for (size_t r = 0; r < rows.size(); ++r) {
+            if (interruption.stopped()) continue;
             const long begin = from + static_cast<long>(r) * together;
             for (long k = begin; k < std::min(until, begin + together); ++k) {
                 const size_t before = rows[r].pairs.size();
@@ -264,6 +266,7 @@ long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::i
                 if (rows[r].pairs.size() > before) rows[r].place.push_back(k);
             }
         }
+        interruption.finish();
         rays += scene.measure(rows, rule);
         for (const Row &row : rows)
             for (size_t k = 0; k < row.pairs.size(); ++k) visible.data()[row.place[k]] = row.pairs[k].visible;
@@ -274,10 +277,15 @@ long visible_of_pairs(In<double, 3> vertices, In<double, 3> occluders, In<std::i
 void segments_blocked(In<double, 3> occluders, double size, In<double, 2> begin, In<double, 2> end,
                       Out<bool, 1> blocked) {
     const Tree tree(occluders.data(), static_cast<std::int64_t>(occluders.shape(0)), size);
-    const long n = static_cast<long>(blocked.shape(0));
-#pragma omp parallel for schedule(static)
-    for (long k = 0; k < n; ++k)
-        blocked.data()[k] = tree.blocker(load(begin.data() + 3 * k), load(end.data() + 3 * k)) >= 0;
+    const long n = static_cast<long>(blocked.shape(0)), together = 256;
+    Interruption interruption;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (long from = 0; from < n; from += together) {
+        if (interruption.stopped()) continue;
+        for (long k = from; k < std::min(n, from + together); ++k)
+            blocked.data()[k] = tree.blocker(load(begin.data() + 3 * k), load(end.data() + 3 * k)) >= 0;
+    }
+    interruption.finish();
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "interrupt.hpp"
 #include "geometry/vectors.hpp"
 
 namespace kernel {
@@ -21,10 +22,11 @@ void paper_exchange_areas(In<double, 3> points, In<double, 2> normals, In<double
     const Samples samples{n, p, p + SAMPLES * n, p + 2 * SAMPLES * n, m, m + n, m + 2 * n, offsets.data()};
     const double *A = areas.data();
     double *K = exchange.data();
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 1)
     for (std::int64_t t = 0; t < tiles * tiles; ++t) {
         const std::int64_t i0 = t / tiles * TILE, j0 = t % tiles * TILE;
-        if (j0 < i0) continue;
+        if (j0 < i0 || interruption.stopped()) continue;
         const std::int64_t i1 = std::min(n, i0 + TILE), j1 = std::min(n, j0 + TILE);
         thread_local std::vector<double> tile(TILE * TILE);
         for (std::int64_t i = i0; i < i1; ++i) {
@@ -37,6 +39,7 @@ void paper_exchange_areas(In<double, 3> points, In<double, 2> normals, In<double
         for (std::int64_t j = j0; j < j1; ++j)
             for (std::int64_t i = i0; i < (i0 == j0 ? j : i1); ++i) K[j * n + i] = tile[(i - i0) * TILE + j - j0];
     }
+    interruption.finish();
 }
 
 }  // namespace

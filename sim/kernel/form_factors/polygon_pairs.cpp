@@ -138,10 +138,13 @@ void polygon_exchange_areas_of_pairs(In<double, 3> vertices, In<std::int64_t, 1>
         if (k == 0 || i[k] != i[k - 1] || k - start.back() >= 1024) start.push_back(k);
     const std::int64_t runs = static_cast<std::int64_t>(start.size());
     start.push_back(n);
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 4)
     for (std::int64_t r = 0; r < runs; ++r)
-        exchange_areas_of_row(patches, demand, i[start[r]], second.data() + start[r],
-                              start[r + 1] - start[r], exchange.data() + start[r]);
+        if (!interruption.stopped())
+            exchange_areas_of_row(patches, demand, i[start[r]], second.data() + start[r], start[r + 1] - start[r],
+                                  exchange.data() + start[r]);
+    interruption.finish();
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "interrupt.hpp"
 #include "form_factors/exchange_run.hpp"
 
 namespace kernel {
@@ -81,10 +82,11 @@ void rectangle_exchange_areas(In<double, 2> low, In<double, 2> high, In<std::int
     const Rectangles r{low.data(), high.data(), axis.data(), sign.data()};
     const std::int64_t n = static_cast<std::int64_t>(axis.shape(0)), tiles = (n + TILE - 1) / TILE;
     double *K = exchange.data();
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 1)
     for (std::int64_t t = 0; t < tiles * tiles; ++t) {
         const std::int64_t ti = t / tiles, tj = t % tiles;
-        if (tj < ti) continue;
+        if (tj < ti || interruption.stopped()) continue;
         thread_local std::vector<double> tile(TILE * TILE);
         const std::int64_t i0 = ti * TILE, i1 = std::min(n, i0 + TILE), j0 = tj * TILE, j1 = std::min(n, j0 + TILE);
         for (std::int64_t i = i0; i < i1; ++i) {
@@ -98,6 +100,7 @@ void rectangle_exchange_areas(In<double, 2> low, In<double, 2> high, In<std::int
         for (std::int64_t j = j0; j < j1; ++j)
             for (std::int64_t i = i0; i < (ti == tj ? j : i1); ++i) K[j * n + i] = tile[(i - i0) * TILE + j - j0];
     }
+    interruption.finish();
 }
 
 }  // namespace

@@ -9,21 +9,15 @@
 
 namespace kernel {
 
+class Interruption;
+
 class Tree {
   public:
     std::vector<Occluder> occluders;  // all that were given; those without area are never met
     Tolerance tolerance;
 
     // n polygons of 4 x 3 numbers; size: of the surface that they belong to, for the tolerance.
-    Tree(const double *corners, std::int64_t n, double size) : tolerance(Tolerance::of(size)) {
-        std::vector<Box> boxes(n);
-        for (std::int64_t i = 0; i < n; ++i) {
-            occluders.push_back(occluder(corners + 12 * i));
-            boxes[i] = box_of(corners + 12 * i, 4);
-            if (has_area(occluders[i])) order_.push_back(static_cast<std::int32_t>(i));
-        }
-        if (!order_.empty()) split(boxes, 0, static_cast<std::int32_t>(order_.size()), 0);
-    }
+    Tree(const double *corners, std::int64_t n, double size);
 
     // The polygon met first beyond `nearest`, or -1; `at` is where. Equal distances: the lower index.
     std::int32_t first_hit(Vec origin, Vec direction, double nearest, double &at) const {
@@ -76,23 +70,8 @@ class Tree {
     static constexpr int DEPTH = 60;  // deeper only by many equal boxes; the stack holds one entry a level
     static constexpr double BEYOND_END = 1 + 1e-9;  // of a segment: a box that it only ends on is met
 
-    std::int32_t split(const std::vector<Box> &boxes, std::int32_t begin, std::int32_t end, int depth) {
-        const auto index = static_cast<std::int32_t>(nodes_.size());
-        nodes_.push_back({{}, begin, end - begin});
-        Box centres;
-        for (std::int32_t k = begin; k < end; ++k) {
-            nodes_[index].box.grow(boxes[order_[k]]);
-            centres.grow(boxes[order_[k]].middle());
-        }
-        if (end - begin <= LEAF || depth >= DEPTH) return index;
-        const std::int32_t cut = best_cut(boxes, centres, begin, end);
-        if (cut == begin || cut == end) return index;
-        split(boxes, begin, cut, depth + 1);
-        const std::int32_t right = split(boxes, cut, end, depth + 1);
-        nodes_[index].first = right;
-        nodes_[index].count = 0;
-        return index;
-    }
+    std::int32_t split(const std::vector<Box> &boxes, std::int32_t begin, std::int32_t end, int depth,
+                       Interruption &interruption);
 
     // Reorders begin ... end into two halves where the surface area heuristic is smallest among the bins.
     std::int32_t best_cut(const std::vector<Box> &boxes, const Box &centres, std::int32_t begin, std::int32_t end) {

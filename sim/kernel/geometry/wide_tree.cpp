@@ -1,6 +1,8 @@
 // From the binary tree to the wide one.
 #include "geometry/wide_tree.hpp"
 
+#include "interrupt.hpp"
+
 namespace kernel {
 namespace {
 
@@ -12,6 +14,7 @@ class Collapse {
         if (tree_.nodes().empty()) return;
         const Tree::Node &root = tree_.nodes()[0];
         node(root.count ? std::vector<Piece>{leaf_of(root)} : opened(0));
+        interruption_.finish();
     }
 
   private:
@@ -55,6 +58,7 @@ class Collapse {
     }
 
     std::int32_t node(std::vector<Piece> pieces) {
+        if (interruption_.stopped()) return 0;
         open(pieces);
         const auto index = static_cast<std::int32_t>(out_.nodes.size());
         out_.nodes.push_back({});
@@ -112,6 +116,7 @@ class Collapse {
 
     const Tree &tree_;
     WideTree &out_;
+    Interruption interruption_;
 };
 
 }  // namespace

@@ -1,6 +1,7 @@
 // Final gather: irradiance at surface points from all patches, with the exact point-to-polygon factor.
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "interrupt.hpp"
 #include "image/tracer.hpp"
 #include "form_factors/point_factor.hpp"
 
@@ -71,10 +72,14 @@ void gather(const Tracer &tracer, In<double, 2> points, In<double, 2> normals, I
     const Sources sources{static_cast<std::int64_t>(radiosity.shape(0)), vertices.data(), patch_normals.data(),
                           radiosity.data()};
     const auto n = static_cast<std::int64_t>(points.shape(0));
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 8)
-    for (std::int64_t k = 0; k < n; ++k)
+    for (std::int64_t k = 0; k < n; ++k) {
+        if (interruption.stopped()) continue;
         received.data()[k] = irradiance(sources, shadows ? &tracer : nullptr, load(points.data() + 3 * k),
                                         load(normals.data() + 3 * k));
+    }
+    interruption.finish();
 }
 
 }  // namespace

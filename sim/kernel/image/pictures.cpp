@@ -5,6 +5,7 @@
 #include "arrays.hpp"
 #include "bindings.hpp"
 #include "image/tracer.hpp"
+#include "interrupt.hpp"
 
 namespace {
 
@@ -31,8 +32,10 @@ void trace(const Tracer &tracer, In<double, 2> origins, In<double, 2> directions
     const auto n = static_cast<std::int64_t>(directions.shape(0));
     const std::int64_t stride = origins.shape(0) == 1 ? 0 : 3;
     const double *o = origins.data(), *d = directions.data();
+    Interruption interruption;
 #pragma omp parallel for schedule(dynamic, 4)
     for (std::int64_t first = 0; first < n; first += BLOCK) {
+        if (interruption.stopped()) continue;
         Rays rays;
         Hits hits;
         rays.n = static_cast<int>(std::min<std::int64_t>(BLOCK, n - first));
@@ -51,13 +54,20 @@ void trace(const Tracer &tracer, In<double, 2> origins, In<double, 2> directions
         std::copy_n(hits.at, rays.n, distance.data() + first);
         std::copy_n(hits.towards, rays.n, cosine.data() + first);
     }
+    interruption.finish();
 }
 
 void blocked(const Tracer &tracer, In<double, 2> from, In<double, 2> to, Out<std::uint8_t, 1> stopped) {
     const auto n = static_cast<std::int64_t>(from.shape(0));
-#pragma omp parallel for schedule(dynamic, 256)
-    for (std::int64_t k = 0; k < n; ++k)
-        stopped.data()[k] = tracer.blocked(load(from.data() + 3 * k), load(to.data() + 3 * k));
+    constexpr std::int64_t TOGETHER = 256;
+    Interruption interruption;
+#pragma omp parallel for schedule(dynamic, 1)
+    for (std::int64_t first = 0; first < n; first += TOGETHER) {
+        if (interruption.stopped()) continue;
+        for (std::int64_t k = first; k < std::min(n, first + TOGETHER); ++k)
+            stopped.data()[k] = tracer.blocked(load(from.data() + 3 * k), load(to.data() + 3 * k));
+    }
+    interruption.finish();
 }
 
 // Which emission a run of rows gives, and what its pixels meet.
@@ -69,9 +79,10 @@ struct Lighting {
     bool physical;
     double *direct, *place;
     std::int32_t *patch;
+    Interruption &interruption;
 
     void rows(std::int64_t begin, std::int64_t end, double *sum, double *count) const {
-        for (std::int64_t row = begin; row < end; ++row)
+        for (std::int64_t row = begin; row < end && !interruption.stopped(); ++row)
             for (std::int64_t column = 0; column < device.width; column += BLOCK) {
                 const int n = static_cast<int>(std::min<std::int64_t>(BLOCK, device.width - column));
                 centres(row, column, n, sum, count);
@@ -123,13 +134,15 @@ void light(const Tracer &tracer, const Device &device, In<double, 2> picture, In
            In<double, 1> areas, std::int64_t subsamples, bool physical, Out<double, 2> direct,
            Out<std::int32_t, 2> patch, Out<double, 3> place, Out<double, 1> emission) {
     const auto n = static_cast<std::int64_t>(areas.shape(0));
+    Interruption interruption;
     const Lighting work{tracer,   device,        picture.data(), reflectance.data(), subsamples,
-                     physical, direct.data(), place.data(),   patch.data()};
+                     physical, direct.data(), place.data(),   patch.data(), interruption};
     std::vector<double> sums(CHUNKS * n, 0.0), counts(subsamples ? 1 : CHUNKS * n, 0.0);
 #pragma omp parallel for schedule(dynamic, 1)
     for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk)
         work.rows(device.height * chunk / CHUNKS, device.height * (chunk + 1) / CHUNKS, sums.data() + chunk * n,
                   counts.data() + (subsamples ? 0 : chunk * n));
+    interruption.finish();
     for (std::int64_t i = 0; i < n; ++i) {
         double sum = 0, count = subsamples ? areas.data()[i] : 0.0;
         for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk) {

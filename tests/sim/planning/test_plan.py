@@ -6,8 +6,8 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.light.lighting import make_test_lighting
-from sim.planning.methods import MOST_SHADOW_S, SHADOW_S
-from sim.planning.plan import bounces_needed, plan
+from sim.planning.methods import MOST_SHADOW_S, SHADOW_S, bounces_needed
+from sim.planning.plan import plan
 from sim.planning.simulation import Model, refined_check, simulate
 from sim.scenes.catalogue import SURFACES
 from sim.scenes.cluttered import corner_with_ball, random_corner
