@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
@@ -63,7 +64,7 @@ class SoakDisplay(ClockedDisplay):
 
     def __init__(self, clock: VirtualClock, faults: Faults):
         self.faults, self.clock = faults, clock
-        self.bright_s: list[float] = []
+        self.bright_s = array("d")
         self.wrong = 0
         super().__init__(SHAPE, RATE_HZ, clock)
 

@@ -74,6 +74,11 @@ def _what_moved(moved: Moved, camera: MotionResult, projector: MotionResult) -> 
             f"Either the camera or the projector moved, which the photographs do not tell apart: {_motion(camera)} of "
             f"the camera, or {_motion(projector)} of the projector."
         )
+    if moved == "together":
+        return (
+            "Camera and projector stand to each other as before. Both were moved together, or the walls that they see "
+            f"were: the camera {_motion(camera)}, the projector {_motion(projector)}."
+        )
     if moved == "both":
         return f"Both moved: the camera {_motion(camera)}, the projector {_motion(projector)}."
     own = camera if moved == "camera" else projector

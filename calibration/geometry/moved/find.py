@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,9 +10,9 @@ import numpy as np
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.moved.records import ComparedPixels, DeviceMotion, MotionFound, Moved, SeenWalls, WallsSeen
-from calibration.geometry.moved.residual import SHIFT_M, TURN_RAD, UNKNOWNS, MotionError, moved_device
+from calibration.geometry.moved.residual import SHIFT_M, TURN_RAD, UNKNOWNS, ZOOM, MotionError, Who, moved_device
 from calibration.geometry.noise import common_covariance, covariance, observation_variance, standard_deviations
-from calibration.geometry.pinhole import PinholeModel, project
+from calibration.geometry.pinhole import PinholeModel, project, vector_of
 from calibration.geometry.robust_fit import Fit, Priors, robust_fit
 
 LEAST_PIXELS = 300
@@ -20,6 +20,9 @@ LEAST_PIXELS = 300
 _LARGEST_TURN_RAD, _LARGEST_SHIFT_M = 0.2, 0.5
 """Standard deviations of what is expected: a bump, not another place. Along what the photographs do not tell (the room
 and both devices larger together, where only three walls are seen) they keep the answer finite."""
+_LARGEST_ZOOM = 0.1
+ONE_AT_A_TIME: tuple[Who, ...] = ("camera", "projector", "together", "camera zoomed", "projector zoomed")
+_ZOOMS: tuple[Who, ...] = ("camera zoomed", "projector zoomed")
 _PRIOR_VARIANCE_PX2 = 0.02
 """Of an independent observation, for what the priors weigh: as in the calibration itself."""
 _LEAST_SCALE_PX = 0.3
@@ -62,6 +65,9 @@ class _Fitted:
         """(n, n) of the motion."""
         own = covariance(self.fit, self.variance_px2)
         return own + common_covariance(self.fit, self.error.walls_now.label, 1.0, _COMMON_PX)
+
+
+Fits = dict[Who, _Fitted]
 
 
 def find_motion(
@@ -120,30 +126,28 @@ class _Fitting:
     walls_seen: WallsSeen
     before: SeenWalls
 
-    def fits(self) -> dict[str, _Fitted]:
-        """Motions of the camera alone, of the projector alone, and of both."""
-        first = {
-            "camera": self._fit(camera_moves=True, projector_moves=False),
-            "projector": self._fit(camera_moves=False, projector_moves=True),
-        }
-        better = min(first.values(), key=lambda one: one.fit.cost)
-        start = np.zeros(2 * UNKNOWNS)
-        start[:UNKNOWNS] = better.fit.z * better.error.camera_moves
-        start[UNKNOWNS:] = better.fit.z * better.error.projector_moves
-        return {**first, "both": self._fit(camera_moves=True, projector_moves=True, start=start)}
+    def fits(self) -> Fits:
+        """Everything that may have changed, fitted."""
+        alone = {who: self._fit(who) for who in ONE_AT_A_TIME}
+        better = min((alone["camera"], alone["projector"], alone["together"]), key=lambda one: one.fit.cost)
+        start = np.concatenate([_motion_between(*pair) for pair in zip(self._before, better.devices, strict=True)])
+        return {**alone, "both": self._fit("both", start=start)}
 
-    def _fit(self, *, camera_moves: bool, projector_moves: bool, start: FloatArray | None = None) -> _Fitted:
+    @property
+    def _before(self) -> tuple[PinholeModel, PinholeModel]:
+        return self.camera, self.projector
+
+    def _fit(self, who: Who, *, start: FloatArray | None = None) -> _Fitted:
         error = MotionError(
             camera=self.camera,
             projector=self.projector,
             pixels=self.pixels,
             walls_before=self.before,
             walls_now=self.before,
-            camera_moves=camera_moves,
-            projector_moves=projector_moves,
+            who=who,
         )
         z = np.zeros(error.unknowns) if start is None else start
-        for _ in range(_ROUNDS if camera_moves else 1):
+        for _ in range(1 if who.startswith("projector") else _ROUNDS):
             error = replace(error, walls_now=self._walls_now(error.devices(z)[0]))
             fit = robust_fit(error, z, _priors(error), iterations=_ITERATIONS, least_scale_px=_LEAST_SCALE_PX)
             z = fit.z
@@ -161,9 +165,15 @@ class _Fitting:
         )
 
 
+def _motion_between(before: PinholeModel, now: PinholeModel) -> FloatArray:
+    """(6,) unknowns that move a device from one place to another."""
+    turn = vector_of(now.rotation @ before.rotation.T) / TURN_RAD
+    return np.concatenate([turn, (now.position_m - before.position_m) / SHIFT_M])
+
+
 def _priors(error: MotionError) -> Priors:
     one = np.repeat([_LARGEST_TURN_RAD / TURN_RAD, _LARGEST_SHIFT_M / SHIFT_M], UNKNOWNS // 2)
-    sigma = np.tile(one, error.unknowns // UNKNOWNS)
+    sigma = np.tile(one, error.unknowns // UNKNOWNS) if error.unknowns > 1 else np.array([_LARGEST_ZOOM / ZOOM])
     return Priors.independent(np.zeros(error.unknowns), sigma, _PRIOR_VARIANCE_PX2)
 
 
@@ -171,39 +181,53 @@ def _robust_sum(residual: FloatArray, scale_px: float) -> float:
     return float(scale_px**2 * np.log1p((residual**2).sum(axis=1) / scale_px**2).sum())
 
 
-def _least_motion(fitted: dict[str, _Fitted], pixels: ComparedPixels, displacement_px: float) -> Moved:
-    """The fewest devices whose motion leaves over no more than noise, and what small errors of the model leave."""
+def _least_motion(fitted: Fits, pixels: ComparedPixels, displacement_px: float) -> Moved:
+    """The fewest unknowns that leave over no more than noise, and what small errors of the model leave.
+
+    Raises CalibrationError when that is a lens.
+    """
     both = fitted["both"]
     scale_px = max(_LEAST_SCALE_PX, 2 * float(np.median(np.linalg.norm(both.fit.residual, axis=1))))
-    least, count = both.left_over(scale_px), len(pixels)
-
-    def structure(residual_sum: float) -> float:
-        """Mean square that is left over beside what both devices' motion leaves. [px²]."""
-        return max(residual_sum - least, 0.0) / count
-
-    noise = _NOISE_CHI2 * both.variance_px2 / count
-    still = structure(_robust_sum(pixels.now_px - pixels.before_px, scale_px))
+    sums = {who: one.left_over(scale_px) for who, one in fitted.items()}
+    least, count = min(sums.values()), len(pixels)
+    left = {who: (total - least) / count for who, total in sums.items()}
+    noise = _NOISE_CHI2 * min(one.variance_px2 for one in fitted.values()) / count
+    still = (_robust_sum(pixels.now_px - pixels.before_px, scale_px) - least) / count
     if still <= noise + _STRUCTURE_PX**2:
         return "nothing"
     limit = noise + _STRUCTURE_PX**2 + (_STRUCTURE_SHARE * displacement_px) ** 2
-    alone = {name: structure(fitted[name].left_over(scale_px)) for name in ("camera", "projector")}
-    return _simplest(alone, limit, noise, still)
+    _refuse_zoom(fitted, left, limit)
+    return _simplest(left, limit, noise)
 
 
-def _simplest(alone: dict[str, float], limit: float, noise: float, still: float) -> Moved:
-    camera, projector = alone["camera"], alone["projector"]
-    if min(camera, projector) > limit and min(camera, projector) > still / 20**2:
-        return "both"
+def _simplest(left: Mapping[Who, float], limit: float, noise: float) -> Moved:
+    """Which motion leaves over least, [px²]; one device before the pair as one, that before both."""
+    camera, projector = left["camera"], left["projector"]
+    if min(camera, projector) > limit or left["together"] < min(camera, projector) / _CLEARLY**2 - noise:
+        return "together" if left["together"] <= limit else "both"
     if max(camera, projector) <= max(_CLEARLY**2 * min(camera, projector), noise + _STRUCTURE_PX**2 / 4):
         return "either"
     return "camera" if camera < projector else "projector"
 
 
-def _found(moved: Moved, fitted: dict[str, _Fitted], seen: BoolArray, displacement_px: float) -> MotionFound:
+def _refuse_zoom(fitted: Fits, left: Mapping[Who, float], limit: float) -> None:
+    """Raise CalibrationError when one number, a lens's focal length, explains what no device alone does."""
+    for who in _ZOOMS:
+        others = min(left[other] for other in ("camera", "projector", "together"))
+        if left[who] <= limit and left[who] < others / _CLEARLY:
+            share = 100 * ZOOM * float(fitted[who].fit.z[0])
+            raise CalibrationError(
+                f"the {who.split()[0]}'s lens was zoomed or focused: its focal length changed by {share:+.2f} %, "
+                "and no move explains that; put the lens back, or calibrate a new session"
+            )
+
+
+def _found(moved: Moved, fitted: Fits, seen: BoolArray, displacement_px: float) -> MotionFound:
     both = fitted["both"]
-    of_camera = both if moved in ("projector", "both") else fitted["camera"]
-    of_projector = both if moved in ("camera", "both") else fitted["projector"]
-    chosen = {"camera": fitted["camera"], "projector": fitted["projector"], "either": fitted["camera"]}.get(moved, both)
+    of_camera = both if moved in ("projector", "both", "together") else fitted["camera"]
+    of_projector = both if moved in ("camera", "both", "together") else fitted["projector"]
+    explaining: dict[Moved, Who] = {"camera": "camera", "either": "camera", "projector": "projector"}
+    chosen = fitted["together" if moved == "together" else explaining.get(moved, "both")]
     camera_now, projector_now = both.error.camera, both.error.projector
     residual = chosen.fit.residual
     if moved == "nothing":
@@ -289,8 +313,8 @@ def _refuse_unexplained(both: _Fitted, displacement_px: float) -> None:
 def _refuse_far(found: MotionFound) -> None:
     """Raise CalibrationError for what is no bump."""
     for name, motion, has_moved in (
-        ("camera", found.camera, found.moved in ("camera", "both", "either")),
-        ("projector", found.projector, found.moved in ("projector", "both", "either")),
+        ("camera", found.camera, found.moved in ("camera", "both", "together", "either")),
+        ("projector", found.projector, found.moved in ("projector", "both", "together", "either")),
     ):
         if has_moved and (motion.turned_deg > _FARTHEST_DEG or motion.shifted_m > _FARTHEST_M):
             raise CalibrationError(

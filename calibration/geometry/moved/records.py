@@ -9,8 +9,9 @@ from typing import Literal
 from calibration.arrays import FloatArray, IntArray
 from calibration.geometry.pinhole import PinholeModel
 
-Moved = Literal["nothing", "camera", "projector", "both", "either"]
-"""`either`: a move of the camera and one of the projector explain the photographs equally well."""
+Moved = Literal["nothing", "camera", "projector", "together", "both", "either"]
+"""`together`: both devices as one, against the walls that they see, or these walls against them; `either`: a move of
+the camera and one of the projector explain the photographs equally well."""
 
 
 @dataclass(frozen=True, eq=False)

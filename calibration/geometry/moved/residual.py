@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 
@@ -11,8 +12,11 @@ from calibration.arrays import FloatArray
 from calibration.geometry.moved.records import ComparedPixels, SeenWalls
 from calibration.geometry.pinhole import PinholeModel, bearings, project, rotation_of
 
+Who = Literal["camera", "projector", "together", "both", "camera zoomed", "projector zoomed"]
+"""What is taken to have changed."""
 TURN_RAD, SHIFT_M = 0.01, 0.01
 """What an unknown of 1 is, so that unknowns are of order 1: about half a degree, and a centimetre."""
+ZOOM = 0.01
 UNKNOWNS = 6
 """Of one device: rotation about its axes, shift along the room's."""
 _FAR_PX = 1e4
@@ -27,6 +31,20 @@ def moved_device(device: PinholeModel, z: FloatArray) -> PinholeModel:
     return replace(device, rotation=rotation, translation_m=-rotation @ position_m)
 
 
+def followed(projector: PinholeModel, camera: PinholeModel, camera_now: PinholeModel) -> PinholeModel:
+    """Return a projector that stands to a moved camera as it stood to the camera before."""
+    turn = camera_now.rotation.T @ camera.rotation
+    position_m = camera_now.position_m + turn @ (projector.position_m - camera.position_m)
+    rotation = projector.rotation @ turn.T
+    return replace(projector, rotation=rotation, translation_m=-rotation @ position_m)
+
+
+def zoomed(device: PinholeModel, z: FloatArray) -> PinholeModel:
+    """Return a device whose lens was zoomed or focused: a focal length larger by a share (1,)."""
+    factor = 1 + ZOOM * float(z[0])
+    return replace(device, focal_px=(factor * device.focal_px[0], factor * device.focal_px[1]))
+
+
 def points_on(walls: SeenWalls, camera: PinholeModel, local_rays: FloatArray) -> FloatArray:
     """Return (N, 3) where rays of the camera's frame (N, 3) meet the planes that they see; far away where behind."""
     rays, origin = local_rays @ camera.rotation, camera.position_m
@@ -36,9 +54,15 @@ def points_on(walls: SeenWalls, camera: PinholeModel, local_rays: FloatArray) ->
     return np.asarray(origin + np.where(meets & (distance > 0), distance, _FAR_PX)[:, None] * rays)
 
 
+def _rays(camera: PinholeModel, xy_px: FloatArray) -> FloatArray:
+    return bearings(xy_px, camera.focal_px, camera.principal_point_px, camera.distortion)
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionError:
-    """Residuals (N, 2) of compared pixels, a function of the motion (6,) of one device or (12,) of both. [px].
+    """Residuals (N, 2) of compared pixels, a function of what has changed. [px].
+
+    One device's motion (6,), both devices' as one (6,), both (12,), or a zoom (1,).
 
     What the calibration itself leaves unexplained at a pixel stays there when a device moves a little: it is taken out
     of the residual, so that a pair at rest leaves noise alone.
@@ -49,8 +73,7 @@ class MotionError:
     pixels: ComparedPixels
     walls_before: SeenWalls
     walls_now: SeenWalls
-    camera_moves: bool
-    projector_moves: bool
+    who: Who
 
     def __call__(self, z: FloatArray) -> FloatArray:
         """(N, 2) predicted minus measured projector pixel. [px]."""
@@ -59,29 +82,40 @@ class MotionError:
 
     def devices(self, z: FloatArray) -> tuple[PinholeModel, PinholeModel]:
         """Return camera and projector after a motion."""
-        camera = moved_device(self.camera, z[:UNKNOWNS]) if self.camera_moves else self.camera
-        projector = moved_device(self.projector, z[-UNKNOWNS:]) if self.projector_moves else self.projector
-        return camera, projector
+        camera, projector = self.camera, self.projector
+        if self.who == "camera zoomed":
+            return zoomed(camera, z), projector
+        if self.who == "projector zoomed":
+            return camera, zoomed(projector, z)
+        if self.who in ("camera", "both", "together"):
+            camera = moved_device(camera, z[:UNKNOWNS])
+        if self.who in ("projector", "both"):
+            projector = moved_device(projector, z[-UNKNOWNS:])
+        return camera, followed(projector, self.camera, camera) if self.who == "together" else projector
 
     @property
     def unknowns(self) -> int:
         """How many there are."""
-        return UNKNOWNS * (self.camera_moves + self.projector_moves)
+        return {"both": 2 * UNKNOWNS, "camera zoomed": 1, "projector zoomed": 1}.get(self.who, UNKNOWNS)
+
+    def rays(self, camera: PinholeModel) -> FloatArray:
+        """(N, 3) of the pixels, in a camera's own frame."""
+        if camera.focal_px == self.camera.focal_px:
+            return self._rays_before
+        return _rays(camera, self.pixels.camera_xy_px)
 
     @cached_property
-    def rays(self) -> FloatArray:
-        """(N, 3) of the pixels, in the camera's own frame."""
-        lens = self.camera
-        return bearings(self.pixels.camera_xy_px, lens.focal_px, lens.principal_point_px, lens.distortion)
+    def _rays_before(self) -> FloatArray:
+        return _rays(self.camera, self.pixels.camera_xy_px)
 
     @cached_property
     def points_before_m(self) -> FloatArray:
         """(N, 3) that the pixels saw when the room was calibrated."""
-        return points_on(self.walls_before, self.camera, self.rays)
+        return points_on(self.walls_before, self.camera, self._rays_before)
 
     @cached_property
     def _left_over(self) -> FloatArray:
         return self.pixels.before_px - self._landed(self.camera, self.projector, self.walls_before)
 
     def _landed(self, camera: PinholeModel, projector: PinholeModel, walls: SeenWalls) -> FloatArray:
-        return project(projector, points_on(walls, camera, self.rays))
+        return project(projector, points_on(walls, camera, self.rays(camera)))

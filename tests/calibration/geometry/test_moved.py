@@ -107,6 +107,23 @@ def test_both_are_named_when_both_moved() -> None:
     assert np.abs(result.projector.turn_deg - (0.0, 0.4, 0.4)).max() < 0.06
 
 
+def test_a_pair_that_moved_as_one_is_not_told_from_walls_that_did() -> None:
+    by_m = (0.05, 0.0, 0.0)
+    result = found(moved(CAMERA, by_m=by_m), moved(PROJECTOR, by_m=by_m))
+    assert result.moved == "together"
+    assert (np.abs(result.camera.shift_m - by_m) < 4 * result.camera.shift_sigma_m).all()
+
+
+@pytest.mark.parametrize("name", ["camera", "projector"])
+def test_a_lens_that_was_zoomed_is_no_move(name: str) -> None:
+    def zoomed(device: PinholeModel) -> PinholeModel:
+        return replace(device, focal_px=(1.01 * device.focal_px[0], 1.01 * device.focal_px[1]))
+
+    camera, projector = (zoomed(CAMERA), PROJECTOR) if name == "camera" else (CAMERA, zoomed(PROJECTOR))
+    with pytest.raises(CalibrationError, match=rf"the {name}'s lens was zoomed or focused: .* \+1\.0"):
+        found(camera, projector)
+
+
 def test_what_photographs_do_not_tell_apart_is_said_to_be_either() -> None:
     # a turn about the line of sight to a flat wall, of the camera or of the projector the other way: nearly the same
     result = found(moved(CAMERA, (0.06, 0.0, 0.0)), PROJECTOR, walls=flat_wall, walls_now=flat_wall)
