@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import cyclopts
 from cyclopts import App, Group, Parameter
 
-from rig.cli import by_hand, hardware, live, session, studies
+from rig.cli import by_hand, hardware, live, page, session, studies
 from rig.errors import RigError, UsageError
 from rig.terminal.sentences import say
 
@@ -53,6 +53,7 @@ VERBS: dict[str, tuple[Callable[..., int], Group]] = {
     "report": (session.report, _SESSION),
     "export": (by_hand.export, _SESSION),
     "live": (live.live, _SHOW),
+    "serve": (page.serve, _SHOW),
     "compare-strategies": (studies.compare_strategies, _SHOW),
     "simulate": (studies.simulate, _OFFLINE),
     "scan": (studies.scan, _OFFLINE),

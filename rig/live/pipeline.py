@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -14,8 +14,9 @@ from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceError
 from rig.live.plan import LivePlan, LiveRequest
 from rig.live.record import Recorder
+from rig.live.remote import Remote
 from rig.live.show.frame_mailbox import FrameMailbox
-from rig.live.show.loop import LiveLoop, LoopArguments, nothing_more
+from rig.live.show.loop import LiveLoop, LoopArguments, ShownFrame, no_keys, nothing_more, same_controls
 from rig.live.show.output import ThreadedOutput
 from rig.live.sources.choose import SourceSettings, make_source
 from rig.live.sources.reader import Reader
@@ -53,10 +54,19 @@ class LivePipeline:
 
 
 @contextmanager
-def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]:
+def open_pipeline(plan: LivePlan, signals: EndSignals, remote: Remote | None = None) -> Iterator[LivePipeline]:
     """Make a show's devices, open them, and tie everything together; the projector is black afterwards.
 
-    A signal may end the opening. Raises UsageError for a bad source, DeviceError, SessionError for a bad recording.
+    A signal may end the opening. With a remote control the terminal's keys are left alone.
+
+    Raises
+    ------
+    UsageError
+        A bad source.
+    DeviceError
+        The projector does not open.
+    SessionError
+        A bad recording.
     """
     request, profile = plan.request, plan.profile
     devices = _devices(profile, photographs=request.record is not None)
@@ -68,7 +78,7 @@ def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]
             devices.projector.open()
             camera = _open_camera(devices.camera, profile, stack, notes)
         recorder = _recorder(request, profile, devices.clock, camera)
-        keyboard = stack.enter_context(Keyboard())
+        keyboard = None if remote else stack.enter_context(Keyboard())
         shape, rate_hz = profile.projector.shape, profile.projector.refresh_rate_hz
         mailbox = FrameMailbox(shape, 1 / rate_hz, devices.clock)
         reader = Reader(
@@ -91,9 +101,10 @@ def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]
             clock=devices.clock,
             refresh_rate_hz=rate_hz,
             replug_timeout_s=profile.timing.replug_timeout_s,
-            keys=keyboard.pressed,
+            keys=keyboard.pressed if keyboard else no_keys,
+            adjust=remote.adjusted if remote else same_controls,
             next_source=reader.next_source,
-            on_shown=nothing_more if recorder is None else recorder.offer,
+            on_shown=_watchers(recorder, remote),
             interrupting=signals.interrupting,
             notes=notes,
         )
@@ -105,6 +116,19 @@ def open_pipeline(plan: LivePlan, signals: EndSignals) -> Iterator[LivePipeline]
             clock=devices.clock,
             notes=notes,
         )
+
+
+def _watchers(recorder: Recorder | None, remote: Remote | None) -> Callable[[ShownFrame], None]:
+    """Who is told of each picture that was shown."""
+    watching = [one for one in (recorder and recorder.offer, remote and remote.shown) if one]
+    if len(watching) < 2:
+        return watching[0] if watching else nothing_more
+
+    def told(frame: ShownFrame) -> None:
+        for one in watching:
+            one(frame)
+
+    return told
 
 
 def _devices(profile: Profile, *, photographs: bool) -> ShowDevices:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from rig.errors import RigError
 from rig.live.pipeline import LivePipeline, open_pipeline
 from rig.live.plan import LivePlan
+from rig.live.remote import Remote
 from rig.live.results import Recorded, ShowResult, SourceFailure
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
@@ -43,7 +44,7 @@ class _Progress:
     """After the warm-up."""
 
 
-def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult:
+def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, *, remote: Remote | None = None) -> ShowResult:
     """Show sources until one of: time over, sources over, key q, a signal. The projector is black afterwards.
 
     Parameters
@@ -52,6 +53,8 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult
         Of :func:`rig.live.plan.plan_live`.
     on_status
         Told a line for a person twice a second.
+    remote
+        Steers the show in place of the terminal's keys, and may end it.
 
     Returns
     -------
@@ -66,12 +69,19 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None) -> ShowResult
         The projector does not open, or stayed away for longer than `timing.replug_timeout_s`.
     """
     with one_error_tree(), realtime_priority() as is_realtime:
-        with EndSignals() as signals, open_pipeline(plan, signals) as pipeline:
-            progress = _run(pipeline, signals, plan.request.seconds, on_status)
+        with EndSignals() as signals, open_pipeline(plan, signals, remote) as pipeline:
+            progress = _run(pipeline, signals, plan.request.seconds, on_status, remote=remote)
         return _result(plan, pipeline, progress, signals.received, is_realtime=is_realtime)
 
 
-def _run(pipeline: LivePipeline, signals: EndSignals, seconds: float | None, on_status: OnStatus) -> _Progress:
+def _run(
+    pipeline: LivePipeline,
+    signals: EndSignals,
+    seconds: float | None,
+    on_status: OnStatus,
+    *,
+    remote: Remote | None = None,
+) -> _Progress:
     """Step until the end; whatever ends it, what was recorded is closed."""
     now_s = pipeline.clock.now_s()
     until_s = math.inf if seconds is None else now_s + seconds
@@ -82,6 +92,8 @@ def _run(pipeline: LivePipeline, signals: EndSignals, seconds: float | None, on_
             while not progress.ended_by:
                 pipeline.loop.step()
                 _follow(pipeline, signals, progress, on_status)
+                if remote is not None and remote.follow(pipeline.loop, pipeline.reader, pipeline.mailbox.dropped):
+                    progress.ended_by = progress.ended_by or "quit"
         pipeline.loop.complete()
     except Interrupted:
         progress.ended_by = "signal"

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 _GAIN_STEP = 2 ** (1 / 8)
 """Of one key: eight make twice as bright; a single one is just seen."""
-_GAIN_RANGE = (1 / 16, 4.0)
+GAIN_RANGE = (1 / 16, 4.0)
 """From hardly visible to what clips nearly every picture; chosen."""
 KEYS = {
     "n": "next source",
@@ -49,7 +49,7 @@ def pressed(controls: Controls, key: str, strategies: Sequence[str]) -> Controls
         return replace(controls, strategy=following, compensating=True)
     if key in ("+", "=", "-"):
         gain = controls.gain / _GAIN_STEP if key == "-" else controls.gain * _GAIN_STEP
-        return replace(controls, gain=min(max(gain, _GAIN_RANGE[0]), _GAIN_RANGE[1]))
+        return replace(controls, gain=min(max(gain, GAIN_RANGE[0]), GAIN_RANGE[1]))
     if key == "a":
         return replace(controls, auto_gain=not controls.auto_gain)
     if key == "f":

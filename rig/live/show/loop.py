@@ -47,6 +47,11 @@ def no_keys() -> str:
     return ""
 
 
+def same_controls(controls: Controls) -> Controls:
+    """Leave the settings as they are, where nobody else sets them."""
+    return controls
+
+
 def nothing_more(_: ShownFrame) -> None:
     """Stand for a watcher of frames where there is none."""
 
@@ -83,6 +88,8 @@ class LoopArguments:
     refresh_rate_hz: float
     replug_timeout_s: float = 20.0
     keys: Callable[[], str] = no_keys
+    adjust: Callable[[Controls], Controls] = same_controls
+    """Asked before each refresh, after the keys: what somebody elsewhere sets, such as a gain by its number."""
     next_source: Callable[[], None] = lambda: None
     on_shown: Callable[[ShownFrame], None] = nothing_more
     interrupting: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -116,6 +123,16 @@ class LiveLoop:
     def gain(self) -> float:
         """The gain of the last frame."""
         return self._gain.gain if self.controls.auto_gain else self.controls.gain
+
+    @property
+    def strategies(self) -> tuple[str, ...]:
+        """Names of what may compensate; none without a model."""
+        return tuple(self._arguments.compensators)
+
+    def next_source(self) -> None:
+        """Go to the next source, as key n does."""
+        self._arguments.next_source()
+        self._restart()
 
     def step(self) -> None:
         """One refresh: keys, at most one picture, show it. Raises DeviceError when the projector stays away."""
@@ -172,12 +189,14 @@ class LiveLoop:
             if key == "q":
                 self.ended = "quit"
             elif key == "n":
-                self._arguments.next_source()
-                self._restart()
+                self.next_source()
             else:
                 before = self.controls
                 self.controls = pressed(before, key, tuple(self._arguments.compensators))
                 self._changed = self._changed or self.controls != before
+        adjusted = self._arguments.adjust(self.controls)
+        self._changed = self._changed or adjusted != self.controls
+        self.controls = adjusted
 
     def _restart(self) -> None:
         for compensator in self._arguments.compensators.values():
