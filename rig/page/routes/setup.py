@@ -13,9 +13,10 @@ from starlette.requests import ClientDisconnect, Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from rig.by_hand.pictures import PATTERNS, SPOTS, picture_named
 from rig.errors import ProfileError, UsageError
 from rig.files.atomic import write_bytes
-from rig.files.pictures import read_codes
+from rig.files.pictures import png_of, read_codes
 from rig.live.sources.files import PICTURE_SUFFIXES
 from rig.page.jobs.holder import ask
 from rig.page.routes.common import as_operator, name_of, workplace_of
@@ -110,6 +111,15 @@ async def apply(request: Request) -> Response:
     return answer({"diff": applied.diff})
 
 
+def pattern(request: Request) -> Response:
+    """A picture of `rig show` as a profile's projector shows it, as PNG."""
+    name = request.path_params["picture"]
+    if name not in (*PATTERNS, SPOTS):
+        raise HTTPException(404, f"there is no picture {name[:40]!r}")
+    profile = workplace_of(request).folders.read_profile(name_of(request, "profile"))
+    return Response(png_of(picture_named(name, profile), 3), media_type="image/png")
+
+
 def uploads(request: Request) -> Response:
     """What was handed in."""
     folders = workplace_of(request).folders
@@ -187,6 +197,7 @@ ROUTES = [
     Route("/api/profiles/{name}", save_profile, methods=["PUT"]),
     Route("/api/profiles/{name}/new", new_profile, methods=["POST"]),
     Route("/api/profiles/{name}/apply", apply, methods=["POST"]),
+    Route("/api/patterns/{name}/{picture}.png", pattern),
     Route("/api/uploads", uploads),
     Route("/api/uploads/{name}", upload, methods=["PUT"]),
     Route("/api/uploads/{name}", remove_upload, methods=["DELETE"]),

@@ -28,8 +28,10 @@ _SCALE = 16
 """Numbers of pictures are sent in sixteenths of a grey level: finer than any difference that matters."""
 _WIDEST_PX = 1920
 _BRIGHTEST = 0.999
-_OUTSIDE = -32768
-"""Where a picture has no number."""
+_MOST, _OUTSIDE = 32767, -32768
+"""The largest number; and where a picture has none."""
+_PLACES = ("column", "row")
+"""Maps that can be asked for as numbers, too: projector pixels."""
 
 Levels = NDArray[np.float32]
 
@@ -97,7 +99,8 @@ def comparable(folder: Path) -> tuple[NamedPicture, ...]:
 def levels_of(folder: Path, name: str) -> bytes:
     """Return a picture as numbers: width, height, bands, scale (4 × uint32), then int16, all little end first.
 
-    A number over the scale is a grey level of 255 in linear light; -32768 is none. Pixels outside the judged ones keep
+    A number over the scale is a grey level of 255 in linear light, of ``column`` and ``row`` a projector pixel;
+    -32768 is none. Pixels outside the judged ones keep
     their numbers; the picture ``mask`` says which are judged.
 
     Raises
@@ -111,7 +114,11 @@ def levels_of(folder: Path, name: str) -> bytes:
 
 @lru_cache(maxsize=24)
 def _levels_of(folder: Path, name: str, _changed: int) -> bytes:
-    for source in _sources(Session.read(folder)):
+    session = Session.read(folder)
+    if name in _PLACES:
+        image = session.finished("correspondence").load_image(map_name(session.profile))
+        return packed_levels(np.where(image["reason"] == 0, image[name], np.nan)[..., None])
+    for source in _sources(session):
         if source.picture.name == name:
             return packed_levels(source.read())
     raise SessionError(f"{name[:40]!r} is no picture of {folder.name}; ask for its list first")
@@ -120,10 +127,12 @@ def _levels_of(folder: Path, name: str, _changed: int) -> bytes:
 def packed_levels(levels: Levels) -> bytes:
     """Return (H, W, B) grey levels as :func:`levels_of` says."""
     _, width, bands = levels.shape
-    step = -(-width // _WIDEST_PX)
-    scaled = np.clip(np.rint(levels[::step, ::step] * _SCALE), -32767, 32767)
+    step, finite = -(-width // _WIDEST_PX), levels[np.isfinite(levels)]
+    most = float(np.abs(finite).max()) if finite.size else 1.0
+    scale = max(1, min(_SCALE, int(_MOST / max(most, 1.0))))
+    scaled = np.clip(np.rint(levels[::step, ::step] * scale), -_MOST, _MOST)
     numbers = np.where(np.isfinite(scaled), scaled, _OUTSIDE).astype("<i2")
-    return struct.pack("<IIII", numbers.shape[1], numbers.shape[0], bands, _SCALE) + numbers.tobytes()
+    return struct.pack("<IIII", numbers.shape[1], numbers.shape[0], bands, scale) + numbers.tobytes()
 
 
 def _sources(session: Session) -> list[_Source]:
