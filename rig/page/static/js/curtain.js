@@ -14,10 +14,11 @@ const coloured = (error) => {
 };
 
 export const compareView = (body, name, place) => {
-  const canvas = h("canvas", { id: "curtain", "aria-label": "Two pictures behind a curtain" });
+  const canvas = h("canvas", { id: "curtain", class: "pixels", "aria-label": "Two pictures behind a curtain" });
   const line = h("div", { class: "line" });
   const names = [h("span", { class: "name a" }), h("span", { class: "name b" })];
-  const stage = h("div", { class: "stage curtain" }, canvas, line, names);
+  const view = h("div", { class: "view" }, canvas, line);
+  const stage = h("div", { class: "stage curtain" }, view, names);
   const slide = h("input", { type: "range", min: 0, max: 1000, value: 500, "aria-label": "Curtain", oninput: () => paint() });
   const says = h("dl", { class: "figures", id: "under" });
   const pictures = new Map();
@@ -36,6 +37,7 @@ export const compareView = (body, name, place) => {
     const [a, b, mask] = [pictures.get(chosen.a), pictures.get(chosen.b), pictures.get("mask")];
     if (!a || !b || !mask) return;
     Object.assign(canvas, { width: a.width, height: a.height });
+    view.style.setProperty("--ratio", String(a.width / a.height));
     const context = canvas.getContext("2d");
     const image = context.createImageData(a.width, a.height);
     const isError = chosen.mode === "error";
@@ -50,9 +52,8 @@ export const compareView = (body, name, place) => {
       }
     }
     context.putImageData(image, 0, 0);
-    const box = boxOf();
     line.hidden = isError;
-    line.style.left = `${box.left + (box.width * slide.value) / 1000}px`;
+    line.style.left = `${slide.value / 10}%`;
     names[0].textContent = isError ? `${titleOf(chosen.b)} minus ${titleOf(chosen.a)}` : titleOf(chosen.a);
     names[1].textContent = isError ? "" : titleOf(chosen.b);
     names[1].hidden = isError;
@@ -67,16 +68,10 @@ export const compareView = (body, name, place) => {
     return sum / of.bands;
   };
   const shades = (of, x, y, isJudged) => [0, 1, 2].map((band) => SHOWN[Math.min(255, Math.max(0, Math.round(of.value(x, y, Math.min(band, of.bands - 1)) ?? 0)))] / (isJudged ? 1 : 3));
-  const boxOf = () => {
-    const outer = stage.getBoundingClientRect();
-    const fit = Math.min(canvas.clientWidth / canvas.width, canvas.clientHeight / canvas.height);
-    const [width, height] = [canvas.width * fit, canvas.height * fit];
-    return { left: (outer.width - width) / 2, top: (outer.height - height) / 2, width, height, fit, outer };
-  };
   const pixelAt = (event) => {
-    const box = boxOf();
-    const x = Math.floor((event.clientX - box.outer.left - box.left) / box.fit);
-    const y = Math.floor((event.clientY - box.outer.top - box.top) / box.fit);
+    const box = view.getBoundingClientRect();
+    const x = Math.floor(((event.clientX - box.left) / box.width) * canvas.width);
+    const y = Math.floor(((event.clientY - box.top) / box.height) * canvas.height);
     return x >= 0 && y >= 0 && x < canvas.width && y < canvas.height ? [x, y] : null;
   };
   const tell = (pixel) => {
@@ -98,8 +93,8 @@ export const compareView = (body, name, place) => {
   const move = (event) => {
     const pixel = pixelAt(event);
     if (isHeld && chosen.mode === "curtain") {
-      const box = boxOf();
-      slide.value = (1000 * (event.clientX - box.outer.left - box.left)) / box.width;
+      const box = view.getBoundingClientRect();
+      slide.value = (1000 * (event.clientX - box.left)) / box.width;
       paint();
     }
     if (pictures.size) tell(pixel);
@@ -122,8 +117,7 @@ export const compareView = (body, name, place) => {
     await Promise.all([load(chosen.a), load(chosen.b), load("mask")]);
     return paint();
   });
-  window.addEventListener("resize", paint);
-  return { close: () => window.removeEventListener("resize", paint), key: (event) => {
+  return { key: (event) => {
     const by = { ArrowLeft: -25, ArrowRight: 25 }[event.key];
     if (by) { slide.value = Number(slide.value) + by; paint(); event.preventDefault(); }
   } };

@@ -14,7 +14,8 @@ export const lookView = (main) => {
   const thirds = h("div", { class: "thirds", "aria-hidden": "true" });
   const at = h("div", { class: "at", hidden: true });
   const hint = h("p", { class: "hint" });
-  const stage = h("div", { class: "stage", tabindex: "0" }, canvas, marks, thirds, at, hint);
+  const view = h("div", { class: "view" }, canvas, marks, thirds);
+  const stage = h("div", { class: "stage", tabindex: "0" }, view, at, hint);
   const figures = h("dl", { class: "figures" });
   const histogram = h("canvas", { class: "chart", role: "img", "aria-label": "Histogram of the camera's levels" });
   const trend = h("canvas", { class: "chart", role: "img", "aria-label": "Sharpness over the last minute" });
@@ -84,12 +85,9 @@ export const lookView = (main) => {
 
   const placeOf = (event) => {
     if (!facts?.window || !canvas.width) return null;
-    const box = canvas.getBoundingClientRect();
-    const scale = Math.min(box.width / canvas.width, box.height / canvas.height);
-    const left = box.left + (box.width - canvas.width * scale) / 2;
-    const top = box.top + (box.height - canvas.height * scale) / 2;
-    const x = (event.clientX - left) / (canvas.width * scale);
-    const y = (event.clientY - top) / (canvas.height * scale);
+    const box = view.getBoundingClientRect();
+    const x = (event.clientX - box.left) / box.width;
+    const y = (event.clientY - box.top) / box.height;
     if (x < 0 || y < 0 || x >= 1 || y >= 1) return null;
     const [x0, y0, width, height] = facts.window;
     return [Math.floor(x0 + x * width), Math.floor(y0 + y * height)];
@@ -182,7 +180,10 @@ export const lookView = (main) => {
   const frames = new Frames((bitmap, of, overlay, withFigures) => {
     facts = of;
     hint.hidden = true;
-    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
+    if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) {
+      Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
+      view.style.setProperty("--ratio", String(bitmap.width / bitmap.height));
+    }
     canvas.getContext("2d").drawImage(bitmap, 0, 0);
     rates = [...rates.slice(-30), performance.now()];
     if (of.taken_s) delays = [...delays.slice(-30), Date.now() - 1000 * of.taken_s];
@@ -202,7 +203,7 @@ export const lookView = (main) => {
   });
 
   put(main, h("h1", {}, "Look"), h("div", { class: "split" },
-    h("div", {}, stage, h("div", { class: "row between", id: "look-tools" }, toggles,
+    h("div", {}, stage, h("div", { class: "row between tools" }, toggles,
       h("div", { class: "row" }, button("−", () => zoomStep(-1), "icon", { "aria-label": "Zoom out" }), button("+", () => zoomStep(1), "icon", { "aria-label": "Zoom in, to the camera's own pixels" }))), figures),
     h("div", {},
       h("div", { class: "card" }, field("Profile", profile), h("div", { class: "row" }, begin), about),
@@ -258,7 +259,7 @@ const curve = (context, width, height, values) => {
   context.strokeStyle = colour("--accent");
   context.lineWidth = 2;
   context.beginPath();
-  values.forEach((value, k) => context.lineTo((width * k) / 150, height - 3 - (value / most) * (height - 8)));
+  values.forEach((value, k) => context.lineTo((width * k) / Math.max(values.length - 1, 20), height - 3 - (value / most) * (height - 8)));
   context.stroke();
   context.strokeStyle = colour("--line");
   context.beginPath();

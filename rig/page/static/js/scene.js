@@ -45,7 +45,7 @@ const drawn = (body, scene) => {
   const high = [0, 1, 2].map((axis) => Math.max(...corners.map((one) => one[axis])));
   const middle = low.map((value, axis) => (value + high[axis]) / 2);
   const size = Math.hypot(...low.map((value, axis) => high[axis] - value));
-  const view = { turn: -0.9, rise: 0.5, far: size * 1.25, target: middle };
+  const view = { turn: -0.9, rise: 0.5, far: size * 1.05, target: middle };
   const program = programOf(gl);
   const place = gl.createBuffer();
   const paintBuffer = gl.createBuffer();

@@ -9,6 +9,7 @@ const STEP = 2 ** (1 / 8);
 
 export const showView = (main) => {
   const canvas = h("canvas", { id: "on-screen", "aria-label": "What the projector shows" });
+  const view = h("div", { class: "view" }, canvas);
   const hint = h("p", { class: "hint" });
   const strip = h("canvas", { class: "chart tall", role: "img", "aria-label": "Time between pictures" });
   const figures = h("dl", { class: "figures" });
@@ -100,11 +101,12 @@ export const showView = (main) => {
   const frames = new Frames((bitmap) => {
     Object.assign(canvas, { width: bitmap.width, height: bitmap.height });
     canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    view.style.setProperty("--ratio", String(bitmap.width / bitmap.height));
     canvas.dataset.frames = String(Number(canvas.dataset.frames ?? 0) + 1);
     hint.hidden = true;
   });
   put(main, h("h1", {}, "Show"), h("div", { class: "split" },
-    h("div", {}, h("div", { class: "stage" }, canvas, hint), switches, figures, h("div", { class: "card" }, h("h2", {}, "Time between pictures"), strip)),
+    h("div", {}, h("div", { class: "stage" }, view, hint), switches, figures, h("div", { class: "card" }, h("h2", {}, "Time between pictures"), strip)),
     h("div", {}, h("div", { class: "card" }, field("With the model of", session), h("div", { class: "label" }, "Strategy"), strategy, h("div", { class: "field" }, h("label", { for: "gain" }, "Gain", gainSays), gain), h("div", { class: "row" }, begin)),
       h("div", { class: "card" }, h("h2", {}, "Sources"), sources, tick("Begin again after the last", true, (isOn) => { settings.endless = isOn; }), tick("Codes are linear light", false, (isOn) => { settings.linear = isOn; })),
       h("div", { class: "card" }, h("h2", {}, "Saved shows"), saved, field("Save this one as", name), h("div", { class: "grid" }, field("On at", hours[0]), field("Off at", hours[1])), h("label", { class: "tick" }, power, "Switch the projector with it (PJLink)"), button("Save", keep)))));
