@@ -4,13 +4,18 @@ import { button, choice, field, h, number, put } from "./dom.js";
 import { levelsOf } from "./look.js";
 
 const ERROR_RANGE = 64; // grey levels at the ends of the colours, as in the report
-const BLUE_RED = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
+// As in the report on a light page; dark where nothing is wrong on a dark one, which must not light the scene.
+const RAMPS = {
+  light: [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]],
+  dark: [[120, 180, 255], [42, 92, 160], [20, 22, 26], [160, 66, 38], [255, 138, 92]],
+};
 const SHOWN = Uint8ClampedArray.from({ length: 256 }, (_, k) => 255 * (k / 255) ** (1 / 2.2));
 
 const coloured = (error) => {
+  const ramp = RAMPS[document.documentElement.dataset.light];
   const place = (Math.min(Math.max(error / ERROR_RANGE, -1), 1) + 1) * 2;
   const k = Math.min(Math.floor(place), 3);
-  return BLUE_RED[k].map((low, band) => low + (BLUE_RED[k + 1][band] - low) * (place - k));
+  return ramp[k].map((low, band) => low + (ramp[k + 1][band] - low) * (place - k));
 };
 
 export const compareView = (body, name, place) => {
@@ -46,7 +51,7 @@ export const compareView = (body, name, place) => {
       for (let x = 0; x < a.width; x += 1, k += 4) {
         const isJudged = (mask.value(x, y) ?? 0) > 0;
         let rgb;
-        if (isError) rgb = isJudged ? coloured(mean(b, x, y) - mean(a, x, y)) : [40, 42, 46];
+        if (isError) rgb = isJudged ? coloured(mean(b, x, y) - mean(a, x, y)) : [58, 60, 66];
         else rgb = shades(x < edge ? a : b, x, y, isJudged);
         image.data.set([rgb[0], rgb[1], rgb[2], 255], k);
       }
