@@ -29,6 +29,8 @@ _QUALITY = 80
 _FIGURES_S, _FIGURES_PX = 0.4, 1 << 19
 """Between two sets of figures, of so many pixels or fewer, larger ones in proportion: faster ones are not read, and
 sharpness of a megapixel takes 40 ms."""
+_OLDEST_FRAMES = 2.0
+"""Camera frames that may have begun before somebody asks: the next one counts though the last one is still coded."""
 _OVERLAY_WIDTH_PX = 320
 _OVER, _UNDER = 255, 128
 """In the overlay: some pixel of the block is clipped; all of them are at 0."""
@@ -223,11 +225,17 @@ class Preview:
     def _frame(self) -> RawFrame:
         """The next frame; a camera that went away is waited for as in a session."""
         try:
-            return self._rig.camera.capture(
-                after_s=self._rig.clock.now_s(), timeout_s=self._rig.profile.timing.timeout_s
-            )
+            return self._rig.camera.capture(after_s=self._next_s, timeout_s=self._rig.profile.timing.timeout_s)
         except (DeviceLost, CaptureTimeout):
             return self._rig.shoot(self._codes, name="preview")
+
+    @property
+    def _next_s(self) -> float:
+        """When the next frame begins at the earliest: the one after the last, unless that is too long ago."""
+        profile, now_s = self._rig.profile, self._rig.clock.now_s()
+        period_s = 1 / profile.camera.frame_rate_hz
+        begun_s = now_s if self._previous is None else self._previous.started_s + period_s / 2
+        return min(now_s, max(begun_s, now_s - self._exposure_s - _OLDEST_FRAMES * period_s))
 
     def _count(self, frame: RawFrame, now_s: float) -> None:
         self._lost += frame.lost
@@ -292,7 +300,7 @@ def jpeg_of(pixels: NDArray[np.uint16], table: NDArray[np.uint8]) -> bytes:
             size[1], size[0], -1
         )
     codes = np.take(table, pixels, mode="clip")
-    shown = codes[..., 0] if codes.shape[2] == 1 else codes[..., ::-1]
+    shown = codes[..., 0] if codes.shape[2] == 1 else cv2.cvtColor(codes, cv2.COLOR_RGB2BGR)
     coded, data = cv2.imencode(".jpg", shown, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     if not coded:
         raise ValueError(f"a frame of shape {pixels.shape} could not be coded as JPEG")
@@ -301,17 +309,17 @@ def jpeg_of(pixels: NDArray[np.uint16], table: NDArray[np.uint8]) -> bytes:
 
 def overlay_of(pixels: NDArray[np.uint16], full_scale_dn: int) -> bytes:
     """Return a small grey PNG that says where a frame is clipped or black: no such pixel is lost by its smallness."""
-    over = np.asarray((pixels >= full_scale_dn).any(axis=2))
-    under = np.asarray((pixels == 0).all(axis=2))
+    bands = [pixels[..., band] for band in range(pixels.shape[2])]
+    over, under = np.maximum.reduce(bands) >= full_scale_dn, np.maximum.reduce(bands) == 0
     factor = max(1, -(-pixels.shape[1] // _OVERLAY_WIDTH_PX))
-    marks = np.zeros(tuple(-(-n // factor) for n in over.shape), np.uint8)
-    marks[_blocks(under, factor).all(axis=(1, 3))] = _UNDER
-    marks[_blocks(over, factor).any(axis=(1, 3))] = _OVER
+    marks = np.where(_means(under, factor) == _OVER, _UNDER, 0).astype(np.uint8)
+    marks[_means(over, factor) > 0] = _OVER
     return cv2.imencode(".png", marks, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1].tobytes()
 
 
-def _blocks(mask: NDArray[np.bool_], factor: int) -> NDArray[np.bool_]:
-    """(rows, factor, columns, factor), its last blocks filled up with what is at the border."""
-    pad = [(0, -n % factor) for n in mask.shape]
-    padded = np.pad(mask, pad, mode="edge")
-    return padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor)
+def _means(mask: NDArray[np.bool_], factor: int) -> NDArray[np.uint8]:
+    """(rows, columns) mean of blocks, 255 where all are marked, above 0 where any is; the last ones are filled up."""
+    height, width = (-(-n // factor) for n in mask.shape)
+    codes = _OVER * mask.astype(np.uint8)
+    padded = np.pad(codes, [(0, height * factor - mask.shape[0]), (0, width * factor - mask.shape[1])], mode="edge")
+    return np.asarray(cv2.resize(padded, (width, height), interpolation=cv2.INTER_AREA), np.uint8)

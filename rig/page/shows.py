@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from datetime import datetime, time
 from pathlib import Path
 
-from rig.devices.network.pjlink import Pjlink
+from rig.devices.network.powered_projector import control_of
 from rig.devices.protocols import Clock
 from rig.errors import RigError, UsageError
 from rig.files.atomic import write_bytes
 from rig.page.jobs.holder import Job
 from rig.page.jobs.requests import ShowJob
-from rig.page.workplace import Workplace, prepared
-from rig.profile.schema import load_profile
+from rig.page.server.folders import Folders
+from rig.page.workplace import Workplace
 from rig.records import Record, read_record
 from rig.session import Session
 
@@ -36,7 +36,7 @@ class SavedShow(Record):
     off_at: str = ""
     """HH:MM at which it ends."""
     power: bool = False
-    """Switch the projector on and off with it, by the profile's PJLink address."""
+    """Switch the projector off when its hours end, by the profile's PJLink address; opening it switches it on."""
 
     def hours(self) -> tuple[time, time] | None:
         """When it runs. Raises UsageError for what is no time of day."""
@@ -84,7 +84,6 @@ class KeeperStatus(Record):
     restarts: int = 0
     error: str = ""
     """Why it ended last."""
-    lamp_hours: float | None = None
 
     @property
     def is_well(self) -> bool:
@@ -112,7 +111,7 @@ class ShowKeeper:
         self._pause_s = _FIRST_PAUSE_S
         self._task: asyncio.Task[None] | None = None
         self._job: Job | None = None
-        self._is_powered: bool | None = None
+        self._is_off = False
 
     def keep(self, name: str) -> None:
         """Let a saved show run from now on. Raises UsageError when there is none of that name."""
@@ -157,8 +156,9 @@ class ShowKeeper:
         if not saved.runs_at(datetime.now().astimezone().time()):
             if is_running:
                 await holder.stop()
-            await self._power(saved, on=False)
+            await self._switch_off(saved)
             return "off"
+        self._is_off = False
         if is_running:
             if self._clock.now_s() - begun_s > _STEADY_S:
                 self._pause_s = _FIRST_PAUSE_S
@@ -168,7 +168,6 @@ class ShowKeeper:
         if job is not None and job.ended_s is not None:
             await asyncio.sleep(self._pause_s)
             self._pause_s = min(2 * self._pause_s, _LONGEST_PAUSE_S)
-        await self._power(saved, on=True)
         return "begun"
 
     async def _begin(self) -> str:
@@ -182,24 +181,24 @@ class ShowKeeper:
             return "waiting"
         return "running"
 
-    async def _power(self, saved: SavedShow, *, on: bool) -> None:
-        """Switch the projector once; one that does not answer is told, and the show goes on."""
-        if not saved.power or self._is_powered is on:
+    async def _switch_off(self, saved: SavedShow) -> None:
+        """Switch the projector off once; one that does not answer is told."""
+        if not saved.power or self._is_off:
             return
-        self._is_powered = on
+        self._is_off = True
         try:
-            await asyncio.to_thread(switch_projector, prepared(saved.show, self._workplace.folders), on=on)
+            await asyncio.to_thread(switch_projector_off, saved.show, self._workplace.folders)
         except RigError as error:
             self._workplace.news.tell("refused", {"error": f"projector power: {error}"})
 
 
-def switch_projector(work: object, *, on: bool) -> None:
-    """Switch the projector of a show by its profile's PJLink table. Raises UsageError without one, DeviceError."""
-    if not isinstance(work, ShowJob):
-        raise UsageError("only a show has a projector to be switched")
-    profile = load_profile(work.profile) if work.profile else Session.read(str(work.session)).profile
+def switch_projector_off(show: ShowJob, folders: Folders) -> None:
+    """Switch off the projector of a show by its profile's PJLink table. Raises UsageError without one, DeviceError."""
+    if show.profile is not None:
+        profile = folders.read_profile(show.profile)
+    else:
+        profile = Session.read(folders.session(show.session or "")).profile
     settings = profile.projectors[0].pjlink
     if settings is None:
         raise UsageError(f"{profile.name}: has no [projector.pjlink]; write its address into the profile")
-    device = Pjlink(settings.host, settings.port)
-    device.switch_on() if on else device.switch_off()
+    control_of(settings, profile.path).switch_off()

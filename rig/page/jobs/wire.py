@@ -6,10 +6,9 @@ import json
 import os
 import queue
 import signal
-import sys
 import threading
 from collections.abc import Callable
-from typing import BinaryIO
+from typing import IO
 
 from rig.records import Json, JsonObject
 
@@ -28,7 +27,7 @@ class Wire:
         Binary streams.
     """
 
-    def __init__(self, orders: BinaryIO, messages: BinaryIO):
+    def __init__(self, orders: IO[bytes], messages: IO[bytes]):
         self._orders, self._messages = orders, messages
         self._waiting: queue.SimpleQueue[JsonObject] = queue.SimpleQueue()
         self._lock = threading.Lock()
@@ -42,7 +41,8 @@ class Wire:
         """Take standard input and output for the wire; whatever is printed goes to standard error."""
         messages = os.fdopen(os.dup(1), "wb")
         os.dup2(2, 1)
-        return cls(sys.stdin.buffer, messages)
+        # Unbuffered: a thread that waits for orders holds no lock that the end of the process would need.
+        return cls(os.fdopen(os.dup(0), "rb", buffering=0), messages)
 
     def first(self) -> JsonObject:
         """Wait for the first order, which says what the job is, and listen for others from then on."""

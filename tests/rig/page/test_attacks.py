@@ -26,7 +26,9 @@ def test_another_web_site_gets_nothing(served: Served) -> None:
         assert served.get("/api/state", headers=headers).status_code == 403
 
 
-@pytest.mark.parametrize("content", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"])
+@pytest.mark.parametrize(
+    "content", ["text/plain", "application/x-www-form-urlencoded", "multipart/form-data; boundary=x"]
+)
 def test_a_form_of_another_web_site_orders_nothing(served: Served, content: str) -> None:
     answer = httpx.post(
         f"{served.address}api/jobs/look", content=b'{"profile": "ci-tiny"}', headers={**ME, "content-type": content}
@@ -47,7 +49,9 @@ def test_pages_hold_no_script_and_load_none_from_elsewhere(served: Served) -> No
 )
 def test_no_path_leads_out_of_the_folder(served: Served, name: str) -> None:
     for place in (f"api/sessions/{name}", f"api/sessions/{name}/photograph", f"static/{name}/page.html"):
-        answer = served.raw(f"GET /{place} HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nConnection: close\r\n\r\n".encode())
+        answer = served.raw(
+            f"GET /{place} HTTP/1.1\r\nHost: 127.0.0.1:{served.port}\r\nConnection: close\r\n\r\n".encode()
+        )
         assert answer.split()[1] in (b"400", b"404"), answer
 
 
@@ -77,7 +81,9 @@ def test_a_job_cannot_name_files_of_the_machine(served: Served) -> None:
     assert not (served.root / "x").exists()
 
 
-@pytest.mark.parametrize("body", [b"", b"{", b"[]", b"nul", b"[" * 100_000, b'{"profile": 3}', b'{"profil": "x"}', b"\xff"])
+@pytest.mark.parametrize(
+    "body", [b"", b"{", b"[]", b"nul", b"[" * 100_000, b'{"profile": 3}', b'{"profil": "x"}', b"\xff"]
+)
 def test_malformed_json_is_refused_with_a_sentence(served: Served, body: bytes) -> None:
     headers = {**ME, "content-type": "application/json"}
     answer = httpx.post(f"{served.address}api/jobs/look", content=body, headers=headers)
