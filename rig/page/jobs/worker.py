@@ -17,7 +17,7 @@ _PROGRESS_S = 0.1
 INTERRUPTED = 130
 
 
-class _Progress:
+class _ToldProgress:
     """Tells how far a job is, no more often than anybody reads it."""
 
     def __init__(self, wire: Wire):
@@ -45,7 +45,7 @@ def _run(job: RunJob, wire: Wire) -> JsonObject:
         linear=job.linear,
         strategies=job.strategies,
     )
-    return run_session(request, _Progress(wire)).as_json()
+    return run_session(request, _ToldProgress(wire)).as_json()
 
 
 def _strategies(job: StrategiesJob, wire: Wire) -> JsonObject:
@@ -59,14 +59,14 @@ def _strategies(job: StrategiesJob, wire: Wire) -> JsonObject:
         captures=job.captures,
         test_pictures=job.test_pictures,
     )
-    return compare_strategies(wanted, _Progress(wire)).as_json()
+    return compare_strategies(wanted, _ToldProgress(wire)).as_json()
 
 
 def _check(job: CheckJob, wire: Wire) -> JsonObject:
     from rig.self_check import run_check
 
     wire.on_stop = interrupt_this_process
-    return run_check(job.profile, _Progress(wire), job.only).as_json()
+    return run_check(job.profile, _ToldProgress(wire), job.only).as_json()
 
 
 def _look(job: LookJob, wire: Wire) -> JsonObject:
@@ -78,7 +78,7 @@ def _look(job: LookJob, wire: Wire) -> JsonObject:
 def _show(job: ShowJob, wire: Wire) -> JsonObject:
     from rig.page.jobs.show import show_on
 
-    return show_on(job, wire, _Progress(wire))
+    return show_on(job, wire, _ToldProgress(wire))
 
 
 def _devices() -> JsonObject:

@@ -83,7 +83,7 @@ def last_frame_jpeg(folder: Path, file: str) -> bytes:
 
 
 @dataclass(frozen=True, eq=False)
-class _Source:
+class _ComparableSource:
     """A picture that can be compared, and how to read it."""
 
     picture: NamedPicture
@@ -135,21 +135,21 @@ def packed_levels(levels: Levels) -> bytes:
     return struct.pack("<IIII", numbers.shape[1], numbers.shape[0], bands, scale) + numbers.tobytes()
 
 
-def _sources(session: Session) -> list[_Source]:
+def _sources(session: Session) -> list[_ComparableSource]:
     if not session.is_finished("compare"):
         return []
     judged = session.finished("compare").load_image("judged")
     scale = np.float32(255 / load_model(session).level)
     found = [
-        _Source(NamedPicture(name="target", title="target"), lambda: image_of(judged, "target")),
-        _Source(NamedPicture(name="mask", title="judged pixels"), lambda: image_of(judged, "mask") * 255),
+        _ComparableSource(NamedPicture(name="target", title="target"), lambda: image_of(judged, "target")),
+        _ComparableSource(NamedPicture(name="mask", title="judged pixels"), lambda: image_of(judged, "mask") * 255),
     ]
     for name in load_compensation(session).strategies:
         found += _of_strategy(session, name, scale)
     return found
 
 
-def _of_strategy(session: Session, name: str, scale: np.float32) -> Sequence[_Source]:
+def _of_strategy(session: Session, name: str, scale: np.float32) -> Sequence[_ComparableSource]:
     def predicted() -> Levels:
         return image_of(session.finished("compensate").load_image(f"predicted-{name}"), "light") * scale
 
@@ -157,8 +157,8 @@ def _of_strategy(session: Session, name: str, scale: np.float32) -> Sequence[_So
         return image_of(session.finished("compare").load_image(f"measured-{name}"), "light") * scale
 
     return (
-        _Source(NamedPicture(name=f"measured-{name}", title=f"{name}, measured"), measured),
-        _Source(NamedPicture(name=f"predicted-{name}", title=f"{name}, predicted"), predicted),
+        _ComparableSource(NamedPicture(name=f"measured-{name}", title=f"{name}, measured"), measured),
+        _ComparableSource(NamedPicture(name=f"predicted-{name}", title=f"{name}, predicted"), predicted),
     )
 
 

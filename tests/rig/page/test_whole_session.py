@@ -31,7 +31,7 @@ class Operator:
         raise TimeoutError(f"{expression}: {self.page.inner_text('body')[:1500]}")
 
     def reads(self, text: str) -> None:
-        self.page.get_by_text(text).first.wait_for(timeout=1000 * PATIENCE_S)
+        self.page.get_by_text(text).filter(visible=True).first.wait_for(timeout=1000 * PATIENCE_S)
 
 
 @pytest.fixture
