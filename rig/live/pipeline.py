@@ -14,13 +14,14 @@ from rig.devices.simulated.display import ClockedDisplay
 from rig.errors import DeviceError
 from rig.live.plan import LivePlan, LiveRequest
 from rig.live.record import Recorder
-from rig.live.remote import Remote
+from rig.live.show.controls import RemoteControl
 from rig.live.show.frame_mailbox import FrameMailbox
-from rig.live.show.loop import LiveLoop, LoopArguments, ShownFrame, no_keys, nothing_more, same_controls
+from rig.live.show.loop import LiveLoop, LoopArguments, ShownFrame, nothing_more
 from rig.live.show.output import ThreadedOutput
 from rig.live.sources.choose import SourceSettings, make_source
 from rig.live.sources.reader import Reader
 from rig.live.sources.source import Source
+from rig.live.watcher import ShowWatcher
 from rig.profile.schema import Profile
 from rig.terminal.keys import Keyboard
 from rig.terminal.signals import EndSignals
@@ -54,19 +55,12 @@ class LivePipeline:
 
 
 @contextmanager
-def open_pipeline(plan: LivePlan, signals: EndSignals, remote: Remote | None = None) -> Iterator[LivePipeline]:
+def open_pipeline(
+    plan: LivePlan, signals: EndSignals, remote: RemoteControl, watcher: ShowWatcher | None = None
+) -> Iterator[LivePipeline]:
     """Make a show's devices, open them, and tie everything together; the projector is black afterwards.
 
-    A signal may end the opening. With a remote control the terminal's keys are left alone.
-
-    Raises
-    ------
-    UsageError
-        A bad source.
-    DeviceError
-        The projector does not open.
-    SessionError
-        A bad recording.
+    A signal may end the opening. Raises UsageError for a bad source, DeviceError, SessionError for a bad recording.
     """
     request, profile = plan.request, plan.profile
     devices = _devices(profile, photographs=request.record is not None)
@@ -78,7 +72,7 @@ def open_pipeline(plan: LivePlan, signals: EndSignals, remote: Remote | None = N
             devices.projector.open()
             camera = _open_camera(devices.camera, profile, stack, notes)
         recorder = _recorder(request, profile, devices.clock, camera)
-        keyboard = None if remote else stack.enter_context(Keyboard())
+        keyboard = stack.enter_context(Keyboard())
         shape, rate_hz = profile.projector.shape, profile.projector.refresh_rate_hz
         mailbox = FrameMailbox(shape, 1 / rate_hz, devices.clock)
         reader = Reader(
@@ -101,10 +95,10 @@ def open_pipeline(plan: LivePlan, signals: EndSignals, remote: Remote | None = N
             clock=devices.clock,
             refresh_rate_hz=rate_hz,
             replug_timeout_s=profile.timing.replug_timeout_s,
-            keys=keyboard.pressed if keyboard else no_keys,
-            adjust=remote.adjusted if remote else same_controls,
+            keys=keyboard.pressed,
+            remote=remote,
             next_source=reader.next_source,
-            on_shown=_watchers(recorder, remote),
+            on_shown=_watchers(recorder, watcher),
             interrupting=signals.interrupting,
             notes=notes,
         )
@@ -118,15 +112,16 @@ def open_pipeline(plan: LivePlan, signals: EndSignals, remote: Remote | None = N
         )
 
 
-def _watchers(recorder: Recorder | None, remote: Remote | None) -> Callable[[ShownFrame], None]:
+def _watchers(recorder: Recorder | None, watcher: ShowWatcher | None) -> Callable[[ShownFrame], None]:
     """Who is told of each picture that was shown."""
-    watching = [one for one in (recorder and recorder.offer, remote and remote.shown) if one]
-    if len(watching) < 2:
-        return watching[0] if watching else nothing_more
+    if recorder is None:
+        return nothing_more if watcher is None else watcher.shown
+    if watcher is None:
+        return recorder.offer
 
     def told(frame: ShownFrame) -> None:
-        for one in watching:
-            one(frame)
+        recorder.offer(frame)
+        watcher.shown(frame)
 
     return told
 

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from rig.errors import RigError
 from rig.live.pipeline import LivePipeline, open_pipeline
 from rig.live.plan import LivePlan
-from rig.live.remote import Remote
 from rig.live.results import Recorded, ShowResult, SourceFailure
+from rig.live.show.controls import NoRemote, RemoteControl
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
+from rig.live.watcher import ShowWatcher
 from rig.stages.error_tree import one_error_tree
 from rig.terminal.signals import EndSignals, Interrupted
 
@@ -44,7 +45,12 @@ class _Progress:
     """After the warm-up."""
 
 
-def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, *, remote: Remote | None = None) -> ShowResult:
+def run_live(
+    plan: LivePlan,
+    on_status: OnStatus = lambda _: None,
+    remote: RemoteControl | None = None,
+    watcher: ShowWatcher | None = None,
+) -> ShowResult:
     """Show sources until one of: time over, sources over, key q, a signal. The projector is black afterwards.
 
     Parameters
@@ -54,7 +60,9 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, *, remote: Re
     on_status
         Told a line for a person twice a second.
     remote
-        Steers the show in place of the terminal's keys, and may end it.
+        Commands beside those of the keyboard.
+    watcher
+        Told of each frame and each step.
 
     Returns
     -------
@@ -69,8 +77,8 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, *, remote: Re
         The projector does not open, or stayed away for longer than `timing.replug_timeout_s`.
     """
     with one_error_tree(), realtime_priority() as is_realtime:
-        with EndSignals() as signals, open_pipeline(plan, signals, remote) as pipeline:
-            progress = _run(pipeline, signals, plan.request.seconds, on_status, remote=remote)
+        with EndSignals() as signals, open_pipeline(plan, signals, remote or NoRemote(), watcher) as pipeline:
+            progress = _run(pipeline, signals, plan.request.seconds, on_status, watcher)
         return _result(plan, pipeline, progress, signals.received, is_realtime=is_realtime)
 
 
@@ -79,8 +87,7 @@ def _run(
     signals: EndSignals,
     seconds: float | None,
     on_status: OnStatus,
-    *,
-    remote: Remote | None = None,
+    watcher: ShowWatcher | None,
 ) -> _Progress:
     """Step until the end; whatever ends it, what was recorded is closed."""
     now_s = pipeline.clock.now_s()
@@ -92,8 +99,8 @@ def _run(
             while not progress.ended_by:
                 pipeline.loop.step()
                 _follow(pipeline, signals, progress, on_status)
-                if remote is not None and remote.follow(pipeline.loop, pipeline.reader, pipeline.mailbox.dropped):
-                    progress.ended_by = progress.ended_by or "quit"
+                if watcher is not None:
+                    watcher.follow(pipeline.loop, pipeline.reader, pipeline.mailbox.dropped)
         pipeline.loop.complete()
     except Interrupted:
         progress.ended_by = "signal"

@@ -24,7 +24,7 @@ from rig.page.server.frame_stream import Streams
 from rig.page.server.guard import Guard, GuardSettings
 from rig.page.server.lease import Lease
 from rig.page.server.news import News
-from rig.page.shows import ShowKeeper
+from rig.page.shows import PageShowKeeper
 from rig.page.views.page import STATIC
 from rig.page.workplace import Workplace
 
@@ -58,7 +58,7 @@ def make_app(
         holder=JobHolder(news),
         is_open=guard.token is not None,
     )
-    keeper = ShowKeeper(workplace, clock)
+    keeper = PageShowKeeper(workplace, clock)
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

@@ -27,7 +27,7 @@ _LOOK_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class SavedShow(Record):
+class PageShow(Record):
     """A show that can be begun by its name."""
 
     show: ShowJob
@@ -56,17 +56,17 @@ class SavedShow(Record):
         return on <= now < off if on <= off else now >= on or now < off
 
 
-def read_show(path: Path) -> SavedShow:
+def read_show(path: Path) -> PageShow:
     """Read a saved show. Raises UsageError when there is none, or it makes no sense."""
     try:
-        found = read_record(SavedShow, json.loads(path.read_bytes()))
+        found = read_record(PageShow, json.loads(path.read_bytes()))
     except (OSError, ValueError, RecursionError) as error:
         raise UsageError(f"{path.stem}: no saved show of that name can be read; save it again on the page") from error
     found.hours()
     return found
 
 
-def write_show(path: Path, show: SavedShow) -> None:
+def write_show(path: Path, show: PageShow) -> None:
     """Save a show. Raises UsageError for hours that are none, SessionError when the disk refuses."""
     show.hours()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -91,7 +91,7 @@ class KeeperStatus(Record):
         return self.phase != "waiting"
 
 
-class ShowKeeper:
+class PageShowKeeper:
     """Sees to it that one show runs: starts it, and again with longer and longer pauses when it ends.
 
     Parameters
@@ -181,7 +181,7 @@ class ShowKeeper:
             return "waiting"
         return "running"
 
-    async def _switch_off(self, saved: SavedShow) -> None:
+    async def _switch_off(self, saved: PageShow) -> None:
         """Switch the projector off once; one that does not answer is told."""
         if not saved.power or self._is_off:
             return

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 _GAIN_STEP = 2 ** (1 / 8)
 """Of one key: eight make twice as bright; a single one is just seen."""
@@ -38,6 +39,30 @@ class Controls:
     def shown_strategy(self) -> str:
         """The strategy that compensates; empty where pictures are shown as they are."""
         return self.strategy if self.compensating else ""
+
+
+class RemoteControl(Protocol):
+    """Commands from elsewhere than the keyboard."""
+
+    def adjusted(self, controls: Controls) -> Controls:
+        """Settings after all commands that wait."""
+        ...
+
+    def pressed(self) -> str:
+        """Keys that commands stand for, a character each."""
+        ...
+
+
+class NoRemote:
+    """Stands for a remote control where there is none."""
+
+    def adjusted(self, controls: Controls) -> Controls:
+        """Return the same settings."""
+        return controls
+
+    def pressed(self) -> str:
+        """Return no key."""
+        return ""
 
 
 def pressed(controls: Controls, key: str, strategies: Sequence[str]) -> Controls:

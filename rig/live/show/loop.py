@@ -16,7 +16,7 @@ from rig.capture.recovery import Recovery
 from rig.devices.protocols import Clock, Projector, check_on_screen
 from rig.errors import DeviceLost
 from rig.live.show.compensator import Compensator
-from rig.live.show.controls import Controls, pressed
+from rig.live.show.controls import Controls, NoRemote, RemoteControl, pressed
 from rig.live.show.frame_mailbox import FrameQueue, LiveFrame
 from rig.live.show.frame_pacing import DisplayClock, LatchTimer
 from rig.live.show.frame_statistics import FrameStatistics
@@ -45,11 +45,6 @@ class ShownFrame:
 def no_keys() -> str:
     """Keys where there is no keyboard."""
     return ""
-
-
-def same_controls(controls: Controls) -> Controls:
-    """Leave the settings as they are, where nobody else sets them."""
-    return controls
 
 
 def nothing_more(_: ShownFrame) -> None:
@@ -88,8 +83,7 @@ class LoopArguments:
     refresh_rate_hz: float
     replug_timeout_s: float = 20.0
     keys: Callable[[], str] = no_keys
-    adjust: Callable[[Controls], Controls] = same_controls
-    """Asked before each refresh, after the keys: what somebody elsewhere sets, such as a gain by its number."""
+    remote: RemoteControl = field(default_factory=NoRemote)
     next_source: Callable[[], None] = lambda: None
     on_shown: Callable[[ShownFrame], None] = nothing_more
     interrupting: Callable[[], AbstractContextManager[None]] = nullcontext
@@ -128,11 +122,6 @@ class LiveLoop:
     def strategies(self) -> tuple[str, ...]:
         """Names of what may compensate; none without a model."""
         return tuple(self._arguments.compensators)
-
-    def next_source(self) -> None:
-        """Go to the next source, as key n does."""
-        self._arguments.next_source()
-        self._restart()
 
     def step(self) -> None:
         """One refresh: keys, at most one picture, show it. Raises DeviceError when the projector stays away."""
@@ -185,18 +174,18 @@ class LiveLoop:
         return self._arguments.queue.is_timed and self._output.is_concurrent
 
     def _obey_keys(self) -> None:
-        for key in self._arguments.keys():
+        before, self.controls = self.controls, self._arguments.remote.adjusted(self.controls)
+        self._changed = self._changed or self.controls != before
+        for key in self._arguments.keys() + self._arguments.remote.pressed():
             if key == "q":
                 self.ended = "quit"
             elif key == "n":
-                self.next_source()
+                self._arguments.next_source()
+                self._restart()
             else:
                 before = self.controls
                 self.controls = pressed(before, key, tuple(self._arguments.compensators))
                 self._changed = self._changed or self.controls != before
-        adjusted = self._arguments.adjust(self.controls)
-        self._changed = self._changed or adjusted != self.controls
-        self.controls = adjusted
 
     def _restart(self) -> None:
         for compensator in self._arguments.compensators.values():

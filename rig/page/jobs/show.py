@@ -56,7 +56,7 @@ class ShowStatus(Record):
 
 
 class PageRemote:
-    """The page's end of a show's remote control.
+    """The page at a show: commands in place of keys, and what it charts.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class PageRemote:
         self._wire = wire
         self._orders: list[JsonObject] = []
         self._period_s = period_s
-        self._next = False
+        self._keys = ""
         self._status_s = self._picture_s = 0.0
         self._times_ms: list[float] = []
         self._last_s: float | None = None
@@ -86,7 +86,7 @@ class PageRemote:
         value = order.get("value")
         match order.get("do"):
             case "next":
-                self._next = True
+                self._keys += "n"
                 return controls
             case "gain" if isinstance(value, int | float) and GAIN_RANGE[0] <= value <= GAIN_RANGE[1]:
                 return replace(controls, gain=float(value))
@@ -100,6 +100,11 @@ class PageRemote:
             case other:
                 raise UsageError(f"a show cannot be told {str(other)[:40]!r}, {str(value)[:40]!r}")
 
+    def pressed(self) -> str:
+        """Return the keys that were ordered; q when the page wants the show's end."""
+        keys, self._keys = self._keys, ""
+        return keys + "q" if self._wire.is_stopping else keys
+
     def shown(self, frame: ShownFrame) -> None:
         """Note when a picture came, and send a small copy now and then."""
         if self._last_s is not None:
@@ -110,17 +115,13 @@ class PageRemote:
             self._picture_s = now_s
             self._wire.tell("frame", {"number": frame.number, "taken_s": time.time()}, small_jpeg(frame.codes))
 
-    def follow(self, loop: LiveLoop, reader: Reader, dropped: int) -> bool:
-        """Tell how the show is doing; True when the page wants its end."""
-        if self._next:
-            self._next = False
-            loop.next_source()
+    def follow(self, loop: LiveLoop, reader: Reader, dropped: int) -> None:
+        """Tell how the show is doing."""
         now_s = time.monotonic()
         if now_s - self._status_s >= _STATUS_S:
             self._status_s = now_s
             self._wire.tell("state", self._status(loop, reader, dropped).as_json())
             self._times_ms.clear()
-        return self._wire.is_stopping
 
     def _status(self, loop: LiveLoop, reader: Reader, dropped: int) -> ShowStatus:
         statistics, controls = loop.statistics, loop.controls
@@ -169,5 +170,6 @@ def show_on(job: ShowJob, wire: Wire, on_step: OnStep) -> JsonObject:
     )
     plan = plan_live(request, on_step)
     on_step("show", 0, 0)
-    result = run_live(plan, remote=PageRemote(wire, 1 / plan.profile.projector.refresh_rate_hz))
+    page = PageRemote(wire, 1 / plan.profile.projector.refresh_rate_hz)
+    result = run_live(plan, remote=page, watcher=page)
     return result.as_json()

@@ -14,7 +14,7 @@ from rig.page.jobs.requests import JOBS
 from rig.page.jobs.show import ShowStatus
 from rig.page.server.answers import answer
 from rig.page.server.lease import LeaseState
-from rig.page.shows import KeeperStatus, SavedShow
+from rig.page.shows import KeeperStatus, PageShow
 from rig.page.views.pictures import NamedPicture
 from rig.page.views.scene import SceneView
 from rig.page.views.sessions import SessionDetail, TwoSessions
@@ -22,7 +22,7 @@ from rig.records import Json, JsonObject
 from rig.stages.results import SessionResult
 
 _GIVEN = (
-    *(SessionDetail, TwoSessions, NamedPicture, SceneView, LeaseState, KeeperStatus, SavedShow),
+    *(SessionDetail, TwoSessions, NamedPicture, SceneView, LeaseState, KeeperStatus, PageShow),
     *(PreviewState, FrameFacts, ShowStatus, SessionResult),
 )
 

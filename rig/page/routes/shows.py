@@ -8,7 +8,7 @@ from starlette.routing import Route
 
 from rig.page.routes.common import as_operator, name_of, workplace_of
 from rig.page.server.answers import answer, object_of, record_of
-from rig.page.shows import SavedShow, ShowKeeper, read_show, write_show
+from rig.page.shows import PageShow, PageShowKeeper, read_show, write_show
 from rig.page.workplace import prepared
 
 
@@ -24,7 +24,7 @@ def show(request: Request) -> Response:
 
 async def save(request: Request) -> Response:
     """Save a show, refused if it could not begin."""
-    wanted = await record_of(request, SavedShow)
+    wanted = await record_of(request, PageShow)
     workplace = as_operator(request)
     prepared(wanted.show, workplace.folders)
     write_show(workplace.folders.show(name_of(request, "show")), wanted)
@@ -46,9 +46,9 @@ async def remove(request: Request) -> Response:
     return answer({"removed": name})
 
 
-def _keeper(request: Request) -> ShowKeeper:
+def _keeper(request: Request) -> PageShowKeeper:
     found = request.app.state.keeper
-    if not isinstance(found, ShowKeeper):
+    if not isinstance(found, PageShowKeeper):
         raise TypeError("the server keeps no show")
     return found
 

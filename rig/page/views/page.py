@@ -15,6 +15,7 @@ from rig.version import __version__
 STATIC = Path(__file__).parents[1] / "static"
 """Scripts, styles and pictures of the page."""
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
+_INCLUDE = re.compile(r'\{% include "([^"]+)" %\}')
 _REPORT_TEMPLATES = ("report/base.html", "lenses/lenses.html")
 
 
@@ -33,8 +34,8 @@ def report_policy() -> str:
     scripts = [script for name in _REPORT_TEMPLATES for script in _SCRIPT.findall(_text(name))]
     hashes = " ".join(_hash_of(one) for one in scripts) or "'none'"
     return (
-        f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {hashes}; "
-        "sandbox allow-scripts allow-popups; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+        f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {hashes}; "
+        "sandbox allow-scripts allow-popups allow-downloads; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
     )
 
 
@@ -43,4 +44,6 @@ def _hash_of(script: str) -> str:
 
 
 def _text(name: str) -> str:
-    return files("rig").joinpath(name).read_text(encoding="utf-8")
+    """A template, what it includes put in its place as jinja2 does."""
+    text = files("rig").joinpath(name).read_text(encoding="utf-8")
+    return _INCLUDE.sub(lambda found: _text(found[1]).removesuffix("\n"), text)

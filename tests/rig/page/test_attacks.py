@@ -1,6 +1,9 @@
 """What somebody tries who should not: each is refused, or harmless."""
 
+import base64
+import hashlib
 import json
+import re
 import resource
 import shutil
 import socket
@@ -140,6 +143,10 @@ def test_scripts_in_names_and_texts_stay_texts(served: Served) -> None:
         assert "sandbox allow-scripts" in policy
         assert "allow-same-origin" not in policy
         assert "'unsafe-inline'" not in policy.split("script-src")[1].split(";")[0]
+        own = re.findall(r"<script>(.*?)</script>", (session / "report.html").read_text("utf-8"), re.DOTALL)
+        hashes = [base64.b64encode(hashlib.sha256(one.encode()).digest()).decode() for one in own]
+        assert len(own) == 1
+        assert all(f"'sha256-{one}'" in policy for one in hashes)  # the report's own script runs
         assert served.get("/api/sessions/%3Cscript%3E").status_code == 400
         text = 'schema = 2\nname = "<img src=x onerror=alert(1)>"\n'
         answer = httpx.put(f"{served.address}api/profiles/x", json={"text": text}, headers=ME)

@@ -18,7 +18,7 @@ from rig.page.routes.schema import schemas
 from rig.page.server.folders import Folders
 from rig.page.server.lease import HOLD_S, Lease, RigHeld
 from rig.page.server.news import News
-from rig.page.shows import SavedShow, read_show, write_show
+from rig.page.shows import PageShow, read_show, write_show
 from rig.page.views.pictures import packed_levels
 from rig.records import JsonObject
 from tests.rig.page.conftest import ME, Served
@@ -93,12 +93,12 @@ def test_numbers_of_a_picture_come_back_as_they_were() -> None:
 
 
 def test_saved_shows_keep_their_hours_also_over_midnight(tmp_path: Path) -> None:
-    show = SavedShow(show=ShowJob(profile="ci-tiny"), on_at="22:00", off_at="02:00")
+    show = PageShow(show=ShowJob(profile="ci-tiny"), on_at="22:00", off_at="02:00")
     assert [show.runs_at(time(hour)) for hour in (21, 22, 1, 2)] == [False, True, True, False]
     write_show(tmp_path / "shows" / "a.json", show)
     assert read_show(tmp_path / "shows" / "a.json") == show
     with pytest.raises(UsageError, match="times of day"):
-        SavedShow(show=ShowJob(profile="ci-tiny"), on_at="9 in the morning").runs_at(time(9))
+        PageShow(show=ShowJob(profile="ci-tiny"), on_at="9 in the morning").runs_at(time(9))
     (tmp_path / "shows" / "b.json").write_text("{")
     with pytest.raises(UsageError, match="no saved show"):
         read_show(tmp_path / "shows" / "b.json")

@@ -146,7 +146,7 @@ const pagePart = (file) => (body, name, place) => {
     heading(place, detail);
     if (!detail.listed.pages?.includes(file)) return put(body, h("p", { class: "empty" }, file === "report.html" ? "The report is written when the session is compared." : "Strategies were not compared yet."));
     const source = `/api/sessions/${name}/pages/${file}`;
-    return put(body, h("p", {}, h("a", { href: source, target: "_blank", rel: "noopener" }, "Open by itself")), h("iframe", { class: "frame", src: source, title: file, sandbox: "allow-scripts allow-popups" }));
+    return put(body, h("p", {}, h("a", { href: source, target: "_blank", rel: "noopener" }, "Open by itself")), h("iframe", { class: "frame", src: source, title: file, sandbox: "allow-scripts allow-popups allow-downloads" }));
   });
   return {};
 };
