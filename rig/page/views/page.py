@@ -35,7 +35,8 @@ def report_policy() -> str:
     hashes = " ".join(_hash_of(one) for one in scripts) or "'none'"
     return (
         f"default-src 'none'; img-src data: blob:; style-src 'unsafe-inline'; script-src {hashes}; "
-        "sandbox allow-scripts allow-popups allow-downloads; base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+        "sandbox allow-scripts allow-popups allow-downloads; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
     )
 
 
