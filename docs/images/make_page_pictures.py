@@ -1,7 +1,6 @@
-"""The pictures of the operator's page in docs/how-to/operators-page.md, from a server that has a finished session.
+"""The pictures of the operator's page in docs/how-to/operators-page.md.
 
-rig run runs/first -p ci-tiny
-rig serve runs
+After `rig run runs/first -p ci-tiny` and `rig serve runs`:
 python docs/images/make_page_pictures.py http://127.0.0.1:8080/ first docs/images
 """
 
@@ -18,6 +17,7 @@ OPTIONS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enabl
 
 
 def main(address: str, session: str, folder: Path) -> None:
+    """Make them all."""
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path="/usr/bin/chromium", args=OPTIONS)
         page = browser.new_page(viewport=SIZE)
@@ -33,9 +33,7 @@ def main(address: str, session: str, folder: Path) -> None:
         page.locator("#look-profile option[value=ci-tiny]").wait_for(state="attached")
         page.select_option("#look-profile", "ci-tiny")
         page.click("#look")
-        until(
-            "document.querySelectorAll('.thirds span').length === 9 && document.querySelector('.figures').children.length"
-        )
+        until("document.querySelectorAll('.thirds span').length === 9")
         page.wait_for_timeout(8000)
         keep(page, folder / "page-look.jpg")
         page.click("#look")
@@ -51,6 +49,7 @@ def main(address: str, session: str, folder: Path) -> None:
 
 
 def keep(page: Any, path: Path) -> None:
+    """Write what is seen as a small file."""
     page.screenshot(path=path, type="jpeg", quality=62)
     print(path, path.stat().st_size)
 

@@ -138,7 +138,7 @@ def test_a_program_looks_without_a_browser(served: Served) -> None:
         facts: JsonObject = json.loads(first[12 : 12 + header])
         assert facts["exposure_s"] == 0.001
     ended = served.post("/api/job/stop").json()
-    assert ended["phase"] == "stopped"
+    assert ended["phase"] == "done"
     served.post("/api/lease", {"do": "release"})
 
 

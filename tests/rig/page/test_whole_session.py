@@ -117,7 +117,7 @@ def look_through_the_camera(operator: Operator) -> None:
     operator.served.until(lambda job: job["state"].get("picture") == "white")
     operator.reads("Sharpness")
     page.click("#look")
-    operator.served.until(lambda job: job["phase"] == "stopped")
+    operator.served.until(lambda job: job["phase"] == "done")
 
 
 def show_before_and_after(operator: Operator) -> None:
