@@ -71,8 +71,11 @@ export const isRunning = (kind) => Boolean(known.job && ["running", "stopping"].
 export const isMine = () => known.lease.holder === client;
 export const mayWork = () => known.lease.holder === "" || isMine();
 
-export const listen = async () => {
-  const events = new EventSource("/api/events");
+// A browser allows six connections to a server: pages that are hidden hold none.
+let events = null;
+const connect = () => {
+  if (events || document.hidden) return;
+  events = new EventSource("/api/events");
   for (const subject of ["job", "state", "lease", "keeper", "refused", "files"]) {
     events.addEventListener(subject, (event) => {
       const what = JSON.parse(event.data);
@@ -92,6 +95,17 @@ export const listen = async () => {
     tell("heard", true);
   };
   events.onerror = () => tell("heard", false);
+};
+
+export const listen = () => {
+  connect();
+  document.addEventListener("visibilitychange", () => {
+    if (document.hidden) {
+      events?.close();
+      events = null;
+      known.isHeard = false;
+    } else connect();
+  });
   setInterval(() => {
     if (isMine()) post("/api/lease", { do: "keep" }).catch(() => {});
   }, 5000);

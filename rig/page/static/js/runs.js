@@ -126,6 +126,7 @@ const watchPart = (body, name, place) => {
   });
   const paintActions = (detail) => put(actions,
     mine() ? button("Stop", stop, "stop") : button(detail?.listed.verdict === "unfinished" || !detail ? "Go on" : "Run again", () => start("run", { session: name }), "main", { disabled: isRunning() || !detail, id: "resume" }),
+    mine() || !known.setting?.kinds.includes("recheck") ? null : button("Re-check", () => start("recheck", { session: name }), "", { disabled: isRunning() || !detail, title: "Has camera or projector moved, has the light drifted?" }),
     mine() ? null : button("Compare strategies", () => start("strategies", { session: name, test_pictures: false, strategies: ["none", "direct", "paper", "exact", "bounded"], loops: [] }), "", { disabled: isRunning() || !detail }));
   fill();
   const timer = setInterval(() => { if (!document.hidden && mine()) fill(); }, 2500);
