@@ -23,20 +23,29 @@ const route = () => {
   current = VIEWS[tab](main, rest);
 };
 
+// Made once and changed in place: a button that is replaced while it is pressed is never clicked.
+const at = {
+  title: chip("", ""), words: h("span", {}), meter: h("progress", { max: 1, value: 0, "aria-label": "Progress of this step" }),
+  count: h("span", { class: "num soft" }), stop: button("Stop", stop, "stop", { id: "stop" }),
+};
+put(document.getElementById("job"), Object.values(at));
+
 const showJob = () => {
   const bar = document.getElementById("job");
   const job = known.job;
-  bar.hidden = !job || (job.phase === "done" && job.kind === "look") || (job.phase === "stopped" && job.kind === "look");
+  bar.hidden = !job || (job.kind === "look" && ["done", "stopped"].includes(job.phase));
   if (bar.hidden) return;
   const share = job.total > 0 ? job.done / job.total : null;
   const isAtWork = isRunning();
-  const words = { running: job.label, stopping: "ending: nothing that was photographed is lost", done: "done", stopped: "stopped; start it again to go on", failed: job.error }[job.phase];
-  put(bar,
-    chip(job.phase === "done" ? "ok" : job.phase, job.title),
-    h("span", { class: job.phase === "failed" ? "bad grow" : "soft" }, words),
-    isAtWork && share !== null ? h("progress", { max: 1, value: share, "aria-label": "Progress of this step" }) : null,
-    isAtWork && job.total > 0 ? h("span", { class: "num soft" }, `${job.done} of ${job.total}`) : null,
-    isAtWork ? button("Stop", stop, "stop", { disabled: job.phase === "stopping", id: "stop" }) : null);
+  at.title.className = `chip ${job.phase === "done" ? "ok" : job.phase}`;
+  at.title.textContent = job.title;
+  at.words.className = job.phase === "failed" ? "bad grow" : "soft";
+  at.words.textContent = { running: job.label, stopping: "ending: nothing that was photographed is lost", done: "done", stopped: "stopped; start it again to go on", failed: job.error }[job.phase];
+  at.meter.hidden = at.count.hidden = !isAtWork || share === null;
+  at.meter.value = share ?? 0;
+  at.count.textContent = `${job.done} of ${job.total}`;
+  at.stop.hidden = !isAtWork;
+  at.stop.disabled = job.phase === "stopping";
 };
 
 const showLease = () => {

@@ -31,6 +31,14 @@ export const showView = (main) => {
   const state = () => (isRunning("show") && known.state?.times_ms ? known.state : null);
   const flip = (what) => state() && order({ do: what, value: !state()[what] });
 
+  // Made once and changed in place: a button that is replaced while it is pressed is never clicked.
+  const items = {
+    compensating: button("Compensated", () => flip("compensating"), "", { title: "Key c" }), frozen: button("Freeze", () => flip("frozen"), "", { title: "Key f" }),
+    black: button("Black", () => flip("black"), "black", { title: "Key b" }), auto_gain: button("Automatic gain", () => flip("auto_gain"), "", { title: "Key a" }),
+    next: button("Next source", () => order({ do: "next" }), "", { title: "Key n" }),
+  };
+  put(switches, Object.values(items));
+  put(strategy, ["exact", "bounded", "none"].map((one) => button(one, () => (state() ? order({ do: "strategy", value: one }) : choose(one)))));
   const paint = () => {
     const now = state();
     const isOn = isRunning("show");
@@ -39,12 +47,12 @@ export const showView = (main) => {
     begin.disabled = isRunning() && !isOn;
     hint.hidden = isOn && canvas.dataset.frames > 0;
     hint.textContent = isOn ? "The show begins." : isRunning() ? `The rig is at work: ${known.job.title}.` : "Choose a session with a model, or a profile, and a source; then begin.";
-    const item = (key, text, isPressed, act, kind = "") => button(text, act, kind, { "aria-pressed": String(isPressed), disabled: !now, title: `Key ${key}` });
-    put(switches,
-      item("c", now?.compensating ? "Compensated" : "As it is", Boolean(now?.compensating), () => flip("compensating")),
-      item("f", "Freeze", Boolean(now?.frozen), () => flip("frozen")), item("b", "Black", Boolean(now?.black), () => flip("black"), "black"),
-      item("a", "Automatic gain", Boolean(now?.auto_gain), () => flip("auto_gain")), item("n", "Next source", false, () => order({ do: "next" })));
-    put(strategy, [...(now?.strategies ?? ["exact", "bounded"]), "none"].map((one) => button(one, () => (now ? order({ do: "strategy", value: one }) : choose(one)), "", { "aria-pressed": String((now ? now.strategy || "none" : settings.strategy) === one) })));
+    for (const [name, item] of Object.entries(items)) {
+      item.setAttribute("aria-pressed", String(Boolean(now?.[name])));
+      item.disabled = !now;
+    }
+    items.compensating.textContent = now && !now.compensating ? "As it is" : "Compensated";
+    for (const item of strategy.children) item.setAttribute("aria-pressed", String((now ? now.strategy || "none" : settings.strategy) === item.textContent));
     gain.disabled = !now;
     if (!now) return;
     if (document.activeElement !== gain) gain.value = 100 * Math.log2(now.gain);
