@@ -78,7 +78,7 @@ def run_live(
     """
     with one_error_tree(), realtime_priority() as is_realtime:
         with EndSignals() as signals, open_pipeline(plan, signals, remote or NoRemote(), watcher) as pipeline:
-            progress = _run(pipeline, signals, plan.request.seconds, on_status, watcher)
+            progress = _run(pipeline, signals, plan.request.seconds, on_status, watcher=watcher)
         return _result(plan, pipeline, progress, signals.received, is_realtime=is_realtime)
 
 
@@ -87,6 +87,7 @@ def _run(
     signals: EndSignals,
     seconds: float | None,
     on_status: OnStatus,
+    *,
     watcher: ShowWatcher | None,
 ) -> _Progress:
     """Step until the end; whatever ends it, what was recorded is closed."""
