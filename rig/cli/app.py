@@ -12,7 +12,7 @@ from typing import Annotated, Literal
 import cyclopts
 from cyclopts import App, Group, Parameter
 
-from rig.cli import by_hand, hardware, live, rooms, session, studies
+from rig.cli import by_hand, hardware, live, page, rooms, session, studies
 from rig.errors import RigError, UsageError
 from rig.terminal.sentences import say
 
@@ -54,6 +54,7 @@ VERBS: dict[str, tuple[Callable[..., int], Group]] = {
     "export": (by_hand.export, _SESSION),
     "recheck": (session.recheck, _SHOW),
     "live": (live.live, _SHOW),
+    "serve": (page.serve, _SHOW),
     "compare-strategies": (studies.compare_strategies, _SHOW),
     "simulate": (studies.simulate, _OFFLINE),
     "plan": (rooms.plan, _OFFLINE),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
@@ -16,11 +16,12 @@ from rig.live.plan import LivePlan, LiveRequest
 from rig.live.record import Recorder
 from rig.live.show.controls import RemoteControl
 from rig.live.show.frame_mailbox import FrameMailbox
-from rig.live.show.loop import LiveLoop, LoopArguments, nothing_more
+from rig.live.show.loop import LiveLoop, LoopArguments, ShownFrame, nothing_more
 from rig.live.show.output import ThreadedOutput
 from rig.live.sources.choose import SourceSettings, make_source
 from rig.live.sources.reader import Reader
 from rig.live.sources.source import Source
+from rig.live.watcher import ShowWatcher
 from rig.profile.schema import Profile
 from rig.terminal.keys import Keyboard
 from rig.terminal.signals import EndSignals
@@ -54,7 +55,9 @@ class LivePipeline:
 
 
 @contextmanager
-def open_pipeline(plan: LivePlan, signals: EndSignals, remote: RemoteControl) -> Iterator[LivePipeline]:
+def open_pipeline(
+    plan: LivePlan, signals: EndSignals, remote: RemoteControl, watcher: ShowWatcher | None = None
+) -> Iterator[LivePipeline]:
     """Make a show's devices, open them, and tie everything together; the projector is black afterwards.
 
     A signal may end the opening. Raises UsageError for a bad source, DeviceError, SessionError for a bad recording.
@@ -95,7 +98,7 @@ def open_pipeline(plan: LivePlan, signals: EndSignals, remote: RemoteControl) ->
             keys=keyboard.pressed,
             remote=remote,
             next_source=reader.next_source,
-            on_shown=nothing_more if recorder is None else recorder.offer,
+            on_shown=_watchers(recorder, watcher),
             interrupting=signals.interrupting,
             notes=notes,
         )
@@ -107,6 +110,20 @@ def open_pipeline(plan: LivePlan, signals: EndSignals, remote: RemoteControl) ->
             clock=devices.clock,
             notes=notes,
         )
+
+
+def _watchers(recorder: Recorder | None, watcher: ShowWatcher | None) -> Callable[[ShownFrame], None]:
+    """Who is told of each picture that was shown."""
+    if recorder is None:
+        return nothing_more if watcher is None else watcher.shown
+    if watcher is None:
+        return recorder.offer
+
+    def told(frame: ShownFrame) -> None:
+        recorder.offer(frame)
+        watcher.shown(frame)
+
+    return told
 
 
 def _devices(profile: Profile, *, photographs: bool) -> ShowDevices:

@@ -17,6 +17,7 @@ from rig.live.results import Recorded, ShowResult, SourceFailure
 from rig.live.show.controls import NoRemote, RemoteControl
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
+from rig.live.watcher import ShowWatcher
 from rig.stages.error_tree import one_error_tree
 from rig.terminal.signals import EndSignals, Interrupted
 
@@ -44,7 +45,12 @@ class _Progress:
     """After the warm-up."""
 
 
-def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, remote: RemoteControl | None = None) -> ShowResult:
+def run_live(
+    plan: LivePlan,
+    on_status: OnStatus = lambda _: None,
+    remote: RemoteControl | None = None,
+    watcher: ShowWatcher | None = None,
+) -> ShowResult:
     """Show sources until one of: time over, sources over, key q, a signal. The projector is black afterwards.
 
     Parameters
@@ -55,6 +61,8 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, remote: Remot
         Told a line for a person twice a second.
     remote
         Commands beside those of the keyboard.
+    watcher
+        Told of each frame and each step.
 
     Returns
     -------
@@ -69,12 +77,19 @@ def run_live(plan: LivePlan, on_status: OnStatus = lambda _: None, remote: Remot
         The projector does not open, or stayed away for longer than `timing.replug_timeout_s`.
     """
     with one_error_tree(), realtime_priority() as is_realtime:
-        with EndSignals() as signals, open_pipeline(plan, signals, remote or NoRemote()) as pipeline:
-            progress = _run(pipeline, signals, plan.request.seconds, on_status)
+        with EndSignals() as signals, open_pipeline(plan, signals, remote or NoRemote(), watcher) as pipeline:
+            progress = _run(pipeline, signals, plan.request.seconds, on_status, watcher=watcher)
         return _result(plan, pipeline, progress, signals.received, is_realtime=is_realtime)
 
 
-def _run(pipeline: LivePipeline, signals: EndSignals, seconds: float | None, on_status: OnStatus) -> _Progress:
+def _run(
+    pipeline: LivePipeline,
+    signals: EndSignals,
+    seconds: float | None,
+    on_status: OnStatus,
+    *,
+    watcher: ShowWatcher | None,
+) -> _Progress:
     """Step until the end; whatever ends it, what was recorded is closed."""
     now_s = pipeline.clock.now_s()
     until_s = math.inf if seconds is None else now_s + seconds
@@ -85,6 +100,8 @@ def _run(pipeline: LivePipeline, signals: EndSignals, seconds: float | None, on_
             while not progress.ended_by:
                 pipeline.loop.step()
                 _follow(pipeline, signals, progress, on_status)
+                if watcher is not None:
+                    watcher.follow(pipeline.loop, pipeline.reader, pipeline.mailbox.dropped)
         pipeline.loop.complete()
     except Interrupted:
         progress.ended_by = "signal"

@@ -164,7 +164,7 @@ def _pictures(session: Session, entry: FileEntry, kind: Format) -> Iterator[_Pic
     for layer in sorted({*found, *grey}):
         words = _LAYERS.get(layer, layer.replace("_", " "))
         label = name if layer in ("codes", "light", "grey") else f"{name}-{layer.replace('_', '-')}"
-        yield label, f"{shows}: {words}", *_layer(layer, image_of(channels, layer), channels)
+        yield label, f"{shows}: {words}", *layer_picture(layer, image_of(channels, layer), channels)
 
 
 def _frame(session: Session, channels: Mapping[str, NDArray[np.float32]]) -> tuple[NDArray[np.uint8], str]:
@@ -175,10 +175,10 @@ def _frame(session: Session, channels: Mapping[str, NDArray[np.float32]]) -> tup
     return pictures.photograph(bands * (255 / full_scale)), f"0 to {full_scale} digital numbers, gamma 2.2"
 
 
-def _layer(
+def layer_picture(
     layer: str, image: NDArray[np.float32], channels: Mapping[str, NDArray[np.float32]]
 ) -> tuple[NDArray[np.uint8], str]:
-    """Pixels of a layer, and their scale."""
+    """Return a layer of an image (H, W, B) as a screen shows it, and its scale in words; `channels` are all of it."""
     finite = np.isfinite(image)
     if layer in _AS_CODES:
         return one_or_all(image.astype(np.uint8)), "codes as they are"

@@ -143,15 +143,23 @@ class PoweredProjector:
 def from_profile(display: Projector, settings: PjlinkSettings, path: Path, clock: Clock) -> PoweredProjector:
     """Make a projector that its table [projector.pjlink], of the profile in a file, switches on; closed.
 
+    Raises what :func:`control_of` raises.
+    """
+    return PoweredProjector(
+        display,
+        control_of(settings, path),
+        input_code=settings.input,
+        warm_up_timeout_s=settings.warm_up_timeout_s,
+        clock=clock,
+    )
+
+
+def control_of(settings: PjlinkSettings, path: Path) -> Pjlink:
+    """Return what speaks to the projector of a table [projector.pjlink], of the profile in a file.
+
     A profile holds no secrets: it names the environment variable that does. Raises ProfileError when that is not set.
     """
     name = settings.password_variable
     if name is not None and name not in os.environ:
         raise ProfileError(f"{path}: projector.pjlink.password_variable: the variable {name} is not set; export it")
-    return PoweredProjector(
-        display,
-        Pjlink(settings.host, settings.port, os.environ[name] if name else None),
-        input_code=settings.input,
-        warm_up_timeout_s=settings.warm_up_timeout_s,
-        clock=clock,
-    )
+    return Pjlink(settings.host, settings.port, os.environ[name] if name else None)

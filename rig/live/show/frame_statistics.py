@@ -107,8 +107,13 @@ class FrameStatistics:
             repeated=self.repeated,
             out_of_order=self.out_of_order,
             unplugged=self.unplugged,
-            error_mean=self._errors / self._error_count if self._error_count else None,
+            error_mean=self.error_mean,
         )
+
+    @property
+    def error_mean(self) -> float | None:
+        """Mean of the frames' expected errors so far; None without any. [grey levels]."""
+        return self._errors / self._error_count if self._error_count else None
 
 
 def _percentiles(times_s: Ring) -> Percentiles:

@@ -118,6 +118,11 @@ class LiveLoop:
         """The gain of the last frame."""
         return self._gain.gain if self.controls.auto_gain else self.controls.gain
 
+    @property
+    def strategies(self) -> tuple[str, ...]:
+        """Names of what may compensate; none without a model."""
+        return tuple(self._arguments.compensators)
+
     def step(self) -> None:
         """One refresh: keys, at most one picture, show it. Raises DeviceError when the projector stays away."""
         self._obey_keys()
