@@ -70,7 +70,7 @@ def from_raw(data: bytes, wanted: Wanted) -> Pixels:
     scaled = np.minimum(pixels.astype(np.float32) * (wanted.full_scale_dn / white), wanted.full_scale_dn)[..., None]
     if wanted.mosaic is None:
         scaled = Mosaic(pattern).interpolated(scaled)
-    return np.rint(scaled).astype(np.uint16)
+    return np.asarray(np.rint(scaled), dtype=np.uint16)
 
 
 def _pattern(raw: Any) -> MosaicPattern:
