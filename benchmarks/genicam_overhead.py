@@ -20,7 +20,7 @@ from rig.devices.clock import SystemClock
 from rig.devices.genicam.camera import GenicamCamera
 from rig.devices.genicam.settings import GenicamOptions
 from rig.emulated.gige.camera import EmulatedGigeCamera, GigeRequest
-from rig.emulated.gige.description import Sensor
+from rig.emulated.gige.description import EmulatedSensor
 
 WIDTH, HEIGHT, RATE_HZ, EXPOSURE_S = 1280, 960, 30.0, 0.005
 CLOCK = SystemClock()
@@ -41,7 +41,7 @@ class Pictures:
 
 
 def serve() -> None:
-    sensor = Sensor(WIDTH, HEIGHT, ("Mono12",), (1e-4, 1.0))
+    sensor = EmulatedSensor(width_px=WIDTH, height_px=HEIGHT, formats=("Mono12",), exposure_range_s=(1e-4, 1.0))
     with EmulatedGigeCamera(Pictures(), sensor, wait=lambda _: None):
         print("ready", flush=True)
         sys.stdin.readline()
@@ -71,8 +71,7 @@ def cpu_s() -> float:
 def shares(seconds: float) -> tuple[float, float, float]:
     """Of one core: Aravis alone, the driver, and frames a second that the driver had."""
     camera = camera_of("free")
-    assert camera._opened is not None
-    stream = camera._opened.stream
+    stream = camera.stream
     found = []
     for judged in (False, True):
         stream.drop_waiting()
@@ -102,18 +101,16 @@ def waits_s(trigger: str, count: int = 40) -> list[float]:
 def main(seconds: float) -> None:
     command = [sys.executable, __file__, "serve"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        server.stdout.readline()
+        if server.stdout is not None:
+            server.stdout.readline()
         alone, driver, rate_hz = shares(seconds)
         print(f"{WIDTH} x {HEIGHT} Mono12 at {rate_hz:.1f} frames/s: Aravis {100 * alone:.1f} % of a core, ", end="")
         print(f"driver {100 * driver:.1f} %, above it {100 * (driver - alone):.1f} %")
         for trigger in ("software", "free"):
             waits = waits_s(trigger)
-            print(
-                f"{trigger}: {1e3 * median(waits):.1f} ms to a frame (median), {1e3 * max(waits):.1f} ms at most",
-                end="",
-            )
-            print(f", exposure {1e3 * EXPOSURE_S:g} ms")
+            usual_ms, most_ms = 1e3 * median(waits), 1e3 * max(waits)
+            print(f"{trigger}: a frame after {usual_ms:.1f} ms (median), {most_ms:.1f} ms at most, ", end="")
+            print(f"exposure {1e3 * EXPOSURE_S:g} ms")
         server.communicate("quit\n")
 
 

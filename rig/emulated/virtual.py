@@ -19,8 +19,8 @@ from rig.errors import ProfileError
 from rig.profile.schema import Profile, load_profile
 from rig.records import Record
 
-Kind = Literal["gige", "still"]
-PROFILES: Mapping[Kind, str] = {"gige": "emulated-gige", "still": "emulated-still"}
+VirtualKind = Literal["gige", "still"]
+PROFILES: Mapping[VirtualKind, str] = {"gige": "emulated-gige", "still": "emulated-still"}
 COMMANDS: Mapping[str, str] = {
     "unplug": "pull the cable",
     "plug": "plug it in again",
@@ -36,7 +36,7 @@ COMMANDS: Mapping[str, str] = {
 class ServedCamera(Record):
     """A camera that is served."""
 
-    kind: Kind
+    kind: VirtualKind
     device_id: str
     """As a profile names it."""
     display: str
@@ -44,7 +44,7 @@ class ServedCamera(Record):
 
 
 def run_virtual(
-    kind: Kind,
+    kind: VirtualKind,
     profile_name: str | None,
     on_ready: Callable[[ServedCamera], None],
     tell: Callable[[str], None],

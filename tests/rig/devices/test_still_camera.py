@@ -9,7 +9,7 @@ import pytest
 from rig.devices.clock import VirtualClock
 from rig.devices.gphoto2 import camera as still
 from rig.devices.gphoto2.camera import StillCamera, StillOptions, from_profile, seconds
-from rig.devices.gphoto2.pictures import Wanted, from_jpeg, from_raw
+from rig.devices.gphoto2.pictures import WantedPicture, from_jpeg, from_raw
 from rig.devices.gphoto2.port import named
 from rig.emulated.still.dng import dng
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, ProfileError, SettingRefused
@@ -52,10 +52,10 @@ def opened(
     picture = np.random.default_rng(3).integers(0, 255, SHAPE[:2], np.uint8)
     monkeypatch.setattr(FakePort, "settings", settings)
     monkeypatch.setattr(FakePort, "picture", cv2.imencode(".jpg", picture)[1].tobytes())
-    monkeypatch.setattr(still, "Port", FakePort)
+    monkeypatch.setattr(still, "StillPort", FakePort)
     camera = StillCamera(
         "usb:001,004",
-        Wanted(SHAPE, 255, None),
+        WantedPicture(SHAPE, 255, None),
         pixel_format="JPEG",
         exposure_range_s=(1e-3, 10.0),
         options=StillOptions(settings={"iso": "100"}),
@@ -133,24 +133,24 @@ def test_errors_of_the_library_are_said_with_the_remedy(code: int, kind: type[De
 def test_raw_pixels_are_left_as_they_are_and_white_is_full_scale(mosaic: str) -> None:
     pixels = np.random.default_rng(1).integers(0, 15001, (32, 48)).astype(np.uint16)
     data = dng(pixels, 15000, mosaic)
-    np.testing.assert_array_equal(from_raw(data, Wanted((32, 48, 1), 15000, mosaic))[..., 0], pixels)
-    scaled = from_raw(data, Wanted((32, 48, 1), 16383, mosaic))[..., 0]
+    np.testing.assert_array_equal(from_raw(data, WantedPicture((32, 48, 1), 15000, mosaic))[..., 0], pixels)
+    scaled = from_raw(data, WantedPicture((32, 48, 1), 16383, mosaic))[..., 0]
     assert scaled.max() <= 16383
     np.testing.assert_allclose(scaled, pixels.astype(float) * 16383 / 15000, atol=0.51)
-    assert from_raw(data, Wanted((32, 48, 3), 15000, None)).shape == (32, 48, 3)
+    assert from_raw(data, WantedPicture((32, 48, 3), 15000, None)).shape == (32, 48, 3)
 
 
 @needs_gphoto2
 def test_pictures_that_are_not_as_the_profile_says_are_refused() -> None:
     raw = dng(np.full((32, 48), 7, np.uint16), 100, "RGGB")
     with pytest.raises(SettingRefused, match="are RGGB, not BGGR"):
-        from_raw(raw, Wanted((32, 48, 1), 100, "BGGR"))
+        from_raw(raw, WantedPicture((32, 48, 1), 100, "BGGR"))
     with pytest.raises(SettingRefused, match="48 x 32 px, not 40 x 32"):
-        from_raw(raw, Wanted((32, 40, 1), 100, "RGGB"))
+        from_raw(raw, WantedPicture((32, 40, 1), 100, "RGGB"))
     with pytest.raises(DeviceError, match="no raw file"):
-        from_raw(b"nothing", Wanted((32, 40, 1), 100, "RGGB"))
+        from_raw(b"nothing", WantedPicture((32, 40, 1), 100, "RGGB"))
     with pytest.raises(DeviceError, match="no JPEG"):
-        from_jpeg(b"nothing", Wanted((32, 40, 1), 255, None))
+        from_jpeg(b"nothing", WantedPicture((32, 40, 1), 255, None))
 
 
 @pytest.mark.parametrize(
