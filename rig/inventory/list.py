@@ -28,6 +28,7 @@ from rig.plug_ins import GROUPS, PlugIn, clashes, others, own_codes, own_strateg
 from rig.profile.hardware_facts import CameraFile, known_cameras, known_projectors
 
 if TYPE_CHECKING:
+    from rig.devices.genicam.describe import GenicamAbilities
     from rig.devices.genicam.find import FoundGenicam
     from rig.devices.gphoto2.find import FoundStill
     from rig.devices.kms.find import FoundOutput
@@ -93,6 +94,12 @@ def _genicam() -> Sequence[FoundGenicam]:
     return list_genicam() if is_installed() else ()
 
 
+def _describe_genicam(found: FoundGenicam) -> GenicamAbilities:
+    from rig.devices.genicam.describe import describe_genicam
+
+    return describe_genicam(found)
+
+
 def _stills() -> Sequence[FoundStill]:
     from rig.devices.gphoto2.find import list_stills
 
@@ -106,6 +113,7 @@ class Finders:
     cameras: Callable[[], Sequence[FoundCamera]] = _cameras
     describe: Callable[[Path], CameraAbilities] = _describe
     genicam: Callable[[], Sequence[FoundGenicam]] = _genicam
+    describe_genicam: Callable[[FoundGenicam], GenicamAbilities] = _describe_genicam
     stills: Callable[[], Sequence[FoundStill]] = _stills
     outputs: Callable[[], Sequence[FoundOutput]] = _outputs
     master_is_free: Callable[[Path], bool | None] = _master_is_free

@@ -45,7 +45,7 @@ _STEP = 1e-5
 
 
 @dataclass(slots=True, kw_only=True)
-class _Seen:
+class _GenicamSearch:
     """What came while a frame was searched for."""
 
     frames: int = 0
@@ -245,7 +245,7 @@ class GenicamCamera:
         """
         until_s = self._clock.now_s() + timeout_s
         with self._opened_for("capturing") as opened:
-            seen, after_s = _Seen(), max(after_s, opened.valid_from_s)
+            seen, after_s = _GenicamSearch(), max(after_s, opened.valid_from_s)
             take = self._triggered if self._is_triggered else self._running
             frame = take(opened, after_s, until_s, seen)
             if frame is not None:
@@ -257,7 +257,7 @@ class GenicamCamera:
                 f"{seen}; check the cable (where packets are missing, `rig check` says more), or raise timing.timeout_s"
             )
 
-    def _triggered(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _Seen) -> RawFrame | None:
+    def _triggered(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _GenicamSearch) -> RawFrame | None:
         self._clock.wait_until_s(min(after_s, until_s))
         while self._clock.now_s() < until_s:
             opened.stream.drop_waiting()
@@ -284,7 +284,7 @@ class GenicamCamera:
         opened.stream.drop_waiting()
         opened.stream.forget_ids()
 
-    def _running(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _Seen) -> RawFrame | None:
+    def _running(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _GenicamSearch) -> RawFrame | None:
         while (filled := opened.stream.next(until_s)) is not None:
             opened.clock_map.add(filled.device_s, filled.arrived_s)
             started_s = opened.clock_map.host_s(filled.device_s) - opened.exposure_s - self._period_s
@@ -298,7 +298,9 @@ class GenicamCamera:
             opened.stream.give_back(filled)
         return None
 
-    def _looked_at(self, opened: _OpenGenicam, filled: FilledBuffer, started_s: float, seen: _Seen) -> RawFrame | None:
+    def _looked_at(
+        self, opened: _OpenGenicam, filled: FilledBuffer, started_s: float, seen: _GenicamSearch
+    ) -> RawFrame | None:
         """The frame of a buffer; None when packets are missing."""
         seen.frames += 1
         pixels: Pixels | None = None

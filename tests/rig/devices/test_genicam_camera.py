@@ -12,6 +12,7 @@ from rig.capture.rig import open_rig
 from rig.devices.clock import SystemClock
 from rig.devices.genicam import find, library
 from rig.devices.genicam.camera import GenicamCamera, from_profile
+from rig.devices.genicam.describe import describe_genicam
 from rig.devices.genicam.find import list_genicam, why_silent
 from rig.devices.genicam.setup import transport_advice
 from rig.devices.genicam.stream import StreamCounters
@@ -178,3 +179,12 @@ def test_small_packets_and_buffers_are_told_with_the_setting(monkeypatch: pytest
     assert "mtu 9000" in packets
     assert "sysctl -w net.core.rmem_max=8388608" in buffer
     assert "7 of 107 frames" in transport_advice("camera", 9000, replace(fine, failed=7))[-1]
+
+
+def test_what_it_can_do_is_asked_of_the_camera(gige: GigeRig) -> None:
+    (found,) = list_genicam()
+    able = describe_genicam(found)
+    assert able.pixel_formats[:2] == ("Mono12", "Mono12p")
+    assert (able.width_px, able.height_px) == (320, 240)
+    assert able.exposure_range_s == pytest.approx((1e-4, 2.0))
+    assert able.frame_rate_hz == pytest.approx(200.0)
