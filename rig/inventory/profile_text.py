@@ -98,12 +98,14 @@ class PlannedDisplay:
 
 def profile_text(name: str, camera: PlannedCamera | PlannedBusCamera, display: PlannedDisplay) -> str:
     """The whole file."""
-    controls = fixed_controls(camera.controls) if isinstance(camera, PlannedCamera) else {}
-    lines = _camera_entries if isinstance(camera, PlannedCamera) else _bus_camera_entries
+    if isinstance(camera, PlannedCamera):
+        controls, lines = fixed_controls(camera.controls), _camera_entries(camera, display)
+    else:
+        controls, lines = {}, _bus_camera_entries(camera, display)
     parts = [
         _HEAD,
         _section("", [ProfileLine("schema", SCHEMA, ""), ProfileLine("name", name, ""), _description(camera, display)]),
-        _section("[camera]", lines(camera, display)),
+        _section("[camera]", lines),
         _section(
             "camera.controls", [ProfileLine(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]
         ),
