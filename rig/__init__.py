@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from rig.by_hand.show import show_picture
     from rig.capture.rig import Rig
     from rig.emulated.commands import run_emulated
+    from rig.emulated.virtual import run_virtual
     from rig.errors import RigError
     from rig.inventory.list import list_devices
     from rig.lenses.run import run_lenses
@@ -83,6 +84,7 @@ _HOMES = {
     "run_bench": "benchmark",
     "run_check": "self_check",
     "run_emulated": "emulated.commands",
+    "run_virtual": "emulated.virtual",
     "run_lenses": "lenses.run",
     "run_live": "live.run",
     "run_paper": "paper.experiments",
@@ -131,6 +133,7 @@ __all__ = [
     "run_scan",
     "run_session",
     "run_simulate",
+    "run_virtual",
     "separate",
     "show_picture",
     "sweep",

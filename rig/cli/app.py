@@ -44,6 +44,7 @@ VERBS: dict[str, tuple[Callable[..., int], Group]] = {
     "check": (hardware.check, _SET_UP),
     "lenses": (studies.lenses, _SET_UP),
     "emulate": (hardware.emulate, _SET_UP),
+    "virtual": (hardware.virtual, _SET_UP),
     "run": (session.run, _SESSION),
     "calibrate": (session.calibrate, _SESSION),
     "separate": (session.separate, _SESSION),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from cyclopts import App, Parameter
 
@@ -100,6 +100,34 @@ def emulate(
         print(text, file=sys.stderr, flush=True)
 
     run_emulated(profile, display, picture, on_ready=ready, tell=told)
+    return 0
+
+
+def virtual(
+    *,
+    kind: Annotated[Literal["gige", "still"], Parameter(help="Which camera.")],
+    profile: Annotated[
+        str | None, Parameter(name=["--profile", "-p"], help="Profile with a [simulation]; default: emulated-KIND.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
+    """Serve a virtual camera that looks at a virtual display in a simulated room; needs neither hardware nor root.
+
+    A GigE Vision camera on the loopback network, for any GenICam program; or a still camera behind gphoto2's virtual
+    port, for this one. Ends with "quit" or Ctrl-C.
+
+    Example: rig virtual --kind gige
+    """
+    from rig.emulated.virtual import ServedCamera, run_virtual
+
+    def ready(found: ServedCamera) -> None:
+        text = f"{found.device_id} is a virtual camera ({found.kind}); it sees the virtual display {found.display}."
+        print(json.dumps(found.as_json()) if as_json else f"{text} Type help or quit.", flush=True)
+
+    def told(text: str) -> None:
+        print(text, file=sys.stderr, flush=True)
+
+    run_virtual(kind, profile, on_ready=ready, tell=told)
     return 0
 
 

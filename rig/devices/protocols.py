@@ -131,6 +131,15 @@ class Resettable(Protocol):
 
 
 @runtime_checkable
+class Advising(Protocol):
+    """A camera that knows what its transport lacks."""
+
+    def advice(self) -> tuple[str, ...]:
+        """Return a sentence each, with the setting to change; nothing when all is well."""
+        ...
+
+
+@runtime_checkable
 class Watched(Protocol):
     """A projector that notices when its picture is not on screen any more."""
 

@@ -185,10 +185,32 @@ class ListedController(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ListedBusCamera(Record):
+    """A camera of GigE Vision or USB3 Vision, or a still camera."""
+
+    driver: str
+    """genicam or gphoto2."""
+    device_id: str
+    """As a profile names it."""
+    name: str
+    """Maker and model."""
+    address: str
+    """On the network, or of the USB port."""
+    profile: tuple[str, ...]
+    """Lines to paste."""
+
+    def names(self) -> tuple[str | None, ...]:
+        """What it may be asked for by."""
+        return self.device_id, self.name, self.address
+
+
+@dataclass(frozen=True, kw_only=True)
 class DeviceList(Record):
     """Everything that is plugged in, and what is installed to use it with."""
 
     cameras: tuple[ListedCamera, ...]
+    bus_cameras: tuple[ListedBusCamera, ...]
+    """Of GigE Vision and USB3 Vision, and still cameras."""
     outputs: tuple[ListedOutput, ...]
     monitors: tuple[ListedMonitor, ...]
     controllers: tuple[ListedController, ...]

@@ -16,6 +16,7 @@ from rig.files.toml import toml_value
 from rig.inventory.choose import CameraMode, best_camera_mode, best_output_mode
 from rig.inventory.found import (
     DeviceList,
+    ListedBusCamera,
     ListedCamera,
     ListedController,
     ListedDevice,
@@ -27,6 +28,9 @@ from rig.plug_ins import GROUPS, PlugIn, clashes, others, own_codes, own_strateg
 from rig.profile.hardware_facts import CameraFile, known_cameras, known_projectors
 
 if TYPE_CHECKING:
+    from rig.devices.genicam.describe import GenicamAbilities
+    from rig.devices.genicam.find import FoundGenicam
+    from rig.devices.gphoto2.find import FoundStill
     from rig.devices.kms.find import FoundOutput
     from rig.devices.usb.find import FoundUsbDevice
     from rig.devices.v4l2.describe import CameraAbilities
@@ -83,12 +87,34 @@ def _usb_devices() -> Sequence[FoundUsbDevice]:
     return find_usb_devices()
 
 
+def _genicam() -> Sequence[FoundGenicam]:
+    from rig.devices.genicam.find import list_genicam
+    from rig.devices.genicam.library import is_installed
+
+    return list_genicam() if is_installed() else ()
+
+
+def _describe_genicam(found: FoundGenicam) -> GenicamAbilities:
+    from rig.devices.genicam.describe import describe_genicam
+
+    return describe_genicam(found)
+
+
+def _stills() -> Sequence[FoundStill]:
+    from rig.devices.gphoto2.find import list_stills
+
+    return list_stills()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finders:
     """Where devices are looked for; the defaults ask this machine."""
 
     cameras: Callable[[], Sequence[FoundCamera]] = _cameras
     describe: Callable[[Path], CameraAbilities] = _describe
+    genicam: Callable[[], Sequence[FoundGenicam]] = _genicam
+    describe_genicam: Callable[[FoundGenicam], GenicamAbilities] = _describe_genicam
+    stills: Callable[[], Sequence[FoundStill]] = _stills
     outputs: Callable[[], Sequence[FoundOutput]] = _outputs
     master_is_free: Callable[[Path], bool | None] = _master_is_free
     monitors: Callable[[], Sequence[FoundMonitor]] = _monitors
@@ -126,6 +152,7 @@ def list_devices(name: str | None = None, finders: Finders = THIS_MACHINE) -> De
     plug_ins = tuple(finders.plug_ins())
     found = DeviceList(
         cameras=tuple(_camera(one, usb, finders) for one in _asked("cameras", finders.cameras, problems)),
+        bus_cameras=_bus_cameras(finders, problems),
         outputs=tuple(_output(one, outputs, finders) for one in outputs),
         monitors=tuple(_monitor(one) for one in _asked("monitors of the desktop", finders.monitors, problems)),
         controllers=_controllers(usb),
@@ -147,13 +174,15 @@ def _named(found: DeviceList, name: str) -> DeviceList:
     kept = replace(
         found,
         cameras=_meant(found.cameras, name),
+        bus_cameras=_meant(found.bus_cameras, name),
         outputs=_meant(found.outputs, name),
         monitors=_meant(found.monitors, name),
         controllers=_meant(found.controllers, name),
         plug_ins=(),
     )
-    if not (kept.cameras or kept.outputs or kept.monitors or kept.controllers):
-        kinds: tuple[Sequence[ListedDevice], ...] = (found.cameras, found.outputs, found.monitors, found.controllers)
+    all_kinds = [(one.cameras, one.bus_cameras, one.outputs, one.monitors, one.controllers) for one in (kept, found)]
+    if not any(all_kinds[0]):
+        kinds: tuple[Sequence[ListedDevice], ...] = all_kinds[1]
         there = [one.name for kind in kinds for one in kind]
         raise UsageError(f"no device is called {name!r}; there are: {', '.join(there) or 'none'}")
     return kept
@@ -232,6 +261,20 @@ def _camera_lines(found: FoundCamera, mode: CameraMode, range_s: ExposureRange |
 def _toml_lines(table: str, keys: Mapping[str, object]) -> tuple[str, ...]:
     known = (f"{key} = {toml_value(value)}" for key, value in keys.items() if value is not None)
     return (f"[[{table}]]", f"name = {toml_value(table)}", *known)
+
+
+def _bus_cameras(finders: Finders, problems: list[str]) -> tuple[ListedBusCamera, ...]:
+    genicam = _asked("GigE and USB3 cameras", finders.genicam, problems)
+    stills = _asked("still cameras", finders.stills, problems)
+    return (
+        *(_bus_camera("genicam", one.device_id, f"{one.vendor} {one.model}", one.address) for one in genicam),
+        *(_bus_camera("gphoto2", one.port, one.model, one.port) for one in stills),
+    )
+
+
+def _bus_camera(driver: str, device_id: str, name: str, address: str) -> ListedBusCamera:
+    lines = _toml_lines("camera", {"driver": driver, "device_id": device_id})
+    return ListedBusCamera(driver=driver, device_id=device_id, name=name, address=address, profile=lines)
 
 
 def _output(found: FoundOutput, outputs: Sequence[FoundOutput], finders: Finders) -> ListedOutput:

@@ -12,7 +12,7 @@ from rig.errors import DeviceError, DeviceLost, SettingRefused, UsageError
 from rig.files.atomic import write_bytes
 from rig.inventory.choose import CameraMode, best_camera_mode, best_output_mode
 from rig.inventory.list import THIS_MACHINE, Finders, facts_of
-from rig.inventory.profile_text import PlannedCamera, PlannedDisplay, profile_text
+from rig.inventory.profile_text import PlannedBusCamera, PlannedCamera, PlannedDisplay, profile_text
 from rig.profile.apply import guessed_keys
 from rig.profile.hardware_facts import CameraFacts, ProjectorFacts, by_model, known_cameras, known_projectors
 from rig.profile.schema import Profile
@@ -71,7 +71,7 @@ def write_profile(request: ProfileRequest, finders: Finders = THIS_MACHINE) -> N
     """
     if request.path.exists() and not request.force:
         raise UsageError(f"{request.path} is there already; give another name, or --force to replace it")
-    camera = _planned_camera(request, finders)
+    camera = _planned_bus_camera(request, finders) or _planned_camera(request, finders)
     display = _planned_display(request, finders)
     text = profile_text(request.name or _name_of(request.path), camera, display)
     profile = Profile.parse(text.encode(), request.path)
@@ -89,6 +89,27 @@ def write_profile(request: ProfileRequest, finders: Finders = THIS_MACHINE) -> N
 
 def _name_of(path: Path) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", path.stem).lstrip("._-") or "rig"
+
+
+def _planned_bus_camera(request: ProfileRequest, finders: Finders) -> PlannedBusCamera | None:
+    """The GigE or USB3 camera that is meant: by its id or address, or because there is no other camera."""
+    wanted = request.camera
+    if wanted is None and finders.cameras():
+        return None
+    there = [one for one in finders.genicam() if wanted in (None, one.device_id, one.address, one.serial)]
+    if not there:
+        return None
+    found = _only("camera", there, wanted, lambda one: (one.device_id, one.address, one.serial))
+    able = finders.describe_genicam(found)
+    if not able.pixel_formats:
+        raise SettingRefused(f"{found.device_id}: none of its pixel formats can be used; take another camera")
+    file = by_model(request.camera_model, known_cameras()) if request.camera_model else None
+    return PlannedBusCamera(
+        found=found,
+        able=able,
+        facts=file.facts if file else CameraFacts(),
+        facts_of=f"{file.maker} {file.model}" if file else "",
+    )
 
 
 def _planned_camera(request: ProfileRequest, finders: Finders) -> PlannedCamera:

@@ -8,16 +8,19 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+from rig.devices.genicam.formats import PIXEL_FORMATS as GENICAM_FORMATS
 from rig.devices.v4l2.controls import exposure_range_of
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.files.toml import toml_value
-from rig.inventory.choose import CameraMode, fixed_controls
+from rig.inventory.choose import MOST_RATE_HZ, CameraMode, fixed_controls
 from rig.inventory.found import ShownMode
 from rig.profile.apply import GUESS as MEASURE
 from rig.profile.hardware_facts import CameraFacts, Fact, ProjectorFacts, Value
 from rig.profile.schema import SCHEMA
 
 if TYPE_CHECKING:
+    from rig.devices.genicam.describe import GenicamAbilities
+    from rig.devices.genicam.find import FoundGenicam
     from rig.devices.v4l2.describe import ControlAbility
     from rig.devices.v4l2.find import FoundCamera
 
@@ -60,6 +63,27 @@ class PlannedCamera:
     facts_of: str
     """Maker and model of the facts; empty when none are known."""
 
+    @property
+    def name(self) -> str:
+        """What the driver calls it."""
+        return self.found.name
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedBusCamera:
+    """A GigE or USB3 camera, and what it said of itself."""
+
+    found: FoundGenicam
+    able: GenicamAbilities
+    facts: CameraFacts
+    facts_of: str
+    """Maker and model of the facts; empty when none are known."""
+
+    @property
+    def name(self) -> str:
+        """Maker and model."""
+        return f"{self.found.vendor} {self.found.model}"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedDisplay:
@@ -72,13 +96,16 @@ class PlannedDisplay:
     facts_of: str
 
 
-def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> str:
+def profile_text(name: str, camera: PlannedCamera | PlannedBusCamera, display: PlannedDisplay) -> str:
     """The whole file."""
-    controls = fixed_controls(camera.controls)
+    if isinstance(camera, PlannedCamera):
+        controls, lines = fixed_controls(camera.controls), _camera_entries(camera, display)
+    else:
+        controls, lines = {}, _bus_camera_entries(camera, display)
     parts = [
         _HEAD,
         _section("", [ProfileLine("schema", SCHEMA, ""), ProfileLine("name", name, ""), _description(camera, display)]),
-        _section("[camera]", _camera_entries(camera, display)),
+        _section("[camera]", lines),
         _section(
             "camera.controls", [ProfileLine(key, value, f"chosen: {why}") for key, (value, why) in controls.items()]
         ),
@@ -89,8 +116,8 @@ def profile_text(name: str, camera: PlannedCamera, display: PlannedDisplay) -> s
     return "\n".join(part for part in parts if part)
 
 
-def _description(camera: PlannedCamera, display: PlannedDisplay) -> ProfileLine:
-    words = f"{camera.facts_of or camera.found.name} with {display.facts_of or display.output}"
+def _description(camera: PlannedCamera | PlannedBusCamera, display: PlannedDisplay) -> ProfileLine:
+    words = f"{camera.facts_of or camera.name} with {display.facts_of or display.output}"
     return ProfileLine("description", words, "")
 
 
@@ -139,13 +166,43 @@ def _camera_entries(camera: PlannedCamera, display: PlannedDisplay) -> list[Prof
         ProfileLine(
             "exposure_s", round(start_s, 7), "chosen: one whole picture of the projector, where the search begins"
         ),
-        _camera_angle(camera),
+        _camera_angle(facts, camera.facts_of, (mode.width_px, mode.height_px)),
     ]
     for key in ("full_well_e", "read_noise_e"):
         fact = getattr(facts, key)
         if fact is not None:
             entries.append(ProfileLine(key, fact.value, _cited(camera.facts_of, fact)))
     return entries
+
+
+def _bus_camera_entries(camera: PlannedBusCamera, display: PlannedDisplay) -> list[ProfileLine]:
+    able, name = camera.able, camera.able.pixel_formats[0]
+    known = GENICAM_FORMATS[name]
+    range_s = able.exposure_range_s or _GUESSED_RANGE_S
+    start_s = min(max(1 / _refresh_hz(display)[0], range_s[0]), range_s[1])
+    rate_hz = min(able.frame_rate_hz or _GUESSED_RATE_HZ, MOST_RATE_HZ)
+    colours = [ProfileLine("channels", 3, f"{DEVICE}: of {name}")] if known.mosaic or known.numbers == 3 else []
+    mosaic = [ProfileLine("mosaic", known.mosaic, f"{DEVICE}: of {name}")] if known.mosaic else []
+    depth = f"{MEASURE}: many cameras fill fewer of 16 bits" if known.depth == 16 else f"{DEVICE}: of {name}"
+    return [
+        ProfileLine("name", CAMERA, ""),
+        ProfileLine("driver", "genicam", ""),
+        ProfileLine("device_id", camera.found.device_id, f"{DEVICE}: {camera.name} at {camera.found.address}"),
+        ProfileLine("pixel_format", name, f"{DEVICE}; chosen: the rawest that a rig can use"),
+        ProfileLine("width_px", able.width_px, DEVICE),
+        ProfileLine("height_px", able.height_px, DEVICE),
+        *colours,
+        *mosaic,
+        ProfileLine("bit_depth", known.depth, depth),
+        ProfileLine(
+            "frame_rate_hz", round(rate_hz, 3), DEVICE if able.frame_rate_hz else f"{MEASURE}: it does not say"
+        ),
+        ProfileLine("exposure_range_s", range_s, DEVICE if able.exposure_range_s else f"{MEASURE}: it does not say"),
+        ProfileLine(
+            "exposure_s", round(start_s, 7), "chosen: one whole picture of the projector, where the search begins"
+        ),
+        _camera_angle(camera.facts, camera.facts_of, (able.width_px, able.height_px)),
+    ]
 
 
 def _cited(model: str, fact: Fact[Value]) -> str:
@@ -173,14 +230,13 @@ def _exposure_range(camera: PlannedCamera) -> tuple[tuple[float, float], str]:
     return _GUESSED_RANGE_S, f"{MEASURE}: the camera has no control of its exposure time"
 
 
-def _camera_angle(camera: PlannedCamera) -> ProfileLine:
-    facts = camera.facts
+def _camera_angle(facts: CameraFacts, facts_of: str, size_px: tuple[int, int]) -> ProfileLine:
     if facts.hfov_deg is not None:
-        return ProfileLine("hfov_deg", facts.hfov_deg.value, _cited(camera.facts_of, facts.hfov_deg))
+        return ProfileLine("hfov_deg", facts.hfov_deg.value, _cited(facts_of, facts.hfov_deg))
     if facts.dfov_deg is not None:
-        share = camera.mode.width_px / math.hypot(camera.mode.width_px, camera.mode.height_px)
+        share = size_px[0] / math.hypot(*size_px)
         wide = 2 * math.degrees(math.atan(share * math.tan(math.radians(facts.dfov_deg.value / 2))))
-        return ProfileLine("hfov_deg", round(wide, 1), f"{MEASURE}: {_cited(camera.facts_of, facts.dfov_deg)}")
+        return ProfileLine("hfov_deg", round(wide, 1), f"{MEASURE}: {_cited(facts_of, facts.dfov_deg)}")
     return ProfileLine("hfov_deg", _GUESSED_CAMERA_DEG, f"{MEASURE}: 2 atan(width seen / (2 distance))")
 
 

@@ -29,6 +29,9 @@ def _print_overview(result: DeviceList, empty: bool) -> None:
     cameras = [(c.found.device_id, c.name, _best(c), _exposure(c), _speed(c)) for c in result.cameras]
     if cameras or empty:
         _print_rows("Cameras (V4L2)", ["device id", "name", "best for a rig", "exposure, ms", "USB, Mbit/s"], cameras)
+    buses = [(c.driver, c.device_id, c.name, c.address) for c in result.bus_cameras]
+    if buses:
+        _print_rows("GigE, USB3 and still cameras", ["driver", "device id", "model", "address"], buses)
     outputs = [(o.output, o.found.status, o.found.monitor_name, _mode(o.mode), _free(o)) for o in result.outputs]
     if outputs or empty:
         _print_rows("Display outputs", ["output", "status", "monitor", "mode", "card is free"], outputs)
@@ -128,7 +131,7 @@ def _print_remarks(result: DeviceList) -> None:
 
 def _print_lines(result: DeviceList) -> None:
     """TOML to paste, a block for each device that a rig can use."""
-    listed: tuple[Pasted, ...] = (*result.cameras, *result.outputs, *result.monitors)
+    listed: tuple[Pasted, ...] = (*result.cameras, *result.bus_cameras, *result.outputs, *result.monitors)
     blocks = [one for one in listed if one.profile]
     if blocks:
         print("\nFor a profile (`rig profile new` writes a whole one):")

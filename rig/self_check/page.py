@@ -23,7 +23,9 @@ def print_check(result: SelfCheck, applied: AppliedValues | None = None) -> None
         shown, part = ("" if name == part else name), name
         rows.append((shown, verdict.what, number(verdict.value), limit_of(verdict), verdict.unit, verdict.status))
     print_table(f"{result.profile}: self-test", ("part", "what", "value", "limit", "unit", "status"), rows)
-    for verdict in result.broken:
+    transport = result.parts.get("transport")
+    remarks = [] if transport is None else [verdict for verdict in transport.verdicts if verdict.value]
+    for verdict in (*result.broken, *remarks):
         say(f"{verdict.what}: {verdict.advice}")
     print(f"values for the profile, measured:\n{toml_of(result.suggested)}")
     if applied is not None:

@@ -8,6 +8,7 @@ from functools import cached_property, partial
 from typing import TypeVar
 
 from rig.capture.rig import Rig, open_rig
+from rig.devices.protocols import Advising
 from rig.errors import CalibrationFailed, CaptureTimeout, SettingRefused, UsageError
 from rig.profile.schema import Profile, load_profile
 from rig.records import Record, Verdict
@@ -151,6 +152,8 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
             tested.note_white()
             measured[name] = _measure(name, on_step, partial(_PARTS[name], check))
     measured["frames"] = _rejections(tested)
+    if isinstance(rig.camera, Advising):
+        measured["transport"] = _transport(rig.camera)
     return SelfCheck(
         profile=profile.name,
         exposure_s=tested.exposure_s,
@@ -199,6 +202,25 @@ def _rejections(tested: RigUnderTest) -> PartResult[RejectedFrames]:
         advice="too few buffers or too slow a bus: a smaller format, another port; the events name each frame",
     )
     return PartResult(verdicts=(verdict,), numbers=RejectedFrames(given=tested.frames_given, **rejected))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransportAdvice(Record):
+    """What the way from the camera to this machine lacks."""
+
+    advice: tuple[str, ...]
+
+
+def _transport(camera: Advising) -> PartResult[TransportAdvice]:
+    """Rows without a limit: a rig whose frames all arrive need not be tuned."""
+    lines = camera.advice()
+    verdict = Verdict(
+        what="settings of the camera's transport that could be better",
+        value=float(len(lines)),
+        unit="settings",
+        advice="; ".join(lines),
+    )
+    return PartResult(verdicts=(verdict,), numbers=TransportAdvice(advice=lines))
 
 
 def _distribution(latency: Latency) -> dict[str, float]:

@@ -94,7 +94,7 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     names = [pattern.name for pattern in checkers]
     frames = [merge_raw_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
     bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
-    _save(step, white, bright, known, radiometric.mosaic)
+    _save(step, white, bright, known, mosaic=radiometric.mosaic)
     blur = _blur_maps(spread, load_correspondence(session), known, radiometric.mosaic)
     step.save_image("blur", blur, folder="maps")
     step.save_record("separation", _record(spread, bright, known, checks=(size_px, blur_px)))
@@ -132,7 +132,7 @@ def _told(names: Sequence[str], on_step: OnStep) -> Iterator[str]:
     on_step("separate direct and global", len(names), len(names))
 
 
-def _save(step: Step, white: LightImage, bright: Separation, known: Separation, mosaic: Mosaic | None) -> None:
+def _save(step: Step, white: LightImage, bright: Separation, known: Separation, *, mosaic: Mosaic | None) -> None:
     """Keep the light by the known pattern, and where that is not valid, by the brightest and darkest frames.
 
     Pixels of a mosaic were separated one by one, each with the light of its own filter; here they become bands.

@@ -133,7 +133,8 @@ def test_a_driver_that_nobody_offers_is_refused_by_the_profile_with_those_that_t
     with pytest.raises(ProfileError) as caught:
         wired(projector="window", options="")
     assert str(caught.value).splitlines()[0] == (
-        "lab.toml: camera.driver: is 'wire', should be one of v4l2, simulated, replay (`rig devices` lists them)"
+        "lab.toml: camera.driver: is 'wire', should be one of v4l2, genicam, gphoto2, simulated, replay "
+        "(`rig devices` lists them)"
     )
 
 

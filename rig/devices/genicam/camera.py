@@ -14,13 +14,13 @@ from dataclasses import dataclass, field
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
 from rig.devices.genicam.clock_map import ClockMap
-from rig.devices.genicam.features import Features, Setting
-from rig.devices.genicam.formats import PIXEL_FORMATS, PixelFormat, Pixels, pixel_format
+from rig.devices.genicam.features import Feature, Features
+from rig.devices.genicam.formats import PIXEL_FORMATS, GenicamFormat, Pixels, pixel_format
 from rig.devices.genicam.library import AravisError, aravis
 from rig.devices.genicam.settings import GenicamOptions, options_of
 from rig.devices.genicam.setup import (
     MICROSECONDS,
-    Wishes,
+    GenicamWishes,
     called,
     check_control,
     connected,
@@ -29,7 +29,7 @@ from rig.devices.genicam.setup import (
     set_up,
     transport_advice,
 )
-from rig.devices.genicam.stream import Filled, Stream
+from rig.devices.genicam.stream import FilledBuffer, GenicamStream
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure, check_mosaic
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceLost, SettingRefused
@@ -45,7 +45,7 @@ _STEP = 1e-5
 
 
 @dataclass(slots=True, kw_only=True)
-class _Search:
+class _GenicamSearch:
     """What came while a frame was searched for."""
 
     frames: int = 0
@@ -59,17 +59,17 @@ class _Search:
 
 
 @dataclass(slots=True, kw_only=True)
-class _Opened:
+class _OpenGenicam:
     """Everything that exists while the camera is open."""
 
     device: int
     camera: int
     features: Features
-    stream: Stream
+    stream: GenicamStream
     exposure: str
     """The feature's name."""
     exposure_s: float
-    held: list[Setting]
+    held: list[Feature]
     packet_bytes: int | None
     """None of a USB camera."""
     undo: ExitStack
@@ -119,7 +119,7 @@ class GenicamCamera:
         self._shape, self._format_name, self._bit_depth = shape, pixel_format, bit_depth
         self._period_s, self._options, self._clock = 1 / frame_rate_hz, options, clock
         self._exposure_range_s = ExposureRange(*exposure_range_s)
-        self._opened: _Opened | None = None
+        self._opened: _OpenGenicam | None = None
         self._fingerprint = Fingerprint()
         self._last_print: tuple[int, int, bytes] | None = None
         self._counted = 0
@@ -148,8 +148,14 @@ class GenicamCamera:
         return self._options.trigger == "software"
 
     @property
-    def _format(self) -> PixelFormat:
+    def _format(self) -> GenicamFormat:
         return pixel_format(self._format_name, numbers=self._shape[2], bit_depth=self._bit_depth)
+
+    @property
+    def stream(self) -> GenicamStream:
+        """What its frames come through. Raises DeviceLost when it is closed."""
+        with self._opened_for("looking at its stream") as opened:
+            return opened.stream
 
     def open(self) -> None:
         """Connect, set everything and read it back, and start the stream.
@@ -167,8 +173,13 @@ class GenicamCamera:
         """
         if self._opened is not None:
             return
-        wishes = Wishes(
-            self._name, self._shape, self._format, 1 / self._period_s, self._exposure_range_s, self._options
+        wishes = GenicamWishes(
+            name=self._name,
+            shape=self._shape,
+            pixel_format=self._format,
+            frame_rate_hz=1 / self._period_s,
+            exposure_range_s=self._exposure_range_s,
+            options=self._options,
         )
         with ExitStack() as undo:
             camera = connected(self.device_id, self._name)
@@ -180,12 +191,12 @@ class GenicamCamera:
             features = Features(device, self._name)
             held = set_up(features, wishes)
             packet_bytes = set_packets(camera, wishes) if is_gige else None
-            stream = Stream(
+            stream = GenicamStream(
                 camera, called("arv_camera_get_payload", camera, wishes.name), is_gige=is_gige, clock=self._clock
             )
             undo.callback(stream.close)
             exposure = exposure_feature(features, wishes)
-            opened = _Opened(
+            opened = _OpenGenicam(
                 device=device,
                 camera=camera,
                 features=features,
@@ -234,7 +245,7 @@ class GenicamCamera:
         """
         until_s = self._clock.now_s() + timeout_s
         with self._opened_for("capturing") as opened:
-            seen, after_s = _Search(), max(after_s, opened.valid_from_s)
+            seen, after_s = _GenicamSearch(), max(after_s, opened.valid_from_s)
             take = self._triggered if self._is_triggered else self._running
             frame = take(opened, after_s, until_s, seen)
             if frame is not None:
@@ -246,7 +257,7 @@ class GenicamCamera:
                 f"{seen}; check the cable (where packets are missing, `rig check` says more), or raise timing.timeout_s"
             )
 
-    def _triggered(self, opened: _Opened, after_s: float, until_s: float, seen: _Search) -> RawFrame | None:
+    def _triggered(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _GenicamSearch) -> RawFrame | None:
         self._clock.wait_until_s(min(after_s, until_s))
         while self._clock.now_s() < until_s:
             opened.stream.drop_waiting()
@@ -266,14 +277,14 @@ class GenicamCamera:
                 self._restart(opened)
         return None
 
-    def _restart(self, opened: _Opened) -> None:
+    def _restart(self, opened: _OpenGenicam) -> None:
         """A frame that was triggered and did not come may come still, and would pass for the next one."""
         called("arv_camera_stop_acquisition", opened.camera, self._name)
         called("arv_camera_start_acquisition", opened.camera, self._name)
         opened.stream.drop_waiting()
         opened.stream.forget_ids()
 
-    def _running(self, opened: _Opened, after_s: float, until_s: float, seen: _Search) -> RawFrame | None:
+    def _running(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _GenicamSearch) -> RawFrame | None:
         while (filled := opened.stream.next(until_s)) is not None:
             opened.clock_map.add(filled.device_s, filled.arrived_s)
             started_s = opened.clock_map.host_s(filled.device_s) - opened.exposure_s - self._period_s
@@ -287,7 +298,9 @@ class GenicamCamera:
             opened.stream.give_back(filled)
         return None
 
-    def _looked_at(self, opened: _Opened, filled: Filled, started_s: float, seen: _Search) -> RawFrame | None:
+    def _looked_at(
+        self, opened: _OpenGenicam, filled: FilledBuffer, started_s: float, seen: _GenicamSearch
+    ) -> RawFrame | None:
         """The frame of a buffer; None when packets are missing."""
         seen.frames += 1
         pixels: Pixels | None = None
@@ -311,14 +324,14 @@ class GenicamCamera:
             repeats=repeats,
         )
 
-    def _check_control(self, opened: _Opened) -> None:
+    def _check_control(self, opened: _OpenGenicam) -> None:
         """Raise DeviceLost when the camera is not ours any more: silence has no other sign."""
         if opened.packet_bytes is not None:
             check_control(opened.device, self._name)
         opened.features.number("Width")
 
     @contextmanager
-    def _opened_for(self, doing: str) -> Iterator[_Opened]:
+    def _opened_for(self, doing: str) -> Iterator[_OpenGenicam]:
         """The open state; a camera that is lost meanwhile is let go at once."""
         if self._opened is None:
             raise DeviceLost(f"{self._name} is closed: open it before {doing}")

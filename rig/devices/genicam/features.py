@@ -25,7 +25,7 @@ _SAME = 1e-3
 """Relative: a feature is stepped, and says what it took."""
 
 
-class Setting(NamedTuple):
+class Feature(NamedTuple):
     """A feature, and what it has to be."""
 
     name: str
@@ -94,7 +94,7 @@ class Features:
             self._called("arv_device_set_integer_feature_value", feature, round(value))
         return self.number(feature)
 
-    def hold(self, setting: Setting) -> None:
+    def hold(self, setting: Feature) -> None:
         """Set a feature and read it back. Raises SettingRefused for another value, or when there is none."""
         name, value = setting
         if not self.has(name):
@@ -115,7 +115,7 @@ class Features:
             return self.text(name)
         return self.set_number(name, value)
 
-    def is_as_set(self, setting: Setting) -> bool:
+    def is_as_set(self, setting: Feature) -> bool:
         """Tell whether a feature still has its value."""
         value = setting.value
         got: Value = self.text(setting.name) if isinstance(value, str) else self.number(setting.name)
@@ -148,9 +148,9 @@ def _same(got: Value, wanted: Value) -> bool:
     return math.isclose(got, wanted, rel_tol=_SAME, abs_tol=_SAME)
 
 
-def manual(features: Features) -> list[Setting]:
+def manual(features: Features) -> list[Feature]:
     """Return what has to be set so that nothing of a camera is automatic, amplified, bent or turned."""
-    off: list[Setting] = [Setting(name, "Off") for name in AUTOMATICS if features.has(name)]
-    off += [Setting("Gain", features.bounds("Gain")[0])] if features.has("Gain") else []
-    off += [Setting(name, False) for name in _SWITCHES if features.has(name)]
-    return off + [Setting(name, value) for name, value in _NEUTRAL.items() if features.has(name)]
+    off: list[Feature] = [Feature(name, "Off") for name in AUTOMATICS if features.has(name)]
+    off += [Feature("Gain", features.bounds("Gain")[0])] if features.has("Gain") else []
+    off += [Feature(name, False) for name in _SWITCHES if features.has(name)]
+    return off + [Feature(name, value) for name, value in _NEUTRAL.items() if features.has(name)]

@@ -23,7 +23,7 @@ Unpack = Callable[[Bytes, int], Pixels]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PixelFormat:
+class GenicamFormat:
     """A pixel format that is understood."""
 
     name: str
@@ -123,14 +123,14 @@ _FILTERS: tuple[tuple[str, MosaicPattern | None], ...] = (
 )
 
 
-def _known() -> list[PixelFormat]:
+def _known() -> list[GenicamFormat]:
     known = [
-        PixelFormat(name=kind + end, code=code, depth=depth, unpack=unpack, mosaic=mosaic)
+        GenicamFormat(name=kind + end, code=code, depth=depth, unpack=unpack, mosaic=mosaic)
         for end, depth, unpack, codes in _KINDS
         for (kind, mosaic), code in zip(_FILTERS, codes, strict=True)
     ]
-    known.append(PixelFormat(name="RGB8", code=0x02180014, depth=8, unpack=_bytes, numbers=3))
-    known.append(PixelFormat(name="BGR8", code=0x02180015, depth=8, unpack=_reversed_colours, numbers=3))
+    known.append(GenicamFormat(name="RGB8", code=0x02180014, depth=8, unpack=_bytes, numbers=3))
+    known.append(GenicamFormat(name="BGR8", code=0x02180015, depth=8, unpack=_reversed_colours, numbers=3))
     return known
 
 
@@ -138,7 +138,7 @@ PIXEL_FORMATS = {one.name: one for one in _known()}
 """Every format that is understood, by its name."""
 
 
-def pixel_format(name: str, *, numbers: int, bit_depth: int) -> PixelFormat:
+def pixel_format(name: str, *, numbers: int, bit_depth: int) -> GenicamFormat:
     """Return the format of a name, with so many numbers a pixel and of this depth.
 
     Raises

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from contextlib import suppress
 from ctypes import byref, c_uint32
-from typing import NamedTuple
+from dataclasses import dataclass
 
-from rig.devices.genicam.features import EXPOSURES, Features, Setting, manual
+from rig.devices.genicam.features import EXPOSURES, Feature, Features, manual
 from rig.devices.genicam.find import is_address, opened_by, why_silent
-from rig.devices.genicam.formats import PixelFormat
+from rig.devices.genicam.formats import GenicamFormat
 from rig.devices.genicam.library import AravisError, aravis
 from rig.devices.genicam.settings import GenicamOptions
-from rig.devices.genicam.stream import SOCKET_BUFFER_BYTES, Counters, socket_buffer_limit
+from rig.devices.genicam.stream import SOCKET_BUFFER_BYTES, StreamCounters, socket_buffer_limit
 from rig.devices.protocols import ExposureRange
 from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
 
@@ -27,13 +27,14 @@ _CONTROL_REGISTER, _CONTROLLED = 0x0A00, 0b11
 """GigE Vision: control channel privilege, and its bits of exclusive and of plain control."""
 
 
-class Wishes(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GenicamWishes:
     """What a profile asks of a camera."""
 
     name: str
     """How messages call it."""
     shape: tuple[int, int, int]
-    pixel_format: PixelFormat
+    pixel_format: GenicamFormat
     frame_rate_hz: float
     exposure_range_s: ExposureRange
     options: GenicamOptions
@@ -74,7 +75,7 @@ def called(function: str, camera: int, name: str) -> int:
         raise kind(f"{name}: {error} ({function}); check cable and power") from error
 
 
-def set_up(features: Features, wishes: Wishes) -> list[Setting]:
+def set_up(features: Features, wishes: GenicamWishes) -> list[Feature]:
     """Set format, size, rate, trigger, automatics and the profile's features; returns what has to stay so.
 
     Raises
@@ -82,49 +83,49 @@ def set_up(features: Features, wishes: Wishes) -> list[Setting]:
     SettingRefused
         The camera cannot do it; the message says what it can.
     """
-    for first in (Setting("TriggerMode", "Off"), Setting("OffsetX", 0), Setting("OffsetY", 0)):
+    for first in (Feature("TriggerMode", "Off"), Feature("OffsetX", 0), Feature("OffsetY", 0)):
         if features.has(first.name):
             features.hold(first)
     height_px, width_px, _ = wishes.shape
     picture = [
-        Setting("PixelFormat", wishes.pixel_format.name),
-        Setting("Width", width_px),
-        Setting("Height", height_px),
+        Feature("PixelFormat", wishes.pixel_format.name),
+        Feature("Width", width_px),
+        Feature("Height", height_px),
     ]
     given = wishes.options.features
     usual = [one for one in manual(features) if one.name not in given]
-    held = [*picture, *usual, *_trigger(features, wishes), *(Setting(name, value) for name, value in given.items())]
+    held = [*picture, *usual, *_trigger(features, wishes), *(Feature(name, value) for name, value in given.items())]
     for setting in held:
         features.hold(setting)
     _set_rate(features, wishes)
     if features.has("AcquisitionMode"):
-        features.hold(Setting("AcquisitionMode", "Continuous"))
+        features.hold(Feature("AcquisitionMode", "Continuous"))
     return held
 
 
-def _set_rate(features: Features, wishes: Wishes) -> None:
+def _set_rate(features: Features, wishes: GenicamWishes) -> None:
     """A triggered camera has the rate at which it is triggered."""
     if wishes.options.trigger != "free" or not features.has("AcquisitionFrameRate"):
         return
     if features.has("AcquisitionFrameRateEnable"):
-        features.hold(Setting("AcquisitionFrameRateEnable", True))
-    features.hold(Setting("AcquisitionFrameRate", wishes.frame_rate_hz))
+        features.hold(Feature("AcquisitionFrameRateEnable", True))
+    features.hold(Feature("AcquisitionFrameRate", wishes.frame_rate_hz))
 
 
-def _trigger(features: Features, wishes: Wishes) -> list[Setting]:
+def _trigger(features: Features, wishes: GenicamWishes) -> list[Feature]:
     options = wishes.options
     if options.trigger == "free":
         return []
     if not features.has("TriggerMode"):
         raise SettingRefused(f'{wishes.name} has no trigger; give camera.options.trigger = "free"')
-    wanted = [Setting("TriggerSelector", "FrameStart")] if features.has("TriggerSelector") else []
-    wanted.append(Setting("TriggerSource", "Software" if options.trigger == "software" else options.line))
+    wanted = [Feature("TriggerSelector", "FrameStart")] if features.has("TriggerSelector") else []
+    wanted.append(Feature("TriggerSource", "Software" if options.trigger == "software" else options.line))
     if options.trigger == "line":
-        wanted.append(Setting("TriggerActivation", options.activation))
-    return [*wanted, Setting("TriggerMode", "On")]
+        wanted.append(Feature("TriggerActivation", options.activation))
+    return [*wanted, Feature("TriggerMode", "On")]
 
 
-def exposure_feature(features: Features, wishes: Wishes) -> str:
+def exposure_feature(features: Features, wishes: GenicamWishes) -> str:
     """Return the name of the exposure's feature. Raises SettingRefused when it cannot do the profile's range."""
     found = features.first_of(EXPOSURES)
     if found is None:
@@ -150,7 +151,7 @@ def check_control(device: int, name: str) -> None:
         raise DeviceLost(f"{name} is not controlled by this program any more: it was off, or heartbeats were lost")
 
 
-def set_packets(camera: int, wishes: Wishes) -> int:
+def set_packets(camera: int, wishes: GenicamWishes) -> int:
     """Set the size of a GigE camera's packets, and return it in bytes. Raises SettingRefused."""
     size = wishes.options.packet_size
     try:
@@ -164,7 +165,7 @@ def set_packets(camera: int, wishes: Wishes) -> int:
     return called("arv_camera_gv_get_packet_size", camera, wishes.name)
 
 
-def transport_advice(name: str, packet_bytes: int, counters: Counters) -> tuple[str, ...]:
+def transport_advice(name: str, packet_bytes: int, counters: StreamCounters) -> tuple[str, ...]:
     """Return what the network lacks, a sentence each, with the setting to change."""
     found, limit = [], socket_buffer_limit()
     if packet_bytes <= _SMALL_PACKET:

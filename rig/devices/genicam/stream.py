@@ -28,8 +28,8 @@ _IDS = 0xFFFF
 _LIMIT_FILE = Path("/proc/sys/net/core/rmem_max")
 
 
-@dataclass(frozen=True, slots=True)
-class Filled:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FilledBuffer:
     """A buffer that holds a frame, or what has arrived of one."""
 
     pointer: int
@@ -44,8 +44,8 @@ class Filled:
     """When its first packet came, on the rig's clock."""
 
 
-@dataclass(frozen=True, slots=True)
-class Counters:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StreamCounters:
     """Of a stream since it began."""
 
     complete: int
@@ -55,7 +55,7 @@ class Counters:
     missing_packets: int
 
 
-class Stream:
+class GenicamStream:
     """The stream of an open camera; buffers belong to Aravis while they wait.
 
     Parameters
@@ -90,7 +90,7 @@ class Stream:
         self._number = 0
         self._last_id: int | None = None
 
-    def next(self, until_s: float) -> Filled | None:
+    def next(self, until_s: float) -> FilledBuffer | None:
         """Wait for a frame; None when none has come by ``until_s``."""
         wait_s = max(until_s - self._clock.now_s(), 0.0)
         pointer = aravis().call("arv_stream_timeout_pop_buffer", self._pointer, int(wait_s * 1e6))
@@ -106,7 +106,7 @@ class Stream:
         """The camera was started again: it counts anew."""
         self._last_id = None
 
-    def _filled(self, pointer: int) -> Filled:
+    def _filled(self, pointer: int) -> FilledBuffer:
         block = int(aravis().call("arv_buffer_get_frame_id", pointer))
         step = 1 if self._last_id is None else block - self._last_id
         if step < 0 and self._last_id is not None and self._last_id <= _IDS:
@@ -115,7 +115,7 @@ class Stream:
         step = max(step, 1)
         self._number += step
         arrived = aravis().call("arv_buffer_get_system_timestamp", pointer) * 1e-9
-        return Filled(
+        return FilledBuffer(
             pointer=pointer,
             is_complete=aravis().call("arv_buffer_get_status", pointer) == _COMPLETE,
             number=self._number,
@@ -125,7 +125,7 @@ class Stream:
         )
 
     @contextmanager
-    def bytes_of(self, filled: Filled) -> Iterator[Bytes]:
+    def bytes_of(self, filled: FilledBuffer) -> Iterator[Bytes]:
         """The frame's bytes, for the length of a ``with`` statement; copy what has to last. Gives the buffer back."""
         size = c_size_t()
         data = aravis().call("arv_buffer_get_data", filled.pointer, byref(size))
@@ -135,17 +135,23 @@ class Stream:
         finally:
             self.give_back(filled)
 
-    def give_back(self, filled: Filled) -> None:
+    def give_back(self, filled: FilledBuffer) -> None:
         """Let Aravis fill a buffer again."""
         aravis().call("arv_stream_push_buffer", self._pointer, filled.pointer)
 
-    def counters(self) -> Counters:
+    def counters(self) -> StreamCounters:
         """Return what was counted so far."""
-        complete, failed, underruns, resent, missing = (c_uint64() for _ in range(5))
-        aravis().call("arv_stream_get_statistics", self._pointer, byref(complete), byref(failed), byref(underruns))
+        complete, failed, underruns, resent, missing = counts = [c_uint64() for _ in range(5)]
+        aravis().call("arv_stream_get_statistics", self._pointer, *map(byref, counts[:3]))
         if self._is_gige:
             aravis().call("arv_gv_stream_get_statistics", self._pointer, byref(resent), byref(missing))
-        return Counters(complete.value, failed.value, underruns.value, resent.value, missing.value)
+        return StreamCounters(
+            complete=complete.value,
+            failed=failed.value,
+            underruns=underruns.value,
+            resent_packets=resent.value,
+            missing_packets=missing.value,
+        )
 
     def close(self) -> None:
         """End it, and free its buffers."""

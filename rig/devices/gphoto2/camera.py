@@ -18,8 +18,8 @@ from pydantic import Field, ValidationError
 
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
-from rig.devices.gphoto2.pictures import Wanted, from_jpeg, from_raw
-from rig.devices.gphoto2.port import Port
+from rig.devices.gphoto2.pictures import WantedPicture, from_jpeg, from_raw
+from rig.devices.gphoto2.port import StillPort
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure
 from rig.errors import CaptureTimeout, DeviceLost, ProfileError, SettingRefused
@@ -43,10 +43,10 @@ class StillOptions(Table):
 
 
 @dataclass(slots=True)
-class _Opened:
+class _OpenedStill:
     """Everything that exists while the camera is open."""
 
-    port: Port
+    port: StillPort
     speeds: dict[str, float]
     """Exposure of each step that is within the profile's range. [s]"""
     exposure_s: float
@@ -76,7 +76,7 @@ class StillCamera:
     def __init__(
         self,
         device_id: str,
-        wanted: Wanted,
+        wanted: WantedPicture,
         *,
         pixel_format: Literal["JPEG", "RAW"],
         exposure_range_s: tuple[float, float],
@@ -86,7 +86,7 @@ class StillCamera:
         self.device_id = device_id
         self._wanted, self._format, self._options, self._clock = wanted, pixel_format, options, clock
         self._exposure_range_s = ExposureRange(*exposure_range_s)
-        self._opened: _Opened | None = None
+        self._opened: _OpenedStill | None = None
         self._fingerprint, self._last_print = Fingerprint(), (0, 0, b"")
         self._pictures = 0
 
@@ -127,7 +127,7 @@ class StillCamera:
         """
         if self._opened is not None:
             return
-        port = Port(self.device_id, self._name)
+        port = StillPort(self.device_id, self._name)
         with ExitStack() as undo:
             undo.callback(port.close)
             self._check_state(port)
@@ -138,10 +138,10 @@ class StillCamera:
                 port.hold(setting, value)
             speeds = self._speeds(port)
             shown = seconds(port.value(_SPEED) or "")
-            self._opened = _Opened(port, speeds, min(speeds.values()) if shown is None else shown)
+            self._opened = _OpenedStill(port, speeds, min(speeds.values()) if shown is None else shown)
             undo.pop_all()
 
-    def _check_state(self, port: Port) -> None:
+    def _check_state(self, port: StillPort) -> None:
         program = port.value(_PROGRAM)
         if program is not None and program not in _MANUAL:
             raise SettingRefused(f"{self._name}: the dial is at {program}; turn it to M (manual)")
@@ -155,7 +155,7 @@ class StillCamera:
         if battery is not None and int(battery[1]) < _LEAST_BATTERY:
             raise SettingRefused(f"{self._name}: the battery is at {battery[1]} %; charge it, or use mains power")
 
-    def _choose_format(self, port: Port) -> None:
+    def _choose_format(self, port: StillPort) -> None:
         """Choose raw or JPEG alone, where the camera has a setting for it."""
         for setting in ("imageformat", "imagequality"):
             entries = port.choices(setting)
@@ -166,7 +166,7 @@ class StillCamera:
             if usable and port.value(setting) not in usable:
                 port.hold(setting, usable[0])
 
-    def _speeds(self, port: Port) -> dict[str, float]:
+    def _speeds(self, port: StillPort) -> dict[str, float]:
         entries = port.choices(_SPEED)
         known = {text: exposure_s for text in entries if (exposure_s := seconds(text)) is not None}
         usable = {text: exposure_s for text, exposure_s in known.items() if self._exposure_range_s.holds(exposure_s)}
@@ -228,7 +228,7 @@ class StillCamera:
         )
 
     @contextmanager
-    def _opened_for(self, doing: str) -> Iterator[_Opened]:
+    def _opened_for(self, doing: str) -> Iterator[_OpenedStill]:
         """The open state; a camera that is lost meanwhile is let go at once."""
         if self._opened is None:
             raise DeviceLost(f"{self._name} is closed: open it before {doing}")
@@ -263,7 +263,7 @@ def from_profile(settings: CameraSettings, clock: Clock) -> StillCamera:
         raise ProfileError("\n".join(lines)) from error
     return StillCamera(
         settings.device_id or "",
-        Wanted(settings.shape, settings.full_scale_dn, settings.mosaic),
+        WantedPicture(settings.shape, settings.full_scale_dn, settings.mosaic),
         pixel_format="RAW" if form == "RAW" else "JPEG",
         exposure_range_s=settings.exposure_range_s,
         options=options,

@@ -15,7 +15,7 @@ from rig.errors import DeviceError, SettingRefused
 Pixels = NDArray[np.uint16]
 
 
-class Wanted(NamedTuple):
+class WantedPicture(NamedTuple):
     """What the profile says of the picture."""
 
     shape: tuple[int, int, int]
@@ -23,7 +23,7 @@ class Wanted(NamedTuple):
     mosaic: MosaicPattern | None
 
 
-def from_jpeg(data: bytes, wanted: Wanted) -> Pixels:
+def from_jpeg(data: bytes, wanted: WantedPicture) -> Pixels:
     """Return a JPEG's numbers, (H, W, 1 or 3), not turned. Raises DeviceError when it holds no picture of the size."""
     grey = wanted.shape[2] == 1
     flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
@@ -34,7 +34,7 @@ def from_jpeg(data: bytes, wanted: Wanted) -> Pixels:
     return picture.astype(np.uint16)[..., None] if grey else np.ascontiguousarray(picture[..., ::-1]).astype(np.uint16)
 
 
-def from_raw(data: bytes, wanted: Wanted) -> Pixels:
+def from_raw(data: bytes, wanted: WantedPicture) -> Pixels:
     """Return a raw file's numbers in linear light, black level included, white at full scale.
 
     Parameters
@@ -70,7 +70,7 @@ def from_raw(data: bytes, wanted: Wanted) -> Pixels:
     scaled = np.minimum(pixels.astype(np.float32) * (wanted.full_scale_dn / white), wanted.full_scale_dn)[..., None]
     if wanted.mosaic is None:
         scaled = Mosaic(pattern).interpolated(scaled)
-    return np.rint(scaled).astype(np.uint16)
+    return np.asarray(np.rint(scaled), dtype=np.uint16)
 
 
 def _pattern(raw: Any) -> MosaicPattern:
@@ -86,7 +86,7 @@ def _pattern(raw: Any) -> MosaicPattern:
     return found
 
 
-def _check_size(size: tuple[int, ...], wanted: Wanted) -> None:
+def _check_size(size: tuple[int, ...], wanted: WantedPicture) -> None:
     if size != wanted.shape[:2]:
         raise SettingRefused(
             f"the camera's pictures have {size[1]} x {size[0]} px, not {wanted.shape[1]} x {wanted.shape[0]}; "

@@ -58,7 +58,7 @@ def named(camera: str, doing: str) -> Iterator[None]:
         raise kind(f"{camera}, {doing}: {error}: {meaning}") from error
 
 
-class Port:
+class StillPort:
     """An open camera.
 
     Parameters

@@ -7,6 +7,7 @@ gain, black level, gamma and pixel format.
 from __future__ import annotations
 
 import ctypes
+import socket
 import tempfile
 import traceback
 from collections.abc import Callable
@@ -14,25 +15,27 @@ from ctypes import CFUNCTYPE, byref, c_size_t, c_uint32, c_void_p
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.devices.genicam.find import CONTROL_PORT
 from rig.devices.genicam.formats import PIXEL_FORMATS
 from rig.devices.genicam.library import aravis
 from rig.emulated.gige import description as registers
-from rig.emulated.gige.description import Sensor, description
+from rig.emulated.gige.description import EmulatedSensor, description
 from rig.errors import DeviceError
 
 ADDRESS = "127.0.0.1"
 """Of an emulated camera, unless another of the loopback network is given."""
 _NAME_OF_CODE = {one.code: one.name for one in PIXEL_FORMATS.values()}
-_FILL = CFUNCTYPE(None, c_void_p, c_void_p, c_uint32, c_uint32, c_uint32)
+_FILL = CFUNCTYPE(None, *(c_void_p, c_void_p, c_uint32, c_uint32, c_uint32))
 _PER_MILLE = 1000.0
 
 
-class GigeRequest(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GigeRequest:
     """One exposure, as the program that drives the camera has set it."""
 
     exposure_s: float
@@ -86,7 +89,7 @@ class EmulatedGigeCamera:
     def __init__(
         self,
         view: GigeView,
-        sensor: Sensor,
+        sensor: EmulatedSensor,
         *,
         serial: str = "EMULATED1",
         address: str = ADDRESS,
@@ -108,6 +111,7 @@ class EmulatedGigeCamera:
         """Bring it to the network; no-op while it is there. Raises DeviceError."""
         if self._server is not None:
             return
+        self._refuse_taken_address()
         self._folder = tempfile.TemporaryDirectory()
         path = Path(self._folder.name) / "camera.xml"
         path.write_text(description(self._sensor), "utf-8")
@@ -117,13 +121,20 @@ class EmulatedGigeCamera:
             if server:
                 library.call("g_object_unref", server)
             self.unplug()
-            raise DeviceError(
-                f"no camera could be put on {self.address}: either no network card of this machine has that address "
-                "(`ip address`), or another emulated camera is there: end it, or give its address away: "
-                "ip address add 127.0.0.2/8 dev lo"
-            )
+            raise DeviceError(f"no camera could be put on {self.address}: Aravis does not serve there")
         self._server, self._fake = server, library.call("arv_gv_fake_camera_get_fake_camera", server)
         self._set_up()
+
+    def _refuse_taken_address(self) -> None:
+        """Raise DeviceError where a camera is served already: the library would let two answer in turn."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((self.address, CONTROL_PORT))
+            except OSError as error:
+                raise DeviceError(
+                    f"no camera could be put on {self.address} ({error.strerror}): another emulated camera is there: "
+                    "end it; or no network card of this machine has that address (`ip address`)"
+                ) from error
 
     def _set_up(self) -> None:
         for register, value in (

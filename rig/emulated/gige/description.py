@@ -29,8 +29,8 @@ _FEATURES = (
 ).split()
 
 
-@dataclass(frozen=True, slots=True)
-class Sensor:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EmulatedSensor:
     """Of the emulated camera."""
 
     width_px: int
@@ -41,7 +41,7 @@ class Sensor:
     model: str = "Emulated GigE camera"
 
 
-def description(sensor: Sensor) -> str:
+def description(sensor: EmulatedSensor) -> str:
     """Return the XML."""
     nodes = "\n".join([*_size(sensor), *_acquisition(sensor), *_light(sensor), *_transport()])
     listed = "".join(f"<pFeature>{name}</pFeature>" for name in _FEATURES)
@@ -82,14 +82,14 @@ def _enumeration(name: str, address: int, entries: Mapping[str, int]) -> Iterato
     yield _register(name, address)
 
 
-def _float(name: str, address: int, bounds: tuple[float, float], steps: str, back: str) -> Iterator[str]:
-    """``steps`` makes the register of a value FROM, ``back`` the value of a register TO."""
+def _float(name: str, address: int, bounds: tuple[float, float], steps: int = 1) -> Iterator[str]:
+    """The register counts so many steps for 1."""
     yield (
         f'<Float Name="{name}" NameSpace="Standard"><pValue>{name}Converter</pValue><Min>{bounds[0]!r}</Min>'
         f"<Max>{bounds[1]!r}</Max></Float>"
     )
     yield (
-        f'<Converter Name="{name}Converter"><FormulaTo>{steps}</FormulaTo><FormulaFrom>{back}</FormulaFrom>'
+        f'<Converter Name="{name}Converter"><FormulaTo>FROM*{steps}</FormulaTo><FormulaFrom>TO/{steps}.0</FormulaFrom>'
         f"<pValue>{name}Register</pValue></Converter>"
     )
     yield _register(name, address)
@@ -103,7 +103,7 @@ def _command(name: str, address: int, value: int) -> Iterator[str]:
     yield _register(name, address)
 
 
-def _size(sensor: Sensor) -> Iterator[str]:
+def _size(sensor: EmulatedSensor) -> Iterator[str]:
     yield from _integer("Width", WIDTH, 1, sensor.width_px)
     yield from _integer("Height", HEIGHT, 1, sensor.height_px)
     yield f'<Integer Name="SensorWidth" NameSpace="Standard"><Value>{sensor.width_px}</Value></Integer>'
@@ -114,7 +114,7 @@ def _size(sensor: Sensor) -> Iterator[str]:
     yield from _enumeration("PixelFormat", PIXEL_FORMAT, formats)
 
 
-def _acquisition(sensor: Sensor) -> Iterator[str]:
+def _acquisition(sensor: EmulatedSensor) -> Iterator[str]:
     yield from _enumeration("AcquisitionMode", MODE, {"Continuous": 1})
     yield from _command("AcquisitionStart", ACQUISITION, 1)
     yield from _command("AcquisitionStop", ACQUISITION, 0)
@@ -133,15 +133,15 @@ def _acquisition(sensor: Sensor) -> Iterator[str]:
     yield from _enumeration("TriggerActivation", TRIGGER_ACTIVATION, _ACTIVATIONS)
     yield from _command("TriggerSoftware", TRIGGER, 1)
     bounds_us = (sensor.exposure_range_s[0] * 1e6, sensor.exposure_range_s[1] * 1e6)
-    yield from _float("ExposureTime", EXPOSURE_US, bounds_us, "FROM", "TO")
+    yield from _float("ExposureTime", EXPOSURE_US, bounds_us)
 
 
-def _light(_: Sensor) -> Iterator[str]:
+def _light(_: EmulatedSensor) -> Iterator[str]:
     for name, address in AUTOMATICS.items():
         yield from _enumeration(name, address, AUTO_ENTRIES)
-    yield from _float("Gain", GAIN, (0.0, 24.0), f"FROM*{GAIN_STEPS}", f"TO/{GAIN_STEPS}.0")
-    yield from _float("BlackLevel", BLACK, (0.0, 255.0), "FROM", "TO")
-    yield from _float("Gamma", GAMMA, (0.25, 4.0), f"FROM*{GAMMA_STEPS}", f"TO/{GAMMA_STEPS}.0")
+    yield from _float("Gain", GAIN, (0.0, 24.0), GAIN_STEPS)
+    yield from _float("BlackLevel", BLACK, (0.0, 255.0))
+    yield from _float("Gamma", GAMMA, (0.25, 4.0), GAMMA_STEPS)
 
 
 def _transport() -> Iterator[str]:

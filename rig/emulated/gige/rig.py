@@ -12,7 +12,7 @@ from rig.devices.genicam.formats import PIXEL_FORMATS
 from rig.devices.protocols import Clock
 from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.emulated.gige.camera import ADDRESS, EmulatedGigeCamera, GigeRequest, encoded
-from rig.emulated.gige.description import Sensor
+from rig.emulated.gige.description import EmulatedSensor
 from rig.emulated.view import WorldView
 from rig.emulated.watch import ReadableDisplay, ignore
 from rig.errors import ProfileError
@@ -44,7 +44,7 @@ class _WorldOverGige:
         return encoded(pixels[:height, :width], request.pixel_format)
 
 
-def sensor_of(profile: Profile) -> Sensor:
+def sensor_of(profile: Profile) -> EmulatedSensor:
     """Return what the emulated camera of a profile is. Raises ProfileError for a format that it cannot have."""
     camera = profile.camera
     first = camera.pixel_format or "Mono12"
@@ -56,7 +56,12 @@ def sensor_of(profile: Profile) -> Sensor:
         formats = dict.fromkeys([first, *(begin + kind for kind in _KINDS)])
     else:
         formats = dict.fromkeys([first, "RGB8", "BGR8"])
-    return Sensor(camera.width_px, camera.height_px, tuple(formats), camera.exposure_range_s)
+    return EmulatedSensor(
+        width_px=camera.width_px,
+        height_px=camera.height_px,
+        formats=tuple(formats),
+        exposure_range_s=camera.exposure_range_s,
+    )
 
 
 def gige_camera_of(

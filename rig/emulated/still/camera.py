@@ -60,7 +60,6 @@ class VirtualStill:
         *,
         full_scale_dn: int,
         write: Write,
-        suffix: str,
         clock: Clock,
         delay_s: float = 0.03,
     ):
@@ -68,7 +67,7 @@ class VirtualStill:
         """That were taken so far."""
         self._view, self._folder, self._full_scale, self._write = view, folder, full_scale_dn, write
         self._clock, self._delay_s = clock, delay_s
-        self._file = folder / CARD / f"IMG_0001.{suffix}"
+        self._file = folder / CARD / "IMG_0001.JPG"  # the port releases for pictures of this name alone
         self._server: socket.socket | None = None
         self._thread: threading.Thread | None = None
 
@@ -151,6 +150,5 @@ def virtual_still_of(
         folder,
         full_scale_dn=full_scale,
         write=raw if is_raw else jpeg,
-        suffix="DNG" if is_raw else "JPG",
         clock=clock,
     )

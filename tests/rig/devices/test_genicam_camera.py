@@ -12,9 +12,10 @@ from rig.capture.rig import open_rig
 from rig.devices.clock import SystemClock
 from rig.devices.genicam import find, library
 from rig.devices.genicam.camera import GenicamCamera, from_profile
+from rig.devices.genicam.describe import describe_genicam
 from rig.devices.genicam.find import list_genicam, why_silent
 from rig.devices.genicam.setup import transport_advice
-from rig.devices.genicam.stream import Counters
+from rig.devices.genicam.stream import StreamCounters
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, ProfileError, SettingRefused
 from rig.profile.schema import Profile
 from tests.gige import GigeRig, gige_rig, needs_aravis, plugged
@@ -173,8 +174,17 @@ def test_a_missing_library_is_named_with_its_package(monkeypatch: pytest.MonkeyP
 
 def test_small_packets_and_buffers_are_told_with_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.devices.genicam.setup.socket_buffer_limit", lambda: 212992)
-    fine = Counters(complete=100, failed=0, underruns=0, resent_packets=0, missing_packets=0)
+    fine = StreamCounters(complete=100, failed=0, underruns=0, resent_packets=0, missing_packets=0)
     packets, buffer = transport_advice("camera", 1400, fine)
     assert "mtu 9000" in packets
     assert "sysctl -w net.core.rmem_max=8388608" in buffer
     assert "7 of 107 frames" in transport_advice("camera", 9000, replace(fine, failed=7))[-1]
+
+
+def test_what_it_can_do_is_asked_of_the_camera(gige: GigeRig) -> None:
+    (found,) = list_genicam()
+    able = describe_genicam(found)
+    assert able.pixel_formats[:2] == ("Mono12", "Mono12p")
+    assert (able.width_px, able.height_px) == (320, 240)
+    assert able.exposure_range_s == pytest.approx((1e-4, 2.0))
+    assert able.frame_rate_hz == pytest.approx(200.0)

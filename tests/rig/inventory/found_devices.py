@@ -116,6 +116,8 @@ def finders(**changes: Any) -> Finders:
     parts: dict[str, Any] = {
         "cameras": lambda: (Camera(),),
         "describe": lambda node: MONO,
+        "genicam": lambda: (),
+        "stills": lambda: (),
         "outputs": lambda: (Output(),),
         "master_is_free": lambda card: True,
         "monitors": lambda: (),

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from rig.devices.genicam.find import FoundGenicam
+from rig.devices.gphoto2.find import FoundStill
 from rig.devices.kms.master import master_is_free
 from rig.devices.v4l2.controls import exposure_range_of
 from rig.errors import DeviceError, DeviceForbidden, UsageError
@@ -253,3 +255,20 @@ def test_the_preferred_mode_of_a_display_is_its_own() -> None:
     assert best_output_mode([first, second]) is second
     assert best_output_mode([first]) is first
     assert best_output_mode([]) is None
+
+
+def test_industrial_and_still_cameras_are_listed_with_their_lines() -> None:
+    gige = FoundGenicam(
+        device_id="gige-22334455",
+        vendor="Basler",
+        model="acA1300",
+        serial="22334455",
+        address="192.168.7.9",
+        aravis_id="Basler-22334455",
+    )
+    still = FoundStill("Nikon DSC D750", "usb:001,004")
+    found = list_devices(finders=finders(genicam=lambda: (gige,), stills=lambda: (still,)))
+    assert [one.device_id for one in found.bus_cameras] == ["gige-22334455", "usb:001,004"]
+    assert 'driver = "genicam"' in found.bus_cameras[0].profile
+    assert 'device_id = "usb:001,004"' in found.bus_cameras[1].profile
+    assert list_devices("192.168.7.9", finders(genicam=lambda: (gige,))).bus_cameras == (found.bus_cameras[0],)

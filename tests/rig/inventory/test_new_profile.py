@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from rig.devices.genicam.describe import GenicamAbilities
+from rig.devices.genicam.find import FoundGenicam
+from rig.devices.protocols import ExposureRange
 from rig.errors import DeviceError, DeviceForbidden, DeviceLost, ProfileError, SettingRefused, UsageError
 from rig.inventory.new_profile import ProfileRequest, write_profile
 from rig.inventory.tables import print_new_profile
@@ -192,3 +195,27 @@ def test_people_are_told_what_to_do_next(tmp_path: Path, capsys: pytest.CaptureF
     assert "only guessed, to be measured:" in said
     assert "  scale.baseline_m" in said
     assert f"then: rig check -p {tmp_path / 'lab.toml'}" in said
+
+
+@pytest.mark.parametrize(
+    ("formats", "channels", "mosaic"), [(("Mono12", "Mono8"), 1, None), (("BayerRG12", "RGB8"), 3, "RGGB")]
+)
+def test_a_gige_camera_gets_a_profile(
+    tmp_path: Path, formats: tuple[str, ...], channels: int, mosaic: str | None
+) -> None:
+    found = FoundGenicam(
+        device_id="gige-77", vendor="V", model="M", serial="77", address="10.0.0.7", aravis_id="V-M-77"
+    )
+    able = GenicamAbilities(
+        pixel_formats=formats,
+        width_px=1280,
+        height_px=960,
+        frame_rate_hz=120.0,
+        exposure_range_s=ExposureRange(2e-5, 10.0),
+    )
+    there = finders(cameras=lambda: (), genicam=lambda: (found,), describe_genicam=lambda one: able)
+    path = tmp_path / "lab.toml"
+    assert write_profile(ProfileRequest(path=path), there).camera == "gige-77"
+    camera = load_profile(path).camera
+    assert (camera.driver, camera.pixel_format, camera.bit_depth) == ("genicam", formats[0], 12)
+    assert (camera.channels, camera.mosaic, camera.frame_rate_hz) == (channels, mosaic, 60.0)

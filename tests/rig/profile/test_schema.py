@@ -113,12 +113,12 @@ def test_a_real_camera_needs_its_name_and_format_and_a_real_display() -> None:
     lines = problems(changed('driver = "simulated"', 'driver = "v4l2"'))
     assert "lab.toml: camera.device_id: missing; `rig devices` prints it" in lines
     assert "lab.toml: camera.pixel_format: missing; `rig devices` prints it" in lines
-    assert any(line.endswith("the camera's is 'v4l2'; it has to be 'kms' or 'window'") for line in lines)
+    assert any(line.endswith("the camera's is 'v4l2'; it has to be 'kms' or 'window' or 'virtual'") for line in lines)
 
 
 def test_a_simulated_camera_has_no_device_name() -> None:
     lines = problems(changed('driver = "simulated"', 'driver = "simulated"\ndevice_id = "usb-1209:0001-A"'))
-    assert lines == ["lab.toml: camera.device_id: only for driver = 'v4l2'; remove it"]
+    assert lines == ["lab.toml: camera.device_id: only for driver = 'v4l2' or 'genicam' or 'gphoto2'; remove it"]
 
 
 def test_a_simulated_rig_needs_a_simulation() -> None:
