@@ -47,7 +47,7 @@ def test_json_has_what_the_record_has_and_the_page_takes_the_rooms_name(
 def test_the_terminal_shows_tables_and_sentences(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["plan", "lecture-room", "--no-search", "--report", "lecture.html"]) == 0
     shown = capsys.readouterr().out
-    assert "white cd/m²" in shown
+    assert "Surfaces, projector white" in shown
     assert "speaker stands in the picture" in shown
     assert "page: lecture.html" in shown
 
