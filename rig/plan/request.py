@@ -146,13 +146,28 @@ class PlanRequest(Table):
     search: SearchTable | None = None
 
     def as_json(self) -> JsonObject:
-        """Return all that differs from nothing, as ``ROOM.toml`` has it."""
+        """Return all that differs from nothing, as ``ROOM.toml`` has it.
+
+        Returns
+        -------
+        JsonObject
+            What :func:`request_of` takes.
+        """
         made: JsonObject = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         return made
 
 
 def load_room(path: Path) -> PlanRequest:
     """Read ``ROOM.toml``; names of files in it are taken from its folder.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+
+    Returns
+    -------
+    PlanRequest
 
     Raises
     ------
