@@ -115,7 +115,7 @@ class PlannedPerson(Table):
     radius_m: Positive = 0.25
 
 
-class Shown(Table):
+class WantedPictures(Table):
     """``[show]``: what is wanted on the walls."""
 
     white_cdm2: Positive
@@ -142,7 +142,7 @@ class PlanRequest(Table):
     projector: PlannedProjector
     viewer: tuple[PlannedViewer, ...] = ()
     person: tuple[PlannedPerson, ...] = ()
-    show: Shown
+    show: WantedPictures
     search: SearchTable | None = None
 
     def as_json(self) -> JsonObject:

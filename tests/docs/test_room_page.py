@@ -19,7 +19,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[projector]": request.PlannedProjector,
     "[[viewer]]": request.PlannedViewer,
     "[[person]]": request.PlannedPerson,
-    "[show]": request.Shown,
+    "[show]": request.WantedPictures,
     "[search]": search.SearchTable,
     "[[search.free]]": search.FreeParameter,
     "[[search.goal]]": search.SearchGoal,
