@@ -16,6 +16,8 @@ from sim.geometry.surface import Surface
 
 TOUCHING_M = 1e-6
 """Nearer to a surface a device stands on it."""
+HARDLY_ANY_LOST = 0.9
+"""Share of rays that meet something within a closed surface, whose seams may let some through."""
 _tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()
 
 
@@ -83,6 +85,8 @@ def stands_in_air(surface: Surface, point_m: ArrayLike) -> bool:
     """
     hits = trace(surface, point_m, _all_around())
     met = hits.face >= 0
+    if surface.closed and met.mean() < HARDLY_ANY_LOST:
+        return False  # on a wall, half of the rays begin behind it
     lit = met & (hits.cos_incidence > 0)
     return bool(2 * lit.sum() > met.sum() and hits.distance[met].min() >= TOUCHING_M)
 
