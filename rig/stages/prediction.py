@@ -23,6 +23,7 @@ FloatArray = NDArray[np.float64]
 
 JUDGED = "the target sharp on the wall, through the camera"
 """Against what pictures are judged: settings of the steps that do."""
+_NO_LIGHT = 1e-9
 SPLIT_BIAS = 0.004
 """Relative standard deviation of all direct light together: its bias on random rigs, 0.1 % at the median and 0.9 % at
 most. What differs from pixel to pixel, the frames tell."""
@@ -87,31 +88,40 @@ def _predict_band(
     images = np.stack([light, np.full_like(light, white)], axis=-1)
     direct, global_ = (np.asarray(part @ images).reshape(*shape, 2) for part in (transport.direct, transport.global_))
     value = direct[..., 0] + global_[..., 0]
-    in_white = np.maximum(direct[..., 1] + global_[..., 1], 1e-9)
-    noise = model.white_variance[..., band] * (value / in_white) ** 2
+    in_white = direct[..., 1] + global_[..., 1]
+    share = _at_most_all(value, in_white)
+    noise = model.white_variance[..., band] * share**2
     # An error of the split moves light between direct and global; in white it cancels.
     error = np.hypot(SPLIT_BIAS, model.uncertainty.split[..., band])
     split = error * (direct[..., 0] - direct[..., 1] * _share(global_))
     spread = model.global_error * (global_[..., 0] - global_[..., 1] * _share(direct))
     place, width = _edges(model, band, light)
-    curve = _curve_sigma(radiometric, band, value, in_white)
+    curve = curve_sigma(radiometric, band, value, in_white)
     return value, np.sqrt(noise + split**2 + spread**2 + place**2 + width**2 + curve**2)
 
 
-def _curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArray, in_white: FloatArray) -> FloatArray:
-    """(H, W) what errors of both response curves make: light is read by the camera's in the picture, and in white.
+def curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArray, in_white: FloatArray) -> FloatArray:
+    """Return (H, W) what errors of both response curves make of light (H, W) in a band, beside that of white there.
 
-    Of the projector's that at the share of white's light that a pixel sees: the codes that light it are near.
+    Light is read by the camera's curve in the picture, and in white.
+    A camera's curve is found by its slopes, from full scale down: errors of its logarithm add up as in a random walk,
+    and what both readings share cancels. Of the projector's curve the error counts at the share of white's light that a
+    pixel sees: the codes that light it are near.
     """
-    balance, share = radiometric.balance[band], value / in_white
+    balance, share = radiometric.balance[band], _at_most_all(value, in_white)
     read, read_white = (balance * light_sigma(radiometric.camera, light / balance) for light in (value, in_white))
     shown = in_white * light_sigma(radiometric.projector[band], share)
-    return np.asarray(np.sqrt(read**2 + (share * read_white) ** 2 + shown**2))
+    return np.asarray(np.sqrt(np.abs(read**2 - (share * read_white) ** 2) + shown**2))
 
 
 def _share(parts: FloatArray) -> FloatArray:
     """(H, W) of a picture's light in white's."""
-    return np.asarray(parts[..., 0] / np.maximum(parts[..., 1], 1e-9))
+    return _at_most_all(parts[..., 0], parts[..., 1])
+
+
+def _at_most_all(light: FloatArray, of_white: FloatArray) -> FloatArray:
+    """Light over that of white, 0 … 1: no picture is brighter, and where next to nothing arrives neither tells."""
+    return np.asarray(np.clip(light / np.maximum(of_white, _NO_LIGHT), 0.0, 1.0))
 
 
 def _edges(model: FittedScene, band: int, light: FloatArray) -> tuple[FloatArray, FloatArray]:
