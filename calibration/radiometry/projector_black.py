@@ -49,7 +49,7 @@ def projector_black(
         None where the border is seen along too little of the picture.
     """
     shares = [
-        share for tile in _tiles(black.shape) if (share := _share(black, white, inside, outside, tile)) is not None
+        share for tile in _tiles(black.shape) if (share := _share(black, white, inside, outside, tile=tile)) is not None
     ]
     if len(shares) < _LEAST_TILES:
         return None
@@ -71,6 +71,7 @@ def _share(
     white: Float32Array | FloatArray,
     inside: BoolArray,
     outside: BoolArray,
+    *,
     tile: tuple[slice, slice],
 ) -> float | None:
     """Of one tile: the step of black over that of white, beside a plane."""
