@@ -26,7 +26,8 @@ JUDGED = "the target sharp on the wall, through the camera"
 _NO_LIGHT = 1e-9
 SPLIT_BIAS = 0.004
 """Relative standard deviation of all direct light together: `direct_bias_percent` of eleven sessions that
-`benchmarks/calibration/random_rigs.py` ran was 0.34 % rms (decision 57). What differs from pixel to pixel, frames tell."""
+`benchmarks/calibration/random_rigs.py` ran was 0.34 % rms (decision 57). What differs between
+pixels, the frames tell."""
 
 
 @dataclass(frozen=True, eq=False)
