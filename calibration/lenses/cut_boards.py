@@ -21,6 +21,13 @@ LEAST_PART = 12
 """Corners of a part: fewer hold neither pose nor lens, and may be chance."""
 _OFF_SQUARES = 0.25
 """Of a square, by which a corner may be off a flat board without distortion: a lens bends a board by a tenth."""
+_ENOUGH = 18
+"""Corners of a part that is not looked for in other ways."""
+_RIM_PX = 40
+"""About a picture whose edge cuts a board: the search wants something around it."""
+_MOST_BEYOND = 0.5
+"""Of places one square beyond a board's last corners, or between its corners, those that may look like one: its rim and
+its edges have none."""
 _FLAT_DN, _TWICE = 4.0, 1.5
 """Of a ring about a corner: its least standard deviation, and by what its two waves have to lead all others."""
 _SQUARES_TO_EDGE = 1.6
@@ -73,6 +80,60 @@ def seen_part(shown: NDArray[np.uint8], board: Board) -> SeenPart | None:
     row, column = np.nonzero(seen)
     ids = None if first is None else np.asarray((row + first[0]) * board.columns + column + first[1])
     return SeenPart((grid.shape[1], grid.shape[0]), grid[seen], ids)
+
+
+def largest_part(shown: NDArray[np.uint8], board: Board) -> SeenPart | None:
+    """Find a part of a chessboard, if need be with a rim about the picture, or mirrored: each may miss a cut one.
+
+    A chessboard's mirror image is a chessboard, so that corners found there are corners here, numbered the other way.
+    """
+    part = seen_part(shown, board)
+    if _corners_of(part) >= _ENOUGH:
+        return part
+    rimmed = seen_part(np.pad(shown, _RIM_PX, mode="edge"), board)
+    mirrored = seen_part(np.ascontiguousarray(shown[:, ::-1]), board)
+    parts = [part, _moved(rimmed), _mirrored(mirrored, board, shown.shape[1])]
+    return max(parts, key=_corners_of) if any(_corners_of(one) for one in parts) else part
+
+
+def _corners_of(part: SeenPart | None) -> int:
+    """How many, if they are a part of the board."""
+    return 0 if part is None or part.ids is None else len(part.ids)
+
+
+def _moved(part: SeenPart | None) -> SeenPart | None:
+    return None if part is None else SeenPart(part.size, part.xy_px - _RIM_PX, part.ids)
+
+
+def _mirrored(part: SeenPart | None, board: Board, width_px: int) -> SeenPart | None:
+    if part is None or part.ids is None:
+        return None
+    row, column = np.divmod(part.ids, board.columns)
+    there = (width_px - 1, 0) + part.xy_px * (-1, 1)
+    return SeenPart(part.size, there, np.asarray((row + 1) * board.columns - 1 - column))
+
+
+def is_of_larger_board(shown: NDArray[np.uint8], grid: FloatArray) -> bool:
+    """Tell whether there are corners beyond a whole grid, or between its corners: then the board has more.
+
+    Parameters
+    ----------
+    shown : (H, W) uint8
+    grid : (R, C, 2)
+        Corners, row after row. [px]
+    """
+    square_px = float(np.median(np.linalg.norm(np.diff(grid, axis=1), axis=-1)))
+    turned = grid.transpose(1, 0, 2)
+    beyond = (2 * lines[0] - lines[1] for lines in (grid, grid[::-1], turned, turned[::-1]))
+    between = ((lines[1:] + lines[:-1]).reshape(-1, 2) / 2 for lines in (grid, turned))
+    return any(_share_of_corners(shown, places, square_px) > _MOST_BEYOND for places in beyond) or any(
+        _share_of_corners(shown, places, square_px / 2) > _MOST_BEYOND for places in between
+    )
+
+
+def _share_of_corners(shown: NDArray[np.uint8], places: FloatArray, square_px: float) -> float:
+    """Of places, those near which there is a corner."""
+    return float(np.isfinite(_corners_near(shown, places, square_px)[:, 0]).mean())
 
 
 def _grown(shown: NDArray[np.uint8], seed: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, Frame, IntArray
 from calibration.lenses.boards import Board
-from calibration.lenses.cut_boards import seen_part
+from calibration.lenses.cut_boards import is_of_larger_board, largest_part, seen_part
 
 _SEARCHED_PX = 1600
 """Longer side in which a board is looked for; its corners are then refined in the whole picture."""
@@ -107,8 +107,11 @@ def _corners(shown: NDArray[np.uint8], board: Board) -> tuple[IntArray, FloatArr
     small = shown if factor == 1 else _smaller(shown, factor)
     found = _chessboard(small, board) if board.kind == "chessboard" else _circles(small, board)
     ids = np.arange(len(found))
+    if board.kind == "chessboard" and len(found):
+        if is_of_larger_board(small, found.reshape(board.rows, board.columns, 2)):
+            return NOTHING.ids, NOTHING.xy_px
     if not len(found):
-        part = seen_part(small, board) if board.kind == "chessboard" else None
+        part = largest_part(small, board) if board.kind == "chessboard" else None
         if part is None or part.ids is None:
             return NOTHING.ids, NOTHING.xy_px
         found, ids = part.xy_px, part.ids
@@ -197,7 +200,7 @@ def _why_not(shown: NDArray[np.uint8], board: Board, corners: int) -> str:
         return f"nothing to be seen: its levels differ by {contrast:.0f} of 255; light the board, or expose longer"
     if board.kind == "charuco":
         return _why_no_charuco(shown, board, corners)
-    if len(_corners(np.ascontiguousarray(shown[:, ::-1]), board)[0]):
+    if board.kind != "chessboard" and len(_corners(np.ascontiguousarray(shown[:, ::-1]), board)[0]):
         return "is mirrored: give the photograph as the camera took it"
     other = _other_size(shown, board)
     if other is not None:

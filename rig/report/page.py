@@ -17,7 +17,7 @@ from rig.report.focus import focus_figure, focus_of, focus_text
 from rig.report.links import link_pages
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import Headline, TextTable, headline_of, rendered
-from rig.report.room import geometry_text
+from rig.report.room import darkness_text, geometry_text
 from rig.report.terms import explained
 from rig.session import Session
 from rig.session.timing import seconds_by_step
@@ -146,7 +146,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         light_scale=figures.colour_bar("gray", 0.0, _light_at_white(session, model), _LIGHT_SCALE, gamma=2.2),
         focus_text=focus_text(focus),
         focus_figure=focus_figure(focus),
-        geometry_text=geometry_text(result.geometry, result.model),
+        geometry_text=geometry_text(result.geometry, result.model) + darkness_text(result.darkness),
         room_figure=figures.room_figure(model.scene_model),
         correspondence_text=_CORRESPONDENCE_TEXT,
         correspondence_images=correspondence_images(session),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from rig.files.channels import PRIMARIES
+from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
 
 _FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
@@ -77,4 +78,20 @@ def _colour_words(model: ModelResult) -> str:
         f" Numbers by band are red, green, blue. Share of white in each band that the projector's red, green and blue "
         f"make: {rows}; over the picture they vary by at most {model.mixing_variation:.4f}. White is "
         f"{_numbers(model.white_over_channels)} times their sum."
+    )
+
+
+def darkness_text(darkness: DarknessRecord | None) -> str:
+    """Return what there is beside the picture; empty of a session that does not say."""
+    if darkness is None:
+        return ""
+    words = (
+        f" Without light the camera's level is {100 * darkness.sensor_share_of_full_scale:.2f} % of full scale. While "
+        f"the projector shows black, {100 * darkness.black_share_of_white:.3f} % of white's light is there"
+    )
+    if darkness.projector_black_share is None or darkness.projector_black_sigma is None:
+        return f"{words}; the border of its picture is seen too little to tell the projector's black from room light."
+    return (
+        f"{words}: {100 * darkness.projector_black_share:.3f} ± {100 * darkness.projector_black_sigma:.3f} % are the "
+        f"projector's black, {100 * (darkness.room_light_share or 0.0):.3f} % the room's light."
     )

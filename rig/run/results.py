@@ -15,6 +15,7 @@ from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
 from rig.stages.correspondence import load_correspondence, load_correspondence_figures, only
 from rig.stages.geometry import load_geometry
+from rig.stages.light.darkness import darkness_of
 from rig.stages.model import load_model, load_model_record, load_standing
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord
 from rig.stages.results import (
@@ -70,6 +71,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
         comparison=comparison,
         limits=limits,
         within_limits=all_met(limits),
+        darkness=darkness_of(session),
         expected=expected_figures(session, geometry, comparison, strategies[best]),
     )
 

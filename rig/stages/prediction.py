@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 JUDGED = "the target sharp on the wall, through the camera"
 """Against what pictures are judged: settings of the steps that do."""
-_LEAST_LIGHT = 1e-9
+_NO_LIGHT = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class PictureParts:
 
     def moved_by(self, error: FloatArray | float) -> FloatArray:
         """Return what a relative error of direct light makes of the picture; in white it cancels."""
-        share = self.global_ / np.maximum(self.white_global, _LEAST_LIGHT)
+        share = _at_most_all(self.global_, self.white_global)
         return np.asarray(error * (self.direct - self.white_direct * share))
 
 
@@ -109,27 +109,30 @@ def picture_parts(
     images = np.stack([light, np.full_like(light, white)], axis=-1)
     direct, global_ = (np.asarray(part @ images).reshape(*shape, 2) for part in (transport.direct, transport.global_))
     value = direct[..., 0] + global_[..., 0]
-    in_white = np.maximum(direct[..., 1] + global_[..., 1], _LEAST_LIGHT)
-    noise = model.white_variance[..., band] * (value / in_white) ** 2
+    in_white = direct[..., 1] + global_[..., 1]
+    noise = model.white_variance[..., band] * _at_most_all(value, in_white) ** 2
     place, width = _edges(model, band, light)
     return PictureParts(
         direct=direct[..., 0],
         global_=global_[..., 0],
         white_direct=direct[..., 1],
         white_global=global_[..., 1],
-        variance=noise + place**2 + width**2 + _curve_sigma(radiometric, band, value, in_white) ** 2,
+        variance=noise + place**2 + width**2 + curve_sigma(radiometric, band, value, in_white) ** 2,
     )
 
 
-def _curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArray, in_white: FloatArray) -> FloatArray:
-    """(H, W) what errors of both response curves make: light is read by the camera's in the picture, and in white.
+def curve_sigma(radiometric: RadiometricCalibration, band: int, value: FloatArray, in_white: FloatArray) -> FloatArray:
+    """Return (H, W) what errors of both response curves make of light (H, W) in a band, beside that of white there.
 
-    Of the projector's that at the share of white's light that a pixel sees: the codes that light it are near.
+    Light is read by the camera's curve in the picture, and in white.
+    A camera's curve is found by its slopes, from full scale down: errors of its logarithm add up as in a random walk,
+    and what both readings share cancels. Of the projector's curve the error counts at the share of white's light that a
+    pixel sees: the codes that light it are near.
     """
-    balance, share = radiometric.balance[band], value / in_white
+    balance, share = radiometric.balance[band], _at_most_all(value, in_white)
     read, read_white = (balance * light_sigma(radiometric.camera, light / balance) for light in (value, in_white))
     shown = in_white * light_sigma(radiometric.projector[band], share)
-    return np.asarray(np.sqrt(read**2 + (share * read_white) ** 2 + shown**2))
+    return np.asarray(np.sqrt(np.abs(read**2 - (share * read_white) ** 2) + shown**2))
 
 
 def _predict_band(
@@ -149,8 +152,13 @@ def _predict_band(
 
 def _spread(model: FittedScene, parts: PictureParts) -> FloatArray:
     """(H, W) what the patches' relative error makes of global light; in white it cancels, too."""
-    share = parts.direct / np.maximum(parts.white_direct, _LEAST_LIGHT)
+    share = _at_most_all(parts.direct, parts.white_direct)
     return np.asarray(model.global_error * (parts.global_ - parts.white_global * share))
+
+
+def _at_most_all(light: FloatArray, of_white: FloatArray) -> FloatArray:
+    """Light over that of white, 0 … 1: no picture is brighter, and where next to nothing arrives neither tells."""
+    return np.asarray(np.clip(light / np.maximum(of_white, _NO_LIGHT), 0.0, 1.0))
 
 
 def _edges(model: FittedScene, band: int, light: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from rig.records import Record, Verdict
 from rig.stages.comparison import ModelErrors
+from rig.stages.light.darkness import DarknessRecord
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
 from rig.stages.target import ShownTarget
@@ -211,6 +212,8 @@ class SessionResult(Record):
     comparison: ModelComparison
     limits: tuple[Verdict, ...]
     within_limits: bool
+    darkness: DarknessRecord | None = None
+    """What there is beside the picture."""
     expected: tuple[ExpectedFigure, ...] = ()
     """What a good figure is on this rig."""
     report: str | None = None

@@ -15,8 +15,9 @@ FloatArray = NDArray[np.float64]
 SMOOTHING_SHARE = 0.003
 """Spread of the smoothing of light's shares along walls, of the picture's width."""
 SPLIT_BIAS = 0.004
-"""Relative standard deviation of all direct light together: its bias on random rigs, 0.1 % at the median and 0.9 % at
-most. What differs from pixel to pixel, the frames tell."""
+"""Relative standard deviation of all direct light together: `direct_bias_percent` of eleven sessions that
+`benchmarks/calibration/random_rigs.py` ran was 0.34 % rms (decision 57). What differs between
+pixels, the frames tell."""
 _MOST_SPLIT = 0.3
 """Of one pixel's direct light: where the frames leave more, its share is its neighbours'."""
 

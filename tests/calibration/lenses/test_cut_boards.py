@@ -41,6 +41,34 @@ def test_a_board_that_the_picture_cuts_gives_the_corners_that_are_seen(picture, 
     assert (found.ids == nearest).all() or (found.ids == 53 - nearest).all()
 
 
+@pytest.mark.parametrize("sides", ["top left", "top right", "bottom left", "bottom right", "left right", "top bottom"])
+def test_a_board_that_two_sides_cut_is_numbered_as_one_flat_board(picture, corners, sides):
+    left, top = int((corners[1, 1] + corners[2, 2])[0] / 2), int((corners[0, 4] + corners[1, 4])[1] / 2)
+    bottom, right = picture.shape
+    if "right" in sides:
+        right = int((corners[2, 6] + corners[3, 7])[0] / 2)
+    if "bottom" in sides:
+        bottom = int((corners[4, 4] + corners[5, 4])[1] / 2)
+    left, top = left * ("left" in sides), top * ("top" in sides)
+    found = detect_board(np.ascontiguousarray(picture[top:bottom, left:right]), BOARD, 255)
+    assert found.problem == ""
+    assert len(found.ids) >= 12
+    apart = np.linalg.norm(found.xy_px[:, None] + (left, top) - corners.reshape(1, -1, 2), axis=2)
+    assert np.median(apart.min(axis=1)) < 0.2
+    nearest = apart.argmin(axis=1)
+    # Of both numberings one differs from what is printed by the same rows and columns everywhere.
+    steps = [np.subtract(np.divmod(found.ids, 9), np.divmod(one, 9)) for one in (nearest, 53 - nearest)]
+    assert any((step == step[:, :1]).all() for step in steps)
+
+
+@pytest.mark.parametrize("size", [(8, 5), (7, 4), (6, 4), (5, 4), (4, 3), (3, 3)])
+def test_a_small_grid_within_a_larger_board_is_refused_with_the_boards_size(picture, size):
+    """OpenCV finds some of them, one with every second column of the board."""
+    smaller = Board(kind="chessboard", columns=size[0], rows=size[1], square_m=0.03)
+    said = detect_board(picture, smaller, 255).problem
+    assert f"9 × 6 inner corners, the manifest says {size[0]} × {size[1]}" in said
+
+
 def test_a_whole_board_of_another_size_is_no_cut_one(picture):
     larger = Board(kind="chessboard", columns=11, rows=8, square_m=0.03)
     assert "9 × 6 inner corners, the manifest says 11 × 8" in detect_board(picture, larger, 255).problem

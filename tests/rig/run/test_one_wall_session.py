@@ -29,7 +29,7 @@ ONE_WALL = {
     "\nhfov_deg = 100.0": "\nhfov_deg = 55.0",
     "\nhfov_deg = 98.0": "\nhfov_deg = 49.0",
     "distance_m = 4.876": "distance_m = 1.7793",
-    "position_m = [0.60, 1.42, 1.38]": "position_m = [1.9, 3.0, 1.40]",
+    "position_m = [0.60, 1.42, 1.38]": "position_m = [1.9, 3.25, 1.40]",
     "look_at_m = [4.60, 4.55, 1.12]": "look_at_m = [4.8, 2.42, 1.24]",
     "focal_px = 132.925": "focal_px = 315.0",
     "position_m = [1.00, 1.00, 1.20]": "position_m = [2.0, 2.3, 1.25]",
