@@ -19,6 +19,9 @@ IntArray = NDArray[np.intp]
 
 _ROUGHNESS = (0.1, 0.25)
 """Of a gloss floor and of a satin wall."""
+_SHINE = 0.3
+"""Of matte light, what shines for each relative error of the model: 1 left a glossy room's held-out pictures 15 % worse,
+0 those with edges."""
 _LEAST_COSINE = 0.1
 """Lobes at grazing angles are cut off there."""
 
@@ -35,7 +38,7 @@ class _Points:
 def lobes_of(
     scene_model: SceneModel, places: SurfacePlaces, patch: IntArray, *, emission: FloatArray, gain: FloatArray
 ) -> NDArray[np.float32]:
-    """Return (N, M, L) light that places would see of lit patches over gloss as strong as matte light.
+    """Return (N, M, L) light that places would see of lit patches over gloss of the usual strength.
 
     Parameters
     ----------
@@ -72,7 +75,7 @@ def lobes_of(
     sent = [matte * _lobe(-across, to_projector, lit.normal[None], width) for width in _widths(wide)]
     surfaces = np.minimum(scene.region[patch], len(scene_model.walls))
     by_surface = [np.where(surfaces == name, each, 0.0) for name in np.unique(surfaces) for each in sent]
-    return np.stack([*mirrored, *by_surface], axis=1).astype(np.float32)
+    return (_SHINE * np.stack([*mirrored, *by_surface], axis=1)).astype(np.float32)
 
 
 def _cosines(across: FloatArray, at: _Points, lit: _Points) -> tuple[FloatArray, FloatArray]:

@@ -20,8 +20,8 @@ _LEAST_PIXELS = 6
 """Of a place: fewer tell too little."""
 ALIKE, _REACH = 1.0, 2.6
 """Standard deviation, in places, within which the model is wrong alike, and where it is cut off."""
-WORTH = 4 * np.pi * ALIKE**2
-"""Independent places that a mean with such weights is worth."""
+WORTH = 2 * np.pi * ALIKE**2
+"""Independent places that a mean with such weights is worth: half of 4πσ², for within them the model is not quite alike."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
