@@ -20,8 +20,8 @@ IntArray = NDArray[np.intp]
 _ROUGHNESS = (0.1, 0.25)
 """Of a gloss floor and of a satin wall."""
 _SHINE = 0.3
-"""Of matte light, what shines for each relative error of the model: 1 left a glossy room's held-out pictures 15 % worse,
-0 those with edges."""
+"""Of matte light, what shines for each relative error of the model. Of 0, 0.3 and 1 this was best on four of five
+pictures of the simulated glossy room, and the others left up to 16 % more."""
 _LEAST_COSINE = 0.1
 """Lobes at grazing angles are cut off there."""
 

@@ -21,7 +21,7 @@ _LEAST_PIXELS = 6
 ALIKE, _REACH = 1.0, 2.6
 """Standard deviation, in places, within which the model is wrong alike, and where it is cut off."""
 WORTH = 2 * np.pi * ALIKE**2
-"""Independent places that a mean with such weights is worth: half of 4πσ², for within them the model is not quite alike."""
+"""Independent places that a mean with such weights is worth: half of 4πσ², for it is not quite alike within them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
