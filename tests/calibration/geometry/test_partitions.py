@@ -66,7 +66,7 @@ def devices():
 
 def seen(depth_m):
     """Correspondences of a surface whose depth is a function of the camera's x over z."""
-    camera, projector = devices()
+    _, projector = devices()
     x, y = np.meshgrid(np.arange(0, 640, 6.0), np.arange(0, 480, 12.0))
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     rays = np.stack([(xy[:, 0] - 320) / 400, (xy[:, 1] - 240) / 400, np.ones(len(xy))], axis=1)
