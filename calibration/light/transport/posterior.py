@@ -185,7 +185,16 @@ def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPoste
     Returns
     -------
     TransportPosterior
+
+    Raises
+    ------
+    CalibrationError
+        If they are of different places.
     """
+    if photographs.own.shape[1] != len(prior.spread):
+        raise CalibrationError(
+            f"photographs of {photographs.own.shape[1]} places for a model of {len(prior.spread)}; they have to be the same"
+        )
     parts = [_of_places(prior.at(part), photographs.at(part)) for part in _parts(len(prior.spread))]
     weights, told, surprise = (np.concatenate(each) for each in zip(*parts, strict=True))
     return TransportPosterior(prior=prior, weights=weights, told=told, surprise=surprise)
