@@ -193,7 +193,8 @@ def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPoste
     """
     if photographs.own.shape[1] != len(prior.spread):
         raise CalibrationError(
-            f"photographs of {photographs.own.shape[1]} places for a model of {len(prior.spread)}; they have to be the same"
+            f"photographs of {photographs.own.shape[1]} places, a model of {len(prior.spread)}; they have to be the "
+            "same places"
         )
     parts = [_of_places(prior.at(part), photographs.at(part)) for part in _parts(len(prior.spread))]
     weights, told, surprise = (np.concatenate(each) for each in zip(*parts, strict=True))
