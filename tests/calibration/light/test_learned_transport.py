@@ -90,7 +90,7 @@ def test_every_patch_alone_is_brute_force(small):
 
 def test_what_was_learned_is_as_reciprocal_as_light(small):
     """B_i by light on j, over ρ_i / A_i, is that of B_j by light on i."""
-    found = posterior(small.prior(spread=1.0), small.photographs(np.eye(len(small.lit)), noise=1e-4))
+    found = posterior(small.prior(spread=1.0), small.photographs(np.eye(len(small.lit)), noise=1e-5))
     whole = (small.model + found.change)[small.lit] / small.emission
     symmetric = whole * (small.reflectance / small.areas)[small.lit][None, :]
     assert np.abs(symmetric - symmetric.T).max() < 0.01 * symmetric.max()
