@@ -15,7 +15,7 @@ from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalI
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
 from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
-from calibration.geometry.support import standing_planes
+from calibration.geometry.support import bending_planes, standing_planes
 from calibration.geometry.triangulation import triangulate
 
 _FEW, _SOME = 4000, 3000
@@ -104,6 +104,21 @@ def _fits(
         bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
         if bundle is not None:
             yield bundle
+
+
+def without_tangents(
+    x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
+) -> BundleSolution | None:
+    """Fit again without the planes that touch a curved surface; None where there is none, or too little is left.
+
+    A cylinder's strips pass for walls one by one, and turn what they are held at right angles with.
+    """
+    stays = ~bending_planes(fit, x1, x2)
+    if stays.all() or stays.sum() < 2:
+        return None
+    axes = Axes(fit.axes.directions, fit.axes.of_plane[stays])
+    rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
+    return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight)
 
 
 def _planes_of(

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,7 @@ from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
-from calibration.geometry.plane_search import candidates
+from calibration.geometry.plane_search import candidates, without_tangents
 from calibration.geometry.planes import Axes, ExplainedPixels
 
 MIN_POINTS = 500
@@ -216,7 +216,9 @@ def _calibrated(
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
-        better = _better(x1, x2, first, islice(bundles, others), nominal=nominal, weight=weight)
+        flat_ones = without_tangents(x1, x2, first, nominal, weight=weight)
+        rest = chain(() if flat_ones is None else (flat_ones,), islice(bundles, others))
+        better = _better(x1, x2, flat_ones or first, rest, nominal=nominal, weight=weight)
         if better is None:
             raise
         final = better
@@ -238,7 +240,7 @@ def _better(
     """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
     limit = _BETTER * _unexplained(refused)
     for bundle in others:
-        if _unexplained(bundle) > limit:
+        if bundle is not refused and _unexplained(bundle) > limit:
             continue
         try:
             return hold_against_all(x1, x2, bundle, nominal, weight=weight)

@@ -18,6 +18,8 @@ _APART = 3.0
 """No other plane explains it: none comes nearer than so many of these limits."""
 _LEAST_SHARE, _LEAST_POINTS = 0.02, 30
 """Of the points, and points, that only this plane explains, side by side; less is furniture, noise, or a phantom."""
+_WIDER, _MOST_GROWTH = 3.0, 1.35
+"""Times the limit, and the points that a wall may explain more then: 1.2 at most of those of simulated rooms."""
 _POINTS_A_CELL = 4.0
 _LEAST_KNOWN = 0.2
 """Of the points: where fewer belong to one plane only, planes say nothing of what lies among what."""
@@ -62,6 +64,28 @@ def standing_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolA
             break
         standing[kept[int(np.argmin(counts))]] = False
     return standing
+
+
+def bending_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolArray:
+    """Find the planes that touch a surface which goes on, bending: such that explain many more points if they may miss.
+
+    Along a surface that bends evenly, three times the limit takes in 3^½ = 1.7 times as many; a wall ends at an edge.
+
+    Parameters
+    ----------
+    scene : PlanarScene
+        K planes.
+    x1, x2 : (N, 2)
+        Corresponding pixels of camera and projector. [px]
+
+    Returns
+    -------
+    (K,) bool
+    """
+    errors = plane_errors_px(scene, x1, x2)
+    limit_px = explained_within_px(errors.min(axis=0))
+    close, near = ((errors < times * limit_px).sum(axis=1) for times in (1, _WIDER))
+    return np.asarray(near > _MOST_GROWTH * close)
 
 
 def explained_within_px(best_px: FloatArray) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from calibration.arrays import FloatArray
 
@@ -22,23 +23,29 @@ class LowRank:
     """(r, L) V."""
 
 
-def low_rank(change: FloatArray, most: int) -> LowRank:
-    """Return the matrix of least rank that is near a change of transport, by its singular values.
+def low_rank(change: FloatArray, pictures: FloatArray, most: int) -> LowRank:
+    """Return the matrix of least rank that does to usual pictures what a change of transport does.
 
     Parameters
     ----------
     change : (N, L)
+    pictures : (L, L)
+        Second moments of usual pictures' light on the patches.
     most : int
         Columns, at most.
 
     Returns
     -------
     LowRank
+        Nearest in the mean square of the light of such pictures.
     """
+    root = np.linalg.cholesky(pictures)
+    seen = change @ root
     # The smaller Gram matrix has the same directions, and is quicker than the whole decomposition.
-    values, vectors = np.linalg.eigh(change.T @ change)
+    values, vectors = np.linalg.eigh(seen.T @ seen)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
     left_out = 1 - np.cumsum(values) / max(float(values.sum()), np.finfo(float).tiny)
     count = min(int((left_out > _LOST).sum()) + 1, most, len(values))
     V = vectors[:, :count]
-    return LowRank(by_place=np.asarray(change @ V), by_patch=np.asarray(V.T))
+    by_patch = solve_triangular(root, V, lower=True, trans="T").T
+    return LowRank(by_place=np.asarray(seen @ V), by_patch=np.asarray(by_patch))

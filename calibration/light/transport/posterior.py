@@ -3,12 +3,13 @@
 At each of N places of the camera's picture global light is Σ T(l) u(l), u(l) the light on lit patch l as a share of
 white's. The model's row T₀ is wrong by
 
-    Δ(l) = s b(l) k(l)·z + Σ λ ρ(l) z'  ,  z, z' of variance 1,
+    Δ(l) = s b(l) k(l)·z + s Σ g(l) z' + Σ λ ρ(l) z"  ,  z, z', z" of variance 1,
 
-relative errors that are alike for neighbouring patches (k, a factor of their covariance), and what the model's own
-parameters leave open (λ ρ, directions times their standard deviations). Direct light may be off, too: by h times the
-picture's share of white's direct light, less its share of white's global light, for white itself was measured. All of
-that is one linear regression a place, its unknowns of variance 1 before any photograph.
+relative errors that are alike for neighbouring patches (k, a factor of their covariance), ways of light that the model
+leaves out (g: gloss), and what the model's own parameters leave open (λ ρ, directions times their standard deviations).
+Direct light may be off, too: by h times the picture's share of white's direct light, less its share of white's global
+light, for white itself was measured. All of that is one linear regression a place, its unknowns of variance 1 before
+any photograph.
 
 References
 ----------
@@ -19,8 +20,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.sparse import csr_array
 
@@ -47,6 +50,8 @@ class TransportPrior:
     """(L, R) factor of the covariance of relative errors."""
     spread: FloatArray
     """(N,) their standard deviation."""
+    lobes: NDArray[np.floating[Any]]
+    """(N, M, L) light by ways that the model leaves out, of as much as `spread` of each."""
     left: FloatArray
     """(N, Q) light by the model's own open parameters, a standard deviation of each ..."""
     right: FloatArray
@@ -61,7 +66,7 @@ class TransportPrior:
 
     def at(self, places: IntArray | slice) -> TransportPrior:
         """Return some of the places."""
-        names = ("transport", "base", "spread", "left", "own")
+        names = ("transport", "base", "spread", "lobes", "left", "own")
         return replace(self, **{name: getattr(self, name)[places] for name in names})
 
     def features(self, lit: FloatArray, own: FloatArray) -> FloatArray:
@@ -75,10 +80,11 @@ class TransportPrior:
             Direct light at each place, as a share of white's.
         """
         relative = (lit[None] * self.base[:, None, :]) @ self.kernel * self.spread[:, None, None]
+        left_out = (self.lobes @ lit.T).transpose(0, 2, 1) * self.spread[:, None, None]
         open_ones = self.left[:, None, :] * (lit @ self.right.T)[None]
         share = self.transport @ lit.T / np.maximum(self.white, np.finfo(float).tiny)[:, None]
         direct = self.own[:, None] * (own.T - share)
-        return np.concatenate([relative, open_ones, direct[..., None]], axis=2)
+        return np.concatenate([relative, left_out, open_ones, direct[..., None]], axis=2)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -140,10 +146,11 @@ class TransportPosterior:
     @property
     def change(self) -> FloatArray:
         """(N, L) T - T₀."""
-        prior, n_kernel = self.prior, self.prior.kernel.shape[1]
-        relative = self.weights[:, :n_kernel] @ prior.kernel.T
-        open_ones = (prior.left * self.weights[:, n_kernel:-1]) @ prior.right
-        return np.asarray(prior.spread[:, None] * prior.base * relative + open_ones)
+        prior = self.prior
+        ends = np.cumsum([prior.kernel.shape[1], prior.lobes.shape[1]])
+        relative, left_out, open_ones = np.split(self.weights[:, :-1], ends, axis=1)
+        errors = prior.base * (relative @ prior.kernel.T) + (left_out[:, None, :] @ prior.lobes)[:, 0]
+        return np.asarray(prior.spread[:, None] * errors + (prior.left * open_ones) @ prior.right)
 
     @property
     def direct_change(self) -> FloatArray:
@@ -178,7 +185,17 @@ def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPoste
     Returns
     -------
     TransportPosterior
+
+    Raises
+    ------
+    CalibrationError
+        If they are of different places.
     """
+    if photographs.own.shape[1] != len(prior.spread):
+        raise CalibrationError(
+            f"photographs of {photographs.own.shape[1]} places, a model of {len(prior.spread)}; they have to be the "
+            "same places"
+        )
     parts = [_of_places(prior.at(part), photographs.at(part)) for part in _parts(len(prior.spread))]
     weights, told, surprise = (np.concatenate(each) for each in zip(*parts, strict=True))
     return TransportPosterior(prior=prior, weights=weights, told=told, surprise=surprise)

@@ -45,6 +45,7 @@ def transport_settings(session: Session) -> JsonObject:
         "photographs": session.profile.transport.photographs,
         "exposures_s": json_of(bracket.exposures_s),
         "repeats": bracket.repeats,
+        "places": "whole pixels, eighty across",
     }
 
 

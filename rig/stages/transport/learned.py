@@ -18,10 +18,12 @@ from sim.light.transport import LightTransport
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_MOST_RANK = 48
+_MOST_RANK = 64
 """Pictures in which what was learned is kept."""
 _WHOLE = 0.99
 """Of a pixel's direct light, what white makes of it away from the picture's border."""
+_EDGES = 0.03
+"""Of the light of pictures, what neighbouring patches have not in common."""
 _MOST_CHANGE = 0.2
 """Of direct light, relative: more is no error of the split."""
 
@@ -95,7 +97,10 @@ def learned_band(known: BandPrior, photographs: Photographs, where: BoolArray) -
     places = known.places
     found = fitted(known.prior, photographs, places.alike(), WORTH)
     white = np.maximum(known.prior.white, np.finfo(float).tiny)
-    few = low_rank(found.change / white[:, None], _MOST_RANK)
+    kernel = known.prior.kernel
+    # Pictures are as alike on neighbouring patches as errors are, but for their edges.
+    pictures = kernel @ kernel.T + _EDGES * np.eye(len(kernel))
+    few = low_rank(found.change / white[:, None], pictures, _MOST_RANK)
     shape = where.shape
     seen = (known.transport.global_ @ np.ones(known.pixels)).reshape(shape)
     by_pixel = np.stack([seen * places.spread_out(column, where) for column in few.by_place.T], axis=-1)

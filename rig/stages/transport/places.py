@@ -16,12 +16,14 @@ IntArray = NDArray[np.intp]
 
 _ACROSS = 80
 """SurfacePlaces along a picture's width: a lobe of roughness 0.1 seen from a few metres is ten of them wide."""
+_LEAST_SIZE_PX = 5.0
+"""Of a place: small cameras have fewer of them."""
 _LEAST_PIXELS = 6
 """Of a place: fewer tell too little."""
 ALIKE, _REACH = 1.0, 2.6
 """Standard deviation, in places, within which the model is wrong alike, and where it is cut off."""
-WORTH = 4 * np.pi * ALIKE**2
-"""Independent places that a mean with such weights is worth."""
+WORTH = 2 * np.pi * ALIKE**2
+"""Independent places that a mean with such weights is worth: half of 4πσ², for it is not quite alike within them."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -63,7 +65,7 @@ class SurfacePlaces:
         known = self.of_pixel >= 0
         picture = np.where(known, values[self.of_pixel], 0.0)
         smooth = np.zeros(self.of_pixel.shape)
-        wide_px = 0.5 * self.of_pixel.shape[1] / _ACROSS
+        wide_px = 0.5 * _size_px(self.of_pixel.shape)
         for name in np.unique(self.face[where]):
             of_face = where & (self.face == name)
             rows, columns = (slice(index.min(), index.max() + 1) for index in np.nonzero(of_face))
@@ -77,7 +79,7 @@ class SurfacePlaces:
 
 def places_of(lit: BoolArray, face: IntArray) -> SurfacePlaces:
     """Cut the lit pixels (H, W) of each face (H, W) into places."""
-    size_px = lit.shape[1] / _ACROSS
+    size_px = _size_px(lit.shape)
     row, column = (np.floor(index / size_px).astype(np.intp) for index in np.nonzero(lit))
     keys = np.stack([face[lit], row, column], axis=1)
     unique, number, count = np.unique(keys, axis=0, return_inverse=True, return_counts=True)
@@ -87,3 +89,8 @@ def places_of(lit: BoolArray, face: IntArray) -> SurfacePlaces:
     of_pixel[lit] = renamed[number.ravel()]
     centre = unique[kept][:, [2, 1, 0]] * np.array([1.0, 1.0, 1000.0])
     return SurfacePlaces(of_pixel=of_pixel, face=face, centre=centre)
+
+
+def _size_px(shape: tuple[int, ...]) -> float:
+    """Side of a place."""
+    return max(shape[1] / _ACROSS, _LEAST_SIZE_PX)
