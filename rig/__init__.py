@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rig.lenses.run import run_lenses
     from rig.live.plan import LiveRequest, plan_live
     from rig.live.run import run_live
+    from rig.notebook import NotebookProgress, session_pictures
     from rig.offline.scan import run_scan
     from rig.offline.simulate import SimulationRequest, run_simulate
     from rig.paper.experiments import run_paper
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Comparison": "strategies.comparison",
     "LiveRequest": "live.plan",
+    "NotebookProgress": "notebook",
     "PlanRequest": "plan.request",
     "PlanResult": "plan.records",
     "Rig": "capture.rig",
@@ -90,6 +92,7 @@ _HOMES = {
     "run_session": "run.session",
     "run_simulate": "offline.simulate",
     "separate": "run.script",
+    "session_pictures": "notebook",
     "show_picture": "by_hand.show",
     "sweep": "sweeps.run",
     "write_report": "run.script",
@@ -99,6 +102,7 @@ _HOMES = {
 __all__ = [
     "Comparison",
     "LiveRequest",
+    "NotebookProgress",
     "PlanRequest",
     "PlanResult",
     "Rig",
@@ -132,6 +136,7 @@ __all__ = [
     "run_session",
     "run_simulate",
     "separate",
+    "session_pictures",
     "show_picture",
     "sweep",
     "write_report",
