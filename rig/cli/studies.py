@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
 from rig.cli.options import Fit, Json, Linear, ProfileOption, Strategies, Target, names_of, print_json
 from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from sim.planning.simulation import Simulation
 
 
 def compare_strategies(
@@ -138,6 +141,18 @@ def simulate(
         Path | None,
         Parameter(help="PLY file to write: the facets of a mesh file, coloured by what is wrong."),
     ] = None,
+    projector_at: Annotated[
+        str | None, Parameter(help="White projector at X,Y,Z m instead of --light; needs --look-at.")
+    ] = None,
+    look_at: Annotated[str | None, Parameter(help="X,Y,Z m that the projector is aimed at.")] = None,
+    fov: Annotated[float | None, Parameter(help="Its horizontal field of view, degrees; default: 100.")] = None,
+    output: Annotated[
+        Path | None,
+        Parameter(
+            name=["--output", "-o"],
+            help="Folder for a picture, brightness by surface (CSV), a mesh with its light (PLY, GLB) and a page.",
+        ),
+    ] = None,
     memory_mb: Annotated[float | None, Parameter(help="Memory that may be used; default: half of the free.")] = None,
     seconds: Annotated[
         float | None, Parameter(help="Limit instead of a tolerance: the smallest error that fits into the time.")
@@ -150,9 +165,18 @@ def simulate(
     """Plan and run a simulation as fine as a tolerance needs, without any device.
 
     Example: rig simulate paper-room --tolerance 0.5
+
+    Example: rig simulate paper-room --projector-at 1.2,1.2,1.2 --look-at 2.2,2.2,1.2 --output light/
     """
     from rig.offline.mesh_file import MeshOptions
-    from rig.offline.simulate import SimulationRequest, plan_simulation, reflectances_of, run_planned, tolerance_of
+    from rig.offline.simulate import (
+        SimulationRequest,
+        plan_simulation,
+        projector_of,
+        reflectances_of,
+        run_planned,
+        tolerance_of,
+    )
     from rig.offline.tables import print_simulation, print_simulation_plan
     from rig.terminal import TerminalProgress
 
@@ -167,13 +191,19 @@ def simulate(
         seconds=seconds,
         gloss=gloss,
         roughness=roughness,
+        projector=projector_of(projector_at, look_at, fov, light),
     )
     with TerminalProgress() as progress:
         planned, result = plan_simulation(request, progress)
     if not as_json:
         print_simulation_plan(result)
     with TerminalProgress() as progress:
-        result = replace(result, actual=run_planned(planned, progress, check))
+        kept: list[Simulation] = []
+        result = replace(result, actual=run_planned(planned, progress, check, kept.append))
+        if output is not None:
+            from rig.plan.simulated.files import write_simulation
+
+            result = replace(result, files=write_simulation(output, request, planned, kept[0]))
     print_json(result.as_json()) if as_json else print_simulation(result)
     return 0
 

@@ -110,6 +110,8 @@ class SimulationResult(Record):
     actual: SimulationOutcome | None = None
     mesh: MeshSummary | None = None
     """Of a mesh file."""
+    files: tuple[Path, ...] = ()
+    """That were written."""
 
 
 @dataclass(frozen=True, kw_only=True)

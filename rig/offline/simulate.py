@@ -25,6 +25,7 @@ from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.mending.mend import MendedMesh
 from sim.light.gloss.material import Gloss
+from sim.light.lighting import PlacedProjector
 from sim.planning.cost import Cost, largest_dense
 from sim.planning.gloss import GlossySimulation, gloss_cost, gloss_of_cells, glossy_simulation, refined_gloss_check
 from sim.planning.plan import Plan, plan
@@ -38,6 +39,8 @@ WHITE = 255
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 MESH_LIGHT = "floor"
 """Standard light of a mesh file."""
+FARTHEST_M = 1000.0
+"""Of a projector from the origin: the largest scene is as large."""
 MOST_REFINED_PATCHES = 16_000
 """Of a check: its dense factors take 2 GB."""
 
@@ -64,6 +67,8 @@ class SimulationRequest:
     """Of all patches; None: the mesh file's own."""
     roughness: float | None = None
     """Of that gloss."""
+    projector: PlacedProjector | None = None
+    """White from here instead of ``light``."""
 
 
 def tolerance_of(percent: float | None, grey_levels: float | None, seconds: float | None = None) -> float:
@@ -100,6 +105,47 @@ def reflectances_of(text: str) -> tuple[float, ...]:
     return values
 
 
+def projector_of(
+    at: str | None, look_at: str | None, fov_deg: float | None, light: str | None
+) -> PlacedProjector | None:
+    """Return the projector that ``rig simulate`` was told of; None for none.
+
+    Raises
+    ------
+    UsageError
+        For half of what is needed, numbers that are none, an impossible lens or aim, or a light beside it.
+    """
+    if at is None and look_at is None and fov_deg is None:
+        return None
+    if at is None or look_at is None:
+        raise UsageError("--projector-at and --look-at belong together, e.g. 1.2,1.2,1.2 and 2.2,2.2,1.2")
+    if light is not None:
+        raise UsageError("--projector-at takes the place of --light; leave one out")
+    fov = 100.0 if fov_deg is None else fov_deg
+    if not 1 <= fov <= 160:
+        raise UsageError(f"--fov {fov:g}: lenses have 1 ... 160 degrees")
+    placed = PlacedProjector(
+        position_m=_point("--projector-at", at), look_at_m=_point("--look-at", look_at), hfov_deg=fov
+    )
+    try:
+        _ = placed.pose
+    except SimulationError as error:
+        raise UsageError(f"--look-at {look_at}: the aim is at the lens, or straight up or down; move it") from error
+    return placed
+
+
+def _point(option: str, text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise UsageError(
+            f"{option} {text}: give three numbers in metres, separated by commas, e.g. 1.2,1.2,1.2"
+        ) from error
+    if not all(abs(one) < FARTHEST_M for one in (x, y, z)):
+        raise UsageError(f"{option} {text}: give metres within {FARTHEST_M:g} m")
+    return x, y, z
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlannedSimulation:
     """What is to be carried out."""
@@ -128,10 +174,12 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
     light = request.light or (SURFACES[request.scene].light if request.scene in SURFACES else MESH_LIGHT)
 
+    lamp = request.projector or light
+
     def make_plan(scene: GlossyScene, tolerance: float, by_rays: bool = False) -> Plan:
         reflectances = scene.reflectances(request.reflectance)
         return plan(
-            scene.as_matte, tolerance, light, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays
+            scene.as_matte, tolerance, lamp, memory_limit_mb=memory_mb, reflectances=reflectances, by_rays=by_rays
         )
 
     try:
@@ -152,7 +200,7 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     return PlannedSimulation(plan=planned, gloss=gloss), SimulationResult(
         scene=request.scene,
         tolerance=planned.tolerance_percent,
-        plan=_summary(planned, light, summary, time.perf_counter() - started),
+        plan=_summary(planned, planned.light.name, summary, time.perf_counter() - started),
         estimated=Estimate(
             error=error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
         ),
@@ -199,8 +247,13 @@ def _glossy(request: SimulationRequest, file: MeshFile, mesh: MendedMesh) -> Glo
     return with_gloss(mesh.mesh, request.gloss, request.roughness, request.reflectance)
 
 
-def run_planned(to_do: PlannedSimulation, on_step: OnStep, check: bool = False) -> SimulationOutcome:
-    """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution."""
+def run_planned(
+    to_do: PlannedSimulation, on_step: OnStep, check: bool = False, keep: Callable[[Simulation], None] | None = None
+) -> SimulationOutcome:
+    """Simulate what was planned, measure what it costs, and with ``check`` its error against a refined solution.
+
+    ``keep`` is given the matte light of the patches.
+    """
     on_step("simulate", 0, 1)
     planned, glossy = to_do.plan, None
     started = time.perf_counter()
@@ -218,6 +271,8 @@ def run_planned(to_do: PlannedSimulation, on_step: OnStep, check: bool = False) 
     if isinstance(simulation.factors, CompressedFormFactors):
         peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
     on_step("simulate", 1, 1)
+    if keep is not None:
+        keep(simulation)
     actual = _measured(simulation, seconds, peak_mb)
     if glossy is not None:
         actual = replace(actual, residual=glossy.residual, products=glossy.products)

@@ -25,6 +25,8 @@ def print_simulation(result: SimulationResult) -> None:
     actual = {} if result.actual is None else result.actual.as_json()
     rows = [(key, estimated.get(key), value) for key, value in actual.items()]
     print_table(f"{result.scene} within {result.tolerance:.3g} %", ["what", "estimated", "actual"], rows)
+    for path in result.files:
+        print(f"written: {path}")
 
 
 def print_scan(result: ScanResult) -> None:

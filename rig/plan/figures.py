@@ -20,15 +20,15 @@ from rig.plan.measures import white_of_patches
 from rig.plan.people import meets_person, people_of
 from rig.report.figures import style
 from rig.report.pictures import png_figure
-from sim.geometry.optics import rays_at
+from sim.geometry.optics import Pose, rays_at
 from sim.geometry.rays import trace
 from sim.geometry.surface import Surface
 
 FloatArray = NDArray[np.float64]
 
 _INK, _SOFT, _PROJECTOR, _VIEWER, _PERSON = "#1d2330", "#5d6678", "#c4561c", "#2557a7", "#7a4fb0"
-_LIGHT = "inferno"
-_ELEVATION_DEG = 27.0
+LIGHT = "inferno"
+ELEVATION_DEG = 27.0
 _RIM = 24
 """Points along each side of the picture's outline."""
 
@@ -89,12 +89,12 @@ def light_view(computed: ComputedPlan) -> str:
     figure = Figure(figsize=(12.4, 5.2))
     scale = Normalize(0.0, float(white.max()))
     views = []
-    for k, (title, elevation) in enumerate((("from above", _ELEVATION_DEG), ("from below", -_ELEVATION_DEG))):
+    for k, (title, elevation) in enumerate((("from above", ELEVATION_DEG), ("from below", -ELEVATION_DEG))):
         axes = figure.add_subplot(1, 2, k + 1, projection="3d")
-        _draw_light(axes, computed, colormaps[_LIGHT](scale(white)), elevation)
+        _draw_light(axes, computed, colormaps[LIGHT](scale(white)), elevation)
         axes.set_title(title, fontsize=10, color=_SOFT)
         views.append(axes)
-    bar = figure.colorbar(ScalarMappable(scale, _LIGHT), ax=views, shrink=0.75, pad=0.02)
+    bar = figure.colorbar(ScalarMappable(scale, LIGHT), ax=views, shrink=0.75, pad=0.02)
     bar.set_label("luminance of white, room light included, cd/m²", color=_SOFT)
     return png_figure(figure)
 
@@ -102,13 +102,7 @@ def light_view(computed: ComputedPlan) -> str:
 def _draw_light(axes: Axes3D, computed: ComputedPlan, colours: FloatArray, elevation_deg: float) -> None:
     lit = computed.lit
     surface = lit.room.surface
-    azimuth_deg = _azimuth_deg(lit)
-    eye = _direction(azimuth_deg, elevation_deg)
-    # Faces that turn their back to the viewer would hide the room.
-    facing = surface.normals @ eye > 0
-    axes.add_collection3d(
-        Poly3DCollection(surface.vertices[facing], facecolors=colours[facing], edgecolors="#ffffff30", linewidths=0.3)
-    )
+    facing = draw_patches(axes, surface, colours, (elevation_deg, azimuth_behind(lit.pose)))
     lens, rim = lit.pose.position_m, _rim_points(lit)
     axes.plot(*np.vstack([rim, rim[:1]]).T, color="#35c0ff", lw=1.3, zorder=9)
     for corner in rim[::_RIM]:
@@ -122,12 +116,41 @@ def _draw_light(axes: Axes3D, computed: ComputedPlan, colours: FloatArray, eleva
         )
     for viewer in computed.request.viewer:
         axes.scatter(*viewer.eye_m, color=_VIEWER, s=30, zorder=11, depthshade=False)
+    _names_in_space(axes, lit, facing)
+
+
+def draw_patches(
+    axes: Axes3D, surface: Surface, colours: FloatArray, view_deg: tuple[float, float]
+) -> NDArray[np.bool_]:
+    """Draw the patches of a surface that face a viewer; those that turn their back would hide the room.
+
+    Parameters
+    ----------
+    axes
+        Of a figure in space.
+    surface
+        P patches.
+    colours : (P, 4) array
+        Red, green, blue and opacity of each.
+    view_deg
+        Elevation and azimuth of the viewer. [degrees]
+
+    Returns
+    -------
+    (P,) bool array
+        Those that were drawn.
+    """
+    elevation_deg, azimuth_deg = view_deg
+    facing = surface.normals @ _direction(azimuth_deg, elevation_deg) > 0
+    axes.add_collection3d(
+        Poly3DCollection(surface.vertices[facing], facecolors=colours[facing], edgecolors="#ffffff30", linewidths=0.3)
+    )
     low, high = surface.vertices.min(axis=(0, 1)), surface.vertices.max(axis=(0, 1))
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(high - low, zoom=1.15)
+    axes.set_box_aspect(np.maximum(high - low, 1e-3), zoom=1.15)
     axes.view_init(elev=elevation_deg, azim=azimuth_deg)
     axes.set_axis_off()
-    _names_in_space(axes, lit, facing)
+    return np.asarray(facing)
 
 
 def _names_in_space(axes: Axes3D, lit: LitRoom, facing: NDArray[np.bool_]) -> None:
@@ -141,9 +164,9 @@ def _names_in_space(axes: Axes3D, lit: LitRoom, facing: NDArray[np.bool_]) -> No
             axes.text(*middle, name, color="white", fontsize=10, weight="bold", ha="center", va="center", zorder=12)
 
 
-def _azimuth_deg(lit: LitRoom) -> float:
-    """Where the viewer stands: behind the projector, a little aside, so that no wall is seen edge on."""
-    ahead = lit.pose.rotation[2]
+def azimuth_behind(pose: Pose) -> float:
+    """Return where a viewer stands behind a projector, a little aside, so that no wall is seen edge on. [degrees]."""
+    ahead = pose.rotation[2]
     return float(np.degrees(np.arctan2(-ahead[1], -ahead[0]))) + 12.0
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array
 
 from rig.plan.projector import ProjectorNumbers, projector_numbers
 from rig.plan.request import PlanRequest, RoomLight
@@ -22,10 +23,13 @@ from sim.geometry.rays import trace
 from sim.geometry.scene import Hits
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
-from sim.light.transport_of_scene import coaxial_transport
+from sim.light.transport_of_scene import area_emission, smooth_view
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
+
+SUBSAMPLES = 2
+"""A pixel is split into so many along each side for the light that lands on a patch."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -116,7 +120,7 @@ def lit_room(request: PlanRequest, width_px: int | None = None) -> LitRoom:
     for viewer in request.viewer:
         check_inside(room.surface, viewer.eye_m, f"viewer {viewer.name}")
     lens = numbers.lens(width_px or request.show.width_px)
-    transport = coaxial_transport(room.surface, room.factors, lens, pose, convention="physical", emission_rule="area")
+    transport = _transport(room, lens, pose)
     if not (transport.pixel_patch >= 0).any():
         raise ImpossiblePlace("projector.look_at_m: no pixel meets a surface; aim at a wall")
     flux = lens.n_pixels / (lens.focal_px[0] * lens.focal_px[1])
@@ -128,6 +132,25 @@ def lit_room(request: PlanRequest, width_px: int | None = None) -> LitRoom:
         transport=transport,
         lux_per_unit=numbers.lumens / flux,
         ambient_exitance=ambient_exitance(room, request.room_light),
+    )
+
+
+def _transport(room: PlannedRoom, lens: Lens, pose: Pose) -> LightTransport:
+    """T of the projector's own view: direct light by pixel, the rest smooth between patches; any surface."""
+    surface, pixels = room.surface, lens.pixel_grid()
+    hits = trace(surface, pose.position_m, rays_at(lens, pose, pixels))
+    met = hits.patch >= 0
+    rho = np.where(met, surface.reflectance[hits.patch], 0.0)
+    intensity = 1 / (lens.focal_px[0] * lens.focal_px[1] * solid_angles(lens, pixels))
+    distance = np.where(met, hits.distance, 1.0)
+    direct = np.where(met, rho * np.maximum(hits.cos_incidence, 0.0) * intensity / distance**2, 0.0)
+    return LightTransport(
+        csr_array(diags_array(direct)),
+        area_emission(surface, lens, pose, subsamples=SUBSAMPLES, convention="physical"),
+        Radiosity(room.factors, surface.reflectance, solver="repeated"),
+        smooth_view(surface, hits, rho),
+        pixel_patch=hits.patch,
+        pixel_xy_px=pixels,
     )
 
 

@@ -18,7 +18,7 @@ from rig.terminal import silent
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors, form_factors
 from sim.geometry.mesh import Mesh
-from sim.geometry.rays import trace
+from sim.geometry.rays import stands_in_air
 from sim.geometry.scene import Face, Scene
 from sim.geometry.surface import Surface
 from sim.scenes.cluttered import corner_with_ball
@@ -267,22 +267,11 @@ def check_inside(surface: Surface, point_m: tuple[float, float, float], what: st
     what
         Whose place it is, in the message.
     """
-    rays = _directions()
-    hits = trace(surface, point_m, rays)
-    behind = np.flatnonzero((hits.face >= 0) & (hits.cos_incidence <= 0))
-    low, high = surface.vertices.min(axis=(0, 1)), surface.vertices.max(axis=(0, 1))
-    met = hits.face >= 0
-    if len(behind) or not met.any() or float(hits.distance[met].min()) < 1e-6:
+    if not stands_in_air(surface, point_m):
+        low, high = surface.vertices.min(axis=(0, 1)), surface.vertices.max(axis=(0, 1))
         room_m = " x ".join(f"{a:g} ... {b:g}" for a, b in zip(low, high, strict=True))
         place = ", ".join(f"{one:g}" for one in point_m)
         raise ImpossiblePlace(
             f"{what}: ({place}) m is not in the air of the room: it is in or behind a wall, or outside; the room is "
             f"{room_m} m; move it inside"
         )
-
-
-def _directions() -> FloatArray:
-    """(98, 3) unit directions over the sphere, none along a wall of a box."""
-    grid = np.stack(np.meshgrid(*[(-2.1, -1.03, 0.07, 1.11, 2.05)] * 3), axis=-1).reshape(-1, 3)
-    outer = grid[np.abs(grid).max(axis=1) > 2]
-    return np.asarray(outer / np.linalg.norm(outer, axis=1, keepdims=True))

@@ -14,6 +14,10 @@ from sim.geometry.optics import Lens, Pose, undistorted
 from sim.geometry.scene import Hits, Scene, hits_of_tracer, intersect
 from sim.geometry.surface import Surface
 
+TOUCHING_M = 1e-6
+"""Nearer to a surface a device stands on it."""
+HARDLY_ANY_LOST = 0.9
+"""Share of rays that meet something within a closed surface, whose seams may let some through."""
 _tracers: WeakKeyDictionary[Surface, _kernel.Tracer] = WeakKeyDictionary()
 
 
@@ -62,6 +66,36 @@ def blocked(surface: Surface, start_m: FloatArray, end_m: FloatArray) -> BoolArr
     stopped = np.empty(len(start_m), dtype=np.uint8)
     tracer_of(surface).blocked(np.ascontiguousarray(start_m), np.ascontiguousarray(end_m), stopped)
     return stopped.astype(bool)
+
+
+def stands_in_air(surface: Surface, point_m: ArrayLike) -> bool:
+    """Return whether a point has lit sides around it: most of what is met, and nothing is touched.
+
+    Parameters
+    ----------
+    surface : Surface
+    point_m : (3,) array
+        [m]
+
+    Returns
+    -------
+    bool
+        Of 98 rays all around, more meet lit sides than backs. False in or behind a wall, in a box, outside of a closed
+        room, and where nothing is met; a sheet with one lit side may show its back.
+    """
+    hits = trace(surface, point_m, _all_around())
+    met = hits.face >= 0
+    if surface.closed and met.mean() < HARDLY_ANY_LOST:
+        return False  # on a wall, half of the rays begin behind it
+    lit = met & (hits.cos_incidence > 0)
+    return bool(2 * lit.sum() > met.sum() and hits.distance[met].min() >= TOUCHING_M)
+
+
+def _all_around() -> FloatArray:
+    """(98, 3) unit directions over the sphere, none along a wall of a box."""
+    grid = np.stack(np.meshgrid(*[(-2.1, -1.03, 0.07, 1.11, 2.05)] * 3), axis=-1).reshape(-1, 3)
+    outer = grid[np.abs(grid).max(axis=1) > 2]
+    return np.asarray(outer / np.linalg.norm(outer, axis=1, keepdims=True))
 
 
 def device_of(lens: Lens, pose: Pose) -> _kernel.Device:

@@ -13,6 +13,7 @@ from sim.errors import SimulationError
 from sim.form_factors.occlusion import segments_blocked
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.optics import Lens, Pose, project
+from sim.geometry.rays import stands_in_air
 
 SAMPLES = 4
 """Light is sampled at SAMPLES x SAMPLES points of a patch, and at the square of that where it varies."""
@@ -37,8 +38,28 @@ class Lighting:
 TEST_LIGHTINGS = ("projector", "floor", "uniform")
 
 
-def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
-    """Return one of ``TEST_LIGHTINGS`` for a scene.
+@dataclass(frozen=True, kw_only=True)
+class PlacedProjector:
+    """A white projector where somebody wants it, instead of a test lighting: 4:3, cos(theta) without fall-off."""
+
+    position_m: tuple[float, float, float]
+    look_at_m: tuple[float, float, float]
+    hfov_deg: float = 100.0
+    """Horizontal field of view. [degrees]"""
+
+    @property
+    def lens(self) -> Lens:
+        """Its lens. Raises SimulationError for a field of view that is none."""
+        return Lens.from_horizontal_field_of_view(640, 480, self.hfov_deg)
+
+    @property
+    def pose(self) -> Pose:
+        """Where it stands. Raises SimulationError for an aim at its own place, or straight up or down."""
+        return Pose.look_at(self.position_m, self.look_at_m)
+
+
+def make_test_lighting(name: str | PlacedProjector, cells: AdaptivePatches) -> Lighting:
+    """Return one of ``TEST_LIGHTINGS`` for a scene, or that of a projector that is placed.
 
     ``projector``: white from a 640 x 480 projector with a horizontal field of view of 100 degrees, standing at
     5/24 of the scene's length and width and half its height, aimed level at the far corner: cos(theta) without
@@ -47,7 +68,7 @@ def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
 
     Parameters
     ----------
-    name : {"projector", "floor", "uniform"}
+    name : {"projector", "floor", "uniform"} or PlacedProjector
     cells : AdaptivePatches
         Of the scene.
 
@@ -60,15 +81,29 @@ def make_test_lighting(name: str, cells: AdaptivePatches) -> Lighting:
     SimulationError
         For an unknown name, or a projector that lights nothing.
     """
+    if isinstance(name, PlacedProjector):
+        return _lighting_something(name, cells)
     word_of("light", name, TEST_LIGHTINGS)
     if name == "uniform":
         return Lighting(name, "white light 1 on every surface", lambda points, _normals, _region: np.ones(len(points)))
     if name == "floor":
         lit = _floor(cells)
         return Lighting(name, "white light 1 on the floor", lambda _points, _normals, region: (region == lit) * 1.0)
-    light = _projector(cells)
+    return _lighting_something(standard_projector(cells), cells)
+
+
+def _lighting_something(projector: PlacedProjector, cells: AdaptivePatches) -> Lighting:
+    if not stands_in_air(cells, projector.position_m):
+        place = ", ".join(f"{one:g}" for one in projector.position_m)
+        raise SimulationError(
+            f"{cells.name}: a projector at ({place}) m is in or behind a wall, or outside; move it into the room's air"
+        )
+    light = _projector(projector, cells)
     if not emission(cells.quarters().quarters(), light).irradiance.any():
-        raise SimulationError(f"{cells.name}: the standard projector lights nothing; use the light 'floor'")
+        raise SimulationError(
+            f"{cells.name}: the projector lights nothing from {list(projector.position_m)} m towards "
+            f"{list(projector.look_at_m)} m; move it, aim at a surface's lit side, or use the light 'floor'"
+        )
     return light
 
 
@@ -78,11 +113,16 @@ def _floor(cells: AdaptivePatches) -> int:
     return int(cells.region[lowest])
 
 
-def _projector(cells: AdaptivePatches) -> Lighting:
+def standard_projector(cells: AdaptivePatches) -> PlacedProjector:
+    """Return the projector of the test lighting of that name."""
     corners = cells.vertices.reshape(-1, 3)
     low, size = corners.min(axis=0), np.ptp(corners, axis=0)
-    lens = Lens.from_horizontal_field_of_view(640, 480, 100.0)
-    pose = Pose.look_at(low + size * np.array([5 / 24, 5 / 24, 0.5]), low + size * np.array([1, 1, 0.5]))
+    position, aim = low + size * np.array([5 / 24, 5 / 24, 0.5]), low + size * np.array([1, 1, 0.5])
+    return PlacedProjector(position_m=tuple(position.tolist()), look_at_m=tuple(aim.tolist()))
+
+
+def _projector(placed: PlacedProjector, cells: AdaptivePatches) -> Lighting:
+    lens, pose = placed.lens, placed.pose
 
     def irradiance(points: FloatArray, normals: FloatArray, _region: IntArray) -> FloatArray:
         ray = points - pose.position_m
@@ -97,7 +137,7 @@ def _projector(cells: AdaptivePatches) -> Lighting:
     x, y, z = pose.position_m
     return Lighting(
         "projector",
-        f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, 100 degrees wide",
+        f"white from a projector at ({x:.2f}, {y:.2f}, {z:.2f}) m, {placed.hfov_deg:g} degrees wide",
         irradiance,
         pose.position_m,
     )

@@ -19,7 +19,7 @@ from sim.form_factors import closed_form
 from sim.form_factors.factors import Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches, coarsest_patches
 from sim.geometry.surface import Surface
-from sim.light.lighting import Lighting, make_test_lighting
+from sim.light.lighting import Lighting, PlacedProjector, make_test_lighting
 from sim.planning.adapt import Refinement, SolvedPatches, uniform_patches
 from sim.planning.cost import (
     COMPRESSED_PATCH_S,
@@ -103,7 +103,7 @@ class Plan:
 def plan(
     surface: Surface,
     tolerance_percent: float,
-    light: str = "projector",
+    light: str | PlacedProjector = "projector",
     *,
     memory_limit_mb: float = 4096.0,
     reflectances: tuple[float, ...] | None = None,
@@ -117,8 +117,8 @@ def plan(
         A scene, whose faces are cut anew, or a mesh, whose patches are the coarsest ones.
     tolerance_percent : float
         Error allowed, RMS over the surface. [% of white]
-    light : str
-        One of ``sim.light.lighting.TEST_LIGHTINGS``.
+    light : str or PlacedProjector
+        One of ``sim.light.lighting.TEST_LIGHTINGS``, or a projector of one's own.
     memory_limit_mb : float
         What may be used. [MB = 1e6 bytes]
     reflectances : tuple of float, optional

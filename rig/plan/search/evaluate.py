@@ -43,6 +43,13 @@ class DesignSpace:
         allowed = bool(measures) and self.broken(measures) == 0
         return Design(values=values, measures=measures, score=0.0, allowed=allowed)
 
+    def depth_m(self, values: Mapping[str, float | str]) -> float:
+        """Return how far a projector stands within keep-out boxes or outside of a box-shaped room. [m]."""
+        request = with_values(self.request, values)
+        at, size = np.array(request.projector.position_m), np.array(request.room.size_m or (np.inf,) * 3)
+        outside = float(np.maximum(np.maximum(-at, at - size), 0.0).max()) if request.room.size_m else 0.0
+        return max(outside, keep_out_depth(request, self.search.keep_out))
+
     def broken(self, measures: Mapping[str, float]) -> float:
         """Return by which share of their values limits are broken, all together."""
         return sum(_broken(goal, measures[goal.measure]) for goal in self.search.goal)

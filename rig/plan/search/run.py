@@ -98,7 +98,8 @@ class _Looker:
             known = [score(one) for one in self.tried.values() if one.measures]
             spread = max(float(np.std(known)), 1e-9) if known else 1.0
             if not design.measures:
-                return IMPOSSIBLE
+                # Deeper in a wall is worse, so that the way out can be seen.
+                return max(known, default=0.0) + PENALTY * spread * (1 + self.space.depth_m(design.values))
             return score(design) + PENALTY * spread * self.space.broken(design.measures)
 
         return objective
