@@ -86,6 +86,10 @@ def session_pictures(session: Session | str | Path) -> SessionPictures:
     session
         One that is open, or the folder of one.
 
+    Returns
+    -------
+    SessionPictures
+
     Raises
     ------
     SessionError
