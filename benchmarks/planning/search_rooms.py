@@ -65,7 +65,7 @@ ROOMS = (
             "free": STAND,
             "goal": [{"measure": "error"}, {"measure": "coverage", "weight": 1e-9, "at_least": 0.4}],
         },
-        (11, 11, 10),
+        (15, 15, 15),
     ),
     study_room(
         "lens and distance",
@@ -102,7 +102,7 @@ HELD_OUT = tuple(
         f"to stand, {picture} at {white}",
         {"show": {"white_cdm2": white, "pictures": [picture]}},
         {"free": STAND, "goal": [{"measure": "error"}, {"measure": "coverage", "weight": 1e-9, "at_least": coverage}]},
-        (11, 11, 10),
+        (15, 15, 15),
     )
     for white, coverage, picture in ((60, 0.4, "outdoor"), (80, 0.35, "indoor"))
 )

@@ -115,7 +115,7 @@ class PlannedPerson(Table):
     radius_m: Positive = 0.25
 
 
-class Shown(Table):
+class WantedPictures(Table):
     """``[show]``: what is wanted on the walls."""
 
     white_cdm2: Positive
@@ -142,17 +142,32 @@ class PlanRequest(Table):
     projector: PlannedProjector
     viewer: tuple[PlannedViewer, ...] = ()
     person: tuple[PlannedPerson, ...] = ()
-    show: Shown
+    show: WantedPictures
     search: SearchTable | None = None
 
     def as_json(self) -> JsonObject:
-        """Return all that differs from nothing, as ``ROOM.toml`` has it."""
+        """Return all that differs from nothing, as ``ROOM.toml`` has it.
+
+        Returns
+        -------
+        JsonObject
+            What :func:`request_of` takes.
+        """
         made: JsonObject = self.model_dump(mode="json", by_alias=True, exclude_none=True)
         return made
 
 
 def load_room(path: Path) -> PlanRequest:
     """Read ``ROOM.toml``; names of files in it are taken from its folder.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+
+    Returns
+    -------
+    PlanRequest
 
     Raises
     ------

@@ -168,7 +168,7 @@ def _by_kind(surface: Scene | Mesh) -> BareShape:
 
 
 def _box(asked: RoomShape, openings: tuple[Opening, ...]) -> BareShape:
-    bare = room(asked.size_m or (0.0, 0.0, 0.0), asked.patch_m, 0.5, asked.surfaces, "room")
+    bare = room(asked.size_m or (0.0, 0.0, 0.0), asked.patch_m, reflectance=0.5, faces=asked.surfaces)
     for one in openings:
         _check_opening(one, bare, openings)
     pieces: list[Face] = []

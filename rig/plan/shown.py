@@ -117,7 +117,9 @@ def picture_in_room(lit: LitRoom, name: str, white_cdm2: float, strategies: tupl
     target = np.where(lit.lit, lit.to_units(wanted), 0.0)
     solved = {one: solve(lit, one, target) for one in strategies}
     seen = {one: lit.from_units(found.predicted) + lit.ambient_cdm2 for one, found in solved.items()}
-    outcomes = tuple(_outcome(lit, one, solved[one], seen[one] - wanted, white_cdm2) for one in strategies)
+    outcomes = tuple(
+        _outcome(lit, one, solved[one], missed_cdm2=seen[one] - wanted, white_cdm2=white_cdm2) for one in strategies
+    )
     record = PlannedPicture(
         name=Path(name).name,
         wanted_mean_cdm2=float(wanted[lit.lit].mean()),
@@ -143,9 +145,9 @@ def solve(lit: LitRoom, strategy: str, target: FloatArray) -> Compensation:
 
 
 def _outcome(
-    lit: LitRoom, strategy: str, found: Compensation, error_cdm2: FloatArray, white_cdm2: float
+    lit: LitRoom, strategy: str, found: Compensation, *, missed_cdm2: FloatArray, white_cdm2: float
 ) -> StrategyOutcome:
-    missed = np.abs(error_cdm2[lit.lit])
+    missed = np.abs(missed_cdm2[lit.lit])
     rms = float(np.sqrt(np.mean(missed**2)))
     scale = WHITE / white_cdm2
     gain = found.notes.get("gain")

@@ -17,6 +17,7 @@ from rig import open_rig
 from rig.cli.app import run_command
 from rig.devices.replay.photographs import load_manifest
 from rig.lenses.manifest import load_lens_manifest
+from rig.plan.request import request_of
 from rig.profile.schema import Profile
 from rig.sweeps.design import settings_of
 from rig.sweeps.study import read_study
@@ -155,6 +156,8 @@ def check_toml(example: Example) -> None:
     elif "board" in whole:
         Path("lenses.toml").write_text(toml_of(whole), encoding="utf-8")
         load_lens_manifest(Path("lenses.toml"))
+    elif "show" in whole:
+        request_of(whole)
     elif isinstance(whole["projector"], list):
         Profile.parse(toml_of(whole).encode(), ROOT / "hw_profiles" / "page.toml")
     else:

@@ -22,6 +22,7 @@ TWINS = {
     "scan": "run_scan",
     "simulate": "run_simulate",
     "paper": "run_paper",
+    "plan": "plan_room",
     "bench": "run_bench",
     "show": "show_picture",
     "export": "export_session",

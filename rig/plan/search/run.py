@@ -70,7 +70,7 @@ class _Enough(Exception):
     """The designs that may be looked at are used up."""
 
 
-class _Looker:
+class _DesignLooker:
     """Computes designs, each once, until the allowance is used up."""
 
     def __init__(self, space: DesignSpace, on_step: OnStep) -> None:
@@ -131,7 +131,7 @@ def search_designs(request: PlanRequest, on_step: OnStep = silent) -> FoundDesig
     check_search(request, search)
     space = DesignSpace(request=request, search=search)
     given = replace(space.design({}), values={one.key: _given(request, one.key) for one in search.free})
-    looker = _Looker(space, on_step)
+    looker = _DesignLooker(space, on_step)
     goals = weighty(search) if len(weighty(search)) > 1 else []
     whole = looker.allowance
     if goals:
@@ -148,7 +148,7 @@ def search_designs(request: PlanRequest, on_step: OnStep = silent) -> FoundDesig
     return FoundDesigns(space=space, given=replace(given, score=score_of(space, given)), tried=tried, best=best)
 
 
-def _improve(looker: _Looker, score: Score) -> None:
+def _improve(looker: _DesignLooker, score: Score) -> None:
     """DIRECT, then a simplex about the best design so far, within the allowance."""
     whole = looker.allowance
     looker.allowance = len(looker.tried) + round(GLOBAL * (whole - len(looker.tried)))
@@ -161,12 +161,12 @@ def _improve(looker: _Looker, score: Score) -> None:
         )
 
 
-def _look_everywhere(looker: _Looker, score: Score) -> None:
+def _look_everywhere(looker: _DesignLooker, score: Score) -> None:
     with contextlib.suppress(_Enough):
         direct(looker.softly(score), _box(looker), locally_biased=True, maxfun=MOST_CALLS, maxiter=MOST_CALLS)
 
 
-def _box(looker: _Looker) -> list[tuple[float, float]]:
+def _box(looker: _DesignLooker) -> list[tuple[float, float]]:
     return [(0.0, 1.0)] * len(looker.free)
 
 
