@@ -12,7 +12,6 @@ from tests.front_door import distribution_version, documentation_gaps, documente
 
 TWINS = {
     "run": "run_session",
-    "plan": "plan_room",
     "report": "write_report",
     "live": "run_live",
     "check": "run_check",
