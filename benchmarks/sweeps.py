@@ -72,7 +72,10 @@ def figures_of(folder: Path) -> dict[str, dict[str, object]]:
 
 
 def swept(study: Path, folder: Path, **where: object) -> SweepResult:
-    return run_sweep(SweepRequest(study=study, folder=folder, where=ExecutorChoice(**where)))
+    result = run_sweep(SweepRequest(study=study, folder=folder, where=ExecutorChoice(**where)))
+    for process in multiprocessing.active_children():
+        process.join()  # their processor time is known when they have ended
+    return result
 
 
 def bare_loop(study: Path) -> tuple[float, float]:
@@ -99,7 +102,6 @@ def speed(study: Path, folder: Path) -> None:
         before, begun_s = (own_s(), children_s()), time.perf_counter()
         swept(study, folder / f"workers-{workers}", workers=workers)
         passed[workers] = time.perf_counter() - begun_s
-        multiprocessing.active_children()  # those that ended are counted now
         time_of_all_s = own_s() - before[0] + children_s() - before[1]
         points_s = sum(line.seconds for line in read_lines(folder / f"workers-{workers}"))
         print(

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from rig.lenses.run import run_lenses
     from rig.live.plan import LiveRequest, plan_live
     from rig.live.run import run_live
+    from rig.notebook import NotebookProgress, session_pictures
     from rig.offline.scan import run_scan
     from rig.offline.simulate import SimulationRequest, run_simulate
     from rig.paper.experiments import run_paper
@@ -58,6 +59,7 @@ if TYPE_CHECKING:
 _HOMES = {
     "Comparison": "strategies.comparison",
     "LiveRequest": "live.plan",
+    "NotebookProgress": "notebook",
     "PlanRequest": "plan.request",
     "PlanResult": "plan.records",
     "Rig": "capture.rig",
@@ -92,6 +94,7 @@ _HOMES = {
     "run_session": "run.session",
     "run_simulate": "offline.simulate",
     "separate": "run.script",
+    "session_pictures": "notebook",
     "show_picture": "by_hand.show",
     "sweep": "sweeps.run",
     "write_report": "run.script",
@@ -101,6 +104,7 @@ _HOMES = {
 __all__ = [
     "Comparison",
     "LiveRequest",
+    "NotebookProgress",
     "PlanRequest",
     "PlanResult",
     "Rig",
@@ -135,6 +139,7 @@ __all__ = [
     "run_simulate",
     "run_virtual",
     "separate",
+    "session_pictures",
     "show_picture",
     "sweep",
     "write_report",

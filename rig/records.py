@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
+from html import escape
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar, cast
 
@@ -28,6 +29,30 @@ class Record:
     def as_json(self) -> JsonObject:
         """The record as one JSON object: its fields by name, those that are None left out."""
         return _object_of(self)
+
+    def _repr_html_(self) -> str:
+        """The record as a notebook shows it: a row a field, records within it below each other."""
+        return f"<strong>{escape(type(self).__name__)}</strong>{_html_of(self.as_json())}"
+
+
+_SHOWN_IN_HTML = 12
+"""Of a long list; the rest is counted."""
+
+
+def _html_of(value: Json) -> str:
+    if isinstance(value, dict):
+        cells = (
+            f"<tr><th style='text-align:left'>{escape(key)}</th><td>{_html_of(one)}</td></tr>"
+            for key, one in value.items()
+        )
+        return f"<table>{''.join(cells)}</table>"
+    if isinstance(value, list):
+        more = f" … {len(value) - _SHOWN_IN_HTML} more" if len(value) > _SHOWN_IN_HTML else ""
+        between = "" if any(isinstance(one, dict) for one in value) else ", "
+        return between.join(_html_of(one) for one in value[:_SHOWN_IN_HTML]) + more
+    if isinstance(value, float):
+        return f"{value:.5g}"
+    return "" if value is None else escape(str(value))
 
 
 def _object_of(record: object) -> JsonObject:

@@ -52,7 +52,7 @@ class Experiment:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StrategyErrors(Record):
+class ExperimentErrors(Record):
     """|visible - desired| under a strategy, grey levels of 255, over the pixels that light a surface."""
 
     mean: float
@@ -76,7 +76,7 @@ class ExperimentResult(Record):
     """None where the paper's rule was not asked for."""
     uncompensated: Difference
     """The desired image itself is projected."""
-    strategies: tuple[tuple[str, StrategyErrors], ...]
+    strategies: tuple[tuple[str, ExperimentErrors], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +120,7 @@ def run_experiment(wanted: Experiment) -> tuple[ExperimentResult, ExperimentPict
     errors = tuple(
         (
             name,
-            StrategyErrors(
+            ExperimentErrors(
                 **asdict(difference(solution.predicted[seen], desired[seen])),
                 clipped_share=float(solution.clipped[seen].mean()),
                 gap=float(solution.notes["gap"]) if "gap" in solution.notes else None,

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.files.channels import codes_of, image_of
+from rig.files.channels import image_of
 from rig.profile.apply import guessed_keys
 from rig.records import Verdict
 from rig.report import figures, pictures
@@ -18,6 +18,7 @@ from rig.report.links import link_pages
 from rig.report.pictures import EmbeddedPicture
 from rig.report.render import Headline, TextTable, headline_of, rendered
 from rig.report.room import darkness_text, geometry_text
+from rig.report.strategy_pictures import PictureRow, picture_rows
 from rig.report.terms import explained
 from rig.session import Session
 from rig.session.timing import seconds_by_step
@@ -52,14 +53,6 @@ _CORRESPONDENCE_TEXT = (
 
 
 @dataclass(frozen=True)
-class _PictureRow:
-    """Pictures of one strategy."""
-
-    name: str
-    images: Sequence[EmbeddedPicture]
-
-
-@dataclass(frozen=True)
 class _Reason:
     """Why pixels have no partner, and how many."""
 
@@ -79,7 +72,7 @@ class _SessionPage:
     failed: Sequence[Verdict]
     headline: Sequence[Headline]
     brightness: str
-    strategies: Sequence[_PictureRow]
+    strategies: Sequence[PictureRow]
     error_scale: str
     strategy_table: TextTable
     strategy_note: str
@@ -135,7 +128,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         failed=tuple(row for row in result.limits if not row.met),
         headline=_headline(result),
         brightness=f"{profile.brightness.target_white_share:g} × the median of projector white",
-        strategies=_picture_rows(session, model, names),
+        strategies=picture_rows(session, model, names),
         error_scale=figures.error_scale(),
         strategy_table=_strategy_table(result.strategies, names),
         strategy_note=_STRATEGY_NOTE,
@@ -231,27 +224,6 @@ def _comparison_table(result: SessionResult) -> TextTable:
         for name, f in result.comparison.frames.items()
     ]
     return TextTable(["frame", "rms", "bias", "within 3 σ, %", "noise rms"], rows)
-
-
-def _picture_rows(session: Session, model: FittedScene, names: Sequence[str]) -> list[_PictureRow]:
-    compensated, compared = session.finished("compensate"), session.finished("compare")
-    judged = compared.load_image("judged")
-    mask, target = judged["mask"] > 0, image_of(judged, "target")
-    scale = 255 / model.level
-    rows = []
-    for name in names:
-        codes = codes_of(compensated.load_image(f"projector-{name}"))
-        predicted = image_of(compensated.load_image(f"predicted-{name}"), "light") * scale
-        measured = image_of(compared.load_image(f"measured-{name}"), "light") * scale
-        images = [
-            pictures.picture(pictures.photograph(target, mask), "Target as the camera should see it"),
-            pictures.picture(codes, f"Codes sent to the projector, {name}"),
-            pictures.picture(pictures.photograph(predicted, mask), f"Predicted camera image, {name}"),
-            pictures.picture(pictures.photograph(measured, mask), f"Measured camera image, {name}"),
-            pictures.picture(pictures.signed_error(measured - target, mask), f"Measured minus target, {name}"),
-        ]
-        rows.append(_PictureRow(name, images))
-    return rows
 
 
 def _strategy_table(entries: Mapping[str, StrategyResult], names: Sequence[str]) -> TextTable:

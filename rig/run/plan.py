@@ -11,11 +11,11 @@ from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import JsonObject, Record, json_of
 from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
-from rig.run.time_left import in_words, seconds_left
+from rig.run.time_left import seconds_left
 from rig.session import Session
 from rig.session.folder import read_folder
 from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
-from rig.terminal.line import counted
+from rig.terminal.line import counted, in_words
 
 
 @dataclass(frozen=True, kw_only=True)

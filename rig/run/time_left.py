@@ -63,13 +63,3 @@ def _frame_s(profile: Profile) -> float:
     exposures = profile.patterns.exposures
     exposure_s = camera.exposure_s * sum(exposures) / len(exposures)
     return projector.latency_s + exposure_s + _FRAMES_TO_SETTLE / camera.frame_rate_hz + _SAVING_S
-
-
-def in_words(seconds: float) -> str:
-    """Return a time as people say it: no finer than it is known."""
-    if seconds < 45:
-        return "less than a minute"
-    minutes = round(seconds / 60)
-    if minutes < 90:
-        return f"about {max(minutes, 1)} min"
-    return f"about {minutes / 60:.1f} h"

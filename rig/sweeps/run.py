@@ -143,7 +143,7 @@ def _swept(request: SweepRequest, on_step: OnStep) -> tuple[SweepResult, Columns
         to_do = [point for name, point in plan.points.items() if _is_open(known.get(name), request.retry)]
         warnings = [*_about_the_study(plan, known, changed=changed)]
         if to_do:
-            warnings += _compute(request, plan, to_do, folder, on_step)
+            warnings += _compute(request, plan, to_do, folder, on_step=on_step)
             known = folder.lines()
         lines = [known[name] for name in plan.points if name in known]
         columns = columns_of(lines)
@@ -207,7 +207,7 @@ def _about_the_study(plan: _Plan, known: Mapping[str, PointLine], *, changed: bo
 
 
 def _compute(
-    request: SweepRequest, plan: _Plan, to_do: list[StudyPoint], folder: SweepFolder, on_step: OnStep
+    request: SweepRequest, plan: _Plan, to_do: list[StudyPoint], folder: SweepFolder, *, on_step: OnStep
 ) -> tuple[str, ...]:
     total, done = len(plan.points), len(plan.points) - len(to_do)
     on_step("points", done, total)

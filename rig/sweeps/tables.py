@@ -31,7 +31,8 @@ def write_table(path: Path, columns: Columns) -> None:
 
 def print_sweep(result: SweepResult) -> None:
     """Print how the figures are distributed, what failed, and where everything lies."""
-    rows = [(one.figure, one.points, one.min, one.tenth, one.median, one.ninetieth, one.max) for one in result.spreads]
+    shown = result.spreads[:_SHOWN]
+    rows = [(one.figure, one.points, one.min, one.tenth, one.median, one.ninetieth, one.max) for one in shown]
     print_table(result.title, SPREAD_HEAD, rows)
     if len(result.spreads) > len(shown):
         say(f"{len(result.spreads) - len(shown)} more figures are on the page and in the table")

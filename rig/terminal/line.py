@@ -18,6 +18,16 @@ def counted(number: int, noun: str, plural: str = "") -> str:
     return f"{number} {noun if number == 1 else plural or noun + 's'}"
 
 
+def in_words(seconds: float) -> str:
+    """Return a time as people say it: no finer than it is known."""
+    if seconds < 45:
+        return "less than a minute"
+    minutes = round(seconds / 60)
+    if minutes < 90:
+        return f"about {max(minutes, 1)} min"
+    return f"about {minutes / 60:.1f} h"
+
+
 class OverwrittenLine:
     """A line on stderr that each next one replaces; where stderr is no terminal, only lines that are not the last."""
 

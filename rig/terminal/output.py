@@ -10,14 +10,36 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, SpinnerColumn, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Column
 
+from rig.terminal.line import in_words
+
 OnStep = Callable[[str, int, int], None]
 """Called with (what is being done, how many are done, of how many)."""
+_PACE_AFTER_S = 5.0
+"""Before, a step's first part, which loads what the others share, is most of its pace."""
+_SAID_EVERY_S = 60.0
+"""Where there is no terminal: a line in a log for work that takes long."""
 _LEAST_FOR_BAR = 70
 """Columns of a terminal that has room for a bar beside the words."""
 
 
 def silent(label: str, done: int, total: int) -> None:
     """Progress for callers that want none."""
+
+
+def time_left(done: int, left: int, began_s: float) -> str:
+    """Return about how long the rest takes, at the pace so far, as people say it; nothing while that is a guess.
+
+    Parameters
+    ----------
+    done
+        Parts since it began.
+    left
+        Parts that are not done.
+    began_s
+        When, by :func:`time.monotonic`.
+    """
+    passed_s = time.monotonic() - began_s
+    return in_words(passed_s * left / done) if done > 0 and left > 0 and passed_s > _PACE_AFTER_S else ""
 
 
 def part_of(on_step: OnStep, before: int, total: int) -> OnStep:
@@ -60,7 +82,8 @@ class TerminalProgress:
         self._task: TaskID | None = None
         self._label = ""
         self._done, self._total = 0, 1
-        self._began_s = 0.0
+        self._began_s = self._said_s = 0.0
+        self._done_at_first: int | None = None
 
     @property
     def _has_room(self) -> bool:
@@ -86,12 +109,17 @@ class TerminalProgress:
             self._begin(label)
         if done * self._total >= self._done * total:  # a step may learn how much it has to do
             self._done, self._total = done, total
+        self._done_at_first = self._done if self._done_at_first is None else self._done_at_first
         if self._task is not None:
             self._progress.update(self._task, completed=self._done, total=self._total or None, count=self._count())
+        elif label != "start" and time.monotonic() - self._said_s > _SAID_EVERY_S:
+            self._said_s = time.monotonic()
+            self._print(f"{label}: {self._count()}")
 
     def _begin(self, label: str) -> None:
         self._label, self._done, self._total = label, 0, 1
-        self._began_s = time.monotonic()
+        self._began_s = self._said_s = time.monotonic()
+        self._done_at_first = None
         if self._console.is_terminal:
             self._task = self._progress.add_task(label, total=None, count="")
         elif label == "start":
@@ -109,7 +137,8 @@ class TerminalProgress:
         self._label = ""
 
     def _count(self) -> str:
-        return f"{self._done}/{self._total}" if self._total else ""
+        left = time_left(self._done - (self._done_at_first or 0), self._total - self._done, self._began_s)
+        return f"{self._done}/{self._total}{f', {left} left' if left else ''}" if self._total else ""
 
     def _print(self, line: str) -> None:
         self._console.print(line, highlight=False, markup=False, soft_wrap=True)

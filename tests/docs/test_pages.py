@@ -19,6 +19,9 @@ from rig.devices.replay.photographs import load_manifest
 from rig.lenses.manifest import load_lens_manifest
 from rig.plan.request import request_of
 from rig.profile.schema import Profile
+from rig.sweeps.design import settings_of
+from rig.sweeps.study import read_study
+from rig.sweeps.subjects import subject_of
 
 ROOT = Path(__file__).parents[2]
 PAGES = [
@@ -148,7 +151,9 @@ def check_toml(example: Example) -> None:
     whole = data if "schema" in data else overlaid(base, data)
     if "schema" in data:
         example.namespace["_whole"] = data
-    if "board" in whole:
+    if "subject" in whole:
+        check_study(example.parsed)
+    elif "board" in whole:
         Path("lenses.toml").write_text(toml_of(whole), encoding="utf-8")
         load_lens_manifest(Path("lenses.toml"))
     elif "show" in whole:
@@ -158,6 +163,15 @@ def check_toml(example: Example) -> None:
     else:
         Path("page.toml").write_text(toml_of(whole), encoding="utf-8")
         load_manifest(Path("page.toml"))
+
+
+def check_study(text: str) -> None:
+    """Each point has inputs that its subject knows."""
+    Path("study.toml").write_text(text, encoding="utf-8")
+    study = read_study(Path("study.toml"))
+    subject = subject_of(study.subject)
+    base = subject.base_of(study.base, Path())
+    assert [subject.complete(settings, base) for settings in settings_of(study)]
 
 
 def overlaid(base: dict[str, Any], part: dict[str, Any]) -> dict[str, Any]:
