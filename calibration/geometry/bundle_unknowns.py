@@ -180,3 +180,10 @@ def lens_units(nominal: NominalIntrinsics) -> FloatArray:
     (h1, w1), (h2, w2) = nominal.camera_shape, nominal.projector_shape
     ones = [1.0] * (_N - 3)
     return np.array([nominal.camera_focal_px, w1, h1, *ones, nominal.projector_focal_px, w2, h2, *ones])
+
+
+def lens_sigmas(covariance: FloatArray, nominal: NominalIntrinsics) -> dict[str, float]:
+    """Return the standard deviations of both lenses' terms, in pixels or 1, by name, of the unknowns' covariance."""
+    names = [f"{device}_{term}" for device in ("camera", "projector") for term in LENS_TERMS]
+    deviations = np.sqrt(np.diag(covariance))[: len(names)] * lens_units(nominal)
+    return {name: float(deviation) for name, deviation in zip(names, deviations, strict=True)}

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
-from calibration.geometry.bundle_unknowns import LENS_TERMS, PlanarScene, lens_units, scene_of
+from calibration.geometry.bundle_unknowns import PlanarScene, lens_sigmas, scene_of
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.one_wall import fit_where_flat
@@ -377,19 +377,13 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
         rms_px=float(np.sqrt((camera_rms**2 + projector_rms**2) / 2)),
         camera_rms_px=camera_rms,
         projector_rms_px=projector_rms,
-        sigmas=_lens_sigmas(bundle.covariance, nominal),
+        sigmas=lens_sigmas(bundle.covariance, nominal),
         inlier_share=float(used.mean()),
         explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used]),
         uncertainty=Uncertainty(
             unknowns=bundle.fit.z, covariance=bundle.covariance, axes=bundle.start_axes, nominal=nominal
         ),
     )
-
-
-def _lens_sigmas(unknown: FloatArray, nominal: NominalIntrinsics) -> dict[str, float]:
-    names = [f"{device}_{term}" for device in ("camera", "projector") for term in LENS_TERMS]
-    deviations = np.sqrt(np.diag(unknown))[: len(names)] * lens_units(nominal)
-    return {name: float(deviation) for name, deviation in zip(names, deviations, strict=True)}
 
 
 def _points_on_planes(device: PinholeModel, xy_px: FloatArray, planes: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ log = logging.getLogger("rig.shows")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LampRecord(Record):
+class LampHours(Record):
     """What is kept of a lamp."""
 
     lit_s: float
@@ -54,7 +54,7 @@ class KeptLamp:
         self._is_off = False
         before, self._lit_s = self.hours, self._lit_s + seconds
         try:
-            write_bytes(self._path, json.dumps(LampRecord(lit_s=self._lit_s).as_json()).encode() + b"\n")
+            write_bytes(self._path, json.dumps(LampHours(lit_s=self._lit_s).as_json()).encode() + b"\n")
         except SessionError as error:
             log.warning("lamp hours are not kept: %s", error)
         if self._limit_h is not None and before < self._limit_h <= self.hours:
@@ -97,7 +97,7 @@ def _read(path: Path) -> float:
     if not path.is_file():
         return 0.0
     try:
-        return read_record(LampRecord, json.loads(path.read_bytes())).lit_s
+        return read_record(LampHours, json.loads(path.read_bytes())).lit_s
     except (OSError, ValueError) as error:
         log.warning("%s: is damaged (%s); lamp hours begin at 0", path, error)
         return 0.0

@@ -12,11 +12,10 @@ from rig.records import Json, JsonObject, Record, Verdict
 from rig.report.links import PAGES
 from rig.run.plan import PlannedStep, plan_session
 from rig.run.request import SessionRequest
-from rig.run.time_left import in_words
 from rig.session import Session
 from rig.stages.photograph import FrameNote, frame_notes
 from rig.stages.results import SessionResult
-from rig.terminal.line import counted
+from rig.terminal.line import counted, in_words
 
 _MOST_NOTES = 200
 
