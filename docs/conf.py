@@ -1,7 +1,7 @@
 """Sphinx: the site of docs/ and of the front doors' docstrings (``make docs``; why so: decision 32)."""
 
 import sys
-from importlib.metadata import version
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from front_doors import array_aliases, plain_arrays, with_reference, words_of_co
 
 project = "procam-rig"
 author = "The procam-rig authors"
-release = version("procam-rig")
+release = metadata.version("procam-rig")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
 
 # The root of the sources is that of the repository, so that pages' links to files outside docs/ hold on the site too.
