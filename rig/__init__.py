@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from rig.notebook import NotebookProgress, session_pictures
     from rig.offline.scan import run_scan
     from rig.offline.simulate import SimulationRequest, run_simulate
+    from rig.page.serve import ServeRequest, serve_page
     from rig.paper.experiments import run_paper
     from rig.plan.compute import plan_room
     from rig.plan.records import PlanResult
@@ -64,6 +65,7 @@ _HOMES = {
     "PlanResult": "plan.records",
     "Rig": "capture.rig",
     "RigError": "errors",
+    "ServeRequest": "page.serve",
     "Session": "session",
     "SessionRequest": "run.request",
     "SessionResult": "stages.results",
@@ -94,6 +96,7 @@ _HOMES = {
     "run_session": "run.session",
     "run_simulate": "offline.simulate",
     "separate": "run.script",
+    "serve_page": "page.serve",
     "session_pictures": "notebook",
     "show_picture": "by_hand.show",
     "sweep": "sweeps.run",
@@ -109,6 +112,7 @@ __all__ = [
     "PlanResult",
     "Rig",
     "RigError",
+    "ServeRequest",
     "Session",
     "SessionRequest",
     "SessionResult",
@@ -139,6 +143,7 @@ __all__ = [
     "run_simulate",
     "run_virtual",
     "separate",
+    "serve_page",
     "session_pictures",
     "show_picture",
     "sweep",

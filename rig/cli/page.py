@@ -31,12 +31,11 @@ def serve(
     Example: rig serve runs --open
     """
     try:
-        from rig.page.serve import ServeRequest
-        from rig.page.serve import serve as served
+        from rig.page.serve import ServeRequest, serve_page
     except ModuleNotFoundError as error:
         raise UsageError(
             f"the page needs {error.name}, which is not installed: pip install 'procam-rig[page]'"
         ) from error
     request = ServeRequest(root=folder, host=host, port=port, token=token, show=show, opens=opens)
-    served(request, lambda address: say(f"{address}\nCtrl-C ends it"))
+    serve_page(request, lambda address: say(f"{address}\nCtrl-C ends it"))
     return 0

@@ -42,7 +42,7 @@ class ServeRequest:
     """Open the address in this machine's browser."""
 
 
-def serve(request: ServeRequest, on_ready: Callable[[str], None]) -> None:
+def serve_page(request: ServeRequest, on_ready: Callable[[str], None]) -> None:
     """Serve the page until a signal ends it; the rig is left black.
 
     Parameters

@@ -117,12 +117,13 @@ def patches_by_rays(
     SimulationError
         Where more patches hardly help, or those found are lit otherwise than the ones before them, again and again.
     """
+    before = None
     for _ in range(MOST_LOOKS):
         look = _Look(start, light, goal=goal, check_size=check_size, seed=seed, on_progress=on_progress)
-        found = look.found()
+        found = look.found(before)
         if found is not None:
             return found
-        start = look.cells
+        start, before = look.cells, look.reached
     raise SimulationError(
         f"{start.n_patches:,} patches, made {MOST_LOOKS} times from coarser ones, still change the light by more than "
         f"{100 * goal:.2g} %: light is trapped between surfaces that cut through each other; try a tolerance of "
@@ -145,9 +146,14 @@ class _Look:
     ) -> None:
         self.cells, self.light, self.goal, self.seed = start, light, goal, seed
         self.check_size, self.on_progress = check_size, on_progress
+        self.reached = (start.n_patches, np.inf)
+        """Patches that light was bounced between, and their error."""
 
-    def found(self) -> SampledPatches | None:
-        """Return the patches, or None where others are to be begun with: then they are ``cells``."""
+    def found(self, before: tuple[int, float] | None) -> SampledPatches | None:
+        """Return the patches, or None where others are to be begun with: then they are ``cells``.
+
+        ``before``: what the look before this one reached. Raises SimulationError where more patches hardly help.
+        """
         start, goal = self.cells, self.goal
         self.check_size(start.n_patches)
         lit = emission(start, self.light)
@@ -159,6 +165,9 @@ class _Look:
             return SampledPatches(cells=start, linear=False, error=constant, spectral_radius=radius)
         self.on_progress(NUMBERS_DONE)
         pieces.measure_all()
+        self.reached = (start.n_patches, pieces.error)
+        if before is not None:
+            _check_progress(before, self.reached, goal)
         if pieces.bias**2 > BIAS_SHARE * goal**2:
             pieces.cut_senders()
             self.cells = pieces.settled

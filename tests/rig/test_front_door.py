@@ -23,6 +23,7 @@ TWINS = {
     "simulate": "run_simulate",
     "paper": "run_paper",
     "plan": "plan_room",
+    "serve": "serve_page",
     "bench": "run_bench",
     "show": "show_picture",
     "export": "export_session",

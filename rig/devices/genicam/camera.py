@@ -229,6 +229,7 @@ class GenicamCamera:
             self._check_control(opened)
             changed = [one.name for one in opened.held if not opened.features.is_as_set(one)]
             if changed:
+                self._check_control(opened)  # a camera that began anew meanwhile has all settings as they were made
                 raise SettingRefused(
                     f"{self._name}: {', '.join(changed)} is not as it was set; close other programs that use it"
                 )

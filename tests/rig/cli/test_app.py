@@ -215,7 +215,7 @@ def test_the_plan_counts_the_frames_that_a_run_takes(capsys: Capture, finished: 
 
 
 def test_json_of_verbs_without_a_session(capsys: Capture) -> None:
-    kinds = {"cameras", "outputs", "monitors", "controllers", "plug_ins", "problems"}
+    kinds = {"cameras", "bus_cameras", "outputs", "monitors", "controllers", "plug_ins", "problems"}
     assert set(printed_json(capsys, "devices", "--json")) == kinds
     files = printed_json(capsys, "profile", "check", "hw_profiles/ci-tiny.toml", "--json")["files"]
     assert [(file["ok"], file["problems"]) for file in files] == [(True, [])]

@@ -22,7 +22,7 @@ from rig.profile.hardware_facts import (
 )
 
 ROOT = Path(__file__).parents[3]
-FILES = sorted((ROOT / "hw_profiles").glob("*/*.toml"))
+FILES = sorted(file for kind in ("cameras", "projectors") for file in (ROOT / "hw_profiles" / kind).glob("*.toml"))
 CAMERA = """
 schema = 1
 kind = "camera"

@@ -75,7 +75,7 @@ def test_a_floor_that_only_the_light_places_is_as_uncertain_as_any_other_place(
     """Of 0.06 m in a room of 4.8 m, one floor in ten is off by more than 2 %."""
     two_walls = replace(GEOMETRY, sigmas={key: one for key, one in SIGMAS_M.items() if key[-3:] != "z_m"})
     placed = PlacedByLight(axis="z", shift_m=0.1, projector_m=1.2, sigma_m=sigma_m, light_error=0.01)
-    model = cast("ModelResult", SimpleNamespace(placed=(placed,), global_rms=0.01))
+    model = cast("ModelResult", SimpleNamespace(placed=(placed,), global_rms=0.01, learned=None))
     comparison = cast("ModelComparison", SimpleNamespace(rmse=2.0, bias=0.0, noise_rms=2.0))
     rows = verdicts(two_walls, model, comparison, tiny_profile)
     guessed = next(row for row in rows if "no wall was measured" in row.what)

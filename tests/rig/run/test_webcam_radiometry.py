@@ -30,7 +30,7 @@ def changed(*changes: tuple[str, str]) -> Profile:
 
 def calibrated(profile: Profile, folder: Path) -> RadiometricCalibration:
     with open_rig(profile) as rig, Session.open(folder, profile) as session:
-        for definition in steps_of("calibrate")[:2]:
+        for definition in steps_of("calibrate", profile)[:2]:
             assert isinstance(definition, ShootingStep)
             step = session.step(definition.name, settings=definition.settings(session), needs=definition.needs)
             definition.shoot(rig, session, step, silent)

@@ -47,11 +47,11 @@ def _start(program: str, options: list[str], folder: Path, log: Path) -> subproc
         return subprocess.Popen(command, stdout=output, stderr=output, cwd=folder, env=environment)
 
 
-def test_a_cluster_gives_the_same_bits_as_this_process(scheduler, study, swept, tmp_path):
+def test_a_cluster_gives_the_same_bits_as_processes_of_this_machine(scheduler, study, tmp_path):
     where = ExecutorChoice(scheduler=scheduler)
     result = run_sweep(SweepRequest(study=study, folder=tmp_path / "cluster", where=where))
     assert (result.computed_now, result.warnings) == (4, ())
-    swept()
+    run_sweep(SweepRequest(study=study, folder=tmp_path / "points", where=ExecutorChoice(workers=1)))
     here = {line.id: line.figures for line in read_lines(tmp_path / "points")}
     assert {line.id: line.figures for line in read_lines(tmp_path / "cluster")} == here
 

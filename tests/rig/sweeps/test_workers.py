@@ -16,6 +16,7 @@ from rig.sweeps.executors import ExecutorChoice, opened
 from rig.sweeps.folder import read_lines
 from rig.sweeps.local import LocalProcesses, WorkerLost
 from rig.sweeps.records import StudyPoint
+from rig.sweeps.run import SweepRequest, run_sweep
 from rig.sweeps.work import THREADS, PointTask
 
 POINTS = [StudyPoint(id=str(k), inputs={"k": k}) for k in range(8)]
@@ -116,7 +117,7 @@ run_sweep(SweepRequest(study=Path(sys.argv[1]), folder=Path(sys.argv[2]), where=
 """
 
 
-def test_a_script_without_a_guard_that_is_killed_goes_on_where_it_was_with_the_same_bits(study, swept, tmp_path):
+def test_a_script_without_a_guard_that_is_killed_goes_on_where_it_was_with_the_same_bits(study, tmp_path):
     script = tmp_path / "sweeping.py"
     script.write_text(SCRIPT, encoding="utf-8")
     folder = tmp_path / "by processes"
@@ -127,7 +128,7 @@ def test_a_script_without_a_guard_that_is_killed_goes_on_where_it_was_with_the_s
     sweeping.wait()
     first = _lines(folder)
     subprocess.run([sys.executable, str(script), str(study), str(folder)], check=True)
-    swept()
+    run_sweep(SweepRequest(study=study, folder=tmp_path / "points", where=ExecutorChoice(workers=2)))
     here = {line.id: line.figures for line in read_lines(tmp_path / "points")}
     assert {line.id: line.figures for line in read_lines(folder)} == here
     assert len(list(read_lines(folder))) == 4
