@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.genicam.library import LIBRARY, PACKAGE, is_installed
+from rig.devices.genicam.aravis import LIBRARY, PACKAGE, is_installed
 from rig.devices.virtual.projector import VirtualDisplay
 from rig.emulated.gige.camera import EmulatedGigeCamera
 from rig.emulated.gige.rig import gige_camera_of

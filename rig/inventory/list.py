@@ -88,8 +88,8 @@ def _usb_devices() -> Sequence[FoundUsbDevice]:
 
 
 def _genicam() -> Sequence[FoundGenicam]:
+    from rig.devices.genicam.aravis import is_installed
     from rig.devices.genicam.find import list_genicam
-    from rig.devices.genicam.library import is_installed
 
     return list_genicam() if is_installed() else ()
 

@@ -13,10 +13,10 @@ from dataclasses import dataclass, field
 
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
+from rig.devices.genicam.aravis import AravisError, aravis
 from rig.devices.genicam.clock_map import ClockMap
 from rig.devices.genicam.features import Feature, Features
 from rig.devices.genicam.formats import PIXEL_FORMATS, GenicamFormat, Pixels, pixel_format
-from rig.devices.genicam.library import AravisError, aravis
 from rig.devices.genicam.settings import GenicamOptions, options_of
 from rig.devices.genicam.setup import (
     MICROSECONDS,

@@ -5,10 +5,10 @@ from __future__ import annotations
 from contextlib import ExitStack
 from dataclasses import dataclass
 
+from rig.devices.genicam.aravis import aravis
 from rig.devices.genicam.features import EXPOSURES, Features
 from rig.devices.genicam.find import FoundGenicam
 from rig.devices.genicam.formats import PIXEL_FORMATS
-from rig.devices.genicam.library import aravis
 from rig.devices.genicam.setup import MICROSECONDS, connected
 from rig.devices.protocols import ExposureRange
 

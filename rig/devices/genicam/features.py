@@ -8,7 +8,7 @@ from contextlib import suppress
 from ctypes import byref, c_double, c_uint
 from typing import Any, NamedTuple
 
-from rig.devices.genicam.library import AravisError, aravis
+from rig.devices.genicam.aravis import AravisError, aravis
 from rig.devices.genicam.settings import Value
 from rig.errors import DeviceLost, SettingRefused
 

@@ -8,7 +8,7 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.devices.genicam.library import aravis
+from rig.devices.genicam.aravis import aravis
 from rig.errors import DeviceLost
 
 CONTROL_PORT = 3956

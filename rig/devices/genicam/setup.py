@@ -6,10 +6,10 @@ from contextlib import suppress
 from ctypes import byref, c_uint32
 from dataclasses import dataclass
 
+from rig.devices.genicam.aravis import AravisError, aravis
 from rig.devices.genicam.features import EXPOSURES, Feature, Features, manual
 from rig.devices.genicam.find import is_address, opened_by, why_silent
 from rig.devices.genicam.formats import GenicamFormat
-from rig.devices.genicam.library import AravisError, aravis
 from rig.devices.genicam.settings import GenicamOptions
 from rig.devices.genicam.stream import SOCKET_BUFFER_BYTES, StreamCounters, socket_buffer_limit
 from rig.devices.protocols import ExposureRange

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rig.devices.genicam.aravis import aravis
 from rig.devices.genicam.formats import Bytes
-from rig.devices.genicam.library import aravis
 from rig.devices.protocols import Clock
 from rig.errors import DeviceError
 

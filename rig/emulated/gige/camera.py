@@ -20,9 +20,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.devices.genicam.aravis import aravis
 from rig.devices.genicam.find import CONTROL_PORT
 from rig.devices.genicam.formats import PIXEL_FORMATS
-from rig.devices.genicam.library import aravis
 from rig.emulated.gige import description as registers
 from rig.emulated.gige.description import EmulatedSensor, description
 from rig.errors import DeviceError
