@@ -27,7 +27,7 @@ from rig.errors import RigError
 from rig.profile.schema import Profile, load_profile
 from rig.recheck.known import known_rig
 from rig.recheck.records import MotionResult, Recheck, RecheckRequest
-from rig.recheck.run import recheck
+from rig.recheck.run import run_recheck
 from rig.run.request import SessionRequest
 from rig.run.session import run_session
 from rig.session import Session
@@ -178,7 +178,7 @@ def _measured(folder: Path, move: Move, profile: Path, *, realign: bool) -> Row:
     """Look at the rig from the session itself: a realigned one before it must not take its place."""
     _forget_looks(folder)
     try:
-        result = recheck(RecheckRequest(folder=folder, profile=str(profile), realign=realign))
+        result = run_recheck(RecheckRequest(folder=folder, profile=str(profile), realign=realign))
     except RigError as error:
         print(f"{move}: {error}", file=sys.stderr)
         raise

@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from rig.plan.records import PlanResult
     from rig.plan.request import PlanRequest, load_room
     from rig.profile.schema import load_profile
+    from rig.recheck.records import RecheckRequest
+    from rig.recheck.run import run_recheck
     from rig.report.export import export_session
     from rig.run.plan import plan_session
     from rig.run.request import SessionRequest
@@ -63,6 +65,7 @@ _HOMES = {
     "NotebookProgress": "notebook",
     "PlanRequest": "plan.request",
     "PlanResult": "plan.records",
+    "RecheckRequest": "recheck.records",
     "Rig": "capture.rig",
     "RigError": "errors",
     "ServeRequest": "page.serve",
@@ -92,6 +95,7 @@ _HOMES = {
     "run_lenses": "lenses.run",
     "run_live": "live.run",
     "run_paper": "paper.experiments",
+    "run_recheck": "recheck.run",
     "run_scan": "offline.scan",
     "run_session": "run.session",
     "run_simulate": "offline.simulate",
@@ -110,6 +114,7 @@ __all__ = [
     "NotebookProgress",
     "PlanRequest",
     "PlanResult",
+    "RecheckRequest",
     "Rig",
     "RigError",
     "ServeRequest",
@@ -138,6 +143,7 @@ __all__ = [
     "run_lenses",
     "run_live",
     "run_paper",
+    "run_recheck",
     "run_scan",
     "run_session",
     "run_simulate",

@@ -169,9 +169,9 @@ def recheck(
     with TerminalProgress() as progress:
         from rig.recheck.page import print_recheck
         from rig.recheck.records import RecheckRequest
-        from rig.recheck.run import recheck as look_again
+        from rig.recheck.run import run_recheck
 
-        result = look_again(RecheckRequest(folder=session, profile=profile, realign=realign), progress)
+        result = run_recheck(RecheckRequest(folder=session, profile=profile, realign=realign), progress)
     print_json(result) if as_json else print_recheck(result)
     return 0 if result.within_limits else 1
 

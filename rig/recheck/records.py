@@ -131,9 +131,24 @@ class Recheck(Record):
     realigned: Realigned | None = None
 
     def with_limits(self, limits: tuple[Verdict, ...]) -> Recheck:
-        """Return the same with other rows in the table."""
+        """Return the same with other rows in the table.
+
+        Parameters
+        ----------
+        limits
+            The rows; ``within_limits`` says whether all are met.
+
+        Returns
+        -------
+        Recheck
+        """
         return replace(self, limits=limits, within_limits=all_met(limits))
 
     def as_json(self) -> JsonObject:
-        """All fields, each limit with what came of it."""
+        """Return all fields, each limit with what came of it.
+
+        Returns
+        -------
+        JsonObject
+        """
         return super().as_json()

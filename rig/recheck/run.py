@@ -35,7 +35,7 @@ _SIMULATED = "simulation"
 RECORD = "recheck"
 
 
-def recheck(request: RecheckRequest, on_step: OnStep = silent) -> Recheck:
+def run_recheck(request: RecheckRequest, on_step: OnStep = silent) -> Recheck:
     """Photograph the code once more and say what moved and what drifted since the session was made.
 
     Parameters

@@ -10,7 +10,7 @@ import pytest
 from rig.cli.app import run_command
 from rig.errors import CalibrationFailed, SessionError
 from rig.recheck.records import RecheckRequest
-from rig.recheck.run import recheck
+from rig.recheck.run import run_recheck
 from rig.session import Session
 from rig.session.alignment import aligned_folder, rechecks_of
 from tests.rig.conftest import Finished
@@ -58,7 +58,7 @@ def test_a_turned_camera_and_a_dimmer_lamp_are_both_found(session: Path, tmp_pat
             "flux = 10.0": "flux = 9.0",
         },
     )
-    found = recheck(RecheckRequest(folder=session, profile=other))
+    found = run_recheck(RecheckRequest(folder=session, profile=other))
     assert found.moved == "camera"
     assert found.camera.turned_deg == pytest.approx(0.5, abs=0.03)
     assert found.light.lamp_gain == pytest.approx(0.9, abs=0.01)
@@ -71,7 +71,7 @@ def test_a_realigned_session_takes_the_place_of_the_first_which_stays(session: P
         tmp_path, replaced={"[[simulation.projector]]\n": "[[simulation.projector]]\nmoved_m = [0.03, -0.02, 0.01]\n"}
     )
     before = files_of(session)
-    found = recheck(RecheckRequest(folder=session, profile=other, realign=True))
+    found = run_recheck(RecheckRequest(folder=session, profile=other, realign=True))
     assert found.moved == "projector"
     assert found.projector.moved_mm == pytest.approx(37.4, rel=0.1)
     assert found.realigned is not None
@@ -87,7 +87,7 @@ def test_a_realigned_session_takes_the_place_of_the_first_which_stays(session: P
 def test_a_projector_that_is_off_is_named_and_costs_two_photographs(session: Path, tmp_path: Path) -> None:
     other = profile(tmp_path, replaced={"flux = 10.0": "flux = 0.001"})
     with pytest.raises(CalibrationFailed, match="the projector is off, asleep or covered"):
-        recheck(RecheckRequest(folder=session, profile=other))
+        run_recheck(RecheckRequest(folder=session, profile=other))
     (look,) = rechecks_of(session)
     with Session.read(look) as begun:
         gray = begun.begun("gray")
@@ -98,7 +98,7 @@ def test_a_projector_that_is_off_is_named_and_costs_two_photographs(session: Pat
 def test_light_in_the_room_is_named(session: Path, tmp_path: Path) -> None:
     other = profile(tmp_path, replaced={"ambient = 0.0004": "ambient = 5.0"})
     with pytest.raises(CalibrationFailed, match="a light is on, or daylight"):
-        recheck(RecheckRequest(folder=session, profile=other))
+        run_recheck(RecheckRequest(folder=session, profile=other))
 
 
 def test_another_room_is_not_explained_by_a_move(session: Path, tmp_path: Path) -> None:
@@ -112,12 +112,12 @@ def test_another_room_is_not_explained_by_a_move(session: Path, tmp_path: Path) 
         },
     )
     with pytest.raises(CalibrationFailed, match=r"another rig's session|calibrate a new session"):
-        recheck(RecheckRequest(folder=session, profile=other))
+        run_recheck(RecheckRequest(folder=session, profile=other))
 
 
 def test_another_rigs_profile_is_refused_before_anything_opens(session: Path) -> None:
     with pytest.raises(SessionError, match="is not the rig of"):
-        recheck(RecheckRequest(folder=session, profile="sim-room"))
+        run_recheck(RecheckRequest(folder=session, profile="sim-room"))
     assert rechecks_of(session) == []
 
 
@@ -127,4 +127,4 @@ def test_a_session_that_was_never_calibrated_is_refused(tmp_path: Path) -> None:
     with Session.open(tmp_path / "empty", load_profile("ci-tiny")):
         pass
     with pytest.raises(SessionError, match="is not calibrated"):
-        recheck(RecheckRequest(folder=tmp_path / "empty"))
+        run_recheck(RecheckRequest(folder=tmp_path / "empty"))
