@@ -10,7 +10,7 @@ import pytest
 
 from rig.capture.rig import open_rig
 from rig.devices.clock import SystemClock
-from rig.devices.genicam import find, library
+from rig.devices.genicam import aravis, find
 from rig.devices.genicam.camera import GenicamCamera, from_profile
 from rig.devices.genicam.describe import describe_genicam
 from rig.devices.genicam.find import list_genicam, why_silent
@@ -167,9 +167,9 @@ def test_why_a_camera_is_silent_is_said(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
 
 def test_a_missing_library_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(library, "_loaded", lambda: OSError("no such file"))
+    monkeypatch.setattr(aravis, "_loaded", lambda: OSError("no such file"))
     with pytest.raises(DeviceError, match=r"apt install libaravis-0\.8-0"):
-        library.aravis()
+        aravis.aravis()
 
 
 def test_small_packets_and_buffers_are_told_with_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
