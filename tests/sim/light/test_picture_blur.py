@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from scipy.special import ive
 
 from sim.light.picture_blur import PictureBlur
 
@@ -42,3 +43,14 @@ def test_several_pictures_are_blurred_at_once_as_one_by_one() -> None:
     pictures = np.random.default_rng(3).uniform(size=(SHAPE[0] * SHAPE[1], 2))
     blur = blur_of(0.8)
     assert np.array_equal(blur.apply(pictures)[:, 1], blur.apply(pictures[:, 1]))
+
+
+@pytest.mark.parametrize("sigma_px", [0.05, 1.0, 20.0])
+def test_the_weights_are_those_of_the_bessel_functions(sigma_px: float) -> None:
+    point = np.zeros((1, 301))
+    point[0, 150] = 1
+    blur = PictureBlur(variance_px2=np.full((1, 301, 2), sigma_px**2), chosen=np.ones(301, dtype=bool))
+    found = blur.apply(point.ravel())
+    expected = ive(np.abs(np.arange(301) - 150), sigma_px**2) * (found > 0)
+    across = found.sum()  # the one row keeps a share of the blur across it
+    assert found / across == pytest.approx(expected / expected.sum(), abs=1e-9)
