@@ -7,8 +7,8 @@ frame period before its time stamp, for cameras stamp begin, end or readout of a
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 
 from rig.devices.driver_settings import CameraSettings
@@ -32,7 +32,8 @@ from rig.devices.genicam.setup import (
 from rig.devices.genicam.stream import FilledBuffer, GenicamStream
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure, check_mosaic
-from rig.errors import CaptureTimeout, DeviceBusy, DeviceLost, SettingRefused
+from rig.devices.while_open import while_open
+from rig.errors import CaptureTimeout, DeviceBusy, SettingRefused
 
 _ANSWER_S = 1.0
 """From a trigger to the frame, on top of its exposure: readout and transfer of any camera that this is for."""
@@ -154,7 +155,7 @@ class GenicamCamera:
     @property
     def stream(self) -> GenicamStream:
         """What its frames come through. Raises DeviceLost when it is closed."""
-        with self._opened_for("looking at its stream") as opened:
+        with while_open(self._opened, name=self._name, doing="looking at its stream", close=self.close) as opened:
             return opened.stream
 
     def open(self) -> None:
@@ -224,7 +225,7 @@ class GenicamCamera:
 
         Raises SettingRefused outside its range or when something automatic is on again, DeviceLost when closed or gone.
         """
-        with self._opened_for("setting its exposure") as opened:
+        with while_open(self._opened, name=self._name, doing="setting its exposure", close=self.close) as opened:
             check_exposure(exposure_s, self._exposure_range_s)
             self._check_control(opened)
             changed = [one.name for one in opened.held if not opened.features.is_as_set(one)]
@@ -245,7 +246,7 @@ class GenicamCamera:
         Raises CaptureTimeout when none comes within ``timeout_s``, DeviceLost when closed or gone.
         """
         until_s = self._clock.now_s() + timeout_s
-        with self._opened_for("capturing") as opened:
+        with while_open(self._opened, name=self._name, doing="capturing", close=self.close) as opened:
             seen, after_s = _GenicamSearch(), max(after_s, opened.valid_from_s)
             take = self._triggered if self._is_triggered else self._running
             frame = take(opened, after_s, until_s, seen)
@@ -330,17 +331,6 @@ class GenicamCamera:
         if opened.packet_bytes is not None:
             check_control(opened.device, self._name)
         opened.features.number("Width")
-
-    @contextmanager
-    def _opened_for(self, doing: str) -> Iterator[_OpenGenicam]:
-        """The open state; a camera that is lost meanwhile is let go at once."""
-        if self._opened is None:
-            raise DeviceLost(f"{self._name} is closed: open it before {doing}")
-        try:
-            yield self._opened
-        except DeviceLost:
-            self.close()
-            raise
 
     def advice(self) -> tuple[str, ...]:
         """Return what its transport lacks, a sentence each, with the setting to change; nothing when all is well."""

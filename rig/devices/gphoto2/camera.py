@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -22,7 +22,8 @@ from rig.devices.gphoto2.pictures import WantedPicture, from_jpeg, from_raw
 from rig.devices.gphoto2.port import StillPort
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure
-from rig.errors import CaptureTimeout, DeviceLost, ProfileError, SettingRefused
+from rig.devices.while_open import while_open
+from rig.errors import CaptureTimeout, ProfileError, SettingRefused
 from rig.files.toml import Table
 
 FORMATS = ("JPEG", "RAW")
@@ -189,7 +190,7 @@ class StillCamera:
 
         Raises SettingRefused outside the range, DeviceLost when closed or gone.
         """
-        with self._opened_for("setting its exposure") as opened:
+        with while_open(self._opened, name=self._name, doing="setting its exposure", close=self.close) as opened:
             check_exposure(exposure_s, self._exposure_range_s)
             text = min(opened.speeds, key=lambda one: abs(math.log(opened.speeds[one] / exposure_s)))
             opened.port.hold(_SPEED, text)
@@ -202,7 +203,7 @@ class StillCamera:
         Raises CaptureTimeout when the camera takes longer than ``timeout_s``, DeviceLost when closed or gone.
         """
         until_s = self._clock.now_s() + timeout_s
-        with self._opened_for("capturing") as opened:
+        with while_open(self._opened, name=self._name, doing="capturing", close=self.close) as opened:
             self._clock.wait_until_s(min(after_s, until_s))
             began_s = self._clock.now_s()
             if began_s + opened.exposure_s + min(opened.delays_s, default=0.0) > until_s:
@@ -226,17 +227,6 @@ class StillCamera:
         return RawFrame(
             pixels=pixels, exposure_s=exposure_s, started_s=began_s, sequence=self._pictures, repeats=repeats
         )
-
-    @contextmanager
-    def _opened_for(self, doing: str) -> Iterator[_OpenedStill]:
-        """The open state; a camera that is lost meanwhile is let go at once."""
-        if self._opened is None:
-            raise DeviceLost(f"{self._name} is closed: open it before {doing}")
-        try:
-            yield self._opened
-        except DeviceLost:
-            self.close()
-            raise
 
 
 def seconds(text: str) -> float | None:

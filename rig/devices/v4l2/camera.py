@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 from rig.devices.driver_settings import CameraSettings
@@ -28,7 +28,8 @@ from rig.devices.v4l2.setup import (
     set_frame_rate,
 )
 from rig.devices.v4l2.stream import Stream, StreamBroken
-from rig.errors import CaptureTimeout, DeviceError, DeviceLost, SettingRefused
+from rig.devices.while_open import while_open
+from rig.errors import CaptureTimeout, DeviceError, SettingRefused
 
 _FIRST_FRAMES = 2
 """To be seen before a camera counts as open: a first one may be left over from another program."""
@@ -210,7 +211,7 @@ class V4l2Camera:
         A camera without exposure control has its frame period. Raises SettingRefused outside its range, when the
         camera takes another value, and when the frames do not follow; DeviceLost when closed or gone.
         """
-        with self._opened_for("setting its exposure") as opened:
+        with while_open(self._opened, name=self._name, doing="setting its exposure", close=self.close) as opened:
             check_exposure(exposure_s, self._exposure_range_s)
             if opened.exposure is not None:
                 self._set_exposure_control(opened, opened.exposure, round(exposure_s / EXPOSURE_STEP_S))
@@ -281,7 +282,7 @@ class V4l2Camera:
         none comes within ``timeout_s``, DeviceLost when closed or gone, DeviceError when streaming fails twice.
         """
         until_s = self._clock.now_s() + timeout_s
-        with self._opened_for("capturing") as opened:
+        with while_open(self._opened, name=self._name, doing="capturing", close=self.close) as opened:
             seen = FrameSearch()
             after_s = max(after_s, opened.valid_from_s)
             frame = self._next_frame(opened, after_s, until_s, seen)
@@ -296,17 +297,6 @@ class V4l2Camera:
     @property
     def _name(self) -> str:
         return f"camera {self.device_id}"
-
-    @contextmanager
-    def _opened_for(self, doing: str) -> Iterator[_Opened]:
-        """The open state; a camera that is lost meanwhile is let go at once, which frees its node's number."""
-        if self._opened is None:
-            raise DeviceLost(f"{self._name} is closed: open it before {doing}")
-        try:
-            yield self._opened
-        except DeviceLost:
-            self.close()
-            raise
 
     def _next_frame(self, opened: _Opened, after_s: float, until_s: float, seen: FrameSearch) -> RawFrame | None:
         """The next good frame that began after a time; a stream that breaks is started again, once."""

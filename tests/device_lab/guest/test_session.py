@@ -10,12 +10,16 @@ import pytest
 
 from rig.devices.kms.readback import Readback
 from rig.files.journal import JOURNAL_NAME
+from rig.session import Session
+from rig.session.timing import seconds_by_step
 from tests.contract.lab import load_module
 
 pytestmark = pytest.mark.timeout(1700)
 RIG = (sys.executable, "-m", "rig")
 PULLED_AFTER_FRAMES = 30
 PICTURE = (480, 640)
+STRATEGIES = "none,bounded"
+"""Without compensation and with the best one: in an emulated machine each other one is half a minute."""
 
 
 def frames(session: Path) -> int:
@@ -46,13 +50,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Comp
         hand = threading.Thread(target=pull_the_cable, args=(emulated, session, ended))
         hand.start()
         done = subprocess.run(
-            [*RIG, "run", str(session), "-p", "emulated-rig", "--json"], capture_output=True, text=True, check=False
+            [*RIG, "run", str(session), "-p", "emulated-rig", "--strategies", STRATEGIES, "--json"],
+            capture_output=True,
+            text=True,
+            check=False,
         )
         ended.set()
         hand.join()
         emulated.stdin.write("quit\n")
         emulated.stdin.flush()
     print(done.stderr)
+    print({step: round(seconds, 1) for step, seconds in seconds_by_step(Session.read(session)).items()})
     return session, done
 
 
