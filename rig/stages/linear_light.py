@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import reduce
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,8 +98,23 @@ class RadiometricCalibration:
 
     def noise(self, linear: FloatArray | Float32Array) -> Float32Array:
         """Return the variance of one frame's linear light: shot noise, read noise and rounding; any shape."""
-        rounding = np.interp(linear, *self._rounding()).astype(np.float32)
+        rounding = np.interp(linear, *self._rounding).astype(np.float32)
         return np.asarray(self._sensor_noise(linear) + rounding)
+
+    def noise_of_mean(self, frames: Sequence[NDArray[np.uint16]], mean: Float32Array) -> Float32Array:
+        """Return the variance of the mean light of frames of digital numbers; all of one shape."""
+        rounding = self._rounding[1].astype(np.float32)
+        rounded = reduce(np.add, [rounding[frame] for frame in frames]) / np.float32(len(frames))
+        return np.asarray((self._sensor_noise(mean) + rounded) / np.float32(len(frames)), dtype=np.float32)
+
+    def black_seen(self, exposure_s: float) -> Float32Array:
+        """Return the light of black as frames have it: (H, W, B), or (H, W, 1) of a mosaic."""
+        black = self.black[exposure_s]
+        return black if self.mosaic is None else np.asarray(self.mosaic.seen(black), np.float32)
+
+    def black_noise(self, exposure_s: float) -> Float32Array:
+        """Return the variance of one frame of black, in the shape of :meth:`black_seen`."""
+        return self._black_noise[exposure_s]
 
     def noise_dn(self) -> Float32Array:
         """Return (full scale + 1,) standard deviation of a pixel at each digital number. [dn]."""
@@ -126,10 +141,16 @@ class RadiometricCalibration:
         above = np.arange(self.full_scale_dn + 1, dtype=np.float64) - self.offset_dn
         return light_of_levels(self.camera, above + _WITHIN_STEP[:, None])
 
+    @cached_property
     def _rounding(self) -> tuple[FloatArray, FloatArray]:
         """Light of each digital number, and the variance of what is rounded to it."""
         within = self._light_within_steps()
         return within.mean(axis=0), within.var(axis=0) * (_EVEN_VARIANCE / _WITHIN_STEP.var())
+
+    @cached_property
+    def _black_noise(self) -> dict[float, Float32Array]:
+        """Variance of one frame of black, by exposure; kept, for it is asked for with every frame."""
+        return {exposure_s: self.noise(self.black_seen(exposure_s)) for exposure_s in self.black}
 
     @property
     def saturation_dn(self) -> int:
@@ -190,14 +211,12 @@ def _single_exposure(
     """Light above black of one exposure's frames, in units of the reference exposure, not balanced."""
     shots = [step.load_frame(name) for name in names]
     frames = [shot.pixels for shot in shots]
-    table, black = radiometric.table(), radiometric.black[exposure_s]
-    if radiometric.mosaic is not None:
-        black = np.asarray(radiometric.mosaic.seen(black), np.float32)
+    table, black = radiometric.table(), radiometric.black_seen(exposure_s)
     # The first frame comes last: the order of a sum is part of its last digits, and those of a session do not change.
     total = sum(table[frame] for frame in frames[1:]) + table[frames[0]]
     mean = np.asarray(total / np.float32(len(frames)), dtype=np.float32)
     ratio = np.float32(shots[0].exposure_s / radiometric.reference_exposure_s)
-    noise = radiometric.noise(mean) / len(frames) + radiometric.noise(black) / BLACK_REPEATS
+    noise = radiometric.noise_of_mean(frames, mean) + radiometric.black_noise(exposure_s) / BLACK_REPEATS
     # room light that flickers is not the same in a frame and in the black that is subtracted from it
     ripple = np.float32(radiometric.black_ripple.get(exposure_s, 0.0))
     noise += (ripple * black) ** 2 * np.float32(1 / len(frames) + 1 / BLACK_REPEATS)

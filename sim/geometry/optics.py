@@ -15,6 +15,8 @@ Distortion = tuple[float, float, float, float, float]
 UNDISTORT_STEPS = 50
 """Steps of the fixed point: lenses whose distortion can be undone take fewer."""
 
+_POINTS_AT_ONCE = 2**13
+
 MOST_PX = 2**20
 """Width or height of an image that no device has."""
 
@@ -217,9 +219,18 @@ def undistorted(lens: Lens, xy_px: FloatArray) -> FloatArray:
         If the distortion cannot be undone at some point (it folds the image over there).
     """
     bent = (xy_px - lens.principal_point_px) / lens.focal_px
-    plane = bent.copy()
     if not any(lens.distortion):
-        return plane
+        return np.asarray(bent)
+    plane = np.empty_like(bent)
+    for first in range(0, len(bent), _POINTS_AT_ONCE):
+        part = slice(first, first + _POINTS_AT_ONCE)
+        plane[part] = _undistorted(lens, bent[part])
+    return plane
+
+
+def _undistorted(lens: Lens, bent: FloatArray) -> FloatArray:
+    """Points of the plane z = 1 whose distorted places are ``bent``; so few that they stay in the processor's cache."""
+    plane = bent.copy()
     for _ in range(UNDISTORT_STEPS):
         error = distort(plane, lens.distortion) - bent
         if np.abs(error).max() < 1e-13:

@@ -61,7 +61,13 @@ class DiscLevels:
 
     def weight(self, level: int) -> Float32Array:
         """Share of a level in each sample."""
-        return np.asarray(np.maximum(1 - np.abs(self.place - level), 0), dtype=np.float32)
+        return self._weights[level]
+
+    @cached_property
+    def _weights(self) -> list[Float32Array]:
+        """Kept, for every frame asks for them: few levels, and one where the lens has no aperture."""
+        levels = np.arange(len(self.diameters_px))
+        return [np.asarray(np.maximum(1 - np.abs(self.place - level), 0), dtype=np.float32) for level in levels]
 
     @cached_property
     def kernels(self) -> list[Float32Array]:
