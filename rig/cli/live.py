@@ -60,30 +60,30 @@ def live(
 
     if show is not None:
         return _keep(show, has_more=session is not None or profile is not None, as_json=as_json)
-    with TerminalProgress():
+    with TerminalProgress() as progress:  # something is to be seen before what takes its time is imported
         from rig.live.latency import with_light_latency
         from rig.live.plan import LiveRequest, plan_live
         from rig.live.run import run_live
         from rig.live.sources.choose import parse_size
         from rig.live.status import StatusLine, print_live
-    request = LiveRequest(
-        folder=session,
-        profile=profile,
-        sources=source,
-        strategy=strategy,
-        seconds=seconds,
-        size=parse_size(size),
-        rate_hz=rate,
-        endless=loop,
-        keeps_going=keep_going,
-        gain=gain,
-        auto_gain=auto_gain,
-        is_linear=linear,
-        record=record,
-        flashes=flashes,
-        threads=threads,
-    )
-    with TerminalProgress() as progress:
+
+        request = LiveRequest(
+            folder=session,
+            profile=profile,
+            sources=source,
+            strategy=strategy,
+            seconds=seconds,
+            size=parse_size(size),
+            rate_hz=rate,
+            endless=loop,
+            keeps_going=keep_going,
+            gain=gain,
+            auto_gain=auto_gain,
+            is_linear=linear,
+            record=record,
+            flashes=flashes,
+            threads=threads,
+        )
         plan = with_light_latency(plan_live(request, progress), progress)
         with StatusLine() as status:
             result = run_live(plan, status)

@@ -1,4 +1,7 @@
-"""A whole session of the command line on real drivers: `rig emulate` beside `rig run`, and a cable pulled meanwhile."""
+"""A whole session of the command line on real drivers: `rig emulate` beside `rig run`, and a cable pulled meanwhile.
+
+The camera is what most people have first: a webcam of 8 bits whose tone curve is that of sRGB.
+"""
 
 import json
 import subprocess
@@ -10,6 +13,7 @@ import pytest
 
 from rig.devices.kms.readback import Readback
 from rig.files.journal import JOURNAL_NAME
+from rig.profile.schema import load_profile
 from rig.session import Session
 from rig.session.timing import seconds_by_step
 from tests.contract.lab import load_module
@@ -38,11 +42,30 @@ def pull_the_cable(emulated: subprocess.Popen[str], session: Path, ended: thread
         ended.wait(2.0)
 
 
+WEBCAM = {
+    'pixel_format = "Y12"': 'pixel_format = "GREY"',
+    "bit_depth = 12": "bit_depth = 8",
+    "compression = 0.08": 'tone = "srgb"',
+}
+
+
+def webcam(folder: Path) -> Path:
+    """The profile `emulated-rig` with a webcam's camera."""
+    text = load_profile("emulated-rig").path.read_text("utf-8")
+    for old, new in WEBCAM.items():
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "webcam.toml"
+    path.write_text(text, "utf-8")
+    return path
+
+
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
     load_module("vkms")
-    session = tmp_path_factory.mktemp("runs") / "emulated"
-    command = [*RIG, "emulate", "-p", "emulated-rig", "--json"]
+    folder = tmp_path_factory.mktemp("runs")
+    session, profile = folder / "emulated", str(webcam(folder))
+    command = [*RIG, "emulate", "-p", profile, "--json"]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as emulated:
         found = json.loads(emulated.stdout.readline())
         assert found["device_id"] == "usb-1209:0001-EMULATED1"
@@ -50,7 +73,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Comp
         hand = threading.Thread(target=pull_the_cable, args=(emulated, session, ended))
         hand.start()
         done = subprocess.run(
-            [*RIG, "run", str(session), "-p", "emulated-rig", "--strategies", STRATEGIES, "--json"],
+            [*RIG, "run", str(session), "-p", profile, "--strategies", STRATEGIES, "--json"],
             capture_output=True,
             text=True,
             check=False,
