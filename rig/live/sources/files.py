@@ -48,7 +48,7 @@ class VideoSource:
         """Begin with the first picture. Raises SourceGone, FilmBroken."""
         self.close()
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # what is wrong is said here, once
-        cv2.setLogLevel(0)
+        cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
         if not self._path.is_file():
             raise SourceGone(f"{self._path}: is there no more; put it back, or leave the source out")
         video = cv2.VideoCapture(str(self._path))
