@@ -24,6 +24,9 @@ _EDGE_SHARE = 0.005
 """Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
 _LEAST_INSIDE = 0.2
 """Where fewer of the refined pixels lie inside than this share, all of them are used."""
+_AROUND_SHARE, _HOLE_SHARE = 0.1, 0.014
+"""Of the picture's width: what counts as around a pixel, and the widest hole that is no edge: a window of
+:func:`calibration.structured_light.subpixel.refine_subpixel` reaches across it."""
 
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
@@ -124,6 +127,7 @@ def geometry_settings(session: Session) -> JsonObject:
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.room.model_dump(mode="json", exclude=unused),
         "third_wall": "strips of it beside edges, too",
+        "inside": "by what is around",
     }
 
 
@@ -178,18 +182,39 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
 def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Pixels away from edges of the picture and of surfaces, and those beside: there coordinates are biased.
 
-    At such edges the refinement keeps integer codes, so these tell where the edges are. But where glare leaves integer
-    codes all over a strip of floor, nothing of it is inside, and it would tell where the floor is.
+    At such edges the refinement keeps integer codes, so these tell where the edges are. But noise and glare leave
+    holes and integer codes all over a dim wall or a strip of floor, of which then nothing would be inside. Around a
+    pixel where hardly any is, only the rim of what was decoded is an edge.
     """
     xy = correspondence.projector_xy_px
     with np.errstate(invalid="ignore"):
         whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
-    refined = (correspondence.valid & ~whole).astype(np.uint8)
-    size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
-    inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
+    refined = correspondence.valid & ~whole
+    inside = _away_from_edges(refined)
+    if inside.any():
+        scarce = _around(inside) <= _LEAST_INSIDE * _around(refined)
+        inside |= refined & scarce & _away_from_edges(_without_holes(correspondence.valid))
     if inside.sum() <= _LEAST_INSIDE * refined.sum():
-        return refined > 0, np.zeros_like(inside)
-    return inside, (refined > 0) & ~inside
+        return refined, np.zeros_like(inside)
+    return inside, refined & ~inside
+
+
+def _away_from_edges(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    square = np.ones((2 * round(_EDGE_SHARE * mask.shape[1]) + 1,) * 2, np.uint8)
+    return np.asarray(cv2.erode(mask.astype(np.uint8), square, borderValue=0) > 0)
+
+
+def _without_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    square = np.ones((2 * (round(_HOLE_SHARE * mask.shape[1]) // 2) + 1,) * 2, np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, square) > 0)
+
+
+def _around(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """How many pixels of a mask lie around each pixel."""
+    side = 2 * (round(_AROUND_SHARE * mask.shape[1]) // 2) + 1
+    return np.asarray(
+        cv2.boxFilter(mask.astype(np.float32), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    )
 
 
 @dataclass(frozen=True, eq=False)
