@@ -28,6 +28,9 @@ _AROUND_SHARE, _HOLE_SHARE = 0.1, 0.014
 """Of the picture's width: what counts as around a pixel, and the widest hole that is no edge: a window of
 :func:`calibration.structured_light.subpixel.refine_subpixel` reaches across it."""
 
+_WINDOW_PX2, _BLUR_PX2 = (9**2 - 1) / 12, 1.5
+"""Variance of the window over which codes are refined; and what a camera's blur of 0.6 px counts in it: thrice, since
+also more light comes from where coordinates change faster."""
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
 NO_TAPE_ERROR = np.zeros(5)
@@ -168,6 +171,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         beside=int(beside.sum()),
+        averaged_px2=_BLUR_PX2 + (_WINDOW_PX2 if _is_whole(correspondence.projector_xy_px).any() else 0.0),
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
@@ -186,10 +190,7 @@ def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_
     holes and integer codes all over a dim wall or a strip of floor, of which then nothing would be inside. Around a
     pixel where hardly any is, only the rim of what was decoded is an edge.
     """
-    xy = correspondence.projector_xy_px
-    with np.errstate(invalid="ignore"):
-        whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
-    refined = correspondence.valid & ~whole
+    refined = correspondence.valid & ~_is_whole(correspondence.projector_xy_px)
     inside = _away_from_edges(refined)
     if inside.any():
         scarce = _around(inside) <= _LEAST_INSIDE * _around(refined)
@@ -197,6 +198,12 @@ def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_
     if inside.sum() <= _LEAST_INSIDE * refined.sum():
         return refined, np.zeros_like(inside)
     return inside, refined & ~inside
+
+
+def _is_whole(xy_px: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(H, W) pixels whose code was not refined."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(xy_px * 2 - np.round(xy_px * 2)) < 1e-6).all(axis=-1))
 
 
 def _away_from_edges(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
