@@ -9,7 +9,7 @@ from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
 from rig.run.lamp import lamp_change
 from rig.run.steps import VERBS, Verb
-from rig.run.verdicts import verdicts
+from rig.run.verdicts import room_light_verdicts, verdicts
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
@@ -39,8 +39,6 @@ from rig.stages.transport.records import TransportRecord
 
 _LAMP_PERCENT_PER_MINUTE = 1.0
 """Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
-_SWELL_PERCENT = 0.4
-"""Of white, from darkest to brightest: one grey level of 255."""
 _LEAST_DIRECT = 0.05
 """A pixel counts as lit when its direct light is above this share of the median of the valid ones."""
 
@@ -64,7 +62,7 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     model = _model(session)
     limits = (
         *verdicts(geometry, model, comparison, session.profile),
-        *_room_light_verdicts(session),
+        *room_light_verdicts(load_exposure(session)),
         _lamp_verdict(session),
     )
     return SessionResult(
@@ -213,32 +211,10 @@ def _comparison(session: Session) -> ModelComparison:
     )
 
 
-def _room_light_verdicts(session: Session) -> tuple[Verdict, ...]:
-    """Of room light that swells faster than an exposure ends: without whole periods each frame has another share of it.
-
-    None where no such light was seen, or exposures hold whole periods of it.
-    """
-    found = load_exposure(session)
-    if found.room_light_hz is None or not found.swell_percent:
-        return ()
-    period_ms = 1000 / found.room_light_hz
-    return (
-        Verdict(
-            what=f"room light: swell at {found.room_light_hz:g} Hz from frame to frame",
-            value=found.swell_percent,
-            limit=_SWELL_PERCENT,
-            unit="% of white",
-            advice=f"white needs an exposure of {1000 * found.exposure_s:.1f} ms, and one of {period_ms:.1f} ms, a "
-            "whole period of this light, would clip it: switch the room light off, or let less light into the camera "
-            "(iris, grey filter) so that exposures hold whole periods",
-        ),
-    )
-
-
 def _lamp_verdict(session: Session) -> Verdict:
     """White that changes is in all light that is compared; it is named here, and not taken out."""
     change = lamp_change(session)
-    swells = load_exposure(session).swell_percent > _SWELL_PERCENT
+    swells = any(not one.met for one in room_light_verdicts(load_exposure(session)))
     flicker = "room light that swells changes white, too (see above). If it is the lamp: " if swells else ""
     return Verdict(
         what="lamp: drift of white",

@@ -160,7 +160,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     CalibrationError
         If the correspondence does not determine them, or something contradicts; with the cause.
     """
-    inside, beside = _inside_and_beside(correspondence)
+    inside, beside = inside_and_beside(correspondence)
     rows, columns = np.concatenate([np.nonzero(inside), np.nonzero(beside)], axis=1)
     sigma = correspondence.sigma_px
     pair = calibrate_stereo(
@@ -183,7 +183,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
 
-def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Pixels away from edges of the picture and of surfaces, and those beside: there coordinates are biased.
 
     At such edges the refinement keeps integer codes, so these tell where the edges are. But noise and glare leave
