@@ -64,7 +64,8 @@ def refine_subpixel(correspondence: Correspondence, window_px: int = 9) -> Corre
         refined[take], sigma[take] = fit[take], sigma_of_fit[take]
         open_ &= ~take
     widen_at_border(sigma, refined, correspondence.projector_shape)
-    return Correspondence(refined, correspondence.reason, correspondence.projector_shape, sigma)
+    averaged_px2 = (window_px**2 - 1) / 12
+    return Correspondence(refined, correspondence.reason, correspondence.projector_shape, sigma, averaged_px2)
 
 
 def _is_whole(xy_px: Float32Array) -> bool:

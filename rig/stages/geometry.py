@@ -28,9 +28,6 @@ _AROUND_SHARE, _HOLE_SHARE = 0.1, 0.014
 """Of the picture's width: what counts as around a pixel, and the widest hole that is no edge: a window of
 :func:`calibration.structured_light.subpixel.refine_subpixel` reaches across it."""
 
-_WINDOW_PX2, _BLUR_PX2 = (9**2 - 1) / 12, 1.5
-"""Variance of the window over which codes are refined; and what a camera's blur of 0.6 px counts in it: thrice, since
-also more light comes from where coordinates change faster."""
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
 NO_TAPE_ERROR = np.zeros(5)
@@ -171,7 +168,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         beside=int(beside.sum()),
-        averaged_px2=_BLUR_PX2 + (_WINDOW_PX2 if _is_whole(correspondence.projector_xy_px).any() else 0.0),
+        averaged_px2=correspondence.averaged_px2,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
