@@ -212,7 +212,7 @@ def _comparison(session: Session) -> ModelComparison:
 
 
 def _lamp_verdict(session: Session) -> Verdict:
-    """White that changes is in all light that is compared; it is named here, and not taken out."""
+    """White that changes is in all light that is compared; what is left when the steps have taken even drift out."""
     change = lamp_change(session)
     swells = any(not one.met for one in room_light_verdicts(load_exposure(session)))
     flicker = "room light that swells changes white, too (see above). If it is the lamp: " if swells else ""
