@@ -83,12 +83,13 @@ def _step(
 ) -> tuple[FloatArray, FloatArray]:
     """(N, 2) by how much places are off, and the standard deviation of that; of differences of light (K, N)."""
     share, along, down = shares_and_slopes(pictures, footprints(*seen))
-    regressors = np.stack([2 * share - 1, 2 * along, 2 * down], axis=-1).transpose(1, 0, 2)
-    gram = regressors.transpose(0, 2, 1) @ regressors + np.diag([1e-9, _KNOWN, _KNOWN])
-    inverse = np.linalg.inv(gram)
-    found = np.einsum("nab,nkb,kn->na", inverse, regressors, light)
-    left = light.T - np.einsum("nka,na->nk", regressors, found)
-    scatter = (left**2).sum(axis=1) / (len(pictures) - 3)
+    regressors = (2 * share - 1, 2 * along, 2 * down)
+    gram = np.stack([[np.einsum("kn,kn->n", a, b) for b in regressors] for a in regressors]).transpose(2, 0, 1)
+    inverse = np.linalg.inv(gram + np.diag([1e-9, _KNOWN, _KNOWN]))
+    right = np.stack([np.einsum("kn,kn->n", a, light) for a in regressors], axis=1)
+    found = np.einsum("nab,nb->na", inverse, right)
+    left = np.einsum("kn,kn->n", light, light) - np.einsum("na,na->n", found, right)
+    scatter = np.maximum(left, 0.0) / (len(pictures) - 3)
     direct = np.where(found[:, 0] > 0, found[:, 0], np.inf)
     variance = scatter[:, None] * np.diagonal(inverse, axis1=1, axis2=2)[:, 1:]
     # A pixel without direct light has no place: its sigma is what bars it.
