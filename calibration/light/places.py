@@ -74,8 +74,12 @@ def places_by_light(
         moved &= (found < _MOST_SIGMA_PX).all(axis=1)
         kept = at[0][moved], at[1][moved]
         xy[kept], sigma[kept] = places[moved], found[moved]
-    averaged_px2 = _OF_BLUR * max(spread.camera.coefficients_px2[0], 0.0)
-    return replace(correspondence, projector_xy_px=xy, sigma_px=sigma, averaged_px2=averaged_px2)
+    return replace(correspondence, projector_xy_px=xy, sigma_px=sigma)
+
+
+def blur_as_window_px2(spread: PointSpread) -> float:
+    """Return the variance of the window that a camera's blur comes to for places by light. [px² of the camera]."""
+    return _OF_BLUR * max(spread.camera.coefficients_px2[0], 0.0)
 
 
 def _step(

@@ -47,8 +47,6 @@ class Correspondence:
     """(height, width) of the projector, in pixels."""
     sigma_px: Float32Array | None = None
     """(H, W, 2) standard deviations of column and row, of meaning where valid; None: not known. [px]"""
-    averaged_px2: float = 0.0
-    """Variance of the camera's window over which coordinates are means, along each axis. [px² of the camera]"""
 
     @property
     def valid(self) -> BoolArray:

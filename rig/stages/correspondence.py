@@ -25,7 +25,6 @@ from calibration.structured_light.fewer_lights import filled_in, lights_for, wit
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
 from calibration.structured_light.patterns import Pattern, flat
-from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
 from rig.errors import SessionError
 from rig.files.channels import one_or_all
@@ -146,7 +145,7 @@ def read_code_once(session: Session, step: Step) -> Correspondence:
     """Return the map of what :func:`photograph_code_once` took, between whole pixels where it can be."""
     code, radiometric = find_code(session.profile.patterns.code), load_radiometric_calibration(session)
     found = read_code(code, _frames_of(step), session.profile.projector.shape, radiometric)
-    return finer_places(refine_subpixel(found), code, _frames_of(step), session)
+    return finer_places(found, code, _frames_of(step), session).correspondence
 
 
 def _flats(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
@@ -264,7 +263,8 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
             f"{100 * _LEAST_VALID_SHARE:g} %: aim the camera at the projected picture, darken the room, check the focus"
         )
     on_step("decode", 1, 2)
-    refined = finer_places(refine_subpixel(correspondence), code, _frames_of(gray), session)
+    finer = finer_places(correspondence, code, _frames_of(gray), session)
+    refined = finer.correspondence
     xy = refined.projector_xy_px
     channels = {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)}
     if refined.sigma_px is not None:
@@ -275,7 +275,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
         projector=profile.projector.name,
         valid_share_of_image=valid_share,
         reasons={code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason},
-        averaged_px2=refined.averaged_px2,
+        averaged_px2=finer.averaged_px2,
         valid_share_at_first=None if correspondence is first else float(first.valid.mean()),
     )
     step.save_record("correspondence", CorrespondenceRecord(pairs=(pair,)))
@@ -391,8 +391,7 @@ def load_correspondence(session: Session) -> Correspondence:
     xy = np.stack([image["column"], image["row"]], axis=-1)
     names = [f"sigma_{axis}" for axis in BOTH_AXES]
     sigma = np.stack([image[name] for name in names], axis=-1) if image.keys() >= set(names) else None
-    reason, averaged_px2 = image["reason"].astype(np.uint8), load_correspondence_figures(session).averaged_px2
-    return Correspondence(xy, reason, session.profile.projector.shape, sigma, averaged_px2)
+    return Correspondence(xy, image["reason"].astype(np.uint8), session.profile.projector.shape, sigma)
 
 
 def load_correspondence_figures(session: Session) -> PairCorrespondence:

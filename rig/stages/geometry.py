@@ -13,11 +13,12 @@ from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
+from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
 from rig.profile.lenses import lens_settings, nominal_lenses
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
-from rig.stages.correspondence import load_correspondence
+from rig.stages.correspondence import load_correspondence, load_correspondence_figures
 from rig.terminal import OnStep
 
 _EDGE_SHARE = 0.005
@@ -133,10 +134,14 @@ def geometry_settings(session: Session) -> JsonObject:
 
 def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `geometry`: lenses, poses, planes, metres, room."""
-    step.save_record("geometry", geometry_of(load_correspondence(session), session.profile, on_step))
+    averaged_px2 = load_correspondence_figures(session).averaged_px2
+    found = geometry_of(load_correspondence(session), session.profile, on_step, averaged_px2=averaged_px2)
+    step.save_record("geometry", found)
 
 
-def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnStep) -> GeometryRecord:
+def geometry_of(
+    correspondence: Correspondence, profile: Profile, on_step: OnStep, *, averaged_px2: float = WINDOW_VARIANCE_PX2
+) -> GeometryRecord:
     """Find lenses, poses, walls and metres, and hold them against every length that the profile gives.
 
     Parameters
@@ -147,6 +152,8 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         Fields of view, lengths, and what is known of the room.
     on_step
         Told how far it is.
+    averaged_px2
+        Variance of the camera's window over which coordinates are means; default: that of refined codes. [px²]
 
     Returns
     -------
@@ -168,7 +175,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         beside=int(beside.sum()),
-        averaged_px2=correspondence.averaged_px2,
+        averaged_px2=averaged_px2,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
