@@ -36,6 +36,7 @@ def places_by_light(
     patterns: Sequence[Codes],
     correspondence: Correspondence,
     spread: PointSpread,
+    *,
     movable: BoolArray,
 ) -> Correspondence:
     """Move the coordinates of a correspondence to where light says that they are.

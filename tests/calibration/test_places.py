@@ -57,7 +57,7 @@ def by_light(start_error_px: float, noise: float, movable: bool = True) -> Corre
     known = Correspondence(start, np.zeros(CAMERA, np.uint8), PROJECTOR)
     frames = [seen(pattern, noise) for pattern in stripes()]
     codes = [pattern.codes for pattern in stripes()]
-    return places_by_light(frames, codes, known, spread, np.full(CAMERA, movable))
+    return places_by_light(frames, codes, known, spread, movable=np.full(CAMERA, movable))
 
 
 @pytest.mark.parametrize("error_px", [0.15, -0.25])

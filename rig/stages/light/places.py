@@ -87,7 +87,7 @@ def finer_places(
     codes = [each.codes for each in _stripes(pairs)]
     movable = unclipped & ~_is_whole(refined)
     return FinerPlaces(
-        places_by_light(differences, codes, refined, spread, movable), averaged_px2=blur_as_window_px2(spread)
+        places_by_light(differences, codes, refined, spread, movable=movable), averaged_px2=blur_as_window_px2(spread)
     )
 
 
