@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import random_rigs
+import random_profiles
 from geometry_worlds import CodeNoise, HalfSpace, Round, Shape, box, exact_map, measured
 from numpy.typing import NDArray
 
@@ -75,7 +75,7 @@ def cases(rigs: int, tiny: int, seed: int, shapes: bool) -> Iterator[Case]:
     for k in range(tiny):
         yield Case(name=f"tiny {seed + k}", profile=profile, shape=None, noise=noises[k % 2], seed=seed + k)
     for k in range(rigs):
-        text = random_rigs.rig_of(seed + k, shapes=random_rigs.SMALL)
+        text = random_profiles.rig_of(seed + k, shapes=random_profiles.SMALL)
         rig = Profile.parse(text.encode(), Path(f"random-{seed + k}.toml"))
         yield Case(name=f"random {seed + k}", profile=rig, shape=None, noise=noises[k % 2], seed=seed + k)
     if shapes:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from random_rigs import EFFECTS, rig_of
+from random_profiles import EFFECTS, rig_of
 
 from calibration.radiometry.response import light_of_levels
 from rig.capture.rig import open_rig

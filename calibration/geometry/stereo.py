@@ -22,6 +22,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PlanarScene, lens_sigmas, scene_of
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.flat.averaging import without_averaging
 from calibration.geometry.flat.one_wall import fit_where_flat
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
@@ -123,6 +124,7 @@ def calibrate_stereo(
     one_wall: bool = False,
     sigma_px: FloatArray | None = None,
     beside: int = 0,
+    averaged_px2: float = 0.0,
     on_step: Callable[[int, int], None] | None = None,
 ) -> StereoCalibration:
     """Find lenses, relative pose and planes from correspondences; the unit of length is the baseline.
@@ -141,6 +143,8 @@ def calibrate_stereo(
         Standard deviation of the projector's pixels: those that are less certain than most count less. [px]
     beside : int
         So many of the last points lie beside edges: a strip of floor or ceiling may be found in them, but no wall.
+    averaged_px2 : float
+        Variance of the camera's window over which the projector's pixels are means; 0: they are not. [px²]
     on_step : callable, optional
         Called with the steps done and all steps.
 
@@ -165,8 +169,9 @@ def calibrate_stereo(
     order = np.concatenate([random.permutation(n_inside), n_inside + random.permutation(beside)])
     fitted = min(_MANY, n_inside)
     every = WeighedPoints(camera_xy_px[order], projector_xy_px[order], weights_of(sigma_px, order, usual_of=fitted))
-    report = on_step or _silent
-    how = partial(_calibrated, every, fitted=fitted, right_angles=right_angles, one_wall=one_wall, report=report)
+    report = on_step or (lambda _done, _total: None)
+    seen = partial(_calibrated, every, fitted=fitted, averaged_px2=averaged_px2)
+    how = partial(seen, right_angles=right_angles, one_wall=one_wall, report=report)
     if nominal.sheets is None:
         return how(nominal)
     try:
@@ -202,6 +207,7 @@ def _calibrated(
     right_angles: bool,
     one_wall: bool,
     report: Callable[[int, int], None],
+    averaged_px2: float,
     others: int = _OTHERS,
 ) -> StereoCalibration:
     """Fit what is seen: one wall, or several."""
@@ -213,6 +219,7 @@ def _calibrated(
     bundles = candidates(x1, x2, nominal, right_angles=right_angles)
     first = next(bundles)
     report(2, 3)
+    x2 = without_averaging(x1, x2, first, averaged_px2)
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
@@ -223,7 +230,8 @@ def _calibrated(
             raise
         final = better
     hold_against_boards(final)
-    resting = with_third_wall(final, every, nominal, n_fitted=fitted)
+    whole = without_averaging(every.camera_xy_px, every.projector_xy_px, final, averaged_px2)
+    resting = with_third_wall(final, replace(every, projector_xy_px=whole), nominal, n_fitted=fitted)
     report(3, 3)
     return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
 
@@ -255,14 +263,10 @@ def _unexplained(bundle: BundleSolution) -> float:
     return bundle.share * own + (1 - bundle.share)
 
 
-def _silent(_done: int, _total: int) -> None:
-    """Nobody watches."""
-
-
 def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
     """Multiply every length by a factor."""
-    projector = replace(stereo.projector, translation_m=stereo.projector.translation_m * factor)
-    camera = replace(stereo.camera, translation_m=stereo.camera.translation_m * factor)
+    devices = (stereo.camera, stereo.projector)
+    camera, projector = (replace(device, translation_m=device.translation_m * factor) for device in devices)
     return replace(stereo, camera=camera, projector=projector, planes=stereo.planes / factor)
 
 

@@ -30,7 +30,13 @@ _MOST_WHOLE = 0.5
 """Share of whole or half coordinates above which a map is one of whole codes; of finer ones hardly any are."""
 
 
-def refine_subpixel(correspondence: Correspondence, window_px: int = 9) -> Correspondence:
+WINDOW_PX = 9
+"""Side of the window over which codes are refined. [camera px]"""
+WINDOW_VARIANCE_PX2 = (WINDOW_PX**2 - 1) / 12
+"""Variance of that window along each axis. [px² of the camera]"""
+
+
+def refine_subpixel(correspondence: Correspondence, window_px: int = WINDOW_PX) -> Correspondence:
     """Turn whole codes into sub-pixel coordinates by local plane fits over a window.
 
     A code is the true coordinate rounded, so a plane through some eighty of them is good to a few hundredths

@@ -9,13 +9,14 @@ from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
 from rig.run.lamp import lamp_change
 from rig.run.steps import VERBS, Verb
-from rig.run.verdicts import verdicts
+from rig.run.verdicts import room_light_verdicts, verdicts
 from rig.session import Session
 from rig.stages.comparison import load_comparison
 from rig.stages.compensation import load_compensation
 from rig.stages.correspondence import load_correspondence, load_correspondence_figures, only
 from rig.stages.geometry import load_geometry
 from rig.stages.light.darkness import darkness_of
+from rig.stages.light.exposure import load_exposure
 from rig.stages.model import load_model, load_model_record, load_standing
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord
 from rig.stages.results import (
@@ -59,7 +60,11 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
     geometry, comparison = _geometry(session, is_separated=True), _comparison(session)
     strategies, best = _strategies(session), load_compensation(session).best
     model = _model(session)
-    limits = (*verdicts(geometry, model, comparison, session.profile), _lamp_verdict(session))
+    limits = (
+        *verdicts(geometry, model, comparison, session.profile),
+        *room_light_verdicts(load_exposure(session)),
+        _lamp_verdict(session),
+    )
     return SessionResult(
         geometry=geometry,
         separation=_separation(session),
@@ -207,13 +212,15 @@ def _comparison(session: Session) -> ModelComparison:
 
 
 def _lamp_verdict(session: Session) -> Verdict:
-    """White that changes is in all light that is compared; it is named here, and not taken out."""
+    """White that changes is in all light that is compared; what is left when the steps have taken even drift out."""
     change = lamp_change(session)
+    swells = any(not one.met for one in room_light_verdicts(load_exposure(session)))
+    flicker = "room light that swells changes white, too (see above). If it is the lamp: " if swells else ""
     return Verdict(
         what="lamp: drift of white",
         value=abs(change.percent_per_minute),
         limit=_LAMP_PERCENT_PER_MINUTE,
         unit="% a minute",
-        advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest: let the projector "
-        "warm up, eco mode and dynamic iris off; daylight drifts, too",
+        advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest: {flicker}let the "
+        "projector warm up, eco mode and dynamic iris off; daylight drifts, too",
     )

@@ -14,7 +14,7 @@ _FRAMES_TO_SETTLE = 2.0
 """Camera frames between a new picture and the first that was exposed to all of it."""
 _SIMULATED_S_PER_MPX = 0.5
 """A simulated photograph, projector and camera pixels together: a rough figure of sessions on a busy machine."""
-_COMPUTING_S = {"geometry": (10.0, 1.0), "separation": (0.5, 5.0), "correspondence": (0.5, 1.0), "model": (2.0, 3.0)}
+_COMPUTING_S = {"geometry": (10.0, 1.0), "separation": (0.5, 5.0), "correspondence": (0.5, 10.0), "model": (2.0, 3.0)}
 _COMPUTING_S |= {"compensate": (1.0, 8.0), "compare": (1.0, 3.0)}
 """(seconds, seconds a megapixel of the camera) that a step computes: as rough; a session's own steps replace them."""
 

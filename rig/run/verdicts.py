@@ -5,6 +5,7 @@ from __future__ import annotations
 from rig.profile.schema import Profile
 from rig.profile.tables import Limits
 from rig.records import Verdict
+from rig.stages.light.exposure import CameraExposure
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
 
 _SURER = "show three surfaces, move the camera away from the projector, or give both devices a lens file (rig lenses)"
@@ -12,6 +13,8 @@ _OF_NOISE = 1.25
 """Of the noise part: a camera of few electrons is no worse a model."""
 _UNEXPLAINED_GLOBAL = 0.12
 """Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
+_SWELL_PERCENT = 0.4
+"""Of white, from darkest to brightest: one grey level of 255."""
 _ADVICE_ONE_WALL = (
     "the rest of the room, which the model has not, sends light back to the wall unevenly: show a corner, so that the "
     "surfaces near by are modelled, or cover what is bright beside the wall"
@@ -57,6 +60,27 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
             unit="% of the room",
             advice=f"{_least_certain(geometry)} is known to no better: {_SURER}. If you can live with it, raise "
             "limits.geometry_sigma_percent",
+        ),
+    )
+
+
+def room_light_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
+    """Return what room light that swells faster than an exposure ends is judged by: each frame has another share of it.
+
+    Nothing where no such light was seen, or exposures hold whole periods of it.
+    """
+    if exposure.room_light_hz is None or not exposure.swell_percent:
+        return ()
+    period_ms = 1000 / exposure.room_light_hz
+    return (
+        Verdict(
+            what=f"room light: swell at {exposure.room_light_hz:g} Hz from frame to frame",
+            value=exposure.swell_percent,
+            limit=_SWELL_PERCENT,
+            unit="% of white",
+            advice=f"white needs an exposure of {1000 * exposure.exposure_s:.1f} ms, and one of {period_ms:.1f} ms, a "
+            "whole period of this light, would clip it: switch the room light off, or let less light into the camera "
+            "(iris, grey filter) so that exposures hold whole periods",
         ),
     )
 

@@ -25,7 +25,6 @@ from calibration.structured_light.fewer_lights import filled_in, lights_for, wit
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
 from calibration.structured_light.patterns import Pattern, flat
-from calibration.structured_light.subpixel import refine_subpixel
 from rig.capture.rig import Rig
 from rig.errors import SessionError
 from rig.files.channels import one_or_all
@@ -34,6 +33,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import reference_exposure_s
+from rig.stages.light.places import finer_places
 from rig.stages.linear_light import Codes, Float32Array, RadiometricCalibration, channel_codes
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration
@@ -88,6 +88,8 @@ class PairCorrespondence(Record):
     reasons: Mapping[str, float]
     """Share of the camera's pixels by reason, in the order of
     :class:`calibration.structured_light.correspondence.PixelReason`."""
+    averaged_px2: float = 0.0
+    """Variance of the camera's window over which coordinates are means."""
     valid_share_at_first: float | None = None
     """Before patterns were shown again with fewer lights; None where they were not."""
 
@@ -143,7 +145,7 @@ def read_code_once(session: Session, step: Step) -> Correspondence:
     """Return the map of what :func:`photograph_code_once` took, between whole pixels where it can be."""
     code, radiometric = find_code(session.profile.patterns.code), load_radiometric_calibration(session)
     found = read_code(code, _frames_of(step), session.profile.projector.shape, radiometric)
-    return refine_subpixel(found)
+    return finer_places(found, code, _frames_of(step), session).correspondence
 
 
 def _flats(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
@@ -244,7 +246,7 @@ def _gray_bracket(session: Session) -> ExposureBracket:
 
 def correspondence_settings(_: Session) -> JsonObject:
     """Return what step `correspondence` depends on."""
-    return {"sigmas": NOISE_SIGMAS}
+    return {"sigmas": NOISE_SIGMAS, "places": "by light"}
 
 
 def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
@@ -261,7 +263,8 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
             f"{100 * _LEAST_VALID_SHARE:g} %: aim the camera at the projected picture, darken the room, check the focus"
         )
     on_step("decode", 1, 2)
-    refined = refine_subpixel(correspondence)
+    finer = finer_places(correspondence, code, _frames_of(gray), session)
+    refined = finer.correspondence
     xy = refined.projector_xy_px
     channels = {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)}
     if refined.sigma_px is not None:
@@ -272,6 +275,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
         projector=profile.projector.name,
         valid_share_of_image=valid_share,
         reasons={code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason},
+        averaged_px2=finer.averaged_px2,
         valid_share_at_first=None if correspondence is first else float(first.valid.mean()),
     )
     step.save_record("correspondence", CorrespondenceRecord(pairs=(pair,)))
@@ -367,8 +371,7 @@ class _Reading:
 
 def _has_inverses(names: Sequence[str]) -> bool:
     """Tell whether each picture is held against its inverse, so that any response of the camera will do."""
-    known = set(names)
-    return all(name.endswith(_INVERSE) or f"{name}{_INVERSE}" in known for name in names)
+    return all(name.endswith(_INVERSE) or f"{name}{_INVERSE}" in names for name in names)
 
 
 def _light(pixels: NDArray[np.uint16], table: Float32Array) -> Float32Array:

@@ -13,17 +13,21 @@ from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
+from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
 from rig.profile.lenses import lens_settings, nominal_lenses
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
-from rig.stages.correspondence import load_correspondence
+from rig.stages.correspondence import load_correspondence, load_correspondence_figures
 from rig.terminal import OnStep
 
 _EDGE_SHARE = 0.005
 """Pixels nearer than this to an edge do not enter the geometry, as a share of the picture's width."""
 _LEAST_INSIDE = 0.2
 """Where fewer of the refined pixels lie inside than this share, all of them are used."""
+_AROUND_SHARE, _HOLE_SHARE = 0.1, 0.014
+"""Of the picture's width: what counts as around a pixel, and the widest hole that is no edge: a window of
+:func:`calibration.structured_light.subpixel.refine_subpixel` reaches across it."""
 
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
@@ -124,15 +128,20 @@ def geometry_settings(session: Session) -> JsonObject:
         "scale": profile.scale.model_dump(mode="json"),
         "box": profile.room.model_dump(mode="json", exclude=unused),
         "third_wall": "strips of it beside edges, too",
+        "inside": "by what is around",
     }
 
 
 def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `geometry`: lenses, poses, planes, metres, room."""
-    step.save_record("geometry", geometry_of(load_correspondence(session), session.profile, on_step))
+    averaged_px2 = load_correspondence_figures(session).averaged_px2
+    found = geometry_of(load_correspondence(session), session.profile, on_step, averaged_px2=averaged_px2)
+    step.save_record("geometry", found)
 
 
-def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnStep) -> GeometryRecord:
+def geometry_of(
+    correspondence: Correspondence, profile: Profile, on_step: OnStep, *, averaged_px2: float = WINDOW_VARIANCE_PX2
+) -> GeometryRecord:
     """Find lenses, poses, walls and metres, and hold them against every length that the profile gives.
 
     Parameters
@@ -143,6 +152,8 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         Fields of view, lengths, and what is known of the room.
     on_step
         Told how far it is.
+    averaged_px2
+        Variance of the camera's window over which coordinates are means; default: that of refined codes. [px²]
 
     Returns
     -------
@@ -153,7 +164,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     CalibrationError
         If the correspondence does not determine them, or something contradicts; with the cause.
     """
-    inside, beside = _inside_and_beside(correspondence)
+    inside, beside = inside_and_beside(correspondence)
     rows, columns = np.concatenate([np.nonzero(inside), np.nonzero(beside)], axis=1)
     sigma = correspondence.sigma_px
     pair = calibrate_stereo(
@@ -164,6 +175,7 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
         one_wall=not profile.room.closed,
         sigma_px=None if sigma is None else sigma[rows, columns].astype(np.float64),
         beside=int(beside.sum()),
+        averaged_px2=averaged_px2,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
     room = _room(pair, profile, NO_TAPE_ERROR)
@@ -175,21 +187,45 @@ def geometry_of(correspondence: Correspondence, profile: Profile, on_step: OnSte
     return _record(profile, room, {**pair.sigmas, **sigmas})
 
 
-def _inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Pixels away from edges of the picture and of surfaces, and those beside: there coordinates are biased.
 
-    At such edges the refinement keeps integer codes, so these tell where the edges are. But where glare leaves integer
-    codes all over a strip of floor, nothing of it is inside, and it would tell where the floor is.
+    At such edges the refinement keeps integer codes, so these tell where the edges are. But noise and glare leave
+    holes and integer codes all over a dim wall or a strip of floor, of which then nothing would be inside. Around a
+    pixel where hardly any is, only the rim of what was decoded is an edge.
     """
-    xy = correspondence.projector_xy_px
-    with np.errstate(invalid="ignore"):
-        whole = (np.abs(xy * 2 - np.round(xy * 2)) < 1e-6).all(axis=-1)
-    refined = (correspondence.valid & ~whole).astype(np.uint8)
-    size = 2 * round(_EDGE_SHARE * refined.shape[1]) + 1
-    inside = cv2.erode(refined, np.ones((size, size), np.uint8), borderValue=0) > 0
+    refined = correspondence.valid & ~_is_whole(correspondence.projector_xy_px)
+    inside = _away_from_edges(refined)
+    if inside.any():
+        scarce = _around(inside) <= _LEAST_INSIDE * _around(refined)
+        inside |= refined & scarce & _away_from_edges(_without_holes(correspondence.valid))
     if inside.sum() <= _LEAST_INSIDE * refined.sum():
-        return refined > 0, np.zeros_like(inside)
-    return inside, (refined > 0) & ~inside
+        return refined, np.zeros_like(inside)
+    return inside, refined & ~inside
+
+
+def _is_whole(xy_px: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(H, W) pixels whose code was not refined."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(xy_px * 2 - np.round(xy_px * 2)) < 1e-6).all(axis=-1))
+
+
+def _away_from_edges(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    square = np.ones((2 * round(_EDGE_SHARE * mask.shape[1]) + 1,) * 2, np.uint8)
+    return np.asarray(cv2.erode(mask.astype(np.uint8), square, borderValue=0) > 0)
+
+
+def _without_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    square = np.ones((2 * (round(_HOLE_SHARE * mask.shape[1]) // 2) + 1,) * 2, np.uint8)
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_CLOSE, square) > 0)
+
+
+def _around(mask: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """How many pixels of a mask lie around each pixel."""
+    side = 2 * (round(_AROUND_SHARE * mask.shape[1]) // 2) + 1
+    return np.asarray(
+        cv2.boxFilter(mask.astype(np.float32), -1, (side, side), normalize=False, borderType=cv2.BORDER_CONSTANT)
+    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,7 @@ from rig.profile.tables import CameraProfile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import reference_exposure_s
+from rig.stages.light.lamp import N_WHITES, lamp_around, time_of, with_whites, without_drift
 from rig.stages.linear_light import (
     BLACK_REPEATS,
     Float32Array,
@@ -38,8 +39,9 @@ FloatArray = NDArray[np.float64]
 
 _SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
 """Exposures for the camera's response, multiples of the reference."""
-_SWEEP_REPEATS = 2
-"""Two frames of each exposure tell the noise from their difference."""
+_SWEEPS = ("white-sweep", "white-sweep-back")
+"""Two frames of each exposure tell the noise from their difference. The second is taken in the opposite order: a lamp
+that gets evenly brighter is then as bright for each exposure, in the mean, and is not taken for the camera's curve."""
 _SAMPLES = 12000
 """Pixels of a frame that the camera's curve and noise are fitted to; more change neither by its error."""
 _LEAST_BLACK = 1e-5
@@ -117,14 +119,15 @@ def response_settings(session: Session) -> JsonObject:
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
         "sweep": json_of(_SWEEP),
         "levels": json_of(_levels(session.profile.patterns.response_levels)),
+        "lamp": "taken out",
     }
 
 
 def response_frames(profile: Profile) -> int:
     """Return how many frames step `response` takes."""
     patterns = profile.patterns
-    pictures = BLACK_REPEATS + patterns.response_levels + len(PRIMARIES[profile.camera.channels])
-    return pictures * len(patterns.exposures) + (1 + _SWEEP_REPEATS) * len(_SWEEP)
+    pictures = BLACK_REPEATS + patterns.response_levels + N_WHITES + len(PRIMARIES[profile.camera.channels])
+    return pictures * len(patterns.exposures) + (1 + len(_SWEEPS)) * len(_SWEEP)
 
 
 def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -142,7 +145,12 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     white = merge_exposures(step, "level-255", bracket, radiometric)
     lit = _lit(white)
     mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
-    sums = {code: _sums(merge_exposures(step, f"level-{code:03d}", bracket, radiometric), lit) for code in levels}
+    lamp = lamp_around(step, bracket, radiometric, (white, time_of(step, "level-255", bracket)))
+    sums = {}
+    for code in levels:
+        name = f"level-{code:03d}"
+        image = merge_exposures(step, name, bracket, radiometric)
+        sums[code] = _sums(without_drift(image, lamp.at(time_of(step, name, bracket))), lit)
     radiometric = replace(radiometric, mixing=mixing.matrix, balance=_balance(white, lit))
     _save(step, rig.profile, replace(radiometric, projector=_responses(sums, mixing)), mixing)
 
@@ -151,7 +159,7 @@ def _sweep_of(session: Session) -> ExposureBracket:
     """As far as the camera goes: the longest always differs from the shortest, or the reference is at its limit."""
     reference, (shortest, longest) = reference_exposure_s(session), session.profile.camera.exposure_range_s
     within = sorted({min(max(reference * factor, shortest), longest) for factor in _SWEEP})
-    return ExposureBracket(tuple(within), repeats=_SWEEP_REPEATS)
+    return ExposureBracket(tuple(within))
 
 
 def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -159,9 +167,9 @@ def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnSte
     levels = _levels(rig.profile.patterns.response_levels)
     sets: list[tuple[list[Pattern], ExposureBracket]] = [
         ([flat(shape, 0, "black")], ExposureBracket(bracket.exposures_s, BLACK_REPEATS)),
-        ([flat(shape, 0, "black-sweep")], ExposureBracket(sweep.exposures_s)),
-        ([flat(shape, 255, "white-sweep")], sweep),
-        (list(level_patterns(shape, levels)), bracket),
+        ([flat(shape, 0, "black-sweep")], sweep),
+        ([flat(shape, 255, name) for name in _SWEEPS], sweep),
+        (with_whites(list(level_patterns(shape, levels)), shape), bracket),
         (pure_colours(shape, rig.profile.camera.channels), bracket),
     ]
     total, before = sum(len(patterns) * how.frames_per_pattern for patterns, how in sets), 0
@@ -193,9 +201,11 @@ def _samples(step: Step, name: str, stride: int) -> tuple[FloatArray, float]:
     return frame.pixels[::stride, ::stride].ravel().astype(np.float64), frame.exposure_s
 
 
-def _sweep_samples(step: Step, pattern: str, sweep: ExposureBracket, stride: int) -> tuple[FloatArray, FloatArray]:
-    """(F, N) levels and (F,) exposures of a picture's frames."""
-    names = [frame_name(pattern, k, r) for k in range(len(sweep.exposures_s)) for r in range(sweep.repeats)]
+def _sweep_samples(
+    step: Step, patterns: Sequence[str], sweep: ExposureBracket, stride: int
+) -> tuple[FloatArray, FloatArray]:
+    """(F, N) levels and (F,) exposures of some pictures' frames."""
+    names = [frame_name(pattern, k) for k in range(len(sweep.exposures_s)) for pattern in patterns]
     levels, exposures = zip(*(_samples(step, name, stride) for name in names), strict=True)
     return np.array(levels), np.array(exposures)
 
@@ -206,8 +216,8 @@ def _fit_camera(
     """Fit the camera's response and noise; black, projector and mixing are still missing."""
     shape = step.load_frame(frame_name("black")).pixels.shape
     stride = max(1, round((np.prod(shape) / _SAMPLES) ** 0.5))
-    black = fit_black_level(*_sweep_samples(step, "black-sweep", ExposureBracket(sweep.exposures_s), stride))
-    levels, exposures = _sweep_samples(step, "white-sweep", sweep, stride)
+    black = fit_black_level(*_sweep_samples(step, ["black-sweep"], sweep, stride))
+    levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
     response = fit_camera_response(above, exposures, top, black_sigma_dn=black.sigma_dn)
     noise = fit_camera_noise(above, exposures, response)

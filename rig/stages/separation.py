@@ -21,7 +21,15 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.linear_light import BoolArray, Float32Array, FloatArray, LightImage, merge_raw_exposures
+from rig.stages.light.lamp import LampRecord, after_white, lamp_since, time_of, without_drift
+from rig.stages.linear_light import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    LightImage,
+    RadiometricCalibration,
+    merge_raw_exposures,
+)
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
@@ -70,13 +78,14 @@ def separation_settings(session: Session) -> JsonObject:
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
         "by": "weighted regression on the blurred pattern, places too, with variances",
+        "lamp": "taken out",
         "checker": [patterns.checker_size_px, patterns.checker_shifts, "larger where stripes are blurred"],
     }
 
 
 def separation_frames(profile: Profile) -> int:
     """Return how many frames step `separation` takes."""
-    return (_WHITE_REPEATS + profile.patterns.checker_shifts) * len(profile.patterns.exposures)
+    return (_WHITE_REPEATS + profile.patterns.checker_shifts + 1) * len(profile.patterns.exposures)
 
 
 def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -87,17 +96,27 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     bracket = measuring_bracket(session, repeats=1)
     white_bracket = ExposureBracket(bracket.exposures_s, _WHITE_REPEATS)
     checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
-    for patterns, how in (([flat(shape, 255, "white")], white_bracket), (checkers, bracket)):
+    shown = [*checkers, after_white(shape)]
+    for patterns, how in (([flat(shape, 255, "white")], white_bracket), (shown, bracket)):
         photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
     radiometric = load_radiometric_calibration(session)
     white = merge_raw_exposures(step, "white", white_bracket, radiometric)
+    lamp = lamp_since(step, bracket, radiometric, (white, time_of(step, "white", white_bracket)))
     names = [pattern.name for pattern in checkers]
-    frames = [merge_raw_exposures(step, name, bracket, radiometric).value for name in _told(names, on_step)]
+    frames = [_checker(step, name, bracket, radiometric, lamp=lamp) for name in _told(names, on_step)]
     bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))
     _save(step, white, bright, known, mosaic=radiometric.mosaic)
     blur = _blur_maps(spread, load_correspondence(session), known, radiometric.mosaic)
     step.save_image("blur", blur, folder="maps")
     step.save_record("separation", _record(spread, bright, known, checks=(size_px, blur_px)))
+
+
+def _checker(
+    step: Step, name: str, bracket: ExposureBracket, radiometric: RadiometricCalibration, *, lamp: LampRecord
+) -> Float32Array:
+    """(H, W, B) light of a checker, had the lamp been as bright as for white."""
+    image = merge_raw_exposures(step, name, bracket, radiometric)
+    return without_drift(image, lamp.at(time_of(step, name, bracket))).value
 
 
 def _blur_of_stripes(session: Session) -> float | None:

@@ -41,6 +41,9 @@ class CameraExposure(Record):
     """Of the brightest permille of projector white, when the exposure was looked for."""
     room_light_hz: float | None = None
     """Room light that swells so often was seen; if whole periods of it fit, the exposure holds such."""
+    swell_percent: float = 0.0
+    """Of projector white's mean number above black: by how much frames of black differ from each other, where no whole
+    period of that room light fits into the exposure; else 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,6 +88,7 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
         exposure_s=exposure_s if blind_s is None else blind_s,
         brightest_share_of_full_scale=level,
         room_light_hz=light_hz,
+        swell_percent=_swell_percent(bright, dark) if light_hz is not None and blind_s is None else 0.0,
     )
     step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
 
@@ -101,11 +105,22 @@ def _dark_frames(rig: Rig, session: Session, step: Step, exposure_s: float) -> l
     return [step.load_frame(name) for name in names]
 
 
+def _swell_percent(bright: RawFrame, dark: Sequence[RawFrame]) -> float:
+    """Brightest minus darkest of the frames of black, of what white adds to their mean."""
+    means = np.array([float(frame.pixels.mean(dtype=np.float64)) for frame in dark])
+    return float(100 * np.ptp(means) / max(float(bright.pixels.mean(dtype=np.float64)) - means.mean(), 1e-9))
+
+
+def load_exposure(session: Session) -> CameraExposure:
+    """Return what the finished step `exposure` found of the only camera."""
+    record = session.finished("exposure").load_record("exposure", ExposureRecord)
+    return record.cameras[session.profile.camera.name]
+
+
 def _middles_s(frames: Sequence[RawFrame]) -> FloatArray:
     return np.array([frame.started_s + frame.exposure_s / 2 for frame in frames])
 
 
 def reference_exposure_s(session: Session) -> float:
     """Return the session's reference exposure."""
-    record = session.finished("exposure").load_record("exposure", ExposureRecord)
-    return record.cameras[session.profile.camera.name].exposure_s
+    return load_exposure(session).exposure_s

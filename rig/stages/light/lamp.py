@@ -10,7 +10,7 @@ import numpy as np
 from calibration.structured_light.patterns import Pattern, flat
 from rig.records import Record
 from rig.session import Step
-from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
+from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures, merge_raw_exposures
 from rig.stages.photograph import ExposureBracket, frame_name
 
 _BEFORE, _AFTER = "lamp-before", "lamp-after"
@@ -26,13 +26,13 @@ _LIT_SHARE = 0.2
 class LampRecord(Record):
     """Light of white while pictures were photographed, over that of the white that the model is of."""
 
-    times_s: tuple[float, float]
-    shares: tuple[float, float]
-    """Before and after the pictures; 1 where no change stands out of its noise."""
+    times_s: tuple[float, ...]
+    shares: tuple[float, ...]
+    """Before, perhaps amid, and after the pictures; 1 where no change stands out of its noise."""
 
     def at(self, time_s: float) -> float:
-        """Return the share at a time; 1 outside the two, for nobody knows what the lamp did there."""
-        inside = self.times_s[0] <= time_s <= self.times_s[1]
+        """Return the share at a time; 1 before the first and after the last, for nobody knows what the lamp did."""
+        inside = self.times_s[0] <= time_s <= self.times_s[-1]
         return float(np.interp(time_s, self.times_s, self.shares)) if inside else 1.0
 
 
@@ -50,6 +50,31 @@ def lamp_of(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibr
     shares = [lamp_share(merge_exposures(step, name, bracket, radiometric), white) for name in (_BEFORE, _AFTER)]
     before_s, after_s = (time_of(step, name, bracket) for name in (_BEFORE, _AFTER))
     return LampRecord(times_s=(before_s, after_s), shares=(shares[0], shares[1]))
+
+
+def after_white(shape: tuple[int, int]) -> Pattern:
+    """Return the white that ends a step which begins with white anyway."""
+    return flat(shape, 255, _AFTER)
+
+
+def lamp_since(
+    step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, began: tuple[LightImage, float]
+) -> LampRecord:
+    """Return what :func:`after_white` says, held against the white that the step began with, and its time.
+
+    Both are as they were seen: of a mosaic one number a pixel.
+    """
+    share = lamp_share(merge_raw_exposures(step, _AFTER, bracket, radiometric), began[0])
+    return LampRecord(times_s=(began[1], time_of(step, _AFTER, bracket)), shares=(1.0, share))
+
+
+def lamp_around(
+    step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, amid: tuple[LightImage, float]
+) -> LampRecord:
+    """Return what the whites of :func:`with_whites` say beside a white amid the pictures, and its time."""
+    ends = lamp_of(step, bracket, radiometric, amid[0])
+    (before_s, after_s), (before, after) = ends.times_s, ends.shares
+    return LampRecord(times_s=(before_s, amid[1], after_s), shares=(before, 1.0, after))
 
 
 def time_of(step: Step, pattern: str, bracket: ExposureBracket) -> float:

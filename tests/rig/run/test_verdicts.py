@@ -10,7 +10,8 @@ import pytest
 
 from rig.profile.schema import Profile
 from rig.records import Verdict
-from rig.run.verdicts import geometry_verdicts, verdicts
+from rig.run.verdicts import geometry_verdicts, room_light_verdicts, verdicts
+from rig.stages.light.exposure import CameraExposure
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
 
@@ -81,3 +82,22 @@ def test_a_floor_that_only_the_light_places_is_as_uncertain_as_any_other_place(
     guessed = next(row for row in rows if "no wall was measured" in row.what)
     assert guessed.met == met
     assert f"to {sigma_m} m along z only" in guessed.advice
+
+
+def exposed(swell_percent: float) -> CameraExposure:
+    return CameraExposure(
+        exposure_s=0.0069, brightest_share_of_full_scale=0.85, room_light_hz=100.0, swell_percent=swell_percent
+    )
+
+
+def test_room_light_that_no_exposure_can_average_is_named_with_both_times() -> None:
+    (found,) = room_light_verdicts(exposed(5.4))
+    assert not found.met
+    assert "100 Hz" in found.what
+    assert "6.9 ms" in found.advice
+    assert "10.0 ms" in found.advice
+    assert all(row.met for row in room_light_verdicts(exposed(0.2)))
+
+
+def test_room_light_of_which_exposures_hold_whole_periods_is_no_matter() -> None:
+    assert room_light_verdicts(exposed(0.0)) == ()

@@ -49,3 +49,11 @@ def test_a_pictures_light_is_that_of_the_lamp_as_it_was_for_the_model() -> None:
 def test_of_pictures_that_no_white_surrounds_nothing_is_taken_out(time_s: float) -> None:
     """Taken over from an earlier run of the step: nobody knows what the lamp did then."""
     assert LampRecord(times_s=(10.0, 20.0), shares=(1.02, 1.04)).at(time_s) == 1.0
+
+
+def test_between_three_whites_the_lamp_changes_evenly_from_one_to_the_next() -> None:
+    lamp = LampRecord(times_s=(10.0, 20.0, 40.0), shares=(0.98, 1.0, 1.01))
+    assert [lamp.at(time_s) for time_s in (10.0, 15.0, 20.0, 30.0, 40.0)] == pytest.approx(
+        [0.98, 0.99, 1.0, 1.005, 1.01]
+    )
+    assert lamp.at(41.0) == 1.0
