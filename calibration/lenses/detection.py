@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, Frame, IntArray
 from calibration.lenses.boards import Board
-from calibration.lenses.cut_boards import is_of_larger_board, largest_part, seen_part
+from calibration.lenses.chessboards.cut_boards import is_of_larger_board, largest_part, seen_part
 
 _SEARCHED_PX = 1600
 """Longer side in which a board is looked for; its corners are then refined in the whole picture."""

@@ -60,19 +60,19 @@ def read_code(
     return plain.decode(code, frames, projector_shape)
 
 
-def in_light(flats: tuple[NDArray[np.uint16], NDArray[np.uint16]], radiometric: RadiometricCalibration) -> Reading:
+def in_light(flats: tuple[NDArray[np.uint16], NDArray[np.uint16]], radiometric: RadiometricCalibration) -> FrameReading:
     """Return how frames are read as linear light, by those of white and black."""
     table = radiometric.table()
-    return Reading.of(flats, partial(_light, table=table), radiometric, table)
+    return FrameReading.of(flats, partial(_light, table=table), radiometric, table)
 
 
-def in_dn(flats: tuple[NDArray[np.uint16], NDArray[np.uint16]], radiometric: RadiometricCalibration) -> Reading:
+def in_dn(flats: tuple[NDArray[np.uint16], NDArray[np.uint16]], radiometric: RadiometricCalibration) -> FrameReading:
     """Return how frames are read in the camera's numbers, by those of white and black."""
-    return Reading.of(flats, partial(_grey, radiometric=radiometric), radiometric)
+    return FrameReading.of(flats, partial(_grey, radiometric=radiometric), radiometric)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Reading:
+class FrameReading:
     """Frames (H, W, B) as a decoder takes them, (H, W), in a unit."""
 
     read: Callable[[NDArray[np.uint16]], Frame]
@@ -88,7 +88,7 @@ class Reading:
         read: Callable[[NDArray[np.uint16]], Frame],
         radiometric: RadiometricCalibration,
         table: Float32Array | None = None,
-    ) -> Reading:
+    ) -> FrameReading:
         """Return how frames are read: in digital numbers, or in the light that a table gives for each."""
         white, black = flats
         limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
