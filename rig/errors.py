@@ -31,6 +31,10 @@ class DeviceLost(DeviceError):
     """The device went away, or (replay) the recording ends before the request."""
 
 
+class NotRecorded(DeviceError):
+    """A recording in the place of the devices lacks what is asked for."""
+
+
 class DeviceBusy(DeviceError):
     """Another program holds the device."""
 

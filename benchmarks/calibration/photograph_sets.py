@@ -47,6 +47,11 @@ class PhotographSet:
             self.manifest, self.frames, self.devices, limit_dn=LIMIT_DN, epipolar_limit_px=EPIPOLAR_LIMIT_PX
         )
 
+    @cached_property
+    def scan_off_share(self) -> float:
+        """As :meth:`off_share`, of the photographs as they are."""
+        return self.off_share(self.scan)
+
     def off_share(self, scan: Scan) -> float:
         """Share of a scan's points whose depth is off by more than 1 %."""
         distance, nearest = cKDTree(self.known_xy_px).query(scan.camera_xy_px)

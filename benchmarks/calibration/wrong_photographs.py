@@ -5,7 +5,8 @@
 Every exchange of two photographs, every pattern taken for its inverse, every stale frame, a camera bumped by 20 px from
 each photograph on, and some that have to pass: the photographs as they are, cut out, saved as poor JPEG, one of them
 exposed half as long. Where all photographs are found to be what they are, the cloud is the right set's, and is not
-computed again. The scan is done on arrays; photographs are read, or simulated, once. Two sets: a published scan
+computed again. The scan is done on arrays; photographs are read, or simulated, once, and what all mixtures of them have
+in common is computed once. Two sets: a published scan
 (`PROCAM_RIG_DATA` or ../shared/data; left out with a word where it is not), and a simulated relief with a baseline that
 is vertical.
 
@@ -37,6 +38,7 @@ from photograph_sets import (
     real_set,
     vertical_set,
 )
+from shared_work import shared
 
 from calibration.errors import CalibrationError
 from rig.devices.replay.photographs import Photograph
@@ -86,7 +88,7 @@ def outcome_of(photographs: PhotographSet, kind: str, case: str, frames: Frames,
                 kind=kind,
                 case=case,
                 verdict="mended",
-                off=photographs.off_share(photographs.scan),
+                off=photographs.scan_off_share,
                 points=len(photographs.scan.points_m),
                 message="each photograph was found to be what it is",
                 seconds=time.perf_counter() - begun_s,
@@ -213,7 +215,8 @@ def run(photographs: PhotographSet, kinds: list[str], every: int) -> int:
     for kind in kinds:
         step = 1 if kind in ("right", "crop", "jpeg", "whole") else every
         chosen = [case for k, case in enumerate(cases(photographs, kind)) if k % step == 0]
-        outcomes = [outcome_of(of, kind, name, frames, quickly=True) for name, of, frames in chosen]
+        with shared():
+            outcomes = [outcome_of(of, kind, name, frames, quickly=True) for name, of, frames in chosen]
         print_row(kind, outcomes)
         wrong += sum(o.silent or o.lost for o in outcomes)
     return wrong

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, Frame, IntArray
 from calibration.lenses.boards import Board
-from calibration.lenses.cut_boards import is_of_larger_board, largest_part, seen_part
+from calibration.lenses.chessboards.cut_boards import is_of_larger_board, largest_part, seen_part
 
 _SEARCHED_PX = 1600
 """Longer side in which a board is looked for; its corners are then refined in the whole picture."""
@@ -111,7 +111,8 @@ def _corners(shown: NDArray[np.uint8], board: Board) -> tuple[IntArray, FloatArr
         if is_of_larger_board(small, found.reshape(board.rows, board.columns, 2)):
             return NOTHING.ids, NOTHING.xy_px
     if not len(found):
-        part = largest_part(small, board) if board.kind == "chessboard" else None
+        sharp = board.kind == "chessboard" and not _is_blurred(small)  # edges tell which corners are neighbours
+        part = largest_part(small, board) if sharp else None
         if part is None or part.ids is None:
             return NOTHING.ids, NOTHING.xy_px
         found, ids = part.xy_px, part.ids

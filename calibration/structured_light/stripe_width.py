@@ -1,106 +1,138 @@
-"""How wide stripes have to be on this rig: from the contrast that photographs of some widths have."""
+"""How wide stripes have to be on this rig: from the contrast that photographs of two widths have."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import product
+from math import ceil
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Float32Array, Frame
-from calibration.errors import CalibrationError
-from calibration.structured_light.phase.sinusoids import phase
+from calibration.structured_light.code import StructuredLightCode
+from calibration.structured_light.frames import frames_of
+from calibration.structured_light.gray import BOTH_AXES, Axis
+from calibration.structured_light.patterns import Pattern
+from calibration.structured_light.phase.gray_phase import GrayPhaseCode
+from calibration.structured_light.phase.micro_phase import MicroPhaseCode
+from calibration.structured_light.phase.sinusoids import PERIOD_PX, sinusoid
+from calibration.structured_light.phase.three_frequency import ThreeFrequencyCode
 
+BLUR_PERIODS_PX = (16.0, 64.0)
+"""The first is halved by a blur of 3 px and leaves a fiftieth behind one of 7; the second hardly knows either."""
 _LEAST_LIT = 100
 """Pixels; fewer say nothing of a picture."""
+_CLEAR = 3.0
+"""Noise limits by which wide stripes swing where the projector's own light is told from light of other walls."""
 _SHARE = 0.9
 """Of the lit pixels which the choice has to suit: the rest are edges, and what both lenses leave out of focus."""
-_LEAST_CONTRAST = 0.2
-"""Of black and white stripes: with less a bit is more noise and light from elsewhere than stripe."""
+_LEAST_SHARE = 0.005
+"""Of the contrast of wide stripes: with less it is noise, and the blur at least so much."""
+_BLUR_PX = {"long-run": 2.0, "xor-04": 1.3, "xor-02": 0.8}
+"""Up to here nine of ten pixels that are read when all is sharp are read, and hardly one wrong: blur of 1 to 4.5 px in
+a closed room of reflectance 0.5, `benchmarks/calibration/blurred_codes.py`."""
+_FINE_BLUR_PX = 0.7
+"""Of codes with stripes of one and two pixels, and of those that nothing is known of."""
+_MOST_TIMES = 8
 
 
-def sinusoid_contrast(phases: Sequence[Frame], white: Frame, black: Frame) -> Float32Array:
-    """Measure which share of a sinusoid's swing arrives at each pixel.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class StripeBlur:
+    """What stripes of two periods tell: where the projector's own light is, and how wide both lenses make a line."""
+
+    lit: BoolArray
+    """(H, W) pixels in which wide stripes can be told from noise."""
+    sigma_px: float
+    """Standard deviation, which nine of ten of these pixels do not exceed. [projector px]"""
+
+
+def blur_patterns(projector_shape: tuple[int, int]) -> Iterator[Pattern]:
+    """Yield sinusoids of a fine and a wide period, each twice along both axes, a quarter of a period apart.
 
     Parameters
     ----------
-    phases : sequence of four (H, W)
-        The sinusoid in its four phases, linear in light. [dn]
-    white, black : (H, W)
-        Frames of projector white and black. [dn]
+    projector_shape : (height, width)
+        Of the projector. [px]
 
-    Returns
-    -------
-    (H, W) float32
-        1 where neither blur nor light from other walls weakens it.
+    Yields
+    ------
+    Pattern
+        Codes (H, W): linear light, 255 is white.
     """
-    _, twice_amplitude = phase(phases, slice(None))
-    return np.asarray(twice_amplitude / np.maximum(np.subtract(white, black, dtype=np.float32), 1), np.float32)
+    for axis, period_px in product(BOTH_AXES, BLUR_PERIODS_PX):
+        for name, shift in zip(_names(axis, period_px), (0.0, 0.25), strict=True):
+            yield Pattern(name, sinusoid(projector_shape, axis, period_px, shift))
 
 
-def choose_period_px(contrast: Mapping[float, Float32Array], lit: BoolArray) -> float:
-    """Choose the period of a phase shift that gives the most exact coordinates.
+def blur_of_stripes(
+    frames: Mapping[str, Frame], white: Frame, black: Frame, noise_limit: float | NDArray[np.floating]
+) -> StripeBlur:
+    """Tell blur from light of other walls: both weaken fine stripes, but only blur spares wide ones.
 
-    The standard deviation of a coordinate is in proportion to the period, and to one over its contrast. Fine stripes
-    are better until blur takes their contrast: behind a Gaussian blur of σ px the best period is 2 π σ.
+    A sinusoid is half of white at the mean, wherever a pixel is, so that two pictures a quarter of a period apart give
+    its amplitude. Behind a Gaussian blur of σ px the amplitude of period T is exp(−2 π² σ² / T²) of the whole.
 
     Parameters
     ----------
-    contrast : mapping of period [px] to (H, W)
-        As :func:`sinusoid_contrast` measures it.
-    lit : (H, W) bool
-        Pixels that the projector reaches.
+    frames : mapping of pattern name to (H, W)
+        Of :func:`blur_patterns`, linear in light. [dn]
+    white, black : (H, W)
+        Frames of projector white and black, linear in light. [dn]
+    noise_limit : float or (H, W)
+        Two standard deviations of the difference of two frames. [dn]
 
     Returns
     -------
-    float
-        One of the periods: nine lit pixels out of ten have a standard deviation that is small for all of them. [px]
+    StripeBlur
+        A σ of 0 where hardly a pixel is lit: nothing is known then.
 
     Raises
     ------
     CalibrationError
-        If hardly a pixel is lit, or no period was measured.
+        If a frame is missing.
     """
-    if not contrast or lit.sum() < _LEAST_LIT:
-        raise CalibrationError(
-            f"{len(contrast)} periods, {lit.sum()} lit pixels: photograph at least one period, and at least "
-            f"{_LEAST_LIT} pixels that the projector lights"
-        )
-    worst = {period: period / max(_all_but_few(values[lit]), 1e-6) for period, values in contrast.items()}
-    return min(worst, key=lambda period: worst[period])
+    names = [name for axis, period_px in product(BOTH_AXES, BLUR_PERIODS_PX) for name in _names(axis, period_px)]
+    own = frames_of("blur", frames, names, white=white, black=black)
+    mean = (white.astype(np.float32) + black) / 2
+    fine, wide = (
+        np.stack([np.hypot(*(own[name] - mean for name in _names(axis, period_px))) for axis in BOTH_AXES])
+        for period_px in BLUR_PERIODS_PX
+    )
+    lit = np.asarray((wide > _CLEAR * np.asarray(noise_limit, np.float32)).all(axis=0))
+    if lit.sum() < _LEAST_LIT:
+        return StripeBlur(lit=lit, sigma_px=0.0)
+    share = np.minimum((fine[:, lit] / wide[:, lit]).min(axis=0), 1)
+    left = max(_all_but_few(share), _LEAST_SHARE)
+    short, long = BLUR_PERIODS_PX
+    per_variance = 2 * np.pi**2 * (short**-2 - long**-2)
+    return StripeBlur(lit=lit, sigma_px=float(np.sqrt(-np.log(left) / per_variance)))
 
 
-def choose_finest_bit(pairs: Sequence[tuple[Frame, Frame]], white: Frame, black: Frame, lit: BoolArray) -> int:
-    """Choose the finest bit of a Gray code whose stripes can still be told from their inverse.
+def times_as_wide(code: StructuredLightCode, sigma_px: float) -> int:
+    """Choose how many times as wide a code's stripes have to be behind a blur.
 
     Parameters
     ----------
-    pairs : sequence of two (H, W)
-        Pattern and inverse of bit 0, 1, 2 … [dn]
-    white, black : (H, W)
-        Frames of projector white and black. [dn]
-    lit : (H, W) bool
-        Pixels that the projector reaches.
+    code : StructuredLightCode
+    sigma_px : float
+        Of both lenses together. [projector px]
 
     Returns
     -------
     int
-        What a code calls its ``finest_bit``.
-
-    Raises
-    ------
-    CalibrationError
-        If no bit's stripes have a fifth of the contrast of white.
+        1 where they are wide enough. Sinusoids are best with a period of 2 π σ.
     """
-    span = np.maximum(np.subtract(white, black, dtype=np.float32), 1)[lit]
-    for bit, (pattern, inverse) in enumerate(pairs):
-        contrast = np.abs(np.subtract(pattern, inverse, dtype=np.float32))[lit] / span
-        # Half of the pixels lie nearer to an edge of two stripes than to the middle of one, whatever the blur.
-        if lit.sum() >= _LEAST_LIT and float(np.median(contrast)) >= _LEAST_CONTRAST:
-            return bit
-    raise CalibrationError(
-        f"no bit of {len(pairs)} has stripes with {100 * _LEAST_CONTRAST:g} % of the contrast of white: focus both "
-        "lenses, or darken the room"
-    )
+    if isinstance(code, GrayPhaseCode | ThreeFrequencyCode | MicroPhaseCode):
+        times = round(2 * np.pi * sigma_px / PERIOD_PX)
+    else:
+        times = ceil(sigma_px / _BLUR_PX.get(code.name, _FINE_BLUR_PX))
+    return min(max(times, 1), _MOST_TIMES)
+
+
+def _names(axis: Axis, period_px: float) -> list[str]:
+    return [f"blur-{axis}-{period_px:.0f}-{quarter}" for quarter in (0, 1)]
 
 
 def _all_but_few(values: Float32Array) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import cv2
 import numpy as np
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 
 from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Rig
+from rig.errors import NotRecorded
 from rig.files.channels import codes_of, image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.compensation import load_compensation
-from rig.stages.light.lamp import N_WHITES, lamp_of, time_of, with_whites, without_drift
+from rig.stages.light.lamp import N_WHITES, lamp_of, time_of, whites_around, without_drift
 from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
@@ -94,13 +96,23 @@ def held_out_frames(profile: Profile) -> int:
 
 
 def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
-    """Step `project`: show every compensation image and the held-out pictures, and photograph them."""
+    """Step `project`: show every compensation image and the held-out pictures, and photograph them.
+
+    Between two whites, which tell how bright the lamp was; a recording of before there were any is taken as it is.
+    """
     compensated, names = session.finished("compensate"), load_compensation(session).strategies
-    patterns = [
-        Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}"))) for name in names
-    ] + held_out_patterns(rig.projector.shape)
-    patterns, bracket = with_whites(patterns, rig.projector.shape), measuring_bracket(session)
-    photograph(rig, session, step, patterns, bracket=bracket, n_patterns=len(patterns), on_step=on_step)
+    shown = [Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}"))) for name in names]
+    patterns = [*shown, *held_out_patterns(rig.projector.shape)]
+    bracket, (before, after) = measuring_bracket(session), whites_around(rig.projector.shape)
+    n_patterns = len(patterns) + N_WHITES
+    take = partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns, on_step=on_step)
+    try:
+        take([before])
+    except NotRecorded:
+        on_step("the recording has no white around its pictures: a drift of the lamp is left in them", 1, 1)
+    else:
+        patterns = [before, *patterns, after]
+    take(patterns)
     step.save_record("shot", bracket)
 
 

@@ -15,16 +15,15 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import StructuredLightCode
-from calibration.arrays import BoolArray, Frame
+from calibration.arrays import BoolArray
 from calibration.errors import CalibrationError
 from calibration.radiometry.response import Response
-from calibration.structured_light.consistency.complements import refuse_stale_frames
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.fewer_lights import filled_in, lights_for, with_lights
 from calibration.structured_light.frames import NOISE_SIGMAS
 from calibration.structured_light.gray import BOTH_AXES
 from calibration.structured_light.patterns import Pattern, flat
+from calibration.structured_light.stripe_width import blur_patterns
 from rig.capture.rig import Rig
 from rig.errors import SessionError
 from rig.files.channels import one_or_all
@@ -34,9 +33,11 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import reference_exposure_s
 from rig.stages.light.places import finer_places
-from rig.stages.linear_light import Codes, Float32Array, RadiometricCalibration, channel_codes
+from rig.stages.linear_light import Codes, RadiometricCalibration, channel_codes
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.stripes.reading import INVERSE, has_inverses, in_dn, read_code
+from rig.stages.stripes.width import ShownCode, as_named, shown_code, spoilt, stripe_blur, times_wanted
 from rig.terminal import OnStep
 
 Key = TypeVar("Key")
@@ -44,11 +45,6 @@ Value = TypeVar("Value")
 
 _LEAST_VALID_SHARE = 0.01
 """Of the camera's pixels; with fewer there is nothing to fit lenses to."""
-_INVERSE = "-inverse"
-_ROWS_HELD = 120
-"""About so many rows, and columns as far apart, are held against stale frames."""
-_MOST_SPOILT = 0.05
-"""Of the pixels with direct light that have no projector pixel: from here on they are photographed again."""
 _PARTS, _MORE_PARTS = 2, 4
 """In which the rest of the projector's picture is lit then; more where less than half of the lit pixels was read."""
 _DIRECT = 2.0
@@ -92,6 +88,8 @@ class PairCorrespondence(Record):
     """Variance of the camera's window over which coordinates are means."""
     valid_share_at_first: float | None = None
     """Before patterns were shown again with fewer lights; None where they were not."""
+    stripes_times: int = 1
+    """How many times as wide as the code's own stripes were, because the lenses blur these away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,14 +118,16 @@ def gray_frames(profile: Profile) -> int:
 def photograph_gray_code(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `gray`: white, black, and the patterns of the structured-light code.
 
-    Where light from other walls has spoilt much, the patterns are shown again on the pixels that are still open.
+    Where blur has washed much out, the code is shown again with wider stripes; where light from other walls has spoilt
+    much, on the pixels that are still open alone.
     """
-    photograph_code_once(rig, session, step, on_step)
-    shape, code = rig.projector.shape, find_code(rig.profile.patterns.code)
-    white, shown = flat(shape, 255, "white"), _photographed(rig, session, step, on_step)
-    for part, lights in enumerate(_lights_again(session, step, code)):
-        again = with_lights(chain((white,), _as_light(code.patterns(shape), session)), lights)
-        shown(Pattern(_again_name(part, pattern.name), pattern.codes) for pattern in again)
+    if not photograph_code_once(rig, session, step, on_step):
+        return
+    shape, shown = rig.projector.shape, shown_code(session, step)
+    white, take = flat(shape, 255, "white"), _photographed(rig, session, step, on_step)
+    for part, lights in enumerate(_lights_again(session, step, shown)):
+        again = with_lights(chain((white,), _as_light(shown.code.patterns(shape), session)), lights)
+        take(Pattern(shown.taken_as(pattern.name, part), pattern.codes) for pattern in again)
 
 
 def photograph_flats(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -135,17 +135,48 @@ def photograph_flats(rig: Rig, session: Session, step: Step, on_step: OnStep) ->
     _photographed(rig, session, step, on_step)(_flats(rig.projector.shape))
 
 
-def photograph_code_once(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
-    """Photograph white, black, and the patterns of the structured-light code, each once."""
-    shape, code = rig.projector.shape, find_code(rig.profile.patterns.code)
-    _photographed(rig, session, step, on_step)(chain(_flats(shape), _as_light(code.patterns(shape), session)))
+def photograph_code_once(rig: Rig, session: Session, step: Step, on_step: OnStep) -> bool:
+    """Photograph white, black, and the patterns of the code; these with wider stripes, too, where they are too fine.
+
+    Returns whether much was open after the first time.
+    """
+    shape, code = rig.projector.shape, as_named(session).code
+    take = _photographed(rig, session, step, on_step)
+    take(chain(_flats(shape), _as_light(code.patterns(shape), session)))
+    found = _spoilt_reading(session, step)
+    if found is None:
+        return False
+    take(_as_light(blur_patterns(shape), session))
+    blur = stripe_blur(_frames_of(step, as_named(session)), session, load_radiometric_calibration(session))
+    times = times_wanted(code, found, blur)
+    if times > 1:
+        on_step(f"stripes {times} times as wide, for the picture is blurred by {blur.sigma_px:.1f} px", 1, 1)
+        wider = as_named(session, times)
+        take(wider.renamed(_as_light(wider.code.patterns(shape), session)))
+    return True
+
+
+def _spoilt_reading(session: Session, step: Step) -> Correspondence | None:
+    """What the code reads where many of the pixels that have to be lit stay open; else None."""
+    shown = as_named(session)
+    try:
+        found = _read(session, step, shown)
+    except CalibrationError:
+        return None  # the step that decodes says what is wrong
+    names = shown.code.pattern_names(session.profile.projector.shape)
+    direct = _direct_light(_frames_of(step, shown), names, load_radiometric_calibration(session))
+    return found if spoilt(found, found.reason != PixelReason.DARK if direct is None else direct) else None
 
 
 def read_code_once(session: Session, step: Step) -> Correspondence:
     """Return the map of what :func:`photograph_code_once` took, between whole pixels where it can be."""
-    code, radiometric = find_code(session.profile.patterns.code), load_radiometric_calibration(session)
-    found = read_code(code, _frames_of(step), session.profile.projector.shape, radiometric)
-    return finer_places(found, code, _frames_of(step), session).correspondence
+    shown = shown_code(session, step)
+    return finer_places(_read(session, step, shown), shown.code, _frames_of(step, shown), session).correspondence
+
+
+def _read(session: Session, step: Step, shown: ShownCode) -> Correspondence:
+    shape, radiometric = session.profile.projector.shape, load_radiometric_calibration(session)
+    return read_code(shown.code, _frames_of(step, shown), shape, radiometric)
 
 
 def _flats(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
@@ -158,26 +189,18 @@ def _photographed(rig: Rig, session: Session, step: Step, on_step: OnStep) -> Ca
     return partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns, on_step=on_step)
 
 
-def _again_name(part: int, pattern: str) -> str:
-    return f"{pattern}-again-{part}"
-
-
-def _lights_again(session: Session, step: Step, code: StructuredLightCode) -> list[BoolArray]:
+def _lights_again(session: Session, step: Step, shown: ShownCode) -> list[BoolArray]:
     """Projector pixels to light when the patterns are shown again, part by part; none where little is spoilt."""
     shape, radiometric = session.profile.projector.shape, load_radiometric_calibration(session)
-    names = code.pattern_names(shape)
-    if not _has_inverses(names):
+    frame = cache(_frames_of(step, shown))
+    direct = _direct_light(frame, shown.code.pattern_names(shape), radiometric)
+    if direct is None:
         return []
-    frame = cache(_frames_of(step))
     try:
-        first = read_code(code, frame, shape, radiometric)
+        first = read_code(shown.code, frame, shape, radiometric)
     except CalibrationError:
         return []  # the step that decodes says what is wrong
-    direct = _direct_light(frame, names, radiometric)
-    spoilt = direct & ~first.valid & ~np.isin(first.reason, (PixelReason.DARK, PixelReason.SATURATED))
-    if spoilt.sum() <= _MOST_SPOILT * direct.sum():
-        return []
-    return lights_for(first, _parts(first))
+    return lights_for(first, _parts(first)) if spoilt(first, direct) else []
 
 
 def _parts(first: Correspondence) -> int:
@@ -187,38 +210,37 @@ def _parts(first: Correspondence) -> int:
 
 def _direct_light(
     frame: Callable[[str], NDArray[np.uint16]], names: Sequence[str], radiometric: RadiometricCalibration
-) -> BoolArray:
+) -> BoolArray | None:
     """(H, W) pixels that the projector lights itself: there patterns differ from their inverses by more than noise.
 
-    What comes from other walls is much the same for a pattern of stripes and for its inverse.
+    What comes from other walls is much the same for a pattern of stripes and for its inverse. None for codes without
+    inverses.
     """
-    reading = _Reading.of((frame("white"), frame("black")), partial(_grey, radiometric=radiometric), radiometric)
-    pairs = [name for name in names if f"{name}{_INVERSE}" in names]
+    if not has_inverses(names):
+        return None
+    reading = in_dn((frame("white"), frame("black")), radiometric)
+    pairs = [name for name in names if f"{name}{INVERSE}" in names]
     change = [
-        np.abs(np.subtract(reading.read(frame(name)), reading.read(frame(f"{name}{_INVERSE}")), dtype=np.float32))
+        np.abs(np.subtract(reading.read(frame(name)), reading.read(frame(f"{name}{INVERSE}")), dtype=np.float32))
         for name in pairs
     ]
     return np.asarray(np.median(change, axis=0) > _DIRECT * np.asarray(reading.noise_limit))
 
 
-def _frames_of(step: Step, part: int | None = None) -> Callable[[str], NDArray[np.uint16]]:
-    """Return what gives a pattern's frame: of the first time, or of a part with fewer lights (black stays black)."""
-
-    def frame(name: str) -> NDArray[np.uint16]:
-        taken = name if part is None or name == "black" else _again_name(part, name)
-        return step.load_frame(frame_name(taken)).pixels
-
-    return frame
+def _frames_of(step: Step, shown: ShownCode, part: int | None = None) -> Callable[[str], NDArray[np.uint16]]:
+    """Return what gives a pattern's frame: with all lights on, or of a part with fewer."""
+    return lambda name: step.load_frame(frame_name(shown.taken_as(name, part))).pixels
 
 
-def _read_again(first: Correspondence, gray: Step, session: Session, code: StructuredLightCode) -> Correspondence:
+def _read_again(first: Correspondence, gray: Step, session: Session, shown: ShownCode) -> Correspondence:
     """Fill in what the patterns with fewer lights say, where they were shown."""
-    if not gray.has_frame(frame_name(_again_name(0, "white"))):
+    if not gray.has_frame(frame_name(shown.taken_as("white", 0))):
         return first
     shape, radiometric = session.profile.projector.shape, load_radiometric_calibration(session)
     found = first
     for part, lights in enumerate(lights_for(first, _parts(first))):
-        found = filled_in(found, read_code(code, _frames_of(gray, part), shape, radiometric), lights)
+        again = read_code(shown.code, _frames_of(gray, shown, part), shape, radiometric)
+        found = filled_in(found, again, lights)
     return found
 
 
@@ -253,9 +275,10 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `correspondence`: which projector pixel each camera pixel sees, and why some see none."""
     on_step("decode", 0, 2)
     profile = session.profile
-    gray, code = session.finished("gray"), find_code(profile.patterns.code)
-    first = read_code(code, _frames_of(gray), profile.projector.shape, load_radiometric_calibration(session))
-    correspondence = _read_again(first, gray, session, code)
+    gray = session.finished("gray")
+    shown = shown_code(session, gray)
+    first = _read(session, gray, shown)
+    correspondence = _read_again(first, gray, session, shown)
     valid_share = float(correspondence.valid.mean())
     if valid_share < _LEAST_VALID_SHARE:
         raise CalibrationError(
@@ -263,7 +286,7 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
             f"{100 * _LEAST_VALID_SHARE:g} %: aim the camera at the projected picture, darken the room, check the focus"
         )
     on_step("decode", 1, 2)
-    finer = finer_places(correspondence, code, _frames_of(gray), session)
+    finer = finer_places(correspondence, shown.code, _frames_of(gray, shown), session)
     refined = finer.correspondence
     xy = refined.projector_xy_px
     channels = {"column": xy[..., 0], "row": xy[..., 1], "reason": refined.reason.astype(np.float32)}
@@ -277,112 +300,10 @@ def decode_gray_code(session: Session, step: Step, on_step: OnStep) -> None:
         reasons={code.name.lower(): float((refined.reason == code).mean()) for code in PixelReason},
         averaged_px2=finer.averaged_px2,
         valid_share_at_first=None if correspondence is first else float(first.valid.mean()),
+        stripes_times=shown.times,
     )
     step.save_record("correspondence", CorrespondenceRecord(pairs=(pair,)))
     on_step("decode", 2, 2)
-
-
-def read_code(
-    code: StructuredLightCode,
-    frame: Callable[[str], NDArray[np.uint16]],
-    projector_shape: tuple[int, int],
-    radiometric: RadiometricCalibration,
-) -> Correspondence:
-    """Find the projector pixel that each camera pixel sees, to whole pixels where the code is one of whole pixels.
-
-    Parameters
-    ----------
-    code
-        That was shown.
-    frame
-        Gives the (H, W, B) frame of a pattern, of `white` and of `black`. [dn]
-    projector_shape
-        (height, width) that the patterns were made for. [px]
-    radiometric
-        Noise, saturation and response of the camera.
-
-    Raises
-    ------
-    CalibrationError
-        If frames are missing or their shapes differ, or one is stale: it shows another picture than it should.
-    """
-    names = code.pattern_names(projector_shape)
-    flats = frame("white"), frame("black")
-    table = radiometric.table()
-    in_light = _Reading.of(flats, partial(_light, table=table), radiometric, table)
-    if not _has_inverses(names):
-        return in_light.decode(code, {name: in_light.read(frame(name)) for name in names}, projector_shape)
-    in_dn = _Reading.of(flats, partial(_grey, radiometric=radiometric), radiometric)
-    some = (slice(None, None, max(1, flats[0].shape[0] // _ROWS_HELD)),) * 2
-    frames, thinned = dict[str, Frame](), {"white": in_light.white[some], "black": in_light.black[some]}
-    for name in names:
-        pixels = frame(name)
-        frames[name], thinned[name] = in_dn.read(pixels), in_light.read(pixels[some])
-    refuse_stale_frames(thinned, in_light.noise_limit[some], in_light.saturation)
-    return in_dn.decode(code, frames, projector_shape)
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class _Reading:
-    """Frames (H, W, B) as a decoder takes them, (H, W), in a unit."""
-
-    read: Callable[[NDArray[np.uint16]], Frame]
-    white: Frame
-    black: Frame
-    noise_limit: NDArray[np.float64]
-    saturation: float
-
-    @classmethod
-    def of(
-        cls,
-        flats: tuple[NDArray[np.uint16], NDArray[np.uint16]],
-        read: Callable[[NDArray[np.uint16]], Frame],
-        radiometric: RadiometricCalibration,
-        table: Float32Array | None = None,
-    ) -> _Reading:
-        """Return how frames are read: in digital numbers, or in the light that a table gives for each."""
-        white, black = flats
-        limit = NOISE_SIGMAS * np.sqrt(2) * radiometric.sum_noise_dn(white, black)
-        saturation: float = radiometric.saturation_dn
-        if table is not None:
-            limit *= np.gradient(table)[((white.astype(np.uint32) + black) // 2).max(axis=2)]
-            saturation = float(table[radiometric.saturation_dn])
-        return cls(
-            read=read,
-            white=read(white),
-            black=read(black),
-            noise_limit=limit,
-            saturation=saturation * white.shape[2],
-        )
-
-    def decode(
-        self, code: StructuredLightCode, frames: Mapping[str, Frame], projector_shape: tuple[int, int]
-    ) -> Correspondence:
-        """Decode frames that were read so."""
-        return code.decode(
-            frames,
-            projector_shape,
-            white=self.white,
-            black=self.black,
-            noise_limit=self.noise_limit,
-            saturation=self.saturation,
-        )
-
-
-def _has_inverses(names: Sequence[str]) -> bool:
-    """Tell whether each picture is held against its inverse, so that any response of the camera will do."""
-    return all(name.endswith(_INVERSE) or f"{name}{_INVERSE}" in names for name in names)
-
-
-def _light(pixels: NDArray[np.uint16], table: Float32Array) -> Float32Array:
-    """(H, W) sum of the bands (H, W, B) in linear light."""
-    return np.asarray(table[pixels].sum(axis=2), dtype=np.float32)
-
-
-def _grey(pixels: NDArray[np.uint16], radiometric: RadiometricCalibration) -> NDArray[np.unsignedinteger]:
-    """(H, W) sum of the bands (H, W, B): the code is in each."""
-    most = np.min_scalar_type(radiometric.full_scale_dn * pixels.shape[2])
-    return np.asarray(pixels.sum(axis=2, dtype=np.promote_types(np.uint16, most)))
 
 
 def load_correspondence(session: Session) -> Correspondence:

@@ -12,12 +12,11 @@ from calibration.structured_light.code import CODES
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.decode import decode_gray
 from calibration.structured_light.fewer_lights import filled_in, lights_for, with_lights
-from calibration.structured_light.gray import bits_for, gray_code_patterns, words
+from calibration.structured_light.gray import gray_code_patterns, words
 from calibration.structured_light.patterns import Pattern, flat
-from calibration.structured_light.phase.gray_phase import GrayPhaseCode
-from calibration.structured_light.phase.sinusoids import steps
-from calibration.structured_light.stripe_width import choose_finest_bit, choose_period_px, sinusoid_contrast
+from calibration.structured_light.stripe_width import blur_of_stripes, blur_patterns, times_as_wide
 from calibration.structured_light.subpixel import refine_subpixel
+from calibration.structured_light.wider import widened
 
 PROJECTOR, CAMERA = (96, 128), (90, 120)
 BLACK, LIGHT, NOISE_LIMIT = 20.0, 180.0, 8.0
@@ -166,35 +165,45 @@ def test_bad_requests_for_fewer_lights_are_refused() -> None:
 # Stripe width
 
 
-@pytest.mark.parametrize(("blur_px", "best"), [(1.0, 8.0), (2.5, 16.0), (5.0, 32.0)])
-def test_the_period_follows_the_blur(blur_px: float, best: float) -> None:
-    """The best period is 2 π σ: 6.3, 15.7 and 31.4 px."""
+@pytest.mark.parametrize("blur_px", [1.0, 3.0, 5.0])
+def test_stripes_of_two_widths_tell_blur_from_light_of_other_walls(blur_px: float) -> None:
     xy = truth()
-    white, black = (photograph(flat(PROJECTOR, level).codes, xy) for level in (255, 0))
-    contrast = {}
-    for period_px in (8.0, 16.0, 32.0):
-        phases = [photograph(codes, xy, blur_px) for codes in steps(PROJECTOR, "column", period_px)]
-        contrast[period_px] = sinusoid_contrast(phases, white, black)
-        assert np.median(contrast[period_px]) == pytest.approx(
-            np.exp(-2 * (np.pi * blur_px / period_px) ** 2), abs=0.05
-        )
-    chosen = choose_period_px(contrast, np.ones(CAMERA, bool))
-    assert chosen == best
-    assert read(GrayPhaseCode(period_px=chosen), xy).valid.mean() > 0.9
+    flats = [photograph(flat(PROJECTOR, level).codes, xy) for level in (255, 0)]
+    frames = {p.name: photograph(p.codes, xy, blur_px) for p in blur_patterns(PROJECTOR)}
+    inside = blur_of_stripes(frames, *flats, NOISE_LIMIT)
+    assert inside.sigma_px == pytest.approx(blur_px, rel=0.15)
+    glow = 300.0  # of other walls: half of it for every picture of stripes, whatever their width
+    lit_room = {name: frame + glow / 2 for name, frame in frames.items()}
+    bright = blur_of_stripes(lit_room, flats[0] + glow, flats[1], NOISE_LIMIT)
+    assert bright.sigma_px == pytest.approx(inside.sigma_px, rel=1e-3)
+    assert bright.lit.mean() > 0.95
 
 
-@pytest.mark.parametrize(("blur_px", "finest"), [(0.0, 0), (2.5, 2), (6.0, 3)])
-def test_bits_that_blur_has_washed_out_are_left_out(blur_px: float, finest: int) -> None:
-    xy, lit = truth(), np.ones(CAMERA, bool)
-    white, black = (photograph(flat(PROJECTOR, level).codes, xy) for level in (255, 0))
-    seen = {p.name: photograph(p.codes, xy, blur_px) for p in gray_code_patterns(PROJECTOR)}
-    names = [f"gray-column-{bit:02d}" for bit in range(bits_for(PROJECTOR[1]))]
-    pairs = [(seen[name], seen[f"{name}-inverse"]) for name in names]
-    assert choose_finest_bit(pairs, white, black, lit) == finest
-    with pytest.raises(CalibrationError, match="focus"):
-        choose_finest_bit([(white, white)] * 3, white, black, lit)
+@pytest.mark.parametrize("name", ["long-run", "gray", "xor-04", "gray-phase", "micro-phase"])
+def test_a_code_that_blur_washes_out_is_read_with_wider_stripes(name: str) -> None:
+    xy, blur_px = truth(), 5.0
+    flats = [photograph(flat(PROJECTOR, level).codes, xy) for level in (255, 0)]
+    times = times_as_wide(CODES[name], blur_px)
+    assert times > 1
+    inside = np.zeros(CAMERA, bool)
+    inside[16:-16, 16:-16] = True
+    read_share = []
+    for code in (CODES[name], widened(CODES[name], times)):
+        seen = {p.name: photograph(p.codes, xy, blur_px) for p in code.patterns(PROJECTOR)}
+        found = code.decode(seen, PROJECTOR, white=flats[0], black=flats[1], noise_limit=NOISE_LIMIT)
+        read_share.append(float(found.valid[inside].mean()))
+    assert read_share[1] >= max(0.9, read_share[0])
+    assert np.median(np.abs(found.projector_xy_px - xy)[found.valid & inside]) < 0.3
 
 
-def test_a_choice_of_stripes_needs_lit_pixels() -> None:
-    with pytest.raises(CalibrationError, match="0 lit pixels"):
-        choose_period_px({8.0: np.ones(CAMERA, np.float32)}, np.zeros(CAMERA, bool))
+def test_sharp_stripes_stay_as_fine_as_they_are() -> None:
+    assert all(times_as_wide(code, 0.6) == 1 for code in CODES.values())
+    assert widened(CODES["gray"], 1) is CODES["gray"]
+
+
+def test_without_lit_pixels_no_blur_is_claimed() -> None:
+    dark = np.full(CAMERA, 20.0, np.float32)
+    frames = {p.name: dark for p in blur_patterns(PROJECTOR)}
+    assert blur_of_stripes(frames, dark, dark, NOISE_LIMIT).sigma_px == 0
+    with pytest.raises(CalibrationError, match="blur-row-64-1"):
+        blur_of_stripes({name: frame for name, frame in frames.items() if name != "blur-row-64-1"}, dark, dark, 8.0)

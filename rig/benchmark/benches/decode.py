@@ -18,7 +18,7 @@ from calibration.structured_light.phase.micro_phase import MicroPhaseCode
 from calibration.structured_light.phase.three_frequency import ThreeFrequencyCode
 from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.benchmark.references.coded_room import CodedRoom, Reading, room_settings
-from rig.benchmark.timing import median_seconds
+from rig.benchmark.timing import median_seconds, processor_seconds
 from rig.devices.simulated.world import SimulatedWorld
 from rig.terminal import OnStep
 from sim.threads import threads
@@ -177,6 +177,8 @@ def of_full_size(budget_s: float) -> Outcome:
         height, width = next(iter(frames.values())).shape
         pictures = len(frames) + 2
         detail = {"images": pictures, "ms": 1e3 * taken, "threads": threads()}
+        if name in work:
+            detail["processor_ms"] = 1e3 * processor_seconds(work[name])
         points.append(Point(problem=f"{width}x{height}", method=name, n=pictures, seconds=taken, detail=detail))
     return Outcome(points=tuple(points), criteria=tuple(_times(seconds)))
 

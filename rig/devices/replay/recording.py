@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown, signature_of
 from rig.devices.refusals import check_codes, check_exposure
 from rig.devices.replay.photographs import Manifest, grey, read_photograph
-from rig.errors import CaptureTimeout, DeviceLost, SessionCorrupt, SettingRefused
+from rig.errors import CaptureTimeout, DeviceLost, NotRecorded, SessionCorrupt, SettingRefused
 from rig.files.atomic import sha256_of
 from rig.files.exr import read_exr
 from rig.files.journal import JOURNAL_NAME, corrupt_line, read_events
@@ -83,12 +83,15 @@ class ReplayProjector:
         self.shown_name = None
 
     def show(self, codes: Codes, *, name: str) -> Shown:
-        """Select the frames of pattern ``name``. Raises DeviceLost when the recording has none."""
+        """Select the frames of pattern ``name``. Raises NotRecorded when the recording has none."""
         if not self._open:
             raise DeviceLost("the replayed projector is closed: open the rig before showing a picture")
         check_codes(codes, self.shape, "the recording was made with")
         if name not in self._recording.frames:
-            raise DeviceLost(f"{self._recording.source}: the recording has no frame {name!r}; it has {self._known()}")
+            raise NotRecorded(
+                f"{self._recording.source}: the recording has no frame {name!r}; it has {self._known()}; record again, "
+                "or give the settings, and the version of this program, that it was made with"
+            )
         self._check_picture(codes, name)
         self.shown_name = name
         return Shown(self._clock.now_s(), name)

@@ -25,10 +25,11 @@ from rig.records import Record, Verdict
 from rig.self_check.parts.linearity import CameraCurve, Sweep
 from rig.self_check.results import PartResult
 from rig.self_check.rig_under_test import RigUnderTest
-from rig.stages.correspondence import only, read_code
+from rig.stages.correspondence import only
 from rig.stages.error_tree import one_error_tree
 from rig.stages.geometry import GeometryRecord, geometry_of
 from rig.stages.linear_light import RadiometricCalibration
+from rig.stages.stripes.reading import read_code
 from rig.terminal import silent
 
 _LIT = 0.2

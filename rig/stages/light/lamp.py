@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,17 +35,22 @@ class LampRecord(Record):
         return float(np.interp(time_s, self.times_s, self.shares)) if inside else 1.0
 
 
-def with_whites(patterns: Sequence[Pattern], shape: tuple[int, int]) -> list[Pattern]:
-    """Return patterns between two pictures of white."""
-    return [flat(shape, 255, _BEFORE), *patterns, flat(shape, 255, _AFTER)]
+def whites_around(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
+    """Return the pictures of white that come before and after others."""
+    return flat(shape, 255, _BEFORE), flat(shape, 255, _AFTER)
 
 
 N_WHITES = 2
-"""That :func:`with_whites` adds."""
+"""Of :func:`whites_around`."""
 
 
 def lamp_of(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, white: LightImage) -> LampRecord:
-    """Return what the whites of a step say, held against the white (H, W, B) that the model is of."""
+    """Return what the whites of a step say, held against the white (H, W, B) that the model is of.
+
+    A step that was replayed from a recording without whites says nothing: its pictures stay as they are.
+    """
+    if not step.has_frame(frame_name(_AFTER)):
+        return LampRecord(times_s=(0.0, 0.0), shares=(1.0, 1.0))
     shares = [lamp_share(merge_exposures(step, name, bracket, radiometric), white) for name in (_BEFORE, _AFTER)]
     before_s, after_s = (time_of(step, name, bracket) for name in (_BEFORE, _AFTER))
     return LampRecord(times_s=(before_s, after_s), shares=(shares[0], shares[1]))

@@ -72,3 +72,31 @@ def test_a_small_grid_within_a_larger_board_is_refused_with_the_boards_size(pict
 def test_a_whole_board_of_another_size_is_no_cut_one(picture):
     larger = Board(kind="chessboard", columns=11, rows=8, square_m=0.03)
     assert "9 × 6 inner corners, the manifest says 11 × 8" in detect_board(picture, larger, 255).problem
+
+
+MANY = Board(kind="chessboard", columns=20, rows=15, square_m=0.0125)
+
+
+@pytest.fixture(scope="module")
+def many():
+    return truth(3, board=MANY)
+
+
+@pytest.mark.parametrize(("view", "beyond"), [(0, 1), (0, 3), (1, 2), (2, 3)])
+def test_neighbours_of_a_board_that_all_sides_cut_are_neighbours_on_the_board(many, view, beyond):
+    """OpenCV finds every second row of it, or rows that are askew, and guesses corners at the picture's edge."""
+    whole = photograph(stand(many, view, printed(MANY, pixels=24)))
+    places = MANY.points_m @ many.rotations[view][:, :2].T + many.translations_m[view]
+    xy = project_points(CAMERA, places)
+    grid = xy.reshape(15, 20, 2)
+    left, right = (int(grid[:, [k - 1, k], 0].mean()) for k in (beyond, -beyond))
+    top, bottom = (int(grid[[k - 1, k], :, 1].mean()) for k in (beyond, -beyond))
+    found = detect_board(np.ascontiguousarray(whole[top:bottom, left:right]), MANY, 255)
+    assert found.problem == ""
+    apart = np.linalg.norm(found.xy_px[:, None] + (left, top) - xy, axis=2)
+    assert apart.min(axis=1).max() < 0.5
+    true, said = np.stack(np.divmod(apart.argmin(axis=1), 20)), np.stack(np.divmod(found.ids, 20))
+    inside = ((xy > (left + 20, top + 20)) & (xy < (right - 20, bottom - 20))).all(axis=1).sum()
+    assert len(found.ids) >= 0.8 * inside
+    turns = (np.array(turn) for turn in ([[1, 0], [0, 1]], [[0, 1], [-1, 0]], [[-1, 0], [0, -1]], [[0, -1], [1, 0]]))
+    assert any((np.ptp(said - turn @ true, axis=1) == 0).all() for turn in turns)

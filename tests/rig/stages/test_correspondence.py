@@ -11,9 +11,10 @@ from calibration.radiometry.response import Response, linear_from_codes
 from rig.report.pictures import REASONS
 from rig.session import Session
 from rig.stages import correspondence
-from rig.stages.correspondence import _as_light, _has_inverses, read_code
+from rig.stages.correspondence import _as_light
 from rig.stages.photograph import frame_name
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.stripes.reading import has_inverses, read_code
 
 if TYPE_CHECKING:
     from tests.rig.conftest import Finished
@@ -62,7 +63,7 @@ def test_the_response_is_looked_up_once_for_all_patterns(monkeypatch: pytest.Mon
 @pytest.mark.parametrize("name", sorted(CODES))
 def test_codes_without_inverses_are_read_in_light(name: str) -> None:
     needs_light = name in ("gray-plain", "gray-phase", "three-frequency", "micro-phase")
-    assert _has_inverses(CODES[name].pattern_names((48, 64))) != needs_light
+    assert has_inverses(CODES[name].pattern_names((48, 64))) != needs_light
 
 
 def test_a_stale_frame_of_a_session_is_refused_by_name(finished: "Finished") -> None:

@@ -10,7 +10,7 @@ from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import VirtualClock
 from rig.devices.protocols import ExposureRange, RawFrame, signature_of
 from rig.devices.replay.recording import RecordedFrame, Recording, ReplayProjector
-from rig.errors import DeviceLost, ProfileError, SessionCorrupt, SessionError, SettingRefused
+from rig.errors import DeviceLost, NotRecorded, ProfileError, SessionCorrupt, SessionError, SettingRefused
 from rig.profile.schema import Profile
 from rig.session import Session
 
@@ -92,7 +92,7 @@ def test_of_a_repeated_step_the_last_run_counts(profile: Profile) -> None:
 def test_a_pattern_that_was_not_recorded_is_named_with_those_that_were(profile: Profile) -> None:
     with (
         open_rig(profile) as rig,
-        pytest.raises(DeviceLost, match="has no frame 'gray-row-03'; it has black, white"),
+        pytest.raises(NotRecorded, match="has no frame 'gray-row-03'; it has black, white; record again"),
     ):
         level(rig, "gray-row-03")
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.lenses.boards import Board
+from calibration.lenses.chessboards.saddles import OFF_SQUARES, corners_near
+from calibration.lenses.chessboards.squares import neighbours_only
 
 _SMALLEST_GRID, _SMALLEST_SEED = 3, 2
 """Corners a side with which a part of a board is looked for, and from which it is gone on with."""
 LEAST_PART = 12
 """Corners of a part: fewer hold neither pose nor lens, and may be chance."""
-_OFF_SQUARES = 0.25
-"""Of a square, by which a corner may be off a flat board without distortion: a lens bends a board by a tenth."""
 _ENOUGH = 18
 """Corners of a part that is not looked for in other ways."""
 _RIM_PX = 40
@@ -28,8 +28,6 @@ _RIM_PX = 40
 _MOST_BEYOND = 0.5
 """Of places one square beyond a board's last corners, or between its corners, those that may look like one: its rim and
 its edges have none."""
-_FLAT_DN, _TWICE = 4.0, 1.5
-"""Of a ring about a corner: its least standard deviation, and by what its two waves have to lead all others."""
 _SQUARES_TO_EDGE = 1.6
 """A part ends where the next corner would lie at the picture's edge: half a square more, for corners that are too near
 to it to be found."""
@@ -69,6 +67,9 @@ def seen_part(shown: NDArray[np.uint8], board: Board) -> SeenPart | None:
         return None
     rows, columns = np.asarray(meta).shape[:2]
     seed = _unfolded(np.asarray(corners, dtype=np.float64).reshape(rows, columns, 2))
+    if min(seed.shape[:2]) < _SMALLEST_SEED:
+        return None
+    seed = neighbours_only(shown, seed)
     if min(seed.shape[:2]) < _SMALLEST_SEED:
         return None
     grid = _grown(shown, seed)
@@ -133,7 +134,7 @@ def is_of_larger_board(shown: NDArray[np.uint8], grid: FloatArray) -> bool:
 
 def _share_of_corners(shown: NDArray[np.uint8], places: FloatArray, square_px: float) -> float:
     """Of places, those near which there is a corner."""
-    return float(np.isfinite(_corners_near(shown, places, square_px)[:, 0]).mean())
+    return float(np.isfinite(corners_near(shown, places, square_px)[:, 0]).mean())
 
 
 def _grown(shown: NDArray[np.uint8], seed: FloatArray) -> FloatArray:
@@ -145,7 +146,7 @@ def _grown(shown: NDArray[np.uint8], seed: FloatArray) -> FloatArray:
         for expected in (_continued(grid, axis, way) for axis in (0, 1) for way in (1, -1)):
             open_ = np.isnan(grid[..., 0]) & np.isfinite(expected[..., 0])
             square_px = float(np.nanmedian(np.linalg.norm(np.diff(grid, axis=1), axis=-1)))
-            grid[open_] = _corners_near(shown, expected[open_], square_px)
+            grid[open_] = corners_near(shown, expected[open_], square_px)
         there = np.isfinite(grid[..., 0])
         rows, columns = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
         grid = grid[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
@@ -162,42 +163,13 @@ def _continued(grid: FloatArray, axis: int, way: int) -> FloatArray:
     return np.asarray(expected)
 
 
-def _corners_near(shown: NDArray[np.uint8], expected: FloatArray, square_px: float) -> FloatArray:
-    """(N, 2) corners near places, NaN where there is none: dark and bright squares have to meet crosswise."""
-    half = int(np.clip(0.3 * square_px, 2, 25))
-    height, width = shown.shape
-    result = np.full_like(expected, np.nan)
-    inside = ((expected > 2 * half) & (expected < np.array([width, height]) - 2 * half - 1)).all(axis=1)
-    if not inside.any():
-        return result
-    start = np.ascontiguousarray(expected[inside].astype(np.float32).reshape(-1, 1, 2))
-    criteria = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
-    found = np.asarray(
-        cv2.cornerSubPix(shown, start, winSize=(half, half), zeroZone=(-1, -1), criteria=criteria), np.float64
-    ).reshape(-1, 2)
-    near = np.linalg.norm(found - expected[inside], axis=1) < _OFF_SQUARES * square_px
-    good = near & np.array([_is_saddle(shown, place, half) for place in found])
-    result[np.flatnonzero(inside)[good]] = found[good]
-    return result
-
-
-def _is_saddle(shown: NDArray[np.uint8], place: FloatArray, half: int) -> bool:
-    """Whether a ring about a place is dark, bright, dark and bright again."""
-    angle = np.linspace(0, 2 * np.pi, 48, endpoint=False)
-    x, y = np.rint(place[:, None] + 0.8 * half * np.stack([np.cos(angle), np.sin(angle)])).astype(int)
-    height, width = shown.shape
-    ring = shown[y.clip(0, height - 1), x.clip(0, width - 1)].astype(np.float64)
-    wave = np.abs(np.fft.rfft(ring))
-    return bool(ring.std() > _FLAT_DN and wave[2] > _TWICE * np.delete(wave, [0, 2])[:6].max())
-
-
 def _unfolded(grid: FloatArray) -> FloatArray:
     """The largest part of a grid that is one board: where the edge cuts a tilted one, corners are found twice."""
     rows, columns = grid.shape[:2]
     place = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).astype(np.float64)
     square_px = float(np.median(np.linalg.norm(np.diff(grid, axis=1), axis=-1)))
     cv2.setRNGSeed(0)
-    _, kept = cv2.findHomography(place.reshape(-1, 2), grid.reshape(-1, 2), cv2.RANSAC, _OFF_SQUARES * square_px)
+    _, kept = cv2.findHomography(place.reshape(-1, 2), grid.reshape(-1, 2), cv2.RANSAC, OFF_SQUARES * square_px)
     good = np.zeros((rows, columns), dtype=bool) if kept is None else np.asarray(kept).reshape(rows, columns) > 0
     spans = [
         (top, bottom, left, right)
