@@ -134,7 +134,9 @@ def world_of(seed: int) -> World:
     random = np.random.default_rng([seed, 16])
     size_m = tuple(random.uniform((4.0, 4.0, 2.4), (6.0, 6.0, 3.0)).round(2).tolist())
     placed = _placed(random, size_m)
-    parts = dict(room(size_m)) | {f"{thing.kind}-{k}".replace(" ", "-"): thing.triangles_m for k, thing in enumerate(placed)}
+    parts = dict(room(size_m)) | {
+        f"{thing.kind}-{k}".replace(" ", "-"): thing.triangles_m for k, thing in enumerate(placed)
+    }
     wall = random.uniform(0.55, 0.8)
     colours = {
         name: float(random.uniform(0.2, 0.8) if "-" in name else np.clip(wall + random.normal(0, 0.04), 0.45, 0.85))
@@ -218,14 +220,18 @@ def _materials(reflectance: Mapping[str, float]) -> str:
 
 def write(folder: Path, seed: int) -> Path:
     """Write a world's profile and mesh; return the profile."""
-    world, lines, first = world_of(seed), [], 1
-    for name, triangles_m in world.parts.items():
-        lines.append(f"usemtl {name}")
+    world, name = world_of(seed), f"random-world-{seed}"
+    # Without a library of materials their names are lost.
+    colours = (f"newmtl {part}\nKd {rho:.3f} {rho:.3f} {rho:.3f}\n" for part, rho in world.reflectance.items())
+    (folder / f"{name}.mtl").write_text("".join(colours), encoding="utf-8")
+    lines, first = [f"mtllib {name}.mtl"], 1
+    for part, triangles_m in world.parts.items():
+        lines.append(f"usemtl {part}")
         lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in triangles_m.reshape(-1, 3)]
         lines += [f"f {k} {k + 1} {k + 2}" for k in range(first, first + 3 * len(triangles_m), 3)]
         first += 3 * len(triangles_m)
-    (folder / f"random-world-{seed}.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    profile = folder / f"random-world-{seed}.toml"
+    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    profile = folder / f"{name}.toml"
     profile.write_text(world.profile, encoding="utf-8")
     return profile
 

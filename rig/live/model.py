@@ -41,8 +41,8 @@ _GUESSED_GAMMA = 2.2
 
 _GREY = "the session is monochrome: red, green and blue get the same light transport and are taken not to mix"
 _LEARNED = (
-    "what photographs of [transport] taught of the light is shown by patches: {:.0f} % of it (rms), which changes within "
-    "them, is left out"
+    "what photographs of [transport] taught of the light is shown by patches: {:.0f} % of it (rms), which changes "
+    "within them, is left out"
 )
 
 

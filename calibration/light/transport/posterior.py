@@ -248,7 +248,7 @@ def _parts(count: int) -> Iterator[slice]:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Solved:
+class SolvedPlaces:
     """The regression of some places: n of them, white and K photographs, D unknowns."""
 
     factor: FloatArray
@@ -272,7 +272,7 @@ class Solved:
         return np.asarray((self.explained[:, 1:] ** 2).sum(axis=1) / count)
 
 
-def _of_places(prior: TransportPrior, photographs: Photographs) -> Solved:
+def _of_places(prior: TransportPrior, photographs: Photographs) -> SolvedPlaces:
     """Solve the regression of a few places."""
     n_places, n_patches = prior.transport.shape
     lit = np.concatenate([np.ones((1, n_patches)), photographs.lit])
@@ -306,7 +306,7 @@ class LeftOut:
         """Return (N,) by what factor the variance is larger than what is left open: 1 or more."""
         beyond, left = (self.off**2 - self.noise).sum(axis=0), self.expected.sum(axis=0)
         means = [np.full(len(each), each.mean()) if alike is None else alike @ each for each in (beyond, left)]
-        return np.maximum(means[0] / np.maximum(means[1], np.finfo(float).tiny), 1.0)
+        return np.asarray(np.maximum(means[0] / np.maximum(means[1], np.finfo(float).tiny), 1.0))
 
 
 def left_out(
@@ -314,8 +314,8 @@ def left_out(
 ) -> LeftOut:
     """Return what photographs show of each other, each in its turn left out of :func:`fitted`.
 
-    Without photograph k the unknowns' means are w - c_k rᵀ G⁻¹ e_k, c_k = (G⁻¹ y)_k / (G⁻¹)_kk, and what is left open of
-    it has variance 1 / (G⁻¹)_kk - 1, over its noise; G = L Lᵀ.
+    Without photograph k the unknowns' means are w - c_k rᵀ G⁻¹ e_k, c_k = (G⁻¹ y)_k / (G⁻¹)_kk, and what is left open
+    of it has variance 1 / (G⁻¹)_kk - 1, over its noise; G = L Lᵀ.
 
     Parameters
     ----------
@@ -337,7 +337,7 @@ def left_out(
     narrow = replace(photographs, variance=photographs.variance / worth)
     parts = list(_parts(n_places))
     solved = [_of_places(prior.at(part), narrow.at(part)) for part in parts]
-    backwards = [np.linalg.inv(each.factor) for each in solved]
+    backwards = [np.asarray(np.linalg.inv(each.factor), dtype=np.float64) for each in solved]
     known = np.isfinite(photographs.variance)
     for k in range(count):
         ones = [_without(each, L, k + 1) for each, L in zip(solved, backwards, strict=True)]
@@ -350,7 +350,7 @@ def left_out(
     return LeftOut(off=off, noise=np.where(known, photographs.variance, 0.0), expected=expected)
 
 
-def _without(solved: Solved, backwards: FloatArray, row: int) -> tuple[FloatArray, FloatArray]:
+def _without(solved: SolvedPlaces, backwards: FloatArray, row: int) -> tuple[FloatArray, FloatArray]:
     """(n, D) the unknowns' means without a row, and (n,) what is left open of that row, over its noise."""
     column = backwards[:, :, row]
     own = (column**2).sum(axis=1)

@@ -22,7 +22,10 @@ def learned(plain, by_pixel):
     random = np.random.default_rng(4)
     n_patches = plain.radiosity.n_patches
     changes = random.normal(size=(by_pixel.shape[1], n_patches)) * (np.arange(n_patches) % 3 > 0)
-    before, change = plain.global_ @ np.ones(plain.shape[1]), by_pixel @ (changes @ (plain.emission @ np.ones(plain.shape[1])))
+    before, change = (
+        plain.global_ @ np.ones(plain.shape[1]),
+        by_pixel @ (changes @ (plain.emission @ np.ones(plain.shape[1]))),
+    )
     return with_learned(plain, by_pixel * 0.2 * before.max() / np.abs(change).max(), changes)
 
 
