@@ -1,7 +1,7 @@
 """What photographs have taught of a transport, as frames know it: more light that its patches send back.
 
-A pixel of a frame sees four patches and nothing else, so U V S, U by pixel, becomes V' W V S, V' the view of patches: W is
-what comes nearest to U in it, in least squares.
+A pixel of a frame sees four patches and nothing else, so U V S, U by pixel, becomes V' W V S, V' the view of patches:
+W is what comes nearest to U in it, in least squares.
 """
 
 from __future__ import annotations

@@ -288,7 +288,7 @@ def _of_places(prior: TransportPrior, photographs: Photographs) -> SolvedPlaces:
     factor = np.linalg.cholesky(rows @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1]))
     told = np.stack([solve_triangular(L, row, lower=True) for L, row in zip(factor, rows, strict=True)])
     explained = np.stack([solve_triangular(L, each, lower=True) for L, each in zip(factor, seen, strict=True)])
-    return Solved(factor=factor, told=told, explained=explained, known=known)
+    return SolvedPlaces(factor=factor, told=told, explained=explained, known=known)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -121,8 +121,8 @@ class Ways:
         wide = np.minimum(np.sqrt(roughness**2 + (lit.size_m / near) ** 2 / 24), 1.0)
         to_camera = _towards(self.camera_m, at.position_m)
         to_projector = _towards(self.projector_m, lit.position_m)
-        mirrored = np.pi * lobe(*_in_frames(at.normal, across, to_camera), wide)
-        sent = np.pi * lobe(*_in_frames(lit.normal, -across, to_projector), wide)
+        mirrored = _lobe(at.normal, across, to_camera, wide)
+        sent = _lobe(lit.normal, -across, to_projector, wide)
         return matte * mirrored, matte * sent
 
 
@@ -148,10 +148,11 @@ def _some(where: NDArray[np.bool_]) -> Iterator[tuple[IntArray, IntArray]]:
         yield place[first : first + _AT_ONCE], patch[first : first + _AT_ONCE]
 
 
-def _in_frames(normal: FloatArray, *ways: FloatArray) -> Iterator[FloatArray]:
-    """Directions as the lobe wants them: their third coordinate along the normal."""
+def _lobe(normal: FloatArray, first: FloatArray, second: FloatArray, roughness: FloatArray) -> FloatArray:
+    """π f_s of directions away from surfaces."""
     frames = frames_of(normal)
-    return (np.einsum("nij,nj->ni", frames, way) for way in ways)
+    into, out = (np.einsum("nij,nj->ni", frames, way) for way in (first, second))
+    return np.asarray(np.pi * lobe(into, out, roughness))
 
 
 def _along(ways: FloatArray, normal: FloatArray) -> FloatArray:
