@@ -187,6 +187,8 @@ def _profile(random: np.random.Generator, seed: int, size_m: Point, reflectance:
         r"patch_size_m = 0.3": f"patch_size_m = {max(size_m) / 16:.3f}",
         r"seed = 20141": f"seed = {seed}",
         r'scene = "furnished"\nsize_m = \[4.8, 4.8, 2.4\]': f'scene = "random-world-{seed}.obj"',
+        # What pixels twice as large leave open of places is twice as much.
+        r"geometry_rms_px = 0.5": "geometry_rms_px = 0.5\ngeometry_sigma_percent = 0.9",
         r"cell_size_m = 0.12": f"cell_size_m = {max(size_m) / 36:.3f}",
         r"(?s)\[simulation.reflectance\].*?\n\n": _materials(reflectance),
         r"position_m = \[0.60, 1.42, 1.38\]": f"position_m = {_list(camera)}",

@@ -285,7 +285,7 @@ def _of_places(prior: TransportPrior, photographs: Photographs) -> SolvedPlaces:
     # Divided by its standard deviation; what was not measured tells nothing.
     scale = np.where(known, 1 / np.sqrt(np.where(known, variance, 1.0)), 0.0)
     rows, seen = features * scale[..., None], np.where(known, difference, 0.0) * scale
-    factor = np.linalg.cholesky(rows @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1]))
+    factor: FloatArray = np.linalg.cholesky(rows @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])).astype(np.float64)
     told = np.stack([solve_triangular(L, row, lower=True) for L, row in zip(factor, rows, strict=True)])
     explained = np.stack([solve_triangular(L, each, lower=True) for L, each in zip(factor, seen, strict=True)])
     return SolvedPlaces(factor=factor, told=told, explained=explained, known=known)
