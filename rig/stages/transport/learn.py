@@ -26,6 +26,7 @@ from rig.stages.transport.learned import BandPrior
 from rig.stages.transport.pictures import KnownPicture, fixed_pictures, of_patches, usual_pictures
 from rig.stages.transport.places import WORTH
 from rig.stages.transport.records import PhotographNote, TransportRecord, save_photographs
+from rig.stages.transport.shine import surface_gloss
 from rig.terminal import OnStep, silent
 
 FloatArray = NDArray[np.float64]
@@ -166,6 +167,7 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
             rms_left=left.usual_rms * to_levels,
             left_out_rms=left.left_out_rms * to_levels,
             left_out_expected=left.left_out_expected * to_levels,
+            gloss=surface_gloss(bands[middle], known[middle]) if notes else (),
         ),
     )
 

@@ -83,6 +83,10 @@ class Ways:
             projector_m=np.asarray(scene_model.projector.pose.position_m),
         )
 
+    def at_places(self, chosen: IntArray) -> Ways:
+        """Return those of some places."""
+        return replace(self, at=self.at.at(chosen), gain=self.gain[chosen])
+
     def shining(self, roughness: float) -> tuple[FloatArray, FloatArray]:
         """Return (N, L) light that places mirror of patches, and that patches mirror to places.
 

@@ -31,6 +31,24 @@ class PhotographNote(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SurfaceGloss(Record):
+    """What photographs tell of a surface's gloss."""
+
+    surface: str
+    says: str
+    """`shines`, `matte` or `not told`."""
+    ratio: float | None = None
+    """Gloss over the model's matte reflectance ..."""
+    sigma: float | None = None
+    """... and its standard deviation; None: nothing that could be mirrored there was photographed."""
+    roughness: float | None = None
+    """Of the lobe that explains most ..."""
+    least_roughness: float | None = None
+    most_roughness: float | None = None
+    """... and between which others it may be."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class TransportRecord(Record):
     """What step `transport` found, beside its images."""
 
@@ -45,6 +63,7 @@ class TransportRecord(Record):
     """Of photographs that are left out in turn, measured minus what the others expect, beyond noise ..."""
     left_out_expected: float = 0.0
     """... and what was expected of it before they were held against each other."""
+    gloss: tuple[SurfaceGloss, ...] = ()
 
 
 def save_photographs(step: Step, known: list[Photographs]) -> None:
