@@ -61,10 +61,10 @@ def _learned_words(model: ModelResult) -> str:
     return (
         f" {found.photographs} photographs of known pictures taught it where light goes that the patches do not tell: "
         f"on usual pictures an error of {found.rms_left:.2f} grey levels is expected, {found.rms_before:.2f} before; "
-        f"another photograph would bring {found.another_brings:.2f}, its noise is {found.noise:.2f}. Each photograph was "
-        f"held against what the others expect of it: {found.left_out_rms:.2f} grey levels rms, "
-        f"{found.left_out_expected:.2f} were expected; sigmas are as much wider. Reflectances stay those of matte patches, "
-        f"which leave {_numbers(model.global_rms)} of global light unexplained.{_gloss_words(found.gloss)}"
+        f"another photograph would bring {found.another_brings:.2f}, its noise is {found.noise:.2f}. Each "
+        f"photograph was held against what the others expect of it: {found.left_out_rms:.2f} grey levels rms, "
+        f"{found.left_out_expected:.2f} were expected; sigmas are as much wider. Reflectances stay those of matte "
+        f"patches, which leave {_numbers(model.global_rms)} of global light unexplained.{_gloss_words(found.gloss)}"
     )
 
 

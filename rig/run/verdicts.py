@@ -87,7 +87,7 @@ def _valid(geometry: GeometryResult, limits: Limits) -> Verdict:
 def _explained(geometry: GeometryResult, model: ModelResult, limits: Limits) -> Verdict:
     """What the patches leave open of global light; with photographs of known pictures, what these leave open.
 
-    That is measured: each photograph against what all others make of it, or what follows for usual pictures if it is more.
+    That is measured: each photograph against what all others make of it, or what follows for usual pictures if more.
     """
     if model.learned is not None and model.learned.photographs:
         return Verdict(

@@ -17,6 +17,7 @@ B. Efron, The jackknife, the bootstrap and other resampling plans, SIAM 1982, ch
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +41,7 @@ class GlossSeen:
     difference: FloatArray
     """(K, N) measured minus expected."""
     sigma: FloatArray
-    """(K, N) by which differences count: of noise, and of what else the model may have wrong; infinite: not measured."""
+    """(K, N) by which differences count: of noise and of what else the model has wrong; infinite: not measured."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -90,7 +91,7 @@ def found_gloss(seen: GlossSeen) -> FoundGloss:
     ratio, chosen = _fitted(by_photograph, None, shape)
     told = np.diag(by_photograph.without(None)[0]).reshape(shape).max(axis=1) > 0
     ends = np.linspace(0, seen.difference.shape[1], _PARTS + 1).astype(int)
-    parts = [_sums(seen, slice(None), slice(a, b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    parts = [_sums(seen, slice(None), slice(a, b)) for a, b in pairwise(ends)]
     if count < _LEAST_PHOTOGRAPHS:
         told = np.zeros_like(told)
     left = [_left_out(groups, shape) for groups in (by_photograph, _together(parts))] if count else []
@@ -124,7 +125,7 @@ def _sums(seen: GlossSeen, photographs: slice, places: slice) -> tuple[FloatArra
     known = np.isfinite(sigma)
     weight = np.where(known, 1 / np.where(known, sigma, 1.0), 0.0)
     difference = np.where(known, seen.difference[photographs, places].ravel(), 0.0)
-    rows = flat * weight
+    rows = np.asarray(flat * weight, dtype=np.float64)
     return rows @ rows.T, rows @ (difference * weight)
 
 

@@ -303,10 +303,15 @@ class LeftOut:
     """(K, N) ... and of what the others leave open."""
 
     def wider(self, alike: csr_array | None) -> FloatArray:
-        """Return (N,) by what factor the variance is larger than what is left open: 1 or more."""
+        """Return (N,) by what factor the variance is larger than what is left open: 1 or more.
+
+        Neighbours are taken together; without them all places are, each with its own measure of light.
+        """
         beyond, left = (self.off**2 - self.noise).sum(axis=0), self.expected.sum(axis=0)
-        means = [np.full(len(each), each.mean()) if alike is None else alike @ each for each in (beyond, left)]
-        return np.asarray(np.maximum(means[0] / np.maximum(means[1], np.finfo(float).tiny), 1.0))
+        tiny = np.finfo(float).tiny
+        if alike is None:
+            return np.full(len(left), max(float(np.mean(beyond / np.maximum(left, tiny))), 1.0))
+        return np.asarray(np.maximum((alike @ beyond) / np.maximum(alike @ left, tiny), 1.0))
 
 
 def left_out(

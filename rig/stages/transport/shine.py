@@ -21,8 +21,8 @@ _EACH = 4
 _ELSE = 0.02
 """Of white's global light, what the model may have wrong elsewise: patches leave so much in matte rooms."""
 _OF_MODEL = 0.25
-"""Of a gloss, relative: it is measured in the reflectance of a matte fit, and roughness in steps. In the simulated glossy
-room the floor's came to 0.50 +- 0.03 of it where 0.37 was true."""
+"""Of a gloss, relative: it is measured in the reflectance of a matte fit, and roughness in steps. In the simulated
+glossy room the floor's came to 0.50 +- 0.03 of it where 0.37 was true."""
 _SIGMAS, _MOST_OPEN = 3.0, 0.15
 """From how many standard deviations on something shines; and by which it is not known whether."""
 OTHER = "what stands before the walls"
