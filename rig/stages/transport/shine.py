@@ -24,8 +24,8 @@ _OF_MODEL = 0.25
 """Of a gloss, relative: it is measured in the reflectance of a matte fit, and roughness in steps. In the simulated
 glossy room the floor's came to 0.50 +- 0.03 of it where 0.37 was true."""
 _SIGMAS, _MOST_OPEN = 3.0, 0.06
-"""From how many standard deviations on something shines; and above which it is not known whether: a satin wall of 0.30 was
-found as 0.16 +- 0.13, and is not to be called matte."""
+"""From how many standard deviations on something shines; and above which it is not known whether: a satin wall of
+0.30 was found as 0.16 +- 0.13, and is not to be called matte."""
 OTHER = "what stands before the walls"
 
 
