@@ -36,6 +36,8 @@ _HELD_PX2 = 2.0
 the lenses ten times as tightly. With lenses as free as at the end, a square corner that is seen well settled at 151
 degrees in one of twenty small rigs, and no right angle was found in it any more; from 0.2 to 20, two of three starts
 came within 10."""
+MOST_SLANTED = 0.1
+"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out."""
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
@@ -119,6 +121,27 @@ def without_tangents(
     axes = Axes(fit.axes.directions, fit.axes.of_plane[stays])
     rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
     return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight)
+
+
+def let_askew(
+    x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
+) -> Iterator[BundleSolution]:
+    """Yield fits in which one plane stands as it likes that was held at right angles: the one with least points first.
+
+    A chest whose front is some degrees off a wall's passes for one of the room's planes. Only planes that have another
+    one on their axis are let go, and that are small enough for furniture.
+    """
+    points = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
+    of_plane = fit.axes.of_plane
+    for k in np.argsort(points):
+        alone = of_plane[k] < 0 or (of_plane == of_plane[k]).sum() < 2
+        if alone or points[k] > MOST_SLANTED:
+            continue
+        axes = Axes(fit.axes.directions, np.where(np.arange(len(points)) == k, -1, of_plane))
+        rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
+        freed = adjust(x1, x2, fit.with_planes(fit.planes, axes), nominal, rounds=rounds, weight=weight)
+        if freed is not None:
+            yield freed
 
 
 def _planes_of(

@@ -11,6 +11,7 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import SIGMAS
 from calibration.geometry.pinhole import PinholeModel, world_rays
+from calibration.geometry.plane_search import MOST_SLANTED
 from calibration.geometry.planes import orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
 
@@ -22,8 +23,6 @@ _UNKNOWN_SIZE_M = 4.0
 """Of a room along an axis of which nothing was seen or measured: a usual room's."""
 MOST_OFF_SQUARE_DEG = 2.0
 """How far planes that were fitted without right angles may stand from a box's: 7 cm at the end of a wall of 2 m."""
-MOST_SLANTED = 0.1
-"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out."""
 _PAIRS_NAMED = 6
 _WALL_MARGIN = 0.1
 """Of the lit piece of a wall that stands alone, on each side: pixels at its rim do not enter the geometry."""

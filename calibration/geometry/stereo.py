@@ -9,10 +9,11 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import chain, islice
+from itertools import islice
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,7 +31,7 @@ from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
-from calibration.geometry.plane_search import candidates, without_tangents
+from calibration.geometry.plane_search import candidates, let_askew, without_tangents
 from calibration.geometry.planes import Axes, ExplainedPixels
 
 MIN_POINTS = 500
@@ -223,12 +224,14 @@ def _calibrated(
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
+        held = partial(_uncontradicted, x1, x2, nominal=nominal, weight=weight)
         flat_ones = without_tangents(x1, x2, first, nominal, weight=weight)
-        rest = chain(() if flat_ones is None else (flat_ones,), islice(bundles, others))
-        better = _better(x1, x2, flat_ones or first, rest, nominal=nominal, weight=weight)
-        if better is None:
+        found = None if flat_ones is None else held([flat_ones])
+        found = found or held(islice(bundles, others), most_left=_BETTER * _unexplained(flat_ones or first))
+        found = found or held(let_askew(x1, x2, first, nominal, weight=weight))
+        if found is None:
             raise
-        final = better
+        final = found
     hold_against_boards(final)
     whole = without_averaging(every.camera_xy_px, every.projector_xy_px, final, averaged_px2)
     resting = with_third_wall(final, replace(every, projector_xy_px=whole), nominal, n_fitted=fitted)
@@ -236,24 +239,20 @@ def _calibrated(
     return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
 
 
-def _better(
+def _uncontradicted(
     x1: FloatArray,
     x2: FloatArray,
-    refused: BundleSolution,
-    others: Iterator[BundleSolution],
+    some: Iterable[BundleSolution],
     *,
     nominal: NominalIntrinsics,
     weight: FloatArray,
+    most_left: float = np.inf,
 ) -> BundleSolution | None:
-    """The first of some other fits that nothing contradicts, of those that explain more than what was refused."""
-    limit = _BETTER * _unexplained(refused)
-    for bundle in others:
-        if bundle is not refused and _unexplained(bundle) > limit:
-            continue
-        try:
-            return hold_against_all(x1, x2, bundle, nominal, weight=weight)
-        except CalibrationError:
-            continue
+    """The first of some fits that nothing contradicts, of those that leave no more than so much over."""
+    for bundle in some:
+        if _unexplained(bundle) <= most_left:
+            with suppress(CalibrationError):
+                return hold_against_all(x1, x2, bundle, nominal, weight=weight)
     return None
 
 

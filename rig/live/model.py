@@ -14,7 +14,7 @@ from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.linear_light import RadiometricCalibration
 from rig.stages.maps.sampling import sample_bands
-from rig.stages.model import FittedScene, load_prior_model
+from rig.stages.model import FittedScene, load_model
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import LEAST_GAIN
 from sim.form_factors import form_factors
@@ -40,7 +40,10 @@ _GUESSED_GAMMA = 2.2
 
 
 _GREY = "the session is monochrome: red, green and blue get the same light transport and are taken not to mix"
-_NOT_LEARNED = "live pictures know the light between patches, not what photographs of [transport] taught of it"
+_LEARNED = (
+    "what photographs of [transport] taught of the light is shown by patches: {:.0f} % of it (rms), which changes "
+    "within them, is left out"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +62,7 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
     a grey camera each colour gets the same light transport, and colours are taken not to mix.
     Raises SessionError when the session's model is not finished.
     """
-    model, radiometric = load_prior_model(session), load_radiometric_calibration(session)
+    model, radiometric = load_model(session), load_radiometric_calibration(session)
     transport, black = model.room.projector_transport, black_at_pixels(model, radiometric)
     tables = np.stack([np.interp(np.arange(256), each.levels, each.linear) for each in radiometric.projector])
     grey = model.channels == 1
@@ -74,8 +77,8 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
         dither_seed=_DITHER_SEED,
     )
     notes = [_GREY] if grey else []
-    if session.profile.transport.photographs:
-        notes.append(_NOT_LEARNED)
+    if model.learned is not None:
+        notes.append(_LEARNED.format(100 * frames.learned_left_out))
     return LiveModel(frames, f"session {session.path}", tuple(notes))
 
 

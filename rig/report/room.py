@@ -5,6 +5,7 @@ from __future__ import annotations
 from rig.files.channels import PRIMARIES
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
+from rig.stages.transport.records import SurfaceGloss
 
 _FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
 _NEAR_WALL = {"x": "x0", "y": "y0", "z": "the floor"}
@@ -60,8 +61,26 @@ def _learned_words(model: ModelResult) -> str:
     return (
         f" {found.photographs} photographs of known pictures taught it where light goes that the patches do not tell: "
         f"on usual pictures an error of {found.rms_left:.2f} grey levels is expected, {found.rms_before:.2f} before; "
-        f"another photograph would bring {found.another_brings:.2f}, its noise is {found.noise:.2f}."
+        f"another photograph would bring {found.another_brings:.2f}, its noise is {found.noise:.2f}. Each "
+        f"photograph was held against what the others expect of it: {found.left_out_rms:.2f} grey levels rms, "
+        f"{found.left_out_expected:.2f} were expected; sigmas are as much wider. Reflectances stay those of matte "
+        f"patches, which leave {_numbers(model.global_rms)} of global light unexplained.{_gloss_words(found.gloss)}"
     )
+
+
+def _gloss_words(gloss: tuple[SurfaceGloss, ...]) -> str:
+    """Which surfaces shine, which do not, and of which one camera cannot tell."""
+    return "".join(f" Gloss of {each.surface}: {_one_gloss(each)}." for each in gloss)
+
+
+def _one_gloss(each: SurfaceGloss) -> str:
+    if each.says == "not told" or each.ratio is None:
+        return "this camera sees too little mirrored there to tell"
+    of_matte = f"{each.ratio:.2f} ± {each.sigma:.2f} of the matte reflectance"
+    if each.says == "matte":
+        return f"none is found, {of_matte}"
+    lobe = f"of roughness {each.roughness:g} ({each.least_roughness:g} … {each.most_roughness:g})"
+    return f"it shines, {of_matte}, {lobe}"
 
 
 def _numbers(value: ByBand) -> str:

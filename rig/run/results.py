@@ -162,6 +162,9 @@ def _learned(session: Session) -> LearnedResult | None:
         photographs=len(found.photographs),
         rms_before=max(before, default=found.rms_left),
         rms_left=found.rms_left,
+        left_out_rms=found.left_out_rms,
+        left_out_expected=found.left_out_expected,
+        gloss=found.gloss,
         another_brings=found.another_brings,
         noise=found.noise_of_place,
     )

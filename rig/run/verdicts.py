@@ -109,15 +109,19 @@ def _valid(geometry: GeometryResult, limits: Limits) -> Verdict:
 
 
 def _explained(geometry: GeometryResult, model: ModelResult, limits: Limits) -> Verdict:
-    """What the patches leave open of global light; with photographs of known pictures, what these leave open."""
+    """What the patches leave open of global light; with photographs of known pictures, what these leave open.
+
+    That is measured: each photograph against what all others make of it, or what follows for usual pictures if more.
+    """
     if model.learned is not None and model.learned.photographs:
         return Verdict(
-            what="model: error expected with the photographs of [transport], rms",
-            value=model.learned.rms_left,
+            what="model: photographs of [transport], each by the others, rms",
+            value=max(model.learned.rms_left, model.learned.left_out_rms),
             limit=limits.comparison_rmse,
             unit="grey levels",
-            advice="these photographs tell too little of the light: take more (transport.photographs), or average "
-            "several frames of each (patterns.frames_averaged)",
+            advice="the photographs contradict each other, or tell too little of the light: nothing may move or be "
+            "switched while they are taken; take more (transport.photographs), or average several frames of each "
+            "(patterns.frames_averaged)",
         )
     return Verdict(
         what="model: global light left unexplained, rms",

@@ -49,7 +49,7 @@ from rig.stages.separation import projector_blur_px2
 from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
 from rig.stages.transport.prior import OpenWalls
-from rig.stages.transport.records import read_photographs
+from rig.stages.transport.records import read_photographs, read_uneven
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -345,7 +345,8 @@ def _learned(session: Session, prior: FittedScene, _outputs_sha256: str) -> Fitt
     if told is None:
         return prior
     priors = transport_priors(session)
-    bands = tuple(learned_band(known, each, prior.lit) for known, each in zip(priors, told, strict=True))
+    uneven = np.moveaxis(read_uneven(session.finished("transport")), -1, 0)
+    bands = tuple(learned_band(*one[:2], prior.lit, one[2]) for one in zip(priors, told, uneven, strict=True))
     room = replace(prior.room, bands=tuple(band.scene_model for band in bands))
     return replace(prior, room=room, learned=bands)
 

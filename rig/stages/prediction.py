@@ -95,6 +95,12 @@ class PictureParts:
         """All light."""
         return self.direct + self.global_
 
+    @property
+    def apart_from_white(self) -> FloatArray:
+        """Global light, less what white has of it where the picture is so bright: a relative error makes so much."""
+        share = _at_most_all(self.direct, self.white_direct)
+        return np.asarray(self.global_ - self.white_global * share)
+
     def moved_by(self, error: FloatArray | float) -> FloatArray:
         """Return what a relative error of direct light makes of the picture; in white it cancels."""
         share = _at_most_all(self.global_, self.white_global)
@@ -142,18 +148,14 @@ def _predict_band(
     parts = picture_parts(model, radiometric, band=band, light=light, white=white)
     split = model.uncertainty.split[..., band]
     if model.learned is not None:
-        known = model.learned[band].variance(light / white, parts.direct, parts.white_direct)
-        variance = parts.moved_by(split) ** 2 + known
+        learned = model.learned[band]
+        known = learned.variance(light / white, parts.direct, parts.white_direct)
+        variance = parts.moved_by(split) ** 2 + known + (learned.uneven * parts.apart_from_white) ** 2
     else:
         # An error of the split moves light between direct and global; in white it cancels.
-        variance = parts.moved_by(np.hypot(SPLIT_BIAS, split)) ** 2 + _spread(model, parts) ** 2
+        of_patches = model.global_error * parts.apart_from_white
+        variance = parts.moved_by(np.hypot(SPLIT_BIAS, split)) ** 2 + of_patches**2
     return parts.value, np.sqrt(parts.variance + variance)
-
-
-def _spread(model: FittedScene, parts: PictureParts) -> FloatArray:
-    """(H, W) what the patches' relative error makes of global light; in white it cancels, too."""
-    share = _at_most_all(parts.direct, parts.white_direct)
-    return np.asarray(model.global_error * (parts.global_ - parts.white_global * share))
 
 
 def _at_most_all(light: FloatArray, of_white: FloatArray) -> FloatArray:

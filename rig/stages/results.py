@@ -14,6 +14,7 @@ from rig.stages.light.darkness import DarknessRecord
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
 from rig.stages.target import ShownTarget
+from rig.stages.transport.records import SurfaceGloss
 
 ByBand = float | tuple[float, ...]
 """A number of a grey rig; three of a colour rig: red, green, blue."""
@@ -71,6 +72,11 @@ class LearnedResult(Record):
     """What was expected of the model's error on usual pictures once photographs had shown how large it is ..."""
     rms_left: float
     """... and with all of them."""
+    left_out_rms: float
+    """Each photograph, measured minus what all others expect of it, beyond noise ..."""
+    left_out_expected: float
+    """... and what was expected of that."""
+    gloss: tuple[SurfaceGloss, ...]
     another_brings: float
     """Part of that error that one more is expected to take away."""
     noise: float

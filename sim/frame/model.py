@@ -21,6 +21,7 @@ from sim.arrays import BoolArray, CodeArray, FloatArray, IntArray
 from sim.compensation.split_transport import diagonal_of
 from sim.errors import SimulationError
 from sim.form_factors import FormFactors
+from sim.frame.learned import OnPatches, on_patches
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
 from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
 from sim.light.colour import ColourTransport
@@ -76,6 +77,8 @@ class FrameModel:
     """(3, 256) linear light of the projector's codes, a channel each."""
     dither: CodeArray
     """(3, 64, 64) share of a code, in 256ths, that is added before rounding down: 128 rounds to the nearest."""
+    learned_left_out: float = 0.0
+    """Share, rms, of what photographs taught of the light that patches cannot show."""
 
     @property
     def n_lit(self) -> int:
@@ -135,7 +138,7 @@ def frame_model(
     black_of = _black(black, len(places))
     light = [_band(band) for band in bands]
     patch, emission, share = _emission(light)
-    cells = cells_of(bands[0].view, light[0].reflectance, places, shape)
+    cells = cells_of(light[0].transport.view, light[0].reflectance, places, shape)
     gain, gain_share = _one_layer([band.view_gain for band in light])
     black_over_direct = [light[k % len(light)].inverse * black_of[:, k] for k in range(CHANNELS)]
     lit = np.unique(patch[emission > 0])
@@ -167,6 +170,7 @@ def frame_model(
         eotf=_table("eotf", eotf, (256,)),
         response=_response(response),
         dither=_dither(dither_seed),
+        learned_left_out=max(band.known.left_out for band in light),
     )
 
 
@@ -174,11 +178,15 @@ def frame_model(
 class _BandOfPixels:
     """One band's transport, pixel by pixel."""
 
-    transport: LightTransport
+    known: OnPatches
     inverse: FloatArray
     """(n,) 1 / D."""
     view_gain: FloatArray
     """(n,) seen reflectance over D."""
+
+    @property
+    def transport(self) -> LightTransport:
+        return self.known.transport
 
     @property
     def reflectance(self) -> FloatArray:
@@ -283,10 +291,10 @@ def _dither(seed: int | None) -> CodeArray:
 
 
 def _band(transport: LightTransport) -> _BandOfPixels:
-    diagonal = diagonal_of(transport)
+    diagonal, known = diagonal_of(transport), on_patches(transport)
     inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
-    seen = transport.view @ transport.radiosity.reflectance
-    return _BandOfPixels(transport, inverse, np.asarray(seen * inverse))
+    seen = known.transport.view @ known.transport.radiosity.reflectance
+    return _BandOfPixels(known, inverse, np.asarray(seen * inverse))
 
 
 def _emission(light: Sequence[_BandOfPixels]) -> tuple[IntArray, FloatArray, list[FloatArray]]:
@@ -363,7 +371,7 @@ def _inverse(
     transport = band.transport
     S = csr_array(diags_array(share) @ sums)
     loop = (S @ diags_array(band.inverse) @ csr_array(transport.view)).tocsc()[:, viewed].toarray()
-    H = _interreflection(transport, lit, viewed)
+    H = _interreflection(transport, lit, viewed) + band.known.by_view[viewed] @ band.known.by_patch[:, lit]
     r = np.linalg.solve(np.eye(len(viewed)) + H @ loop, H)
     rho = band.reflectance[viewed]
     per_irradiance = np.divide(gain_ratio, rho, out=np.zeros_like(rho), where=rho > 0)

@@ -113,5 +113,6 @@ def test_the_session_page_names_every_step_in_order_and_no_file_that_is_not_ther
     assert steps == [step.name for step in STEPS]
     files = re.findall(r"`((?:maps|images|calibration)/[a-z0-9-]+-001\.(?:exr|json))`", text)
     assert len(files) > 10
-    learned = {"calibration/transport-001.json", "maps/told-001.exr", "maps/lit-001.exr"}  # only with [transport]
+    # Only with [transport].
+    learned = {"calibration/transport-001.json", "maps/told-001.exr", "maps/lit-001.exr", "maps/uneven-001.exr"}
     assert [file for file in files if file not in learned and not (compared_session / file).is_file()] == []

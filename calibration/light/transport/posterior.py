@@ -142,6 +142,8 @@ class TransportPosterior:
     """(N, K + 1, D) factor of what the photographs, and white, took off their covariance: 1 - toldᵀ told."""
     surprise: FloatArray
     """(N,) mean square of what was measured, in standard deviations that were expected: 1 for a prior that is right."""
+    wider: FloatArray
+    """(N,) factor of the variance that is left, by what photographs showed of each other; 1 before they were asked."""
 
     @property
     def change(self) -> FloatArray:
@@ -169,7 +171,8 @@ class TransportPosterior:
     def _variance(self, part: slice, lit: FloatArray, own: FloatArray) -> FloatArray:
         features = self.prior.at(part).features(lit, own)
         told = features @ self.told[part].transpose(0, 2, 1)
-        return np.asarray(np.maximum((features**2).sum(axis=2) - (told**2).sum(axis=2), 0.0).T)
+        left = np.maximum((features**2).sum(axis=2) - (told**2).sum(axis=2), 0.0)
+        return np.asarray((self.wider[part, None] * left).T)
 
 
 def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPosterior:
@@ -197,8 +200,14 @@ def posterior(prior: TransportPrior, photographs: Photographs) -> TransportPoste
             "same places"
         )
     parts = [_of_places(prior.at(part), photographs.at(part)) for part in _parts(len(prior.spread))]
-    weights, told, surprise = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return TransportPosterior(prior=prior, weights=weights, told=told, surprise=surprise)
+    told = np.concatenate([part.told for part in parts])
+    return TransportPosterior(
+        prior=prior,
+        weights=np.concatenate([part.weights for part in parts]),
+        told=told,
+        surprise=np.concatenate([part.surprise for part in parts]),
+        wider=np.ones(len(told)),
+    )
 
 
 def fitted(
@@ -228,6 +237,9 @@ def fitted(
         spread = np.clip(found.prior.spread * factor, *_SPREADS)
         found = posterior(replace(prior, spread=spread), photographs)
     found = posterior(found.prior, replace(photographs, variance=photographs.variance / worth))
+    if len(photographs.lit):
+        wider = left_out(found.prior, photographs, alike, worth).wider(alike)
+        found = replace(found, wider=wider)
     return found if alike is None else replace(found, weights=np.asarray(alike @ found.weights))
 
 
@@ -235,8 +247,33 @@ def _parts(count: int) -> Iterator[slice]:
     return (slice(k, min(k + _AT_ONCE, count)) for k in range(0, count, _AT_ONCE))
 
 
-def _of_places(prior: TransportPrior, photographs: Photographs) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Means, what was told, and surprise of a few places."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class SolvedPlaces:
+    """The regression of some places: n of them, white and K photographs, D unknowns."""
+
+    factor: FloatArray
+    """(n, K + 1, K + 1) L, lower triangular: L Lᵀ is the covariance of what is measured over its noise, I + r rᵀ."""
+    told: FloatArray
+    """(n, K + 1, D) L⁻¹ r."""
+    explained: FloatArray
+    """(n, K + 1) L⁻¹ y."""
+    known: NDArray[np.bool_]
+    """(n, K + 1) what was measured."""
+
+    @property
+    def weights(self) -> FloatArray:
+        """(n, D) the unknowns' means."""
+        return np.asarray(np.einsum("nkd,nk->nd", self.told, self.explained))
+
+    @property
+    def surprise(self) -> FloatArray:
+        """(n,) mean square of the photographs, in standard deviations that were expected."""
+        count = np.maximum(self.known[:, 1:].sum(axis=1), 1)
+        return np.asarray((self.explained[:, 1:] ** 2).sum(axis=1) / count)
+
+
+def _of_places(prior: TransportPrior, photographs: Photographs) -> SolvedPlaces:
+    """Solve the regression of a few places."""
     n_places, n_patches = prior.transport.shape
     lit = np.concatenate([np.ones((1, n_patches)), photographs.lit])
     own = np.concatenate([np.ones((1, n_places)), photographs.own])
@@ -248,9 +285,80 @@ def _of_places(prior: TransportPrior, photographs: Photographs) -> tuple[FloatAr
     # Divided by its standard deviation; what was not measured tells nothing.
     scale = np.where(known, 1 / np.sqrt(np.where(known, variance, 1.0)), 0.0)
     rows, seen = features * scale[..., None], np.where(known, difference, 0.0) * scale
-    factor = np.linalg.cholesky(rows @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1]))
+    factor: FloatArray = np.linalg.cholesky(rows @ rows.transpose(0, 2, 1) + np.eye(rows.shape[1])).astype(np.float64)
     told = np.stack([solve_triangular(L, row, lower=True) for L, row in zip(factor, rows, strict=True)])
     explained = np.stack([solve_triangular(L, each, lower=True) for L, each in zip(factor, seen, strict=True)])
-    weights = np.einsum("nkd,nk->nd", told, explained)
-    count = np.maximum(known[:, 1:].sum(axis=1), 1)
-    return weights, told, (explained[:, 1:] ** 2).sum(axis=1) / count
+    return SolvedPlaces(factor=factor, told=told, explained=explained, known=known)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LeftOut:
+    """Each photograph, and what all others make of it."""
+
+    off: FloatArray
+    """(K, N) measured minus what the others expect; 0 where nothing was measured."""
+    noise: FloatArray
+    """(K, N) variance of the photograph's own noise ..."""
+    expected: FloatArray
+    """(K, N) ... and of what the others leave open."""
+
+    def wider(self, alike: csr_array | None) -> FloatArray:
+        """Return (N,) by what factor the variance is larger than what is left open: 1 or more.
+
+        Neighbours are taken together; without them all places are, each with its own measure of light.
+        """
+        beyond, left = (self.off**2 - self.noise).sum(axis=0), self.expected.sum(axis=0)
+        tiny = np.finfo(float).tiny
+        if alike is None:
+            return np.full(len(left), max(float(np.mean(beyond / np.maximum(left, tiny))), 1.0))
+        return np.asarray(np.maximum((alike @ beyond) / np.maximum(alike @ left, tiny), 1.0))
+
+
+def left_out(
+    prior: TransportPrior, photographs: Photographs, alike: csr_array | None = None, worth: float = 1.0
+) -> LeftOut:
+    """Return what photographs show of each other, each in its turn left out of :func:`fitted`.
+
+    Without photograph k the unknowns' means are w - c_k rᵀ G⁻¹ e_k, c_k = (G⁻¹ y)_k / (G⁻¹)_kk, and what is left open
+    of it has variance 1 / (G⁻¹)_kk - 1, over its noise; G = L Lᵀ.
+
+    Parameters
+    ----------
+    prior : TransportPrior
+        As brought to size by the photographs.
+    photographs, alike, worth
+        As for :func:`fitted`.
+
+    Returns
+    -------
+    LeftOut
+
+    References
+    ----------
+    Rasmussen and Williams 2006, section 5.4.2.
+    """
+    n_places, count = len(prior.spread), len(photographs.lit)
+    off, expected = np.zeros((count, n_places)), np.zeros((count, n_places))
+    narrow = replace(photographs, variance=photographs.variance / worth)
+    parts = list(_parts(n_places))
+    solved = [_of_places(prior.at(part), narrow.at(part)) for part in parts]
+    backwards = [np.asarray(np.linalg.inv(each.factor), dtype=np.float64) for each in solved]
+    known = np.isfinite(photographs.variance)
+    for k in range(count):
+        ones = [_without(each, L, k + 1) for each, L in zip(solved, backwards, strict=True)]
+        weights = np.concatenate([means for means, _ in ones])
+        weights = weights if alike is None else np.asarray(alike @ weights)
+        features = prior.features(photographs.lit[k : k + 1], photographs.own[k : k + 1])[:, 0]
+        off[k] = np.where(known[k], photographs.difference[k] - np.einsum("nd,nd->n", features, weights), 0.0)
+        open_share = np.concatenate([share for _, share in ones])
+        expected[k] = np.where(known[k], open_share * np.where(known[k], narrow.variance[k], 0.0), 0.0)
+    return LeftOut(off=off, noise=np.where(known, photographs.variance, 0.0), expected=expected)
+
+
+def _without(solved: SolvedPlaces, backwards: FloatArray, row: int) -> tuple[FloatArray, FloatArray]:
+    """(n, D) the unknowns' means without a row, and (n,) what is left open of that row, over its noise."""
+    column = backwards[:, :, row]
+    own = (column**2).sum(axis=1)
+    off = (column * solved.explained).sum(axis=1) / own
+    change = np.einsum("nkd,nk->nd", solved.told, column) * off[:, None]
+    return solved.weights - change, np.maximum(1 / own - 1, 0.0)

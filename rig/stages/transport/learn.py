@@ -12,6 +12,7 @@ from calibration.light.transport.choice import NextPhotograph, Pictures, least_c
 from calibration.light.transport.posterior import Photographs, TransportPosterior, fitted
 from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Rig
+from rig.files.channels import layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, json_of
 from rig.session import Session, Step
@@ -20,10 +21,12 @@ from rig.stages.model import FittedScene, load_prior_model, transport_priors
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.prediction import picture_parts
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.transport.held_out import ShownPictures, learned_bands, what_is_left
 from rig.stages.transport.learned import BandPrior
 from rig.stages.transport.pictures import KnownPicture, fixed_pictures, of_patches, usual_pictures
 from rig.stages.transport.places import WORTH
 from rig.stages.transport.records import PhotographNote, TransportRecord, save_photographs
+from rig.stages.transport.shine import surface_gloss
 from rig.terminal import OnStep, silent
 
 FloatArray = NDArray[np.float64]
@@ -46,6 +49,7 @@ def transport_settings(session: Session) -> JsonObject:
         "exposures_s": json_of(bracket.exposures_s),
         "repeats": bracket.repeats,
         "places": "whole pixels, eighty across",
+        "held_out": "each photograph in turn",
     }
 
 
@@ -119,6 +123,13 @@ def _seen(band: BandPrior, direct: csr_array, images: FloatArray) -> Pictures:
     return Pictures(lit=band.lit.shares(images), own=np.asarray((direct @ images).T))
 
 
+def usual_at_all_places(band: BandPrior, shape: tuple[int, int]) -> Pictures:
+    """Return pictures as people show them, as all places of a band see them."""
+    direct = csr_array(band.places.mean_of() @ band.transport.direct_matrix)
+    white = np.maximum(np.asarray(direct.sum(axis=1)), np.finfo(float).tiny)
+    return _seen(band, csr_array(direct / white[:, None]), usual_pictures(shape))
+
+
 def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `transport`: photograph what tells most, until that is less than the noise or there are enough."""
     model, radiometric = load_prior_model(session), load_radiometric_calibration(session)
@@ -128,6 +139,7 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
     search = _NextPicture.of(bands[middle], model.white_variance[..., middle], shape)
     known = [Photographs.none(band.prior) for band in bands]
     notes: list[PhotographNote] = []
+    patterns: list[Pattern] = []
     to_levels = 255 / model.level
     while True:
         on_step("photograph what tells most of the light", len(notes), most)
@@ -137,17 +149,25 @@ def learn_transport(rig: Rig, session: Session, step: Step, on_step: OnStep) -> 
         pattern = Pattern(f"transport-{len(notes):02d}", np.where(picture.image, 255, 0).astype(np.uint8))
         photograph(rig, session, step, [pattern], bracket=bracket, n_patterns=1, on_step=silent)
         taken = _evidence(model, radiometric, bands, step=step, pattern=pattern, bracket=bracket)
+        patterns.append(pattern)
         known = [before.and_(more) for before, more in zip(known, taken, strict=True)]
         notes.append(_note(pattern.name, picture, best, to_levels))
     on_step("photograph what tells most of the light", most, most)
     save_photographs(step, known)
+    shown = ShownPictures(step=step, bracket=bracket, radiometric=radiometric, patterns=tuple(patterns))
+    learned = learned_bands(model, bands, known, shown, on_step=on_step)
+    step.save_image("uneven", layers("uneven", np.stack([band.uneven for band in learned], axis=-1)), folder="maps")
+    left = what_is_left(learned[middle], known[middle], usual_at_all_places(bands[middle], shape))
     step.save_record(
         "transport",
         TransportRecord(
             photographs=tuple(notes),
             another_brings=best.brings * to_levels,
             noise_of_place=search.noise_rms * to_levels,
-            rms_left=best.rms_now * to_levels,
+            rms_left=left.usual_rms * to_levels,
+            left_out_rms=left.left_out_rms * to_levels,
+            left_out_expected=left.left_out_expected * to_levels,
+            gloss=surface_gloss(bands[middle], known[middle]) if notes else (),
         ),
     )
 

@@ -80,6 +80,8 @@ class LearnedBand:
     posterior: TransportPosterior
     where: BoolArray
     """(H, W) lit pixels."""
+    uneven: FloatArray
+    """(H, W) relative standard deviation of global light within places, which photographs left."""
 
     def variance(self, light: FloatArray, direct: FloatArray, white_direct: FloatArray) -> FloatArray:
         """Return (H, W) variance of global light that is left.
@@ -92,8 +94,10 @@ class LearnedBand:
         return self.places.spread_out(found, self.where)
 
 
-def learned_band(known: BandPrior, photographs: Photographs, where: BoolArray) -> LearnedBand:
-    """Return a band with what its photographs say of it."""
+def learned_band(
+    known: BandPrior, photographs: Photographs, where: BoolArray, uneven: FloatArray | None = None
+) -> LearnedBand:
+    """Return a band with what its photographs say of it, and leave open within places; None: that is not known yet."""
     places = known.places
     found = fitted(known.prior, photographs, places.alike(), WORTH)
     white = np.maximum(known.prior.white, np.finfo(float).tiny)
@@ -112,6 +116,7 @@ def learned_band(known: BandPrior, photographs: Photographs, where: BoolArray) -
         lit=known.lit,
         posterior=found,
         where=where,
+        uneven=np.zeros(shape) if uneven is None else uneven,
     )
 
 

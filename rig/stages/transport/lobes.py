@@ -6,24 +6,28 @@ projector to places. How much of either there is, and of which roughness, the ph
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.stages.scene_model import SceneModel
 from rig.stages.transport.places import SurfacePlaces
+from sim.light.gloss.lobe import frames_of, lobe
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
-_ROUGHNESS = (0.1, 0.25)
+ROUGHNESS = (0.1, 0.3)
 """Of a gloss floor and of a satin wall."""
 _SHINE = 0.3
 """Of matte light, what shines for each relative error of the model. Of 0, 0.3 and 1 this was best on four of five
 pictures of the simulated glossy room, and the others left up to 16 % more."""
-_LEAST_COSINE = 0.1
-"""Lobes at grazing angles are cut off there."""
+_NEAR, _PARTS = 3.0, 4
+"""Patches nearer than so many of their sizes are cut into as many parts along each side: a lobe changes within them."""
+_AT_ONCE = 1 << 18
+"""Pairs that are worked on together: some hundred megabytes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,73 +38,131 @@ class _Points:
     normal: FloatArray
     size_m: FloatArray
 
+    def at(self, index: IntArray) -> _Points:
+        return _Points(self.position_m[index], self.normal[index], self.size_m[index])
 
-def lobes_of(
-    scene_model: SceneModel, places: SurfacePlaces, patch: IntArray, *, emission: FloatArray, gain: FloatArray
-) -> NDArray[np.float32]:
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Ways:
+    """The ways between places and lit patches, and what would go there if they were matte."""
+
+    at: _Points
+    """N places."""
+    lit: _Points
+    """L patches."""
+    corners_m: FloatArray
+    """(L, 4, 3) of these."""
+    power: FloatArray
+    """(L,) what they send out by white."""
+    gain: FloatArray
+    """(N,) what a place shows of the light that arrives there."""
+    camera_m: FloatArray
+    projector_m: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        scene_model: SceneModel,
+        places: SurfacePlaces,
+        patch: IntArray,
+        *,
+        emission: FloatArray,
+        gain: FloatArray,
+    ) -> Ways:
+        """Return those between N places and lit patches (L,), of emission (L,) by white; for gain (N,)."""
+        scene, hits = scene_model.scene, scene_model.camera_hits
+        first = np.unique(places.of_pixel.ravel(), return_index=True)[1][-places.count :]
+        position_m = np.asarray(places.mean_of() @ np.nan_to_num(hits.points_m))
+        return cls(
+            at=_Points(position_m, scene.normals[hits.hits.patch[first]], np.zeros(places.count)),
+            lit=_Points(scene.centres[patch], scene.normals[patch], np.sqrt(scene.areas[patch])),
+            corners_m=scene.vertices[patch],
+            power=emission * scene.areas[patch],
+            gain=gain,
+            camera_m=np.asarray(scene_model.camera.pose.position_m),
+            projector_m=np.asarray(scene_model.projector.pose.position_m),
+        )
+
+    def at_places(self, chosen: IntArray) -> Ways:
+        """Return those of some places."""
+        return replace(self, at=self.at.at(chosen), gain=self.gain[chosen])
+
+    def shining(self, roughness: float) -> tuple[FloatArray, FloatArray]:
+        """Return (N, L) light that places mirror of patches, and that patches mirror to places.
+
+        Of a gloss as large as the matte reflectance.
+        """
+        shape = (len(self.at.size_m), len(self.lit.size_m))
+        apart = np.linalg.norm(self.lit.position_m[None] - self.at.position_m[:, None], axis=2)
+        near = apart < _NEAR * self.lit.size_m
+        found = np.zeros((2, *shape))
+        for where in (~near, near):
+            for place, patch in _some(where):
+                parts = self._parts(patch) if where is near else [self.lit.at(patch)]
+                found[:, place, patch] = np.mean([self._of(place, patch, part, roughness) for part in parts], axis=0)
+        return found[0], found[1]
+
+    def _parts(self, patch: IntArray) -> Iterator[_Points]:
+        """The middles of equal parts of patches."""
+        a, b, c, d = np.moveaxis(self.corners_m[patch], 1, 0)
+        whole = self.lit.at(patch)
+        shares = (np.arange(_PARTS) + 0.5) / _PARTS
+        for s in shares:
+            for t in shares:
+                middle = (1 - s) * ((1 - t) * a + t * d) + s * ((1 - t) * b + t * c)
+                yield replace(whole, position_m=middle, size_m=whole.size_m / _PARTS)
+
+    def _of(self, place: IntArray, patch: IntArray, lit: _Points, roughness: float) -> tuple[FloatArray, FloatArray]:
+        """The light of pairs, of which the patch is a point."""
+        at = self.at.at(place)
+        across = lit.position_m - at.position_m
+        apart = np.linalg.norm(across, axis=1)
+        across = across / np.maximum(apart, np.finfo(float).tiny)[:, None]
+        near = np.maximum(apart, lit.size_m)
+        arrives, leaves = (np.clip(each, 0, None) for each in (_along(across, at.normal), -_along(across, lit.normal)))
+        matte = self.gain[place] * self.power[patch] * arrives * leaves / (np.pi * near**2)
+        # Half vectors turn half as fast as what a patch's size adds.
+        wide = np.minimum(np.sqrt(roughness**2 + (lit.size_m / near) ** 2 / 24), 1.0)
+        to_camera = _towards(self.camera_m, at.position_m)
+        to_projector = _towards(self.projector_m, lit.position_m)
+        mirrored = _lobe(at.normal, across, to_camera, wide)
+        sent = _lobe(lit.normal, -across, to_projector, wide)
+        return matte * mirrored, matte * sent
+
+
+def lobes_of(ways: Ways, surface: IntArray) -> NDArray[np.float32]:
     """Return (N, M, L) light that places would see of lit patches over gloss of the usual strength.
 
     Parameters
     ----------
-    scene_model
-        Its geometry.
-    places
-        N of them.
-    patch : (L,)
-        Lit patches.
-    emission : (L,)
-        Of these by white.
-    gain : (N,)
-        What a place shows of the light that arrives there.
+    ways
+        Between N places and L patches.
+    surface : (L,)
+        Of each patch: what shines there has a strength for each.
     """
-    scene, hits = scene_model.scene, scene_model.camera_hits
-    first = np.unique(places.of_pixel.ravel(), return_index=True)[1][-places.count :]
-    means = places.mean_of()
-    at = _Points(
-        np.asarray(means @ np.nan_to_num(hits.points_m)),
-        scene.normals[hits.hits.patch[first]],
-        np.zeros(places.count),
-    )
-    lit = _Points(scene.centres[patch], scene.normals[patch], np.sqrt(scene.areas[patch]))
-    across = lit.position_m[None] - at.position_m[:, None]
-    apart = np.linalg.norm(across, axis=2)
-    across /= np.maximum(apart, np.finfo(float).tiny)[..., None]
-    arrives, leaves = (np.clip(cosine, 0, None) for cosine in _cosines(across, at, lit))
-    near = np.maximum(apart, lit.size_m[None])
-    matte = gain[:, None] * emission * arrives * leaves * scene.areas[patch] / (np.pi * near**2)
-    wide = (lit.size_m[None] / near) ** 2 / 12
-    to_camera = _towards(scene_model.camera.pose.position_m, at.position_m)[:, None]
-    to_projector = _towards(scene_model.projector.pose.position_m, lit.position_m)[None]
-    mirrored = [matte * _lobe(across, to_camera, at.normal[:, None], width) for width in _widths(wide)]
-    sent = [matte * _lobe(-across, to_projector, lit.normal[None], width) for width in _widths(wide)]
-    surfaces = np.minimum(scene.region[patch], len(scene_model.walls))
-    by_surface = [np.where(surfaces == name, each, 0.0) for name in np.unique(surfaces) for each in sent]
-    return (_SHINE * np.stack([*mirrored, *by_surface], axis=1)).astype(np.float32)
+    pairs = [ways.shining(roughness) for roughness in ROUGHNESS]
+    by_surface = [np.where(surface == name, sent, 0.0) for name in np.unique(surface) for _, sent in pairs]
+    return (_SHINE * np.stack([*(mirrored for mirrored, _ in pairs), *by_surface], axis=1)).astype(np.float32)
 
 
-def _cosines(across: FloatArray, at: _Points, lit: _Points) -> tuple[FloatArray, FloatArray]:
-    return np.einsum("nlc,nc->nl", across, at.normal), -np.einsum("nlc,lc->nl", across, lit.normal)
+def _some(where: NDArray[np.bool_]) -> Iterator[tuple[IntArray, IntArray]]:
+    """Indices of some pairs at a time."""
+    place, patch = np.nonzero(where)
+    for first in range(0, len(place), _AT_ONCE):
+        yield place[first : first + _AT_ONCE], patch[first : first + _AT_ONCE]
 
 
-def _widths(wide: FloatArray) -> list[FloatArray]:
-    """Variances of lobes: of half vectors, which turn half as fast as what a patch's size adds."""
-    return [roughness**2 + wide / 2 for roughness in _ROUGHNESS]
+def _lobe(normal: FloatArray, first: FloatArray, second: FloatArray, roughness: FloatArray) -> FloatArray:
+    """π f_s of directions away from surfaces."""
+    frames = frames_of(normal)
+    into, out = (np.einsum("nij,nj->ni", frames, way) for way in (first, second))
+    return np.asarray(np.pi * lobe(into, out, roughness))
+
+
+def _along(ways: FloatArray, normal: FloatArray) -> FloatArray:
+    return np.asarray(np.einsum("nc,nc->n", ways, normal))
 
 
 def _towards(there_m: FloatArray, from_m: FloatArray) -> FloatArray:
     way = there_m - from_m
     return np.asarray(way / np.linalg.norm(way, axis=-1, keepdims=True))
-
-
-def _lobe(first: FloatArray, second: FloatArray, normal: FloatArray, variance: FloatArray) -> FloatArray:
-    """π f of a rough mirror, Beckmann's distribution of half vectors.
-
-    P. Beckmann and A. Spizzichino, The scattering of electromagnetic waves from rough surfaces, Pergamon 1963.
-    """
-    half = first + second
-    half = half / np.maximum(np.linalg.norm(half, axis=-1, keepdims=True), np.finfo(float).tiny)
-    square = np.clip((half * normal).sum(axis=-1), _LEAST_COSINE, 1.0) ** 2
-    distribution = np.exp(-(1 - square) / (square * variance)) / (variance * square**2)
-    one, other = ((way * normal).sum(axis=-1) for way in (first, second))
-    grazing = np.maximum(one, _LEAST_COSINE) * np.maximum(other, _LEAST_COSINE)
-    return np.asarray(np.where((one > 0) & (other > 0), distribution / (4 * grazing), 0.0))

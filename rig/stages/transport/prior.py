@@ -11,7 +11,7 @@ from scipy.sparse import csr_array
 from calibration.light.reflectance import ReflectanceSource
 from calibration.light.transport.posterior import TransportPrior
 from rig.stages.scene_model import SceneModel
-from rig.stages.transport.lobes import lobes_of
+from rig.stages.transport.lobes import Ways, lobes_of
 from rig.stages.transport.places import SurfacePlaces
 from sim.light.transport import LightTransport
 
@@ -112,10 +112,10 @@ def prior_of(
     base, kernel = (1 - _EVEN) * expected + _EVEN * white[:, None] * share, _kernel(scene_model, lit.patch)
     # Errors of single patches cancel in white, of which the relative error is known.
     of_white = np.linalg.norm(base @ kernel, axis=1) / np.maximum(white, np.finfo(float).tiny)
-    # Of even light a view makes what it shows of all that arrives: its weights are of what is sent back.
-    seen = np.asarray(view @ transport.radiosity.reflectance)
+    ways = ways_of(scene_model, transport, places, lit)
+    surface = np.minimum(scene_model.scene.region[lit.patch], len(scene_model.walls))
     return TransportPrior(
-        lobes=lobes_of(scene_model, places, lit.patch, emission=lit.white[lit.patch], gain=seen),
+        lobes=lobes_of(ways, surface),
         transport=expected,
         base=base,
         kernel=kernel,
@@ -124,6 +124,13 @@ def prior_of(
         right=right,
         own=own,
     )
+
+
+def ways_of(scene_model: SceneModel, transport: LightTransport, places: SurfacePlaces, lit: LitPatches) -> Ways:
+    """Return the ways of light between places and lit patches."""
+    # Of even light a view makes what it shows of all that arrives: its weights are of what is sent back.
+    seen = np.asarray(places.mean_of() @ (transport.view @ transport.radiosity.reflectance))
+    return Ways.of(scene_model, places, lit.patch, emission=lit.white[lit.patch], gain=seen)
 
 
 def _kernel(scene_model: SceneModel, patch: IntArray) -> FloatArray:

@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.light.transport.posterior import Photographs
 from rig.files.channels import image_of, layers
 from rig.records import Record
 from rig.session import Step
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +31,24 @@ class PhotographNote(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SurfaceGloss(Record):
+    """What photographs tell of a surface's gloss."""
+
+    surface: str
+    says: str
+    """`shines`, `matte` or `not told`."""
+    ratio: float | None = None
+    """Gloss over the model's matte reflectance ..."""
+    sigma: float | None = None
+    """... and its standard deviation; None: nothing that could be mirrored there was photographed."""
+    roughness: float | None = None
+    """Of the lobe that explains most ..."""
+    least_roughness: float | None = None
+    most_roughness: float | None = None
+    """... and between which others it may be."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class TransportRecord(Record):
     """What step `transport` found, beside its images."""
 
@@ -37,7 +58,12 @@ class TransportRecord(Record):
     noise_of_place: float
     """... and the noise of a photograph at a place of the picture, below which none is taken."""
     rms_left: float
-    """What is expected of the model's error on usual pictures with all that were taken."""
+    """What is expected of the model's error on usual pictures with all that were taken, as they show of each other."""
+    left_out_rms: float = 0.0
+    """Of photographs that are left out in turn, measured minus what the others expect, beyond noise ..."""
+    left_out_expected: float = 0.0
+    """... and what was expected of it before they were held against each other."""
+    gloss: tuple[SurfaceGloss, ...] = ()
 
 
 def save_photographs(step: Step, known: list[Photographs]) -> None:
@@ -49,6 +75,11 @@ def save_photographs(step: Step, known: list[Photographs]) -> None:
     places = {k: v for name, values in zip(names, by_place, strict=True) for k, v in layers(name, values).items()}
     step.save_image("told", places, folder="maps")
     step.save_image("lit", layers("lit", np.stack([band.lit for band in known], axis=-1)), folder="maps")
+
+
+def read_uneven(step: Step) -> FloatArray:
+    """Return (H, W, B) what the finished step's photographs left within places."""
+    return image_of(step.load_image("uneven"), "uneven").astype(np.float64)
 
 
 def read_photographs(step: Step, n_bands: int) -> list[Photographs] | None:

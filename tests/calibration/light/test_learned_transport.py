@@ -6,7 +6,7 @@ import pytest
 from calibration.errors import CalibrationError
 from calibration.light.transport.choice import Pictures, least_certain, next_photograph
 from calibration.light.transport.low_rank import low_rank
-from calibration.light.transport.posterior import Photographs, TransportPrior, fitted, posterior
+from calibration.light.transport.posterior import Photographs, TransportPrior, fitted, left_out, posterior
 from sim.form_factors import form_factors
 from sim.scenes.gridded import room
 
@@ -158,3 +158,23 @@ def test_photographs_that_do_not_fit_are_refused(small):
         Photographs(**{**vars(taken), "own": taken.own[:2]})
     with pytest.raises(CalibrationError, match="uncertain"):
         Photographs(**{**vars(taken), "variance": np.zeros_like(taken.variance)})
+
+
+def test_what_the_others_make_of_a_photograph_is_what_they_make_without_it(small):
+    taken, prior = small.photographs(halves(small, 6)), small.prior()
+    apart = left_out(prior, taken)
+    others = Photographs(**{name: values[1:] for name, values in vars(taken).items()})
+    without = posterior(prior, others)
+    assert np.allclose(apart.off[0], taken.difference[0] - without.expected(taken.lit[:1], taken.own[:1])[0])
+    assert np.allclose(apart.expected[0], without.variance(taken.lit[:1], taken.own[:1])[0], rtol=1e-5)
+
+
+def test_photographs_that_contradict_each_other_are_told_by_what_they_make_of_each_other(small):
+    """Light that moved between photographs, of which neither noise nor prior know, cannot be hidden by a good fit."""
+    taken = small.photographs(halves(small, 16))
+    moved = 0.05 * small.truth.sum(axis=1) * np.random.default_rng(3).normal(size=taken.difference.shape)
+    disturbed = Photographs(**{**vars(taken), "difference": taken.difference + moved})
+    quiet, shaken = (fitted(small.prior(), each) for each in (taken, disturbed))
+    apart = left_out(shaken.prior, disturbed)
+    assert np.sqrt((apart.off**2 - apart.noise).mean()) > np.sqrt((moved**2).mean())
+    assert shaken.wider.mean() > 1.5 * quiet.wider.mean()

@@ -1,0 +1,284 @@
+"""Whole sessions in random simulated rooms with one to five random things in them: how many end within their limits.
+
+    python benchmarks/calibration/random_worlds.py --worlds 20 --seed 1
+    python benchmarks/calibration/random_worlds.py --worlds 6 --keep FOLDER     # sessions stay, to be looked at
+    python benchmarks/calibration/random_worlds.py --write FOLDER --worlds 5    # only profiles and meshes
+
+Rooms of 4 to 6 m, 2.4 to 3 m high, matte walls of 0.55 to 0.8; boxes, tables, columns, panels, round columns, vases and
+domes of 0.2 to 0.8, that stand apart from each other in the part of the room at which the rig looks. The rig is that of
+the profile sim-furnished with pictures of half its width, in a random place: camera 320 x 240, projector 256 x 192.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.devices.simulated.worlds.shapes import Point, block, moved, quad, room, sheet, turned
+
+sys.path.insert(0, str(Path(__file__).parent))
+from random_rigs import run, table
+
+FloatArray = NDArray[np.float64]
+
+PROFILE = Path(__file__).parents[2] / "hw_profiles" / "sim-furnished.toml"
+_APART_M = 0.15
+"""Between two things: closer ones are one to a camera of 320 pixels."""
+_FROM_WALL_M = 0.05
+_TRIES = 200
+
+
+@dataclass(frozen=True)
+class Thing:
+    """What stands in a room: its triangles about the origin, and the circle that it needs."""
+
+    kind: str
+    triangles_m: FloatArray
+    radius_m: float
+
+
+def _box(random: np.random.Generator, _height_m: float) -> Thing:
+    x, y, z = random.uniform(0.3, 0.8, 3) * (1, 1, 1.5)
+    shape = block((0, 0), (x, y, z), turn_deg=random.uniform(0, 90))
+    return Thing("box", shape, float(np.hypot(x, y) / 2))
+
+
+def _column(random: np.random.Generator, height_m: float) -> Thing:
+    x, y = random.uniform(0.2, 0.5, 2)
+    return Thing("column", block((0, 0), (x, y, height_m), turn_deg=random.uniform(0, 90)), float(np.hypot(x, y) / 2))
+
+
+def _table(random: np.random.Generator, _height_m: float) -> Thing:
+    x, y, z = random.uniform((0.7, 0.5, 0.5), (1.3, 0.9, 0.9))
+    legs = [block((a, b), (0.06, 0.06, z)) for a in (0.1 - x / 2, x / 2 - 0.1) for b in (0.1 - y / 2, y / 2 - 0.1)]
+    shape = np.concatenate([block((0, 0), (x, y, 0.04), bottom_m=z), *legs])
+    return Thing("table", turned(shape, random.uniform(0, 90)), float(np.hypot(x, y) / 2))
+
+
+def _panel(random: np.random.Generator, height_m: float) -> Thing:
+    """An upright screen that faces the rig more or less."""
+    width, high = random.uniform(0.6, 1.4), random.uniform(0.4, 0.7) * height_m
+    flat = quad((0, width / 2, 0), (0, -width, 0), (0, 0, high))
+    lifted = moved(turned(flat, 45 + random.uniform(-35, 35)), (0, 0, random.uniform(0.05, 0.2) * height_m))
+    return Thing("panel", lifted, width / 2)
+
+
+def _round_column(random: np.random.Generator, height_m: float) -> Thing:
+    radius = random.uniform(0.15, 0.4)
+
+    def place(angle: FloatArray, height: FloatArray) -> FloatArray:
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=-1)
+
+    return Thing(
+        "round column", sheet(place, np.linspace(0, 2 * np.pi, 41), np.linspace(0, height_m, 7)), float(radius)
+    )
+
+
+def _vase(random: np.random.Generator, height_m: float) -> Thing:
+    heights, radii = np.linspace(0, 1, 7), np.append(random.uniform(0.15, 0.45, 6), 0.0)
+    high = random.uniform(0.5, 0.85) * height_m
+
+    def place(angle: FloatArray, height: FloatArray) -> FloatArray:
+        radius = np.interp(height, heights, radii)
+        return np.stack([radius * np.cos(angle), radius * np.sin(angle), high * height], axis=-1)
+
+    shape = sheet(place, np.linspace(0, 2 * np.pi, 37), np.linspace(0, 1, 25))
+    return Thing("vase", shape, float(radii.max()))
+
+
+def _dome(random: np.random.Generator, _height_m: float) -> Thing:
+    radius = random.uniform(0.3, 0.8)
+
+    def place(angle: FloatArray, elevation: FloatArray) -> FloatArray:
+        around = radius * np.cos(elevation)
+        return np.stack([around * np.cos(angle), around * np.sin(angle), radius * np.sin(elevation)], axis=-1)
+
+    shape = sheet(place, np.linspace(0, 2 * np.pi, 41), np.linspace(0, np.pi / 2, 13))
+    return Thing("dome", shape, float(radius))
+
+
+THINGS: tuple[Callable[[np.random.Generator, float], Thing], ...] = (
+    _box,
+    _column,
+    _table,
+    _panel,
+    _round_column,
+    _vase,
+    _dome,
+)
+
+
+@dataclass(frozen=True)
+class World:
+    """A room with things in it, and the rig that looks at them."""
+
+    parts: Mapping[str, FloatArray]
+    """Triangles of each material."""
+    reflectance: Mapping[str, float]
+    profile: str
+    kinds: tuple[str, ...]
+
+
+def world_of(seed: int) -> World:
+    """Return a random world."""
+    random = np.random.default_rng([seed, 16])
+    size_m = tuple(random.uniform((4.0, 4.0, 2.4), (6.0, 6.0, 3.0)).round(2).tolist())
+    placed = _placed(random, size_m)
+    parts = dict(room(size_m)) | {
+        f"{thing.kind}-{k}".replace(" ", "-"): thing.triangles_m for k, thing in enumerate(placed)
+    }
+    wall = random.uniform(0.55, 0.8)
+    colours = {
+        name: float(random.uniform(0.2, 0.8) if "-" in name else np.clip(wall + random.normal(0, 0.04), 0.45, 0.85))
+        for name in parts
+    }
+    kinds = tuple(thing.kind for thing in placed)
+    return World(parts, colours, _profile(random, seed, size_m, colours), kinds)
+
+
+def _placed(random: np.random.Generator, size_m: Point) -> list[Thing]:
+    """One to five things in the half of the room that the rig looks at."""
+    things: list[Thing] = []
+    circles: list[tuple[FloatArray, float]] = []
+    for _ in range(int(random.integers(1, 6))):
+        thing = THINGS[random.integers(len(THINGS))](random, size_m[2])
+        for _ in range(_TRIES):
+            at = random.uniform(0.42, 0.95, 2) * size_m[:2]
+            margin = thing.radius_m + _FROM_WALL_M
+            free = all(np.linalg.norm(at - where) > thing.radius_m + radius + _APART_M for where, radius in circles)
+            if free and (at + margin < size_m[:2]).all():
+                circles.append((at, thing.radius_m))
+                things.append(Thing(thing.kind, moved(thing.triangles_m, (at[0], at[1], 0.0)), thing.radius_m))
+                break
+    return things
+
+
+def _profile(random: np.random.Generator, seed: int, size_m: Point, reflectance: Mapping[str, float]) -> str:
+    """That of sim-furnished, its pictures half as wide, its rig in another place."""
+    text = PROFILE.read_text("utf-8")
+    projector = random.uniform((0.14, 0.14, 0.4), (0.26, 0.26, 0.6)) * size_m
+    way = random.normal(size=3) * (1.0, 1.0, 0.3)
+    # Beside the projector, across its view: where it stands behind, neither sees the wall it stands on.
+    camera = projector + random.choice([-1, 1]) * np.array([0.6, -0.6, 0.0]) * random.uniform(0.6, 1.0) + 0.1 * way
+    camera = np.clip(camera, 0.25, np.array(size_m) - 0.3)
+    target = np.array(size_m) * (1.0, 1.0, 0.5) + random.normal(0, 0.05, 3) * size_m
+    focal = {"camera": 265.85 / 2 * random.uniform(0.95, 1.2), "projector": 215.6 / 2 * random.uniform(0.95, 1.2)}
+    size = json.dumps([round(x * (1 + 0.003 * random.normal()), 3) for x in size_m])
+    new = {
+        r'name = "sim-furnished"': f'name = "random-world-{seed}"',
+        r"width_px = 640": "width_px = 320",
+        r"height_px = 480": "height_px = 240",
+        r"width_px = 512": "width_px = 256",
+        r"height_px = 384": "height_px = 192",
+        r"hfov_deg = 100.0 .*": f"hfov_deg = {_field_deg(320, focal['camera']):.1f}",
+        r"hfov_deg = 98.0": f"hfov_deg = {_field_deg(256, focal['projector']):.1f}",
+        r"baseline_m = \S+": f"baseline_m = {np.linalg.norm(camera - projector) * (1 + 0.002 * random.normal()):.4f}",
+        r"size_m = \[4.80, 4.80, 2.40\]": f"size_m = {size}",
+        r"patch_size_m = 0.3": f"patch_size_m = {max(size_m) / 16:.3f}",
+        r"seed = 20141": f"seed = {seed}",
+        r'scene = "furnished"\nsize_m = \[4.8, 4.8, 2.4\]': f'scene = "random-world-{seed}.obj"',
+        # What pixels twice as large leave open of places is twice as much.
+        r"geometry_rms_px = 0.5": "geometry_rms_px = 0.5\ngeometry_sigma_percent = 0.9",
+        r"cell_size_m = 0.12": f"cell_size_m = {max(size_m) / 36:.3f}",
+        r"(?s)\[simulation.reflectance\].*?\n\n": _materials(reflectance),
+        r"position_m = \[0.60, 1.42, 1.38\]": f"position_m = {_list(camera)}",
+        r"look_at_m = \[4.60, 4.55, 1.12\]": f"look_at_m = {_list(target)}",
+        r"position_m = \[1.00, 1.00, 1.20\]": f"position_m = {_list(projector)}",
+        r"look_at_m = \[4.80, 4.72, 1.20\]": f"look_at_m = {_list(target + random.normal(0, 0.04, 3) * size_m)}",
+        r"focal_px = 265.85": f"focal_px = {focal['camera']:.2f}",
+        r"focal_px = 215.6\b": f"focal_px = {focal['projector']:.2f}",
+        r"principal_point_px = \[321.9, 236.15\]": "principal_point_px = [160.7, 117.8]",
+        r"principal_point_px = \[254.05, 200.95\]": "principal_point_px = [126.8, 100.2]",
+    }
+    for old, line in new.items():
+        text, count = re.subn(old, line, text, count=1)
+        if not count:
+            raise SystemExit(f"{PROFILE.name} has no {old!r} any more; mend this benchmark")
+    return text
+
+
+def _field_deg(width_px: int, focal_px: float) -> float:
+    return float(2 * np.degrees(np.arctan(width_px / 2 / focal_px)))
+
+
+def _list(values: FloatArray) -> str:
+    return json.dumps([round(float(x), 4) for x in values])
+
+
+def _materials(reflectance: Mapping[str, float]) -> str:
+    tables = (f'[[simulation.material]]\nname = "{k}"\nreflectance = {v:.3f}\n' for k, v in reflectance.items())
+    return "\n".join(tables) + "\n"
+
+
+def write(folder: Path, seed: int) -> Path:
+    """Write a world's profile and mesh; return the profile."""
+    world, name = world_of(seed), f"random-world-{seed}"
+    # Without a library of materials their names are lost.
+    colours = (f"newmtl {part}\nKd {rho:.3f} {rho:.3f} {rho:.3f}\n" for part, rho in world.reflectance.items())
+    (folder / f"{name}.mtl").write_text("".join(colours), encoding="utf-8")
+    lines, first = [f"mtllib {name}.mtl"], 1
+    for part, triangles_m in world.parts.items():
+        lines.append(f"usemtl {part}")
+        lines += [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in triangles_m.reshape(-1, 3)]
+        lines += [f"f {k} {k + 1} {k + 2}" for k in range(first, first + 3 * len(triangles_m), 3)]
+        first += 3 * len(triangles_m)
+    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    profile = folder / f"{name}.toml"
+    profile.write_text(world.profile, encoding="utf-8")
+    return profile
+
+
+def verdicts(found: Mapping[str, Any]) -> list[str]:
+    """What a session that ended says of its limits that are not met."""
+    rows = found.get("result", {}).get("limits", [])
+    return [f"{row['what']}: {row['value']:.3g}, limit {row['limit']:.3g}" for row in rows if not row["met"]]
+
+
+def main() -> int:
+    """Write worlds, or run sessions in them and say how they ended."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--worlds", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=1, help="of the first world; the others follow")
+    parser.add_argument("--write", type=Path, help="only write profiles and meshes there")
+    parser.add_argument("--keep", type=Path, help="keep the sessions there")
+    parser.add_argument("--json", type=Path, help="all results")
+    wanted = parser.parse_args()
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = wanted.write or wanted.keep or Path(scratch)
+        folder.mkdir(parents=True, exist_ok=True)
+        seeds = range(wanted.seed, wanted.seed + wanted.worlds)
+        profiles = {seed: write(folder, seed) for seed in seeds}
+        if wanted.write:
+            return 0
+        found = []
+        for seed, profile in profiles.items():
+            found.append(run(profile, profile.with_suffix(""), ("none", "bounded")))
+            print(_line(seed, found[-1]), flush=True)
+    if wanted.json:
+        wanted.json.write_text(json.dumps(found, indent=1), encoding="utf-8")
+    print(table(found))
+    return 0
+
+
+def _line(seed: int, found: Mapping[str, Any]) -> str:
+    """One world: what is in it, and how its session ended."""
+    kinds, took = ", ".join(world_of(seed).kinds), f"{found['seconds']:.0f} s"
+    if "result" not in found or "comparison" not in found["result"]:
+        return f"{seed:3} ({kinds}; {took}): refused, exit {found['status']}: {' '.join(found['said'])}"
+    compared = found["result"]["comparison"]
+    words = "; ".join(verdicts(found)) or "within limits"
+    return f"{seed:3} ({kinds}; {took}): rms {compared['rmse']:.2f} (noise {compared['noise_rms']:.2f}): {words}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
