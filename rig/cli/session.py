@@ -101,12 +101,40 @@ def separate(session: SessionFolder, *, profile: ProfileOption = None, as_json: 
     return _part("separate", SessionRequest(folder=session, profile=profile), as_json)
 
 
-def model(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
+def model(
+    session: SessionFolder,
+    *,
+    profile: ProfileOption = None,
+    export: Annotated[
+        Path | None, Parameter(help="Write the room as binary glTF (.glb): surface, reflectance, confidence, devices.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
     """Build the room model: patches, reflectance, vignetting, brightness scale.
 
     Example: rig model runs/first --json
+
+    Example: rig model runs/first --export room.glb
     """
-    return _part("model", SessionRequest(folder=session, profile=profile), as_json)
+    request = SessionRequest(folder=session, profile=profile)
+    return _part("model", request, as_json) if export is None else _export(request, export, as_json)
+
+
+def _export(request: SessionRequest, path: Path, as_json: bool) -> int:
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        from rig.report.scene.room_file import check_room_file, export_room
+        from rig.run.session import run_part
+
+        check_room_file(path)
+        run_part(request, "model", progress)
+        found = export_room(Path(request.folder), path, progress)
+    print_json(found) if as_json else print(
+        f"{found.file}: {found.triangles} triangles of {len(found.parts)} parts ({', '.join(found.parts)}), devices "
+        f"{', '.join(found.devices)}"
+    )
+    return 0
 
 
 def compensate(

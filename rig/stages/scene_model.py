@@ -39,6 +39,8 @@ Vignetting = tuple[float, float]
 
 SQUARE_PIXEL_PX2, FOUR_PIXELS_PX2 = 1 / 12, 1 / 6
 """Mean variance of a square pixel, and of sharing a place out to the four nearest pixels by distance."""
+MOST_OFF_PX = 4.0
+"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
 LEAST_GAIN = 0.02
 """Projector pixels with less direct light than this share of the median are left black."""
 
@@ -283,10 +285,21 @@ class SceneModel:
         return np.asarray(known.reshape(*self.projector.lens.shape, 2))
 
     @cached_property
+    def hidden(self) -> BoolArray:
+        """(n projector pixels,) pixels whose light lands where something else stands before the camera.
+
+        The camera pixel there has the code of another projector pixel, which is the one to steer.
+        """
+        code_px = np.nan_to_num(self.light.projector_xy_px, nan=-1.0) + 1.0
+        there = sample_bands(code_px, self.camera_xy_px) - 1.0
+        off_px = np.abs(there - self.projector.lens.pixel_grid()).max(axis=1)
+        return np.asarray(np.isfinite(off_px) & (off_px > MOST_OFF_PX))
+
+    @cached_property
     def active(self) -> BoolArray:
         """(n projector pixels,) pixels that the camera sees well enough to steer; the others stay black."""
         gain, seen = self.projector_pixel_gains
-        known = np.isfinite(gain) & np.isfinite(seen)
+        known = np.isfinite(gain) & np.isfinite(seen) & ~self.hidden
         return np.asarray(known & (np.where(known, gain, 0) > LEAST_GAIN * np.median(gain[known])))
 
 
