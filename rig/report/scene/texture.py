@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.light.faces import away_from_edges
 from rig.files.pictures import png_of, srgb_of_linear
 from rig.stages.maps.sampling import sample
 from rig.stages.model import FittedScene
-from rig.stages.scene_model import SceneModel, white_irradiance
+from rig.stages.scene_model import SceneModel, face_of_pixels, white_irradiance
 from sim.geometry.optics import project
 from sim.geometry.rays import trace
 from sim.geometry.surface import Surface
@@ -19,6 +21,8 @@ FloatArray = NDArray[np.float64]
 
 _SAME_PLACE = 5e-3
 """Of the distance, by which a camera's ray may end before a point that it is said to see."""
+_RIM = np.ones((9, 9), np.uint8)
+"""Beside the border of the picture lenses mix lit and dark."""
 _LEAST_WHITE = 0.05
 """Of the median light of white: with less, small errors of the surface are large ones of reflectance."""
 MOST_TEXELS = 1 << 22
@@ -135,7 +139,9 @@ def _pixel_reflectance(band: SceneModel) -> FloatArray:
     e = white_irradiance(band.scene, projector.device, hits.points_m, hits.hits.patch)
     white = projector.flux * e * camera.illumination(camera.lens.pixel_grid())
     gain = band.light.direct_gain.ravel()
-    usable = (gain > 0) & (white > _LEAST_WHITE * np.median(white[white > 0]))
+    face = face_of_pixels(hits, camera.lens.shape)
+    inner = away_from_edges(face) & (cv2.erode((band.light.direct_gain > 0).astype(np.uint8), _RIM) > 0)
+    usable = inner.ravel() & (white > _LEAST_WHITE * np.median(white[white > 0]))
     reflectance = np.where(usable, gain / np.where(usable, white, 1.0), 0.0)
     # More than all comes back where light falls at a slant and the surface is off by a little.
     return np.asarray(np.where(reflectance <= 1, reflectance, 0.0).reshape(camera.lens.shape))
