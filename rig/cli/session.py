@@ -9,9 +9,11 @@ from cyclopts import Parameter
 
 from rig.cli.options import (
     DEFAULT_STRATEGIES,
+    NO_PLACE,
     Fit,
     Json,
     Linear,
+    PlaceOptions,
     ProfileOption,
     SessionFolder,
     Strategies,
@@ -32,6 +34,7 @@ def run(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = DEFAULT_STRATEGIES,
     dry_run: Annotated[bool, Parameter(negative="", help="Print the plan and stop.")] = False,
     as_json: Json = False,
@@ -43,7 +46,13 @@ def run(
     Example: rig run runs/first -p sim-room --target picture.png
     """
     request = SessionRequest(
-        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+        folder=session,
+        profile=profile,
+        target=target,
+        fit=fit,
+        linear=linear,
+        place=place.table(),
+        strategies=names_of(strategies),
     )
     return _plan(request, as_json) if dry_run else _run(request, as_json)
 
@@ -144,6 +153,7 @@ def compensate(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -152,7 +162,13 @@ def compensate(
     Example: rig compensate runs/first --target picture.png --strategies paper,bounded
     """
     request = SessionRequest(
-        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+        folder=session,
+        profile=profile,
+        target=target,
+        fit=fit,
+        linear=linear,
+        place=place.table(),
+        strategies=names_of(strategies),
     )
     return _part("compensate", request, as_json)
 
@@ -164,6 +180,7 @@ def compare(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -172,7 +189,13 @@ def compare(
     Example: rig compare runs/first --target picture.png
     """
     request = SessionRequest(
-        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+        folder=session,
+        profile=profile,
+        target=target,
+        fit=fit,
+        linear=linear,
+        place=place.table(),
+        strategies=names_of(strategies),
     )
     return _run(request, as_json)
 

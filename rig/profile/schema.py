@@ -30,6 +30,7 @@ from rig.profile.tables import (
     Viewer,
     check_patches,
 )
+from rig.profile.target_table import TargetTable
 
 SCHEMA = 2
 """The profile schema that this version reads and writes."""
@@ -56,6 +57,7 @@ class Profile(Table):
     """Who judges the picture; None: the only camera."""
     patterns: Patterns = Patterns()
     transport: TransportPhotographs = TransportPhotographs()
+    target: TargetTable = TargetTable()
     brightness: Brightness = Brightness()
     limits: Limits = Limits()
     replay: Replay | None = None

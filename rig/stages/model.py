@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -46,6 +47,7 @@ from rig.stages.scene_model import (
     with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
+from rig.stages.showing.dark import dark_pixels, dark_settings
 from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
 from rig.stages.transport.prior import OpenWalls
@@ -321,7 +323,16 @@ def model_steps(session: Session) -> tuple[str, ...]:
 
 def load_prior_model(session: Session) -> FittedScene:
     """Return the finished step's model as it was before any photograph of step `transport`."""
-    return _read_model(session, session.finished("model").outputs_sha256)
+    mask = json.dumps(dark_settings(session.profile))
+    return _darkened(session, session.finished("model").outputs_sha256, mask)
+
+
+@lru_cache(maxsize=1)
+def _darkened(session: Session, outputs_sha256: str, _mask: str) -> FittedScene:
+    """The finished step's model, of which the pixels stay black that the profile's mask says."""
+    model = _read_model(session, outputs_sha256)
+    dark = dark_pixels(session.profile, model.scene_model)
+    return model if dark is None else replace(model, room=replace(model.room, dark=dark))
 
 
 @lru_cache(maxsize=1)

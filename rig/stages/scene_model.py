@@ -365,11 +365,14 @@ class ColouredRoom:
     bands: tuple[SceneModel, ...]
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes."""
+    dark: BoolArray | None = None
+    """(n projector pixels,) pixels that stay black whatever is shown; None: none."""
 
     @cached_property
     def active(self) -> BoolArray:
-        """(n projector pixels,) pixels that the camera sees well enough to steer, in every band."""
-        return np.asarray(np.all([scene_model.active for scene_model in self.bands], axis=0))
+        """(n projector pixels,) pixels that the camera sees well enough to steer, in every band, and that may light."""
+        seen = np.asarray(np.all([scene_model.active for scene_model in self.bands], axis=0))
+        return seen if self.dark is None else seen & ~self.dark
 
     @cached_property
     def camera_transports(self) -> Mapping[DevicePair, ColourTransport]:
