@@ -155,13 +155,17 @@ def _head(scene: GlbScene, buffer: _Buffer) -> dict[str, Json]:
         "samplers": [{"magFilter": _LINEAR, "minFilter": _LINEAR, "wrapS": _CLAMPED, "wrapT": _CLAMPED}],
         "nodes": [
             root,
-            *({"name": mesh.name, "mesh": number} for number, mesh in enumerate(meshes)),
+            *(_mesh_node(mesh, number) for number, mesh in enumerate(meshes)),
             *(_camera_node(camera, number) for number, camera in enumerate(cameras)),
         ],
     }
     if cameras:  # a list without entries is not allowed
         head["cameras"] = [_camera(camera) for camera in cameras]
     return head
+
+
+def _mesh_node(mesh: GlbMesh, number: int) -> Json:
+    return {"name": mesh.name, "mesh": number}
 
 
 def _mesh(mesh: GlbMesh, buffer: _Buffer) -> Json:
@@ -184,4 +188,5 @@ def _camera_node(camera: GlbCamera, number: int) -> Json:
     matrix = np.eye(4)
     matrix[:3, :3] = camera.rotation @ _DEVICE_AXES
     matrix[:3, 3] = camera.position_m
-    return {"name": camera.name, "camera": number, "matrix": matrix.T.ravel().tolist(), "extras": camera.extras}
+    columns: list[Json] = [*matrix.T.ravel().tolist()]
+    return {"name": camera.name, "camera": number, "matrix": columns, "extras": camera.extras}

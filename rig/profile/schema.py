@@ -225,7 +225,7 @@ def _several_lengths(profile: Profile) -> str:
 
 
 def _other_surface(profile: Profile) -> str:
-    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box' and 'free'"
+    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs box, free and file"
 
 
 def load_runnable_profile(path_or_name: str | Path) -> Profile:

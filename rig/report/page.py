@@ -20,6 +20,13 @@ from rig.report.pictures import EmbeddedPicture
 from rig.report.render import Headline, TextTable, embedded_json, headline_of, rendered
 from rig.report.room import darkness_text, geometry_text
 from rig.report.scene.shadows import COLOURS, FATES, shadow_map
+from rig.report.scene.shown import (
+    learned_errors,
+    learned_pictures,
+    learned_text,
+    misfit_picture,
+    placed_pictures,
+)
 from rig.report.scene.view import view_of
 from rig.report.strategy_pictures import PictureRow, picture_rows
 from rig.report.terms import explained
@@ -91,6 +98,11 @@ class _SessionPage:
     room_data: Markup
     """The scene as JSON, for the 3-D view."""
     shadows: EmbeddedPicture
+    placed: Sequence[EmbeddedPicture]
+    placed_text: str
+    misfit: EmbeddedPicture | None
+    learned: Sequence[EmbeddedPicture]
+    learned_text: str
     shadow_legend: Sequence[_Reason]
     correspondence_text: str
     correspondence_images: Sequence[EmbeddedPicture]
@@ -125,6 +137,7 @@ def write_report(session: Session, result: SessionResult, on_step: OnStep) -> Pa
 def _page(session: Session, result: SessionResult, model: FittedScene) -> _SessionPage:
     profile, radiometric = session.profile, load_radiometric_calibration(session)
     names, notes = _in_order(load_compensation(session).strategies), frame_notes(session)
+    before_and_after = learned_errors(session, model, load_compensation(session).best)
     focus, shadows = focus_of(model, load_separation_record(session)), shadow_map(model)
     return _SessionPage(
         title=f"Session {session.path.name}",
@@ -150,6 +163,11 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         room_figure=figures.room_figure(model.scene_model),
         room_data=embedded_json(view_of(session, model)),
         shadows=pictures.picture(shadows.picture, "What becomes of each projector pixel"),
+        placed=placed_pictures(session),
+        placed_text="" if result.compensation.target is None else result.compensation.target.sentence,
+        misfit=misfit_picture(session),
+        learned=learned_pictures(before_and_after),
+        learned_text=learned_text(before_and_after),
         shadow_legend=[
             _Reason(name, colour, f"{100 * share:.1f} %")
             for name, colour, share in zip(FATES, COLOURS, shadows.shares, strict=True)

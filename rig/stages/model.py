@@ -48,6 +48,7 @@ from rig.stages.scene_model import (
 )
 from rig.stages.separation import projector_blur_px2
 from rig.stages.showing.dark import dark_pixels, dark_settings
+from rig.stages.surface.known import known_settings
 from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
 from rig.stages.transport.prior import OpenWalls
@@ -153,6 +154,7 @@ def model_settings(session: Session) -> JsonObject:
     return {
         "patch_size_m": profile.room.patch_size_m,
         "surface": profile.surface.kind,
+        **known_settings(profile),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,
@@ -174,9 +176,12 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     seen = SeenInWhite(light=_together(bands), lit=lit, projector_xy_px=projector_xy_px, border=border)
     placed = _placed(session, seen, on_step)
     measured = load_geometry(session)
-    standing = standing_of(session, measured, shift_of(placed))
-    if standing is not None:
-        step.save_record("standing", standing)
+    found = standing_of(session, measured, shift_of(placed))
+    standing = None if found is None else found.record
+    if found is not None:
+        step.save_record("standing", found.record)
+        if found.misfit_m is not None:
+            step.save_image("misfit", {"misfit_m": found.misfit_m.astype(np.float32)}, folder="maps")
     bare = bare_room(measured, session.profile.room.patch_size_m, shift_of(placed), standing)
     gains = [direct_gain(light, lit, bare.camera_hits, border) for light in bands]
     on_step("build model", 1, 4)
@@ -363,7 +368,7 @@ def _learned(session: Session, prior: FittedScene, _outputs_sha256: str) -> Fitt
 
 def load_standing(session: Session) -> StandingRecord | None:
     """Return what the finished step found before the walls; None where the surface is a box."""
-    if session.profile.surface.kind != "free":
+    if session.profile.surface.kind == "box":
         return None
     return session.finished("model").load_record("standing", StandingRecord)
 

@@ -145,5 +145,6 @@ def _smoothed(picture: Float32Array, step_px: float, *, is_round: bool) -> Float
     margin = int(np.ceil(4 * _BLUR_A_STEP * step_px)) if is_round else 0
     wide = np.pad(picture, ((0, 0), (margin, margin), (0, 0)), mode="wrap") if margin else picture
     sigma = _BLUR_A_STEP * np.sqrt(step_px**2 - 1)
-    smooth = cv2.GaussianBlur(wide, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE).reshape(wide.shape)
-    return np.asarray(smooth[:, margin : smooth.shape[1] - margin] if margin else smooth)
+    blurred = cv2.GaussianBlur(wide, (0, 0), sigma, borderType=cv2.BORDER_REPLICATE)
+    smooth: Float32Array = np.asarray(blurred, dtype=np.float32).reshape(wide.shape)
+    return smooth[:, margin : margin + picture.shape[1]]
