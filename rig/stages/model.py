@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -16,10 +16,11 @@ from calibration.light.reflectance import ReflectanceFit
 from calibration.light.vignetting import Vignetting
 from rig.files.channels import bands_of, image_of, layers
 from rig.profile.schema import Profile
-from rig.records import JsonObject, Record
+from rig.records import JsonObject
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import load_geometry
+from rig.stages.light.between_patches import with_even_return
 from rig.stages.light.fit import (
     LEAST_PIXELS,
     BandLight,
@@ -31,6 +32,7 @@ from rig.stages.light.fit import (
     lit_pixels,
     pixels_that_tell,
 )
+from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
 from rig.stages.radiometry import load_radiometric_calibration
@@ -44,7 +46,6 @@ from rig.stages.scene_model import (
     cast_pixels,
     face_of_pixels,
     unit_emission,
-    with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
 from rig.stages.showing.dark import dark_pixels, dark_settings
@@ -60,63 +61,6 @@ BoolArray = NDArray[np.bool_]
 
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BandModel(Record):
-    """What the scene does in one band of light."""
-
-    reflectance: tuple[float, ...]
-    """Of each patch."""
-    source: tuple[int, ...]
-    """What each patch's reflectance is from (:class:`calibration.light.reflectance.Source`)."""
-    unseen_reflectance: float
-    """Mean of the patches that nobody saw ..."""
-    unseen_sigma: float
-    """... and its standard deviation."""
-    global_rms: float
-    """Residual of the fit to the global light, relative."""
-    white_median: float
-    """Of projector white over the lit pixels."""
-    global_share_mean: float
-    """Mean share of global light in it."""
-    returned_share: float = 0.0
-    """Of one wall's mean radiosity, what an open room sends back, evenly; 0 where walls light each other."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraModel(Record):
-    """What the model knows of one camera beside its geometry."""
-
-    vignetting: tuple[float, float]
-    """v2, v4: relative illumination 1 + v2 r² + v4 r⁴."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProjectorModel(Record):
-    """What the model knows of one projector beside its geometry."""
-
-    vignetting: tuple[float, float]
-    flux: tuple[float, ...]
-    """κ in each band ..."""
-    flux_sigma: tuple[float, ...]
-    """... and its standard deviation."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelRecord(Record):
-    """What step `model` found, beside its images."""
-
-    patch_size_m: float
-    bands: tuple[BandModel, ...]
-    cameras: Mapping[str, CameraModel]
-    projectors: Mapping[str, ProjectorModel]
-    vignetting_rms: float
-    level: float
-    """Camera value of a target's 255, in each band."""
-    lit_share_of_image: float
-    placed: tuple[PlacedByLight, ...] = ()
-    """Walls that nobody measured, an entry an axis."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -121,27 +121,6 @@ def face_of_pixels(camera_hits: PixelHits, shape: tuple[int, ...]) -> NDArray[np
     return np.asarray(camera_hits.hits.face.reshape(shape))
 
 
-def with_even_return(factors: FormFactors, share: float) -> FormFactors:
-    """Return the factors of patches that do not see each other, of whose light so large a share comes back evenly.
-
-    Patch i sends it to all patches by their areas, F_ij = s A_j / ΣA: what arrives is s times the mean radiosity.
-    """
-    if share == 0:
-        return factors
-    matrix = np.repeat(share * factors.areas[None] / factors.areas.sum(), len(factors.areas), axis=0)
-    return replace(factors, matrix=matrix, row_sums=np.full(len(factors.areas), share), method="even return")
-
-
-def seen_from(scene: AnyScene, hits: Hits, chosen: BoolArray) -> csr_array:
-    """Return (P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
-    weights = smooth_view(scene, hits, np.where(chosen, scene.reflectance[hits.patch], 0.0))
-    pixels = np.flatnonzero(chosen)
-    count = np.bincount(hits.patch[pixels], minlength=scene.n_patches)
-    shape = (scene.n_patches, len(chosen))
-    sums = csr_array((np.ones(len(pixels)), (hits.patch[pixels], pixels)), shape=shape) @ weights
-    return csr_array(diags_array(1 / np.maximum(count, 1)) @ sums + diags_array((count == 0).astype(float)))
-
-
 @dataclass(frozen=True, eq=False)
 class PosedCamera:
     """A camera in the scene."""

@@ -51,7 +51,7 @@ class ShownTarget(Record):
         return f"{self.name}, taken as {self.light}{where}{grey}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Target:
     """A picture in grey levels, 0 … 255, linear light: of the projector's shape, or of any with where it is wanted."""
 
@@ -161,7 +161,14 @@ def last_target(session: Session) -> Target | None:
         ) from error
     shown = shown_target(settings)
     place = TargetTable.model_validate(settings["placement"]) if settings.get("placement") else None
-    return Target(shown.name, levels, shown.light, lost_colours=shown.lost_colours, place=place, words=shown.placed)
+    return Target(
+        name=shown.name,
+        levels=levels,
+        light=shown.light,
+        lost_colours=shown.lost_colours,
+        place=place,
+        words=shown.placed,
+    )
 
 
 def shown_target(settings: Mapping[str, Any]) -> ShownTarget:
@@ -218,9 +225,10 @@ def load_target(
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
     if path is None or _is_test_picture(path):
-        return Target(_TEST_PICTURE, astronaut(shape, channels))
+        return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
     levels, lost_colours = read_picture_of_shape(path, shape, channels=channels, fit=fit, is_linear=is_linear)
-    return Target(Path(path).name, levels, _light_of(path, is_linear=is_linear), lost_colours)
+    light = _light_of(path, is_linear=is_linear)
+    return Target(name=Path(path).name, levels=levels, light=light, lost_colours=lost_colours)
 
 
 def load_any_target(
@@ -234,9 +242,10 @@ def load_any_target(
         The file is missing, unreadable, too bright, or not finite.
     """
     if path is None or _is_test_picture(path):
-        return Target(_TEST_PICTURE, astronaut(shape, channels))
+        return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
     levels, lost_colours = read_picture_in_channels(path, channels=channels, is_linear=is_linear)
-    return Target(Path(path).name, levels, _light_of(path, is_linear=is_linear), lost_colours)
+    light = _light_of(path, is_linear=is_linear)
+    return Target(name=Path(path).name, levels=levels, light=light, lost_colours=lost_colours)
 
 
 def _is_test_picture(path: str | Path) -> bool:

@@ -75,7 +75,7 @@ class Registration:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
+class _MeasuredPoints:
     """What the camera measured of the mesh."""
 
     points_m: FloatArray
@@ -124,7 +124,7 @@ def register(
     """
     mesh = SampledMesh(triangles_m)
     rows, columns = np.nonzero(chosen & points.known)
-    seen = _Seen(
+    seen = _MeasuredPoints(
         points_m=points.origin_m + points.distance_m[rows, columns, None] * points.rays[rows, columns],
         rays=points.rays[rows, columns],
         sigma_m=points.sigma_m[rows, columns],
@@ -150,13 +150,13 @@ def register(
     )
 
 
-def _thinned(seen: _Seen, count: int) -> _Seen:
+def _thinned(seen: _MeasuredPoints, count: int) -> _MeasuredPoints:
     chosen = np.random.default_rng(0).permutation(len(seen.points_m))[:count]
-    return _Seen(points_m=seen.points_m[chosen], rays=seen.rays[chosen], sigma_m=seen.sigma_m[chosen])
+    return _MeasuredPoints(points_m=seen.points_m[chosen], rays=seen.rays[chosen], sigma_m=seen.sigma_m[chosen])
 
 
 def _starts(
-    mesh: SampledMesh, seen: _Seen, origin_m: FloatArray, *, upright: bool, scales: Sequence[float]
+    mesh: SampledMesh, seen: _MeasuredPoints, origin_m: FloatArray, *, upright: bool, scales: Sequence[float]
 ) -> list[MeshPose]:
     """Places at which the middle of the side that would be seen stands in the middle of the points."""
     middle = np.median(seen.points_m, axis=0)
@@ -182,7 +182,7 @@ _WAYS_UP = [
 
 
 def _fitted(
-    mesh: SampledMesh, seen: _Seen, start: MeshPose, steps: int, *, fits_scale: bool, first: float = 1.0
+    mesh: SampledMesh, seen: _MeasuredPoints, start: MeshPose, steps: int, *, fits_scale: bool, first: float = 1.0
 ) -> _Fit:
     """A pose after some steps of Gauss and Newton, points that are far off counting less with each."""
     spreads = np.geomspace(first * _FIRST_SPREAD, _LAST_SPREAD, steps) * mesh.size_m
@@ -193,7 +193,7 @@ def _fitted(
     return _Fit(pose, information, float(np.minimum(off, 1.0).mean()))
 
 
-def _offsets(mesh: SampledMesh, pose: MeshPose, seen: _Seen) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _offsets(mesh: SampledMesh, pose: MeshPose, seen: _MeasuredPoints) -> tuple[FloatArray, FloatArray, FloatArray]:
     """(N,) distances to the mesh, (N, 3) the directions along which they are, and the points in the mesh's frame.
 
     In metres of the mesh; before it they are positive.
@@ -210,7 +210,7 @@ def _offsets(mesh: SampledMesh, pose: MeshPose, seen: _Seen) -> tuple[FloatArray
 
 
 def _step(
-    mesh: SampledMesh, seen: _Seen, pose: MeshPose, spread_m: float, *, fits_scale: bool
+    mesh: SampledMesh, seen: _MeasuredPoints, pose: MeshPose, spread_m: float, *, fits_scale: bool
 ) -> tuple[MeshPose, FloatArray]:
     off, direction, points = _offsets(mesh, pose, seen)
     leans = np.abs(np.einsum("nc,nc->n", direction, seen.rays @ pose.rotation))
@@ -259,7 +259,7 @@ def _see_through(mesh: SampledMesh, pose: MeshPose, points: PointMap, camera: Pi
     return float(through.mean()) if known.any() else 0.0
 
 
-def _misfit(mesh: SampledMesh, pose: MeshPose, seen: _Seen) -> FloatArray:
+def _misfit(mesh: SampledMesh, pose: MeshPose, seen: _MeasuredPoints) -> FloatArray:
     return np.asarray(pose.scale * _offsets(mesh, pose, seen)[0])
 
 

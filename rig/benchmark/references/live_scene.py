@@ -90,7 +90,7 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     paint = [
         np.concatenate([np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces]) for band in range(3)
     ]
-    return _lit(room, form_factors(room), paint, width_px, height_px)
+    return _lit(room, form_factors(room), paint, (width_px, height_px))
 
 
 def live_mesh(width_px: int, height_px: int, patch_size_m: float = PATCH_OF_MESH_M) -> LiveScene:
@@ -113,13 +113,12 @@ def live_mesh(width_px: int, height_px: int, patch_size_m: float = PATCH_OF_MESH
         )
         for band in range(3)
     ]
-    return _lit(mesh, form_factors(mesh, "rays", rays=MESH_RAYS), paint, width_px, height_px)
+    return _lit(mesh, form_factors(mesh, "rays", rays=MESH_RAYS), paint, (width_px, height_px))
 
 
-def _lit(
-    surface: Scene | Mesh, factors: FormFactors, paint: list[FloatArray], width_px: int, height_px: int
-) -> LiveScene:
+def _lit(surface: Scene | Mesh, factors: FormFactors, paint: list[FloatArray], size_px: tuple[int, int]) -> LiveScene:
     """A projector in a room whose patches have a reflectance a band."""
+    width_px, height_px = size_px
     ideal = Lens.from_horizontal_field_of_view(width_px, height_px, 100.0)
     lens = Lens(
         width_px=width_px,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from calibration.light.reflectance import ReflectanceSource
 from rig.errors import UsageError
-from rig.files.glb import GlbCamera, GlbMesh, GlbScene, write_glb
 from rig.records import JsonObject, Record
+from rig.report.scene.glb import GlbCamera, GlbMesh, GlbScene, write_glb
 from rig.report.scene.texture import PatchTexture, is_triangle, reflectance_texture
 from rig.report.scene.view import region_name
 from rig.session import Session

@@ -85,7 +85,7 @@ def reflectance_texture(model: FittedScene, most_texels: int = MOST_TEXELS) -> P
     rows = -(-scene.n_patches // columns)
     tiles = np.zeros((rows * columns, side, side, 3))
     tiles[: scene.n_patches] = colours.reshape(-1, side, side, 3)
-    image = tiles.reshape(rows, columns, side, side, 3).swapaxes(1, 2).reshape(rows * side, columns * side, 3)
+    image = tiles.reshape((rows, columns, side, side, 3)).swapaxes(1, 2).reshape(rows * side, columns * side, 3)
     share = known.reshape(scene.n_patches, -1).mean(axis=1)
     return PatchTexture(
         image=np.rint(255 * srgb_of_linear(np.clip(image, 0.0, 1.0))).astype(np.uint8),

@@ -16,6 +16,7 @@ from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord, Point
+from rig.stages.light.between_patches import seen_from
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE
 from rig.stages.scene_model import (
     MOST_OFF_PX,
@@ -24,7 +25,6 @@ from rig.stages.scene_model import (
     cast_pixels,
     face_of_pixels,
     posed_lens,
-    seen_from,
     unit_emission,
     white_irradiance,
 )

@@ -19,7 +19,7 @@ _FLAT = 0.02
 _THING = "thing "
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class SurfaceFrame:
     """A flat surface as who stands in the room sees it."""
 

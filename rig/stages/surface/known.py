@@ -144,16 +144,16 @@ def known_surface(
         )
     # Sheets may be seen from either side.
     corners = np.concatenate([facets.corners, facets.corners[is_open][:, ::-1]])
-    seen = _Seen(points=points, chosen=chosen, camera=camera)
+    seen = _SeenOfMesh(points=points, chosen=chosen, camera=camera)
     found = seen.register(corners)
-    _refuse_misfit(found, seen, corners, path.name, surface.unit)
+    _refuse_misfit(found, seen, corners, name=path.name, unit=surface.unit)
     record = _record(path.name, surface.unit, found, seen, remarks=_remarks(found, seen, corners))
     known = _placed(facets, found, profile, size_m, record=record, chosen=chosen)
     return replace(known, is_open=bool(is_open.any()))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class _Seen:
+class _SeenOfMesh:
     """What the camera sees of the mesh, and of all else."""
 
     points: PointMap
@@ -191,7 +191,7 @@ def _facets(path: Path, surface: SurfaceFile) -> tuple[Facets, NDArray[np.bool_]
     return replace(file.facets, triangles=triangles), is_open
 
 
-def _refuse_misfit(found: Registration, seen: _Seen, corners: FloatArray, name: str, unit: str) -> None:
+def _refuse_misfit(found: Registration, seen: _SeenOfMesh, corners: FloatArray, *, name: str, unit: str) -> None:
     """Raise CalibrationError for a mesh that is not what the camera sees, with the likeliest cause."""
     limit_m = MOST_MEDIAN * seen.distance_m + seen.sigma_m
     if _is_good(found, limit_m):
@@ -209,7 +209,7 @@ def _is_good(found: Registration, limit_m: float) -> bool:
     return bool(np.median(np.abs(found.misfit_m)) <= limit_m and found.see_through <= MOST_THROUGH)
 
 
-def _cause(seen: _Seen, corners: FloatArray, unit: str, limit_m: float) -> str:
+def _cause(seen: _SeenOfMesh, corners: FloatArray, unit: str, limit_m: float) -> str:
     """What would make it fit: another unit, way up or size, tried one after the other."""
     mesh_m = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     for other, metres in UNITS_M.items():
@@ -234,7 +234,7 @@ def _cause(seen: _Seen, corners: FloatArray, unit: str, limit_m: float) -> str:
     )
 
 
-def _remarks(found: Registration, seen: _Seen, corners: FloatArray) -> tuple[str, ...]:
+def _remarks(found: Registration, seen: _SeenOfMesh, corners: FloatArray) -> tuple[str, ...]:
     """What a mesh that fits is still to be known by: its size, other places, motions that nothing holds."""
     remarks = []
     sized = seen.register(corners, scales=(1.0, 1.0001))
@@ -256,7 +256,9 @@ def _remarks(found: Registration, seen: _Seen, corners: FloatArray) -> tuple[str
     return tuple(remarks)
 
 
-def _record(name: str, unit: str, found: Registration, seen: _Seen, *, remarks: tuple[str, ...]) -> RegistrationRecord:
+def _record(
+    name: str, unit: str, found: Registration, seen: _SeenOfMesh, *, remarks: tuple[str, ...]
+) -> RegistrationRecord:
     off = np.abs(found.misfit_m)
     first, second, third = ((row[0], row[1], row[2]) for row in found.pose.rotation.tolist())
     x, y, z = found.pose.translation_m.tolist()
