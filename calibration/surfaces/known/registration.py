@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
@@ -129,24 +130,25 @@ def register(
         rays=points.rays[rows, columns],
         sigma_m=points.sigma_m[rows, columns],
     )
+    behind = _nearest_about(points)
     fits_scale = tuple(scales) != (1.0,)
     coarse, fine = (_thinned(seen, count) for count in (_COARSE, _FINE))
     starts = [
         _fitted(mesh, coarse, start, _COARSE_STEPS, fits_scale=fits_scale)
         for start in _starts(mesh, seen, points.origin_m, upright=upright, scales=scales)
     ]
-    ranked = sorted(starts, key=lambda fit: fit.cost + _see_through(mesh, fit.pose, points, camera))
+    ranked = sorted(starts, key=lambda fit: fit.cost + _see_through(mesh, fit.pose, behind, camera))
     ends = [_fitted(mesh, fine, fit.pose, _FINE_STEPS, fits_scale=fits_scale, first=0.1) for fit in ranked[:_REFINED]]
-    ends.sort(key=lambda fit: fit.cost + _see_through(mesh, fit.pose, points, camera))
+    ends.sort(key=lambda fit: fit.cost + _see_through(mesh, fit.pose, behind, camera))
     best = ends[0]
     loosest_m, loosest = _loosest(mesh, best)
     return Registration(
         pose=best.pose,
         misfit_m=_misfit(mesh, best.pose, seen),
-        see_through=_see_through(mesh, best.pose, points, camera),
+        see_through=_see_through(mesh, best.pose, behind, camera),
         loosest_m=loosest_m,
         loosest=loosest,
-        also=_as_good(mesh, ends, points, camera),
+        also=_as_good(mesh, ends, behind, camera),
     )
 
 
@@ -238,22 +240,29 @@ def _step(
     return MeshPose(rotation=rotation, translation_m=translation, scale=scale), normal_matrix[:6, :6]
 
 
-def _see_through(mesh: SampledMesh, pose: MeshPose, points: PointMap, camera: PinholeModel) -> float:
+def _nearest_about(points: PointMap) -> FloatArray:
+    """(H, W) the nearest thing that a pixel or its neighbours see: at a rim the camera sees past it; NaN for none."""
+    known = np.where(points.known, points.distance_m, np.inf)
+    nearest = cv2.erode(known, np.ones((3, 3), np.uint8), borderValue=np.inf)
+    return np.where(np.isfinite(nearest), nearest, np.nan)
+
+
+def _see_through(mesh: SampledMesh, pose: MeshPose, behind: FloatArray, camera: PinholeModel) -> float:
     """Share of the samples that look at the camera behind which it sees something else."""
     samples, triangle = mesh.samples
     step = max(1, len(samples) // _SAMPLES_SEEN)
     world = pose.to_world(samples[::step])
-    away = world - points.origin_m
+    away = world - camera.position_m
     distance = np.linalg.norm(away, axis=1)
     facing = np.einsum("nc,nc->n", mesh.normals[triangle[::step]] @ pose.rotation.T, away) < 0
     ahead = (away @ camera.rotation[2] > 0) & facing
-    height, width = points.distance_m.shape
+    height, width = behind.shape
     xy = np.full((len(world), 2), -1.0)
     xy[ahead] = project(camera, world[ahead])
     column, row = (np.rint(np.clip(np.nan_to_num(xy[:, k], nan=-1.0), -1.0, 1e6)).astype(np.intp) for k in (0, 1))
     inside = ahead & (column >= 0) & (row >= 0) & (column < width) & (row < height)
     measured = np.full(len(world), np.nan)
-    measured[inside] = points.distance_m[row[inside], column[inside]]
+    measured[inside] = behind[row[inside], column[inside]]
     known = np.isfinite(measured)
     through = measured[known] > distance[known] * (1 + _SEE_THROUGH)
     return float(through.mean()) if known.any() else 0.0
@@ -275,14 +284,14 @@ def _loosest(mesh: SampledMesh, fit: _Fit) -> tuple[float, str]:
     return float(sigma * moved), f"a turn about the room's {axis}" if is_turn else f"a move along the room's {axis}"
 
 
-def _as_good(mesh: SampledMesh, ends: Sequence[_Fit], points: PointMap, camera: PinholeModel) -> MeshPose | None:
+def _as_good(mesh: SampledMesh, ends: Sequence[_Fit], behind: FloatArray, camera: PinholeModel) -> MeshPose | None:
     """Another place of the mesh that explains the points as well, and is another one: not the same by symmetry."""
     best = ends[0]
-    limit = best.cost + _see_through(mesh, best.pose, points, camera) + _AS_GOOD
+    limit = best.cost + _see_through(mesh, best.pose, behind, camera) + _AS_GOOD
     samples, triangle = mesh.samples
     step = max(1, len(samples) // _SAMPLES_SEEN)
     for fit in ends[1:]:
-        if fit.cost + _see_through(mesh, fit.pose, points, camera) > limit:
+        if fit.cost + _see_through(mesh, fit.pose, behind, camera) > limit:
             continue
         there = best.pose.to_mesh(fit.pose.to_world(samples[::step]))
         outwards = mesh.normals[triangle[::step]] @ (best.pose.rotation.T @ fit.pose.rotation).T

@@ -134,7 +134,8 @@ def known_surface(
     path = mesh_path(profile, surface)
     facets, is_open = _facets(path, surface)
     extent = np.ptp(facets.corners.reshape(-1, 3), axis=0)
-    is_whole = bool((extent[:2] > _WHOLE_ROOM * np.array(size_m[:2])).all())
+    share = extent[:2] / np.array(size_m[:2])
+    is_whole = bool(((share > _WHOLE_ROOM) & (share < 1 / _WHOLE_ROOM)).all())
     chosen = points.known if is_whole else stands & points.known
     if chosen.sum() < _LEAST_SEEN:
         raise CalibrationError(
