@@ -36,6 +36,10 @@ _SEE_THROUGH = 0.02
 _SAMPLES_SEEN = 2000
 _AS_GOOD = 0.005
 """By which what two places leave may differ, of 2 % of the mesh's size, and both explain the points."""
+_NEAR = 0.1
+"""Of the first spread, for a fit that begins near its end."""
+_GROWTH, _MOST_SCALE = 0.05, 1.25
+"""Of the size: in a step, and in all; a mesh of no size fits one point."""
 _LEAST_TURN = 1e-9
 
 
@@ -99,7 +103,6 @@ def register(
     triangles_m: FloatArray,
     *,
     upright: bool = True,
-    scales: Sequence[float] = (1.0,),
 ) -> Registration:
     """Find a mesh in what a camera measured.
 
@@ -115,8 +118,6 @@ def register(
         Corners, counter-clockwise seen from the lit side; z up where `upright`. [m]
     upright : bool
         Whether the mesh stands as the room does at first; else every way up is tried.
-    scales : sequence of float
-        Sizes to begin with; where there is more than one, or one other than 1, size is fitted, too.
 
     Returns
     -------
@@ -124,21 +125,14 @@ def register(
         The best there is: whether it is good enough, its misfit tells.
     """
     mesh = SampledMesh(triangles_m)
-    rows, columns = np.nonzero(chosen & points.known)
-    seen = _MeasuredPoints(
-        points_m=points.origin_m + points.distance_m[rows, columns, None] * points.rays[rows, columns],
-        rays=points.rays[rows, columns],
-        sigma_m=points.sigma_m[rows, columns],
-    )
+    seen = _measured(points, chosen)
     behind = _nearest_about(points)
-    fits_scale = tuple(scales) != (1.0,)
     coarse, fine = (_thinned(seen, count) for count in (_COARSE, _FINE))
     starts = [
-        _fitted(mesh, coarse, start, _COARSE_STEPS, fits_scale=fits_scale)
-        for start in _starts(mesh, seen, points.origin_m, upright=upright, scales=scales)
+        _fitted(mesh, coarse, start, _COARSE_STEPS) for start in _starts(mesh, seen, points.origin_m, upright=upright)
     ]
     ranked = sorted(starts, key=lambda fit: fit.cost + _see_through(mesh, fit.pose, behind, camera))
-    ends = [_fitted(mesh, fine, fit.pose, _FINE_STEPS, fits_scale=fits_scale, first=0.1) for fit in ranked[:_REFINED]]
+    ends = [_fitted(mesh, fine, fit.pose, _FINE_STEPS, first=_NEAR) for fit in ranked[:_REFINED]]
     ends.sort(key=lambda fit: fit.cost + _see_through(mesh, fit.pose, behind, camera))
     best = ends[0]
     loosest_m, loosest = _loosest(mesh, best)
@@ -152,14 +146,41 @@ def register(
     )
 
 
+def better_size(points: PointMap, chosen: BoolArray, triangles_m: FloatArray, pose: MeshPose) -> tuple[float, float]:
+    """Return how many times as large a mesh would fit best from a pose on, and the median misfit that it then leaves.
+
+    Parameters
+    ----------
+    points, chosen, triangles_m
+        As for :func:`register`.
+    pose : MeshPose
+        Where it found the mesh.
+
+    Returns
+    -------
+    scale, misfit_m : float
+        The size stays within a quarter of the mesh's own.
+    """
+    mesh, seen = SampledMesh(triangles_m), _measured(points, chosen)
+    found = _fitted(mesh, _thinned(seen, _FINE), pose, _FINE_STEPS, fits_scale=True, first=_NEAR)
+    return found.pose.scale, float(np.median(np.abs(_misfit(mesh, found.pose, seen))))
+
+
+def _measured(points: PointMap, chosen: BoolArray) -> _MeasuredPoints:
+    rows, columns = np.nonzero(chosen & points.known)
+    return _MeasuredPoints(
+        points_m=points.origin_m + points.distance_m[rows, columns, None] * points.rays[rows, columns],
+        rays=points.rays[rows, columns],
+        sigma_m=points.sigma_m[rows, columns],
+    )
+
+
 def _thinned(seen: _MeasuredPoints, count: int) -> _MeasuredPoints:
     chosen = np.random.default_rng(0).permutation(len(seen.points_m))[:count]
     return _MeasuredPoints(points_m=seen.points_m[chosen], rays=seen.rays[chosen], sigma_m=seen.sigma_m[chosen])
 
 
-def _starts(
-    mesh: SampledMesh, seen: _MeasuredPoints, origin_m: FloatArray, *, upright: bool, scales: Sequence[float]
-) -> list[MeshPose]:
+def _starts(mesh: SampledMesh, seen: _MeasuredPoints, origin_m: FloatArray, *, upright: bool) -> list[MeshPose]:
     """Places at which the middle of the side that would be seen stands in the middle of the points."""
     middle = np.median(seen.points_m, axis=0)
     ahead = (middle - origin_m) / np.linalg.norm(middle - origin_m)
@@ -167,12 +188,10 @@ def _starts(
     turns = [Rotation.from_rotvec([0.0, 0.0, 2 * np.pi * k / _TURNS]) for k in range(_TURNS)]
     samples, triangle = mesh.samples
     poses = []
-    for scale in scales:
-        for rotation in (turn * way for way in ways_up for turn in turns):
-            R = rotation.as_matrix()
-            facing = mesh.normals[triangle] @ R.T @ ahead < 0
-            side = samples[facing] if facing.any() else samples
-            poses.append(MeshPose(rotation=R, translation_m=middle - scale * R @ np.median(side, axis=0), scale=scale))
+    for R in ((turn * way).as_matrix() for way in ways_up for turn in turns):
+        facing = mesh.normals[triangle] @ R.T @ ahead < 0
+        side = samples[facing] if facing.any() else samples
+        poses.append(MeshPose(rotation=R, translation_m=middle - R @ np.median(side, axis=0)))
     return poses
 
 
@@ -184,7 +203,13 @@ _WAYS_UP = [
 
 
 def _fitted(
-    mesh: SampledMesh, seen: _MeasuredPoints, start: MeshPose, steps: int, *, fits_scale: bool, first: float = 1.0
+    mesh: SampledMesh,
+    seen: _MeasuredPoints,
+    start: MeshPose,
+    steps: int,
+    *,
+    fits_scale: bool = False,
+    first: float = 1.0,
 ) -> _Fit:
     """A pose after some steps of Gauss and Newton, points that are far off counting less with each."""
     spreads = np.geomspace(first * _FIRST_SPREAD, _LAST_SPREAD, steps) * mesh.size_m
@@ -231,7 +256,8 @@ def _step(
     damped = normal_matrix + 1e-6 * np.trace(normal_matrix) * np.eye(len(normal_matrix))
     by = -np.linalg.solve(damped, J.T @ (weight * off))
     turn = Rotation.from_rotvec(by[:3] / mesh.size_m).as_matrix()
-    growth = 1 + by[6] / mesh.size_m if fits_scale else 1.0
+    growth = float(np.clip(1 + by[6] / mesh.size_m, 1 - _GROWTH, 1 + _GROWTH)) if fits_scale else 1.0
+    growth = pose.scale / float(np.clip(pose.scale / growth, 1 / _MOST_SCALE, _MOST_SCALE))
     # x_mesh' = g T (x_mesh - m) + m + v, solved for the pose that does the same.
     rotation = pose.rotation @ turn.T
     scale = pose.scale / growth

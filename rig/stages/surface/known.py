@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry.pinhole import PinholeModel
-from calibration.surfaces.known.registration import Registration, register
+from calibration.surfaces.known.registration import Registration, better_size, register
 from calibration.surfaces.point_map import PointMap
 from rig.errors import UsageError
 from rig.files.atomic import sha256_of
@@ -202,7 +202,7 @@ def _refuse_misfit(found: Registration, seen: _SeenOfMesh, corners: FloatArray, 
         f"{name} does not fit what the camera sees: half of {int(seen.chosen.sum())} points are more than "
         f"{1000 * median_m:.1f} mm from it where it fits best, the limit is {1000 * limit_m:.1f} mm, and the camera "
         f"sees through {100 * found.see_through:.0f} % of it, the limit is {100 * MOST_THROUGH:.0f} %. "
-        f"{_cause(seen, corners, unit, limit_m)}"
+        f"{_cause(found, seen, corners, unit=unit, limit_m=limit_m)}"
     )
 
 
@@ -210,7 +210,7 @@ def _is_good(found: Registration, limit_m: float) -> bool:
     return bool(np.median(np.abs(found.misfit_m)) <= limit_m and found.see_through <= MOST_THROUGH)
 
 
-def _cause(seen: _SeenOfMesh, corners: FloatArray, unit: str, limit_m: float) -> str:
+def _cause(found: Registration, seen: _SeenOfMesh, corners: FloatArray, *, unit: str, limit_m: float) -> str:
     """What would make it fit: another unit, way up or size, tried one after the other."""
     mesh_m = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     for other, metres in UNITS_M.items():
@@ -226,9 +226,9 @@ def _cause(seen: _SeenOfMesh, corners: FloatArray, unit: str, limit_m: float) ->
         )
     if _is_good(seen.register(corners, upright=False), limit_m):
         return "It fits another way up: write [surface] up = the file's axis that points up in the room"
-    sized = seen.register(corners, scales=(0.9, 1.0, 1.1))
-    if _is_good(sized, limit_m):
-        return f"It fits {sized.pose.scale:.4f} times as large: the file, or a length of [[scale]], is off by that"
+    scale, median_m = better_size(seen.points, seen.chosen, corners, found.pose)
+    if median_m <= limit_m:
+        return f"It fits {scale:.4f} times as large: the file, or a length of [[scale]], is off by that"
     return (
         "It fits in no unit, way up or size: something else is in the room, or more than the file has; "
         "[surface] kind = 'free' measures what there is"
@@ -238,11 +238,11 @@ def _cause(seen: _SeenOfMesh, corners: FloatArray, unit: str, limit_m: float) ->
 def _remarks(found: Registration, seen: _SeenOfMesh, corners: FloatArray) -> tuple[str, ...]:
     """What a mesh that fits is still to be known by: its size, other places, motions that nothing holds."""
     remarks = []
-    sized = seen.register(corners, scales=(1.0, 1.0001))
-    median, now = (float(np.median(np.abs(each.misfit_m))) for each in (found, sized))
-    if abs(sized.pose.scale - 1) > _TOLD_SCALE and now < _BETTER * median:
+    scale, now = better_size(seen.points, seen.chosen, corners, found.pose)
+    median = float(np.median(np.abs(found.misfit_m)))
+    if abs(scale - 1) > _TOLD_SCALE and now < _BETTER * median:
         remarks.append(
-            f"it would fit better {sized.pose.scale:.4f} times as large ({1000 * now:.1f} mm instead of "
+            f"it would fit better {scale:.4f} times as large ({1000 * now:.1f} mm instead of "
             f"{1000 * median:.1f} mm at the median): the file, or a length of [[scale]], is off"
         )
     if found.also is not None:

@@ -7,7 +7,7 @@ import pytest
 
 from calibration.geometry.pinhole import PinholeModel
 from calibration.surfaces.known.nearest import nearest_on_triangles
-from calibration.surfaces.known.registration import register
+from calibration.surfaces.known.registration import better_size, register
 from calibration.surfaces.point_map import PointMap, camera_rays
 
 CAMERA = PinholeModel(
@@ -107,8 +107,10 @@ def test_what_the_file_lacks_is_left_as_misfit():
 
 def test_a_file_that_is_too_small_is_told_from_the_right_one_by_its_size():
     points, thing = seen(turned(steps(), 20.0, (2.6, 0.2, 0.0)), SIGMA_M)
-    found = register(points, thing, CAMERA, steps() / 1.04, scales=(1.0, 1.0001))
-    assert found.pose.scale == pytest.approx(1.04, abs=0.004)
+    found = register(points, thing, CAMERA, steps() / 1.04)
+    scale, misfit_m = better_size(points, thing, steps() / 1.04, found.pose)
+    assert scale == pytest.approx(1.04, abs=0.004)
+    assert misfit_m < 0.5 * np.median(np.abs(found.misfit_m))
 
 
 def test_the_turn_of_a_round_column_is_named_as_what_nothing_holds():

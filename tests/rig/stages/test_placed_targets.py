@@ -109,9 +109,11 @@ def test_places_that_are_none_are_refused_in_words(model: FittedScene) -> None:
         placed(model, picture(grey, placed="panorama", viewer_m=(-3.0, 1.0, 1.0)))
     with pytest.raises(UsageError, match="no surface 'x7'; it has"):
         placed(model, picture(grey, placed="surface", surface="x7"))
+    backwards = picture(
+        grey, placed="surface", surface=model.scene_model.walls[0], corners_m=((0, 0), (1, 0), (1, 1), (0, 1))
+    )
     with pytest.raises(UsageError, match="go round no quadrilateral"):
-        name = model.scene_model.walls[0]
-        placed(model, picture(grey, placed="surface", surface=name, corners_m=((0, 0), (1, 0), (1, 1), (0, 1))))
+        placed(model, backwards)
     with pytest.raises(UsageError, match="twice as wide"):
         check_shape(
             picture(np.zeros((100, 150)), placed="panorama", viewer_m=(1, 1, 1)),
