@@ -102,11 +102,10 @@ def _homography(frame: SurfaceFrame, place: TargetTable, shape: tuple[int, int])
     height, width = shape
     pixels = np.array([[0, 0], [width, 0], [width, height], [0, height]]) - 0.5
     corners = _filling(frame.size_m, shape) if place.corners_m is None else np.array(place.corners_m)
-    turns = [
-        float(np.cross(corners[(k + 1) % 4] - corners[k], corners[(k + 2) % 4] - corners[(k + 1) % 4]))
-        for k in range(4)
-    ]
-    if max(turns) >= 0:
+    sides = np.roll(corners, -1, axis=0) - corners
+    following = np.roll(sides, -1, axis=0)
+    turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
+    if turns.max() >= 0:
         raise UsageError(
             "corners_m of the picture go round no quadrilateral: give upper left, upper right, lower right, lower "
             "left, each to the right and up from the surface's lower left corner"

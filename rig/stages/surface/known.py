@@ -161,11 +161,9 @@ class _SeenOfMesh:
     chosen: NDArray[np.bool_]
     camera: PinholeModel
 
-    def register(
-        self, corners: FloatArray, *, upright: bool = True, scales: tuple[float, ...] = (1.0,)
-    ) -> Registration:
+    def register(self, corners: FloatArray, *, upright: bool = True) -> Registration:
         """Find triangles (T, 3, 3) in it."""
-        return register(self.points, self.chosen, self.camera, corners, upright=upright, scales=scales)
+        return register(self.points, self.chosen, self.camera, corners, upright=upright)
 
     @property
     def distance_m(self) -> float:
