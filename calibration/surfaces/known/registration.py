@@ -29,6 +29,8 @@ _TUKEY = 4.685
 """Standard deviations beyond which a point does not count: 95 % efficient where errors are Gaussian."""
 _JUDGED = 0.02
 """Of the mesh's size: what is further off tells nothing more of which start is better."""
+_ANOTHER = 0.05
+"""Of the mesh's size, by which its corners stand elsewhere in another place."""
 _TURNS = 24
 """Starts about the upright axis, 15 degrees apart: fits find what is within about 20."""
 _SEE_THROUGH = 0.02
@@ -132,7 +134,7 @@ def register(
         _fitted(mesh, coarse, start, _COARSE_STEPS) for start in _starts(mesh, seen, points.origin_m, upright=upright)
     ]
     ranked = sorted(starts, key=lambda fit: fit.cost + _see_through(mesh, fit.pose, behind, camera))
-    ends = [_fitted(mesh, fine, fit.pose, _FINE_STEPS, first=_NEAR) for fit in ranked[:_REFINED]]
+    ends = [_fitted(mesh, fine, fit.pose, _FINE_STEPS, first=_NEAR) for fit in _distinct(mesh, ranked)[:_REFINED]]
     ends.sort(key=lambda fit: fit.cost + _see_through(mesh, fit.pose, behind, camera))
     best = ends[0]
     loosest_m, loosest = _loosest(mesh, best)
@@ -266,6 +268,19 @@ def _step(
     return MeshPose(rotation=rotation, translation_m=translation, scale=scale), normal_matrix[:6, :6]
 
 
+def _distinct(mesh: SampledMesh, ranked: Sequence[_Fit]) -> list[_Fit]:
+    """Each place once, the best fit of those that came to it: others would be followed in vain."""
+    corners = mesh.triangles_m.reshape(-1, 3)
+    ends = np.stack([corners.min(axis=0), corners.max(axis=0), corners[0], corners.mean(axis=0)])
+    found: list[_Fit] = []
+    for fit in ranked:
+        there = fit.pose.to_world(ends)
+        moved = (np.linalg.norm(there - one.pose.to_world(ends), axis=1).max() for one in found)
+        if all(one > _ANOTHER * mesh.size_m for one in moved):
+            found.append(fit)
+    return found
+
+
 def _nearest_about(points: PointMap) -> FloatArray:
     """(H, W) the nearest thing that a pixel or its neighbours see: at a rim the camera sees past it; NaN for none."""
     known = np.where(points.known, points.distance_m, np.inf)
@@ -307,7 +322,9 @@ def _loosest(mesh: SampledMesh, fit: _Fit) -> tuple[float, str]:
     moved = np.linalg.norm(np.cross(turn / mesh.size_m, corners) + move, axis=1).max()
     is_turn = bool(np.linalg.norm(turn) > np.linalg.norm(move))
     axis = "xyz"[int(np.abs(fit.pose.rotation @ (turn if is_turn else move)).argmax())]
-    return float(sigma * moved), f"a turn about the room's {axis}" if is_turn else f"a move along the room's {axis}"
+    return float(
+        min(sigma * moved, mesh.size_m)
+    ), f"a turn about the room's {axis}" if is_turn else f"a move along the room's {axis}"
 
 
 def _as_good(mesh: SampledMesh, ends: Sequence[_Fit], behind: FloatArray, camera: PinholeModel) -> MeshPose | None:

@@ -116,8 +116,9 @@ def test_a_file_that_is_too_small_is_told_from_the_right_one_by_its_size():
 def test_the_turn_of_a_round_column_is_named_as_what_nothing_holds():
     angle = np.linspace(0, 2 * np.pi, 49)
     ring = 0.3 * np.stack([np.cos(angle), np.sin(angle), np.zeros(49)], axis=1)
-    top = ring + np.array([0, 0, 1.5])
+    top, middle = ring + np.array([0, 0, 0.5]), np.array([0, 0, 0.5])
     sides = [[ring[k], ring[k + 1], top[k + 1]] for k in range(48)] + [[ring[k], top[k + 1], top[k]] for k in range(48)]
+    sides += [[top[k], top[k + 1], middle] for k in range(48)]
     column = np.array(sides)
     points, thing = seen(turned(column, 0.0, (2.5, 0.0, 0.0)), SIGMA_M)
     found = register(points, thing, CAMERA, column)
