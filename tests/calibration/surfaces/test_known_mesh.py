@@ -80,9 +80,8 @@ def test_the_nearest_place_on_a_triangle_is_within_on_a_side_or_at_a_corner():
     assert nearest == pytest.approx(np.array(expected))
 
 
-@pytest.mark.parametrize("degrees", [20.0, 205.0])
-def test_a_mesh_is_found_however_it_is_turned_in_its_file(degrees):
-    truth = turned(steps(), degrees, (2.6, 0.2, 0.0))
+def test_a_mesh_is_found_however_it_is_turned_in_its_file():
+    truth = turned(steps(), 205.0, (2.6, 0.2, 0.0))
     points, thing = seen(truth, SIGMA_M)
     found = register(points, thing, CAMERA, steps())
     assert np.abs(found.pose.to_world(steps()) - truth).max() < 0.004
