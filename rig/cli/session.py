@@ -9,9 +9,11 @@ from cyclopts import Parameter
 
 from rig.cli.options import (
     DEFAULT_STRATEGIES,
+    NO_PLACE,
     Fit,
     Json,
     Linear,
+    PlaceOptions,
     ProfileOption,
     SessionFolder,
     Strategies,
@@ -32,6 +34,7 @@ def run(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = DEFAULT_STRATEGIES,
     dry_run: Annotated[bool, Parameter(negative="", help="Print the plan and stop.")] = False,
     as_json: Json = False,
@@ -43,7 +46,13 @@ def run(
     Example: rig run runs/first -p sim-room --target picture.png
     """
     request = SessionRequest(
-        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+        folder=session,
+        profile=profile,
+        target=target,
+        fit=fit,
+        linear=linear,
+        place=place.table(),
+        strategies=names_of(strategies),
     )
     return _plan(request, as_json) if dry_run else _run(request, as_json)
 
@@ -101,12 +110,40 @@ def separate(session: SessionFolder, *, profile: ProfileOption = None, as_json: 
     return _part("separate", SessionRequest(folder=session, profile=profile), as_json)
 
 
-def model(session: SessionFolder, *, profile: ProfileOption = None, as_json: Json = False) -> int:
+def model(
+    session: SessionFolder,
+    *,
+    profile: ProfileOption = None,
+    export: Annotated[
+        Path | None, Parameter(help="Write the room as binary glTF (.glb): surface, reflectance, confidence, devices.")
+    ] = None,
+    as_json: Json = False,
+) -> int:
     """Build the room model: patches, reflectance, vignetting, brightness scale.
 
     Example: rig model runs/first --json
+
+    Example: rig model runs/first --export room.glb
     """
-    return _part("model", SessionRequest(folder=session, profile=profile), as_json)
+    request = SessionRequest(folder=session, profile=profile)
+    return _part("model", request, as_json) if export is None else _export(request, export, as_json)
+
+
+def _export(request: SessionRequest, path: Path, as_json: bool) -> int:
+    from rig.terminal import TerminalProgress
+
+    with TerminalProgress() as progress:
+        from rig.report.scene.room_file import check_room_file, export_room
+        from rig.run.session import run_part
+
+        check_room_file(path)
+        run_part(request, "model", progress)
+        found = export_room(Path(request.folder), path, progress)
+    print_json(found) if as_json else print(
+        f"{found.file}: {found.triangles} triangles of {len(found.parts)} parts ({', '.join(found.parts)}), devices "
+        f"{', '.join(found.devices)}"
+    )
+    return 0
 
 
 def compensate(
@@ -116,6 +153,7 @@ def compensate(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -124,7 +162,13 @@ def compensate(
     Example: rig compensate runs/first --target picture.png --strategies paper,bounded
     """
     request = SessionRequest(
-        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+        folder=session,
+        profile=profile,
+        target=target,
+        fit=fit,
+        linear=linear,
+        place=place.table(),
+        strategies=names_of(strategies),
     )
     return _part("compensate", request, as_json)
 
@@ -136,6 +180,7 @@ def compare(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = DEFAULT_STRATEGIES,
     as_json: Json = False,
 ) -> int:
@@ -144,7 +189,13 @@ def compare(
     Example: rig compare runs/first --target picture.png
     """
     request = SessionRequest(
-        folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+        folder=session,
+        profile=profile,
+        target=target,
+        fit=fit,
+        linear=linear,
+        place=place.table(),
+        strategies=names_of(strategies),
     )
     return _run(request, as_json)
 

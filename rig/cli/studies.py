@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from rig.cli.options import Fit, Json, Linear, ProfileOption, Strategies, Target, names_of, print_json
+from rig.cli.options import (
+    NO_PLACE,
+    Fit,
+    Json,
+    Linear,
+    PlaceOptions,
+    ProfileOption,
+    Strategies,
+    Target,
+    names_of,
+    print_json,
+)
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -25,6 +36,7 @@ def compare_strategies(
     target: Target = None,
     fit: Fit = False,
     linear: Linear = False,
+    place: PlaceOptions = NO_PLACE,
     strategies: Strategies = "all",
     loop: Annotated[str, Parameter(help="Strategies whose loop is closed, separated by commas; or none.")] = "bounded",
     captures: Annotated[int, Parameter(help="Most captures of a closed loop, the uncorrected one included.")] = 4,
@@ -65,7 +77,13 @@ def compare_strategies(
             result = compare_on_paper(names_of(strategies), report, progress)
         else:
             request = SessionRequest(
-                folder=session, profile=profile, target=target, fit=fit, linear=linear, strategies=names_of(strategies)
+                folder=session,
+                profile=profile,
+                target=target,
+                fit=fit,
+                linear=linear,
+                place=place.table(),
+                strategies=names_of(strategies),
             )
             loops = () if loop == "none" else names_of(loop)
             wanted = Comparison(

@@ -309,18 +309,31 @@ def read_picture_of_shape(
     UsageError
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
-    read = read_picture(path, is_linear=is_linear)
-    lost_colours = channels == 1 and bool((read != read[..., :1]).any())
-    picture = in_channels(read, channels)
+    picture, lost_colours = read_picture_in_channels(path, channels=channels, is_linear=is_linear)
     if picture.shape[:2] != shape and not fit:
         raise UsageError(
             f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the projector has {shape[1]} x {shape[0]} px; "
             "resize the picture, or add --fit to crop and scale it"
         )
     picture = picture if picture.shape[:2] == shape else fitted(picture, shape)
-    if picture.max() > _BRIGHTEST:
-        raise UsageError(f"{path}: grey levels up to {picture.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
     return np.ascontiguousarray(picture, dtype=np.float32), lost_colours
+
+
+def read_picture_in_channels(
+    path: str | os.PathLike[str], *, channels: int, is_linear: bool = False
+) -> tuple[Float32Array, bool]:
+    """Read a target picture of any size: its grey levels (H, W, channels), and whether it had colours that are gone.
+
+    Raises
+    ------
+    UsageError
+        The file is missing, unreadable, too bright, or not finite.
+    """
+    read = read_picture(path, is_linear=is_linear)
+    lost_colours = channels == 1 and bool((read != read[..., :1]).any())
+    if read.max() > _BRIGHTEST:
+        raise UsageError(f"{path}: grey levels up to {read.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
+    return np.ascontiguousarray(in_channels(read, channels), dtype=np.float32), lost_colours
 
 
 @lru_cache(maxsize=4)

@@ -19,8 +19,10 @@ from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.scene_model import LEAST_GAIN
 from sim.form_factors import form_factors
 from sim.frame.compensator import FrameModel, frame_model
+from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, project, rays_at
 from sim.geometry.scene import intersect
+from sim.light.mesh_view import NodeView, node_view
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import coaxial_transport, smooth_view
 from sim.scenes.gridded import room
@@ -75,11 +77,21 @@ def session_model(session: Session, *, is_linear: bool) -> LiveModel:
         eotf=target_curve(is_linear=is_linear),
         response=tables[0] if grey else tables,
         dither_seed=_DITHER_SEED,
+        node_view=steered_node_view(model),
     )
     notes = [_GREY] if grey else []
     if model.learned is not None:
         notes.append(_LEARNED.format(100 * frames.learned_left_out))
     return LiveModel(frames, f"session {session.path}", tuple(notes))
+
+
+def steered_node_view(model: FittedScene) -> NodeView | None:
+    """Return what the steered pixels see of a mesh, in the two steps that frames take; None of gridded walls."""
+    scene, hits = model.scene_model.scene, model.scene_model.projector_hits.hits
+    if not isinstance(scene, Mesh):
+        return None
+    view = node_view(scene, hits)
+    return NodeView(csr_array(view.weights[np.flatnonzero(model.room.active)]), view.nodes)
 
 
 def black_at_pixels(model: FittedScene, radiometric: RadiometricCalibration) -> FloatArray:

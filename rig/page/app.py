@@ -25,7 +25,7 @@ from rig.page.server.guard import Guard, GuardSettings
 from rig.page.server.lease import Lease
 from rig.page.server.news import News
 from rig.page.shows import PageShowKeeper
-from rig.page.views.page import STATIC
+from rig.page.views.page import SCENE_SCRIPTS, STATIC
 from rig.page.workplace import Workplace
 
 _WATCH_S = 1.0
@@ -79,6 +79,7 @@ def make_app(
         *setup.ROUTES,
         *shows.ROUTES,
         *schema.ROUTES,
+        Mount("/static/scene", StaticFiles(directory=SCENE_SCRIPTS)),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     app = Starlette(

@@ -30,6 +30,7 @@ from rig.profile.tables import (
     Viewer,
     check_patches,
 )
+from rig.profile.target_table import TargetTable
 
 SCHEMA = 2
 """The profile schema that this version reads and writes."""
@@ -56,6 +57,7 @@ class Profile(Table):
     """Who judges the picture; None: the only camera."""
     patterns: Patterns = Patterns()
     transport: TransportPhotographs = TransportPhotographs()
+    target: TargetTable = TargetTable()
     brightness: Brightness = Brightness()
     limits: Limits = Limits()
     replay: Replay | None = None
@@ -223,7 +225,7 @@ def _several_lengths(profile: Profile) -> str:
 
 
 def _other_surface(profile: Profile) -> str:
-    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs 'box' and 'free'"
+    return f"surface.kind: version {SURFACES_FROM} will run {profile.surface.kind!r}, this one runs box, free and file"
 
 
 def load_runnable_profile(path_or_name: str | Path) -> Profile:

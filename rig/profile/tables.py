@@ -273,14 +273,15 @@ class FreeSurface(Room):
     kind: Literal["free"]
 
 
-class SurfaceFile(Table):
-    """A surface that is known: a mesh."""
+class SurfaceFile(Room):
+    """A room, and in it a mesh that is known beforehand: a CAD model, a scan."""
 
     kind: Literal["file"]
     file: str
-    """Path of the mesh, relative to the profile."""
+    """Path of the mesh (OBJ, PLY, STL, glTF, GLB), relative to the profile."""
     unit: Literal["m", "cm", "mm", "in", "ft"] = "m"
-    patch_size_m: Positive = 0.3
+    up: Literal["x", "y", "z", "-x", "-y", "-z"] | None = None
+    """The file's axis that points up in the room; without: y of glTF, z of all others."""
 
 
 Surface = Annotated[Box | Planes | FreeSurface | SurfaceFile, Field(discriminator="kind")]

@@ -66,4 +66,4 @@ def _same_picture(before: Session, strategy: str) -> CompensationRequest:
     if shown is not None:
         return CompensationRequest(shown, strategies)
     profile = before.profile
-    return requested_compensation(None, strategies, profile.projector, channels=profile.camera.channels, fit=False)
+    return requested_compensation(None, strategies, profile, fit=False)

@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
+from markupsafe import Markup
 
 from rig.files.channels import image_of
 from rig.profile.apply import guessed_keys
@@ -16,8 +17,17 @@ from rig.report import figures, pictures
 from rig.report.focus import focus_figure, focus_of, focus_text
 from rig.report.links import link_pages
 from rig.report.pictures import EmbeddedPicture
-from rig.report.render import Headline, TextTable, headline_of, rendered
+from rig.report.render import Headline, TextTable, embedded_json, headline_of, rendered
 from rig.report.room import darkness_text, geometry_text
+from rig.report.scene.shadows import COLOURS, FATES, shadow_map
+from rig.report.scene.shown import (
+    learned_errors,
+    learned_pictures,
+    learned_text,
+    misfit_picture,
+    placed_pictures,
+)
+from rig.report.scene.view import view_of
 from rig.report.strategy_pictures import PictureRow, picture_rows
 from rig.report.terms import explained
 from rig.session import Session
@@ -85,6 +95,15 @@ class _SessionPage:
     focus_figure: str
     geometry_text: str
     room_figure: str
+    room_data: Markup
+    """The scene as JSON, for the 3-D view."""
+    shadows: EmbeddedPicture
+    placed: Sequence[EmbeddedPicture]
+    placed_text: str
+    misfit: EmbeddedPicture | None
+    learned: Sequence[EmbeddedPicture]
+    learned_text: str
+    shadow_legend: Sequence[_Reason]
     correspondence_text: str
     correspondence_images: Sequence[EmbeddedPicture]
     correspondence_scales: Sequence[str]
@@ -118,7 +137,8 @@ def write_report(session: Session, result: SessionResult, on_step: OnStep) -> Pa
 def _page(session: Session, result: SessionResult, model: FittedScene) -> _SessionPage:
     profile, radiometric = session.profile, load_radiometric_calibration(session)
     names, notes = _in_order(load_compensation(session).strategies), frame_notes(session)
-    focus = focus_of(model, load_separation_record(session))
+    before_and_after = learned_errors(session, model, load_compensation(session).best)
+    focus, shadows = focus_of(model, load_separation_record(session)), shadow_map(model)
     return _SessionPage(
         title=f"Session {session.path.name}",
         subtitle=f"{profile.name}: {profile.description}. Camera {profile.camera.width_px} × "
@@ -141,6 +161,17 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         focus_figure=focus_figure(focus),
         geometry_text=geometry_text(result.geometry, result.model) + darkness_text(result.darkness),
         room_figure=figures.room_figure(model.scene_model),
+        room_data=embedded_json(view_of(session, model)),
+        shadows=pictures.picture(shadows.picture, "What becomes of each projector pixel"),
+        placed=placed_pictures(session),
+        placed_text="" if result.compensation.target is None else result.compensation.target.sentence,
+        misfit=misfit_picture(session),
+        learned=learned_pictures(before_and_after),
+        learned_text=learned_text(before_and_after),
+        shadow_legend=[
+            _Reason(name, colour, f"{100 * share:.1f} %")
+            for name, colour, share in zip(FATES, COLOURS, shadows.shares, strict=True)
+        ],
         correspondence_text=_CORRESPONDENCE_TEXT,
         correspondence_images=correspondence_images(session),
         correspondence_scales=_correspondence_scales(session),

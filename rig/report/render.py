@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.resources import files
@@ -9,6 +10,7 @@ from importlib.resources import files
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from rig.records import Record
 from rig.report.terms import explanation
 
 
@@ -56,6 +58,12 @@ def _explained(text: str) -> Markup:
     """A word, with what it means where a pointer rests on it."""
     meaning = explanation(text)
     return Markup('<abbr title="{}">{}</abbr>').format(meaning, text) if meaning else escape(text)
+
+
+def embedded_json(record: Record) -> Markup:
+    """Return a record as JSON that can stand in a page: no text in it ends the element that holds it."""
+    text = json.dumps(record.as_json(), separators=(",", ":"), allow_nan=False)
+    return Markup(text.replace("<", "\\u003c"))  # what is left is data of a script element, not markup
 
 
 def headline_of(value: float, unit: str, text: str) -> Headline:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rig.files.channels import PRIMARIES
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.results import ByBand, GeometryResult, ModelResult
+from rig.stages.surface.known import RegistrationRecord
 from rig.stages.transport.records import SurfaceGloss
 
 _FAR_WALLS = {"x": "Walls x0 and x1", "y": "Walls y0 and y1", "z": "Floor and ceiling"}
@@ -27,6 +28,8 @@ def _standing_words(model: ModelResult) -> str:
     found = model.standing
     if found is None:
         return ""
+    if found.registration is not None:
+        return _known_words(found.registration, found.triangles)
     if not found.parts:
         return " Nothing stands before the walls that the camera sees."
     left_out = (
@@ -36,6 +39,19 @@ def _standing_words(model: ModelResult) -> str:
         f" Before the walls stand {found.parts} pieces of surface, {found.flat_parts} of them flat, in "
         f"{found.triangles} triangles: {100 * found.share_of_image:.1f} % of the decoded pixels see them{left_out}. "
         "Their backs, which nobody saw, are taken to lie close behind their fronts."
+    )
+
+
+def _known_words(found: RegistrationRecord, triangles: int) -> str:
+    """How a mesh from a file was found."""
+    remarks = "".join(f" {remark[0].upper()}{remark[1:]}." for remark in found.remarks)
+    median, p95, sigma, loose = (
+        f"{1000 * one:.1f} mm" for one in (found.misfit_median_m, found.misfit_p95_m, found.sigma_m, found.loosest_m)
+    )
+    return (
+        f" {found.file} stands in the room, in {triangles} triangles: half of what the camera sees of it is within "
+        f"{median} of it, 95 % within {p95} (the points are known to {sigma}); the camera sees through "
+        f"{100 * found.see_through:.1f} % of it. Held least is {found.loosest}, to {loose}.{remarks}"
     )
 
 

@@ -14,6 +14,7 @@ from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
 from rig.run.time_left import seconds_left
 from rig.session import Session
 from rig.session.folder import read_folder
+from rig.stages.showing.dark import dark_settings
 from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
 from rig.terminal.line import counted, in_words
 
@@ -137,13 +138,10 @@ def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
 
 def _showing(request: SessionRequest, profile: Profile, session: Session | None) -> CompensationRequest:
     """What was named; of a session that has shown something, its last target where none is named."""
-    if request.target is None and session is not None and (shown := last_target(session)) is not None:
+    dark_settings(profile)  # a mask that is missing is said before anything is photographed
+    is_named = request.target is not None or request.place is not None
+    if not is_named and session is not None and (shown := last_target(session)) is not None:
         return CompensationRequest(shown, check_strategies(request.strategies))
     return requested_compensation(
-        request.target,
-        request.strategies,
-        profile.projector,
-        channels=profile.camera.channels,
-        fit=request.fit,
-        is_linear=request.linear,
+        request.target, request.strategies, profile, fit=request.fit, is_linear=request.linear, place=request.place
     )

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # the command line begins with this file
+    from rig.profile.target_table import TargetTable
 
 DEFAULT_STRATEGIES = ("none", "direct", "paper", "exact", "bounded")
 """Strategies that a session shows unless others are named."""
@@ -24,5 +28,7 @@ class SessionRequest:
     """Scale and crop a target of another size to the projector's."""
     linear: bool = False
     """The target's codes are linear light; else sRGB."""
+    place: TargetTable | None = None
+    """Where the target is wanted; None: where the profile's ``[target]`` says."""
     strategies: tuple[str, ...] = DEFAULT_STRATEGIES
     """Names of compensation strategies, or ``all``."""

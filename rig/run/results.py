@@ -150,6 +150,7 @@ def _standing(session: Session) -> StandingResult | None:
         triangles=len(found.triangles),
         share_of_image=found.share_of_image,
         share_left_out=found.share_left_out,
+        registration=found.registration,
     )
 
 

@@ -144,10 +144,7 @@ def compensate(
     if shown is not None:
         showing = CompensationRequest(shown, check_strategies(tuple(strategies)))
     else:
-        channels = profile.camera.channels
-        showing = requested_compensation(
-            target, tuple(strategies), profile.projector, channels=channels, fit=fit, is_linear=linear
-        )
+        showing = requested_compensation(target, tuple(strategies), profile, fit=fit, is_linear=linear)
     _do(OpenSession(session, _no_rig, showing=showing), "compensate", on_step)
 
 

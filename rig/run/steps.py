@@ -13,6 +13,7 @@ from rig.records import JsonObject
 from rig.session import Session, Step
 from rig.stages import comparison, compensation, correspondence, geometry, model, radiometry, separation
 from rig.stages.light import exposure
+from rig.stages.showing.dark import dark_settings
 from rig.stages.target import CompensationRequest
 from rig.stages.transport import learn
 from rig.terminal import OnStep
@@ -173,7 +174,7 @@ def _wanted_steps(profile: Profile) -> tuple[AnyStep, ...]:
 def settings_of(definition: AnyStep, session: Session, showing: CompensationRequest | None) -> JsonObject:
     """Return what a step depends on, beside the results of the steps that it needs."""
     if isinstance(definition, CompensatingStep):
-        return definition.settings(required(showing))
+        return {**definition.settings(required(showing)), **dark_settings(session.profile)}
     return definition.settings(session)
 
 

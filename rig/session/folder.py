@@ -27,6 +27,7 @@ CHANGEABLE = {
     "surface": "[surface]",
     "patterns": "[patterns]",
     "transport": "[transport]",
+    "target": "[target]",
     "brightness": "[brightness]",
     "limits": "[limits]",
     "description": "description",

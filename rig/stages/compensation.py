@@ -17,6 +17,7 @@ from rig.stages.linear_light import channel_codes
 from rig.stages.model import FittedScene, load_model
 from rig.stages.prediction import predict, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.showing.place import placed
 from rig.stages.target import CompensationRequest
 from rig.terminal import OnStep
 from sim.compensation.result import Compensation
@@ -60,9 +61,11 @@ def compensation_settings(request: CompensationRequest) -> JsonObject:
     # Said only where it is not the case from before there was a choice: sessions that are done stay done.
     read: JsonObject = {"light": target.light} if target.light != "linear light" else {}
     lost: JsonObject = {"lost_colours": True} if target.lost_colours else {}
+    where: JsonObject = {} if target.place is None else {"placement": target.place.placement}
     return {
         **read,
         **lost,
+        **where,
         "target": request.target.name,
         "target_sha256": request.target.sha256,
         "strategies": json_of(request.strategies),
@@ -103,8 +106,11 @@ def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **
 def compute_compensation(session: Session, step: Step, request: CompensationRequest, on_step: OnStep) -> None:
     """Step `compensate`: solve each strategy in the projector's view; predict the camera's for the codes."""
     model, radiometric = load_model(session), load_radiometric_calibration(session)
-    step.save_image("target", layers("grey", request.target.levels))
-    transport, wanted = model.room.projector_transport, wanted_light(model, request.target)
+    target = placed(model, request.target)
+    if request.target.place is not None:
+        step.save_image("target-source", layers("grey", request.target.levels))
+    step.save_image("target", layers("grey", target.levels))
+    transport, wanted = model.room.projector_transport, wanted_light(model, target)
     options, computed = measured_options(model), {}
     for k, name in enumerate(request.strategies):
         on_step("compute compensation images", k, len(request.strategies))

@@ -121,7 +121,9 @@ class GeometryRecord(Record):
 def geometry_settings(session: Session) -> JsonObject:
     """Return what step `geometry` depends on."""
     profile = session.profile
-    unused = {"patch_size_m"} | ({"lens_height_m"} if profile.room.lens_height_m is None else set())
+    unused = {"patch_size_m", "file", "unit", "up"} | (
+        {"lens_height_m"} if profile.room.lens_height_m is None else set()
+    )
     return {
         "hfov_deg": [profile.camera.hfov_deg, profile.projector.hfov_deg],
         **({"lenses": lenses} if (lenses := lens_settings(profile)) else {}),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -15,10 +16,11 @@ from calibration.light.reflectance import ReflectanceFit
 from calibration.light.vignetting import Vignetting
 from rig.files.channels import bands_of, image_of, layers
 from rig.profile.schema import Profile
-from rig.records import JsonObject, Record
+from rig.records import JsonObject
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import load_geometry
+from rig.stages.light.between_patches import with_even_return
 from rig.stages.light.fit import (
     LEAST_PIXELS,
     BandLight,
@@ -30,6 +32,7 @@ from rig.stages.light.fit import (
     lit_pixels,
     pixels_that_tell,
 )
+from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
 from rig.stages.radiometry import load_radiometric_calibration
@@ -43,9 +46,10 @@ from rig.stages.scene_model import (
     cast_pixels,
     face_of_pixels,
     unit_emission,
-    with_even_return,
 )
 from rig.stages.separation import projector_blur_px2
+from rig.stages.showing.dark import dark_pixels, dark_settings
+from rig.stages.surface.known import known_settings
 from rig.stages.surface.standing import StandingRecord, standing_of
 from rig.stages.transport.learned import BandPrior, LearnedBand, band_prior, learned_band
 from rig.stages.transport.prior import OpenWalls
@@ -57,63 +61,6 @@ BoolArray = NDArray[np.bool_]
 
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class BandModel(Record):
-    """What the scene does in one band of light."""
-
-    reflectance: tuple[float, ...]
-    """Of each patch."""
-    source: tuple[int, ...]
-    """What each patch's reflectance is from (:class:`calibration.light.reflectance.Source`)."""
-    unseen_reflectance: float
-    """Mean of the patches that nobody saw ..."""
-    unseen_sigma: float
-    """... and its standard deviation."""
-    global_rms: float
-    """Residual of the fit to the global light, relative."""
-    white_median: float
-    """Of projector white over the lit pixels."""
-    global_share_mean: float
-    """Mean share of global light in it."""
-    returned_share: float = 0.0
-    """Of one wall's mean radiosity, what an open room sends back, evenly; 0 where walls light each other."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraModel(Record):
-    """What the model knows of one camera beside its geometry."""
-
-    vignetting: tuple[float, float]
-    """v2, v4: relative illumination 1 + v2 r² + v4 r⁴."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProjectorModel(Record):
-    """What the model knows of one projector beside its geometry."""
-
-    vignetting: tuple[float, float]
-    flux: tuple[float, ...]
-    """κ in each band ..."""
-    flux_sigma: tuple[float, ...]
-    """... and its standard deviation."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ModelRecord(Record):
-    """What step `model` found, beside its images."""
-
-    patch_size_m: float
-    bands: tuple[BandModel, ...]
-    cameras: Mapping[str, CameraModel]
-    projectors: Mapping[str, ProjectorModel]
-    vignetting_rms: float
-    level: float
-    """Camera value of a target's 255, in each band."""
-    lit_share_of_image: float
-    placed: tuple[PlacedByLight, ...] = ()
-    """Walls that nobody measured, an entry an axis."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -151,6 +98,7 @@ def model_settings(session: Session) -> JsonObject:
     return {
         "patch_size_m": profile.room.patch_size_m,
         "surface": profile.surface.kind,
+        **known_settings(profile),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,
@@ -172,9 +120,12 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     seen = SeenInWhite(light=_together(bands), lit=lit, projector_xy_px=projector_xy_px, border=border)
     placed = _placed(session, seen, on_step)
     measured = load_geometry(session)
-    standing = standing_of(session, measured, shift_of(placed))
-    if standing is not None:
-        step.save_record("standing", standing)
+    found = standing_of(session, measured, shift_of(placed))
+    standing = None if found is None else found.record
+    if found is not None:
+        step.save_record("standing", found.record)
+        if found.misfit_m is not None:
+            step.save_image("misfit", {"misfit_m": found.misfit_m.astype(np.float32)}, folder="maps")
     bare = bare_room(measured, session.profile.room.patch_size_m, shift_of(placed), standing)
     gains = [direct_gain(light, lit, bare.camera_hits, border) for light in bands]
     on_step("build model", 1, 4)
@@ -321,7 +272,16 @@ def model_steps(session: Session) -> tuple[str, ...]:
 
 def load_prior_model(session: Session) -> FittedScene:
     """Return the finished step's model as it was before any photograph of step `transport`."""
-    return _read_model(session, session.finished("model").outputs_sha256)
+    mask = json.dumps(dark_settings(session.profile))
+    return _darkened(session, session.finished("model").outputs_sha256, mask)
+
+
+@lru_cache(maxsize=1)
+def _darkened(session: Session, outputs_sha256: str, _mask: str) -> FittedScene:
+    """The finished step's model, of which the pixels stay black that the profile's mask says."""
+    model = _read_model(session, outputs_sha256)
+    dark = dark_pixels(session.profile, model.scene_model)
+    return model if dark is None else replace(model, room=replace(model.room, dark=dark))
 
 
 @lru_cache(maxsize=1)
@@ -353,7 +313,7 @@ def _learned(session: Session, prior: FittedScene, _outputs_sha256: str) -> Fitt
 
 def load_standing(session: Session) -> StandingRecord | None:
     """Return what the finished step found before the walls; None where the surface is a box."""
-    if session.profile.surface.kind != "free":
+    if session.profile.surface.kind == "box":
         return None
     return session.finished("model").load_record("standing", StandingRecord)
 

@@ -13,6 +13,7 @@ from rig.stages.comparison import ModelErrors
 from rig.stages.light.darkness import DarknessRecord
 from rig.stages.light.unseen_walls import PlacedByLight
 from rig.stages.picture_errors import PictureErrors
+from rig.stages.surface.known import RegistrationRecord
 from rig.stages.target import ShownTarget
 from rig.stages.transport.records import SurfaceGloss
 
@@ -61,6 +62,8 @@ class StandingResult(Record):
     """Of the valid pixels."""
     share_left_out: float
     """Of the valid pixels: of pieces that are too small for a surface."""
+    registration: RegistrationRecord | None = None
+    """How well a known mesh fits; None of what was measured point by point."""
 
 
 @dataclass(frozen=True, kw_only=True)

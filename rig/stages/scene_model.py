@@ -39,6 +39,8 @@ Vignetting = tuple[float, float]
 
 SQUARE_PIXEL_PX2, FOUR_PIXELS_PX2 = 1 / 12, 1 / 6
 """Mean variance of a square pixel, and of sharing a place out to the four nearest pixels by distance."""
+MOST_OFF_PX = 4.0
+"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
 LEAST_GAIN = 0.02
 """Projector pixels with less direct light than this share of the median are left black."""
 
@@ -117,27 +119,6 @@ def unit_emission(scene: AnyScene, projector: PosedLens) -> csr_array:
 def face_of_pixels(camera_hits: PixelHits, shape: tuple[int, ...]) -> NDArray[np.intp]:
     """Return (H, W) number of the face that each camera pixel sees."""
     return np.asarray(camera_hits.hits.face.reshape(shape))
-
-
-def with_even_return(factors: FormFactors, share: float) -> FormFactors:
-    """Return the factors of patches that do not see each other, of whose light so large a share comes back evenly.
-
-    Patch i sends it to all patches by their areas, F_ij = s A_j / ΣA: what arrives is s times the mean radiosity.
-    """
-    if share == 0:
-        return factors
-    matrix = np.repeat(share * factors.areas[None] / factors.areas.sum(), len(factors.areas), axis=0)
-    return replace(factors, matrix=matrix, row_sums=np.full(len(factors.areas), share), method="even return")
-
-
-def seen_from(scene: AnyScene, hits: Hits, chosen: BoolArray) -> csr_array:
-    """Return (P, P) mean weights with which the chosen pixels of each patch see the irradiance of the patches about."""
-    weights = smooth_view(scene, hits, np.where(chosen, scene.reflectance[hits.patch], 0.0))
-    pixels = np.flatnonzero(chosen)
-    count = np.bincount(hits.patch[pixels], minlength=scene.n_patches)
-    shape = (scene.n_patches, len(chosen))
-    sums = csr_array((np.ones(len(pixels)), (hits.patch[pixels], pixels)), shape=shape) @ weights
-    return csr_array(diags_array(1 / np.maximum(count, 1)) @ sums + diags_array((count == 0).astype(float)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,10 +264,21 @@ class SceneModel:
         return np.asarray(known.reshape(*self.projector.lens.shape, 2))
 
     @cached_property
+    def hidden(self) -> BoolArray:
+        """(n projector pixels,) pixels whose light lands where something else stands before the camera.
+
+        The camera pixel there has the code of another projector pixel, which is the one to steer.
+        """
+        code_px = np.nan_to_num(self.light.projector_xy_px, nan=-1.0) + 1.0
+        there = sample_bands(code_px, self.camera_xy_px) - 1.0
+        off_px = np.abs(there - self.projector.lens.pixel_grid()).max(axis=1)
+        return np.asarray(np.isfinite(off_px) & (off_px > MOST_OFF_PX))
+
+    @cached_property
     def active(self) -> BoolArray:
         """(n projector pixels,) pixels that the camera sees well enough to steer; the others stay black."""
         gain, seen = self.projector_pixel_gains
-        known = np.isfinite(gain) & np.isfinite(seen)
+        known = np.isfinite(gain) & np.isfinite(seen) & ~self.hidden
         return np.asarray(known & (np.where(known, gain, 0) > LEAST_GAIN * np.median(gain[known])))
 
 
@@ -352,11 +344,14 @@ class ColouredRoom:
     bands: tuple[SceneModel, ...]
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes."""
+    dark: BoolArray | None = None
+    """(n projector pixels,) pixels that stay black whatever is shown; None: none."""
 
     @cached_property
     def active(self) -> BoolArray:
-        """(n projector pixels,) pixels that the camera sees well enough to steer, in every band."""
-        return np.asarray(np.all([scene_model.active for scene_model in self.bands], axis=0))
+        """(n projector pixels,) pixels that the camera sees well enough to steer, in every band, and that may light."""
+        seen = np.asarray(np.all([scene_model.active for scene_model in self.bands], axis=0))
+        return seen if self.dark is None else seen & ~self.dark
 
     @cached_property
     def camera_transports(self) -> Mapping[DevicePair, ColourTransport]:

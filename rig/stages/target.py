@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,13 +15,17 @@ from numpy.typing import NDArray
 from rig import plug_ins
 from rig.errors import SessionCorrupt, SessionError, UsageError
 from rig.files.channels import image_of
-from rig.files.pictures import astronaut, in_channels, read_picture_of_shape
-from rig.profile.tables import ProjectorProfile
+from rig.files.pictures import astronaut, in_channels, read_picture_in_channels, read_picture_of_shape
+from rig.profile.schema import Profile
+from rig.profile.target_table import TargetTable
 from rig.records import Record
 from rig.session import Session
+from rig.stages.showing.cube import cube_layout
 
 Float32Array = NDArray[np.float32]
 Light = Literal["sRGB", "linear light"]
+_OFF_SHAPE = 0.01
+"""By which a picture's width over height may be off: sizes are whole pixels."""
 DEFAULT = "default"
 """In place of a target's file: the test picture, though the session has shown another one."""
 _TEST_PICTURE = "photograph 'astronaut' of scikit-image, mean 123, sd 46"
@@ -35,16 +40,20 @@ class ShownTarget(Record):
     """How its file was read."""
     lost_colours: bool
     """Its colours became grey, for the rig is grey."""
+    placed: str = ""
+    """Where it was wanted; empty: pixel by pixel of the projector."""
 
     @property
     def sentence(self) -> str:
         """The same in words."""
-        return f"{self.name}, taken as {self.light}" + ("; it becomes grey: the camera is grey" * self.lost_colours)
+        where = f", {self.placed}" if self.placed else ""
+        grey = "; it becomes grey: the camera is grey" * self.lost_colours
+        return f"{self.name}, taken as {self.light}{where}{grey}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Target:
-    """A picture of the projector's shape in grey levels, 0 … 255, linear light."""
+    """A picture in grey levels, 0 … 255, linear light: of the projector's shape, or of any with where it is wanted."""
 
     name: str
     levels: Float32Array
@@ -53,6 +62,10 @@ class Target:
     """How the numbers of its file were read."""
     lost_colours: bool = False
     """Its file has colours, which a grey rig cannot show."""
+    place: TargetTable | None = None
+    """Where it is wanted; None: pixel by pixel of the projector (:func:`rig.stages.showing.place.placed`)."""
+    words: str = ""
+    """Where it was wanted, of one that was placed."""
 
     @property
     def grey(self) -> Float32Array:
@@ -62,12 +75,13 @@ class Target:
     @property
     def shown(self) -> ShownTarget:
         """What records and pages say of it."""
-        return ShownTarget(name=self.name, light=self.light, lost_colours=self.lost_colours)
+        return ShownTarget(name=self.name, light=self.light, lost_colours=self.lost_colours, placed=self.words)
 
     @property
     def sha256(self) -> str:
-        """Of the grey levels."""
-        return hashlib.sha256(np.ascontiguousarray(self.levels).tobytes()).hexdigest()
+        """Of the grey levels, and of where they are wanted."""
+        where = b"" if self.place is None else json.dumps([self.place.placement, self.levels.shape]).encode()
+        return hashlib.sha256(np.ascontiguousarray(self.levels).tobytes() + where).hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,19 +96,49 @@ class CompensationRequest:
 def requested_compensation(
     target: str | Path | None,
     strategies: tuple[str, ...],
-    projector: ProjectorProfile,
+    profile: Profile,
     *,
-    channels: int,
     fit: bool,
     is_linear: bool = False,
+    place: TargetTable | None = None,
 ) -> CompensationRequest:
     """Read the picture that is to be shown, and check the names of the strategies.
+
+    Parameters
+    ----------
+    target, fit, is_linear
+        As for :func:`load_target`.
+    strategies
+        Names.
+    profile
+        Of the rig.
+    place
+        Where the picture is wanted; None: where the profile says.
 
     Raises what :func:`load_target` and :func:`check_strategies` raise.
     """
     names = check_strategies(strategies)
-    shown = load_target(target, projector.shape, fit, channels=channels, is_linear=is_linear)
-    return CompensationRequest(shown, names)
+    place = profile.target if place is None else place
+    shape, channels = profile.projector.shape, profile.camera.channels
+    if place.placement is None:
+        return CompensationRequest(load_target(target, shape, fit, channels=channels, is_linear=is_linear), names)
+    picture = load_any_target(target, shape, channels=channels, is_linear=is_linear)
+    check_shape(picture, place, profile.camera.shape[:2])
+    return CompensationRequest(replace(picture, place=place, words=place.words), names)
+
+
+def check_shape(picture: Target, place: TargetTable, camera_shape: tuple[int, int]) -> None:
+    """Raise UsageError for a picture whose shape is not that of what it is said to be."""
+    height, width = picture.levels.shape[:2]
+    it = f"{picture.name}: {width} x {height} px"
+    if place.placed == "panorama" and abs(width / height / 2 - 1) > _OFF_SHAPE:
+        raise UsageError(f"{it}; an equirectangular panorama is twice as wide as it is high")
+    if place.placed == "cube" and cube_layout((height, width)) is None:
+        raise UsageError(
+            f"{it}; a cube map is a cross of 4 x 3 squares, or a strip of six: right, left, up, down, front, back"
+        )
+    if place.placed == "camera" and abs(width / height / (camera_shape[1] / camera_shape[0]) - 1) > _OFF_SHAPE:
+        raise UsageError(f"{it}; the camera sees {camera_shape[1]} x {camera_shape[0]} px: crop it to that shape")
 
 
 def last_target(session: Session) -> Target | None:
@@ -109,20 +153,34 @@ def last_target(session: Session) -> Target | None:
     if step is None or (settings := step.settings)["target"] == _TEST_PICTURE:
         return None
     try:
-        levels = image_of(step.load_image("target"), "grey")
+        levels = image_of(step.load_image("target-source" if settings.get("placement") else "target"), "grey")
     except SessionError as error:
         raise SessionCorrupt(
             f"{session.path}: its last target, {settings['target']}, is lost or was not written yet; name the picture "
             "again: --target FILE, or --target default for the test picture"
         ) from error
     shown = shown_target(settings)
-    return Target(shown.name, levels, shown.light, lost_colours=shown.lost_colours)
+    place = TargetTable.model_validate(settings["placement"]) if settings.get("placement") else None
+    return Target(
+        name=shown.name,
+        levels=levels,
+        light=shown.light,
+        lost_colours=shown.lost_colours,
+        place=place,
+        words=shown.placed,
+    )
 
 
 def shown_target(settings: Mapping[str, Any]) -> ShownTarget:
     """Return what the settings of a step say of its target; older versions took all codes as linear light."""
     light: Light = "sRGB" if settings.get("light") == "sRGB" else "linear light"
-    return ShownTarget(name=str(settings["target"]), light=light, lost_colours=bool(settings.get("lost_colours")))
+    placement = settings.get("placement")
+    return ShownTarget(
+        name=str(settings["target"]),
+        light=light,
+        lost_colours=bool(settings.get("lost_colours")),
+        placed=TargetTable.model_validate(placement).words if placement else "",
+    )
 
 
 def check_strategies(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -166,8 +224,33 @@ def load_target(
     UsageError
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
-    if path is None or (str(path) == DEFAULT and not Path(path).exists()):
-        return Target(_TEST_PICTURE, astronaut(shape, channels))
+    if path is None or _is_test_picture(path):
+        return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
     levels, lost_colours = read_picture_of_shape(path, shape, channels=channels, fit=fit, is_linear=is_linear)
-    light: Light = "linear light" if is_linear or Path(path).suffix.lower() == ".exr" else "sRGB"
-    return Target(Path(path).name, levels, light, lost_colours)
+    light = _light_of(path, is_linear=is_linear)
+    return Target(name=Path(path).name, levels=levels, light=light, lost_colours=lost_colours)
+
+
+def load_any_target(
+    path: str | Path | None, shape: tuple[int, int], *, channels: int, is_linear: bool = False
+) -> Target:
+    """Read a target of any size, as :func:`load_target` reads one of the projector's.
+
+    Raises
+    ------
+    UsageError
+        The file is missing, unreadable, too bright, or not finite.
+    """
+    if path is None or _is_test_picture(path):
+        return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
+    levels, lost_colours = read_picture_in_channels(path, channels=channels, is_linear=is_linear)
+    light = _light_of(path, is_linear=is_linear)
+    return Target(name=Path(path).name, levels=levels, light=light, lost_colours=lost_colours)
+
+
+def _is_test_picture(path: str | Path) -> bool:
+    return str(path) == DEFAULT and not Path(path).exists()
+
+
+def _light_of(path: str | Path, *, is_linear: bool) -> Light:
+    return "linear light" if is_linear or Path(path).suffix.lower() == ".exr" else "sRGB"

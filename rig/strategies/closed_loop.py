@@ -23,6 +23,7 @@ from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import contrast, perceived_errors
 from rig.stages.prediction import JUDGED, JudgedPixels, judged_pixels, wanted_light, whole_picture
 from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.showing.dark import dark_settings
 from rig.stages.target import Target, check_strategies
 from rig.strategies.records import ClosedLoop, JudgedErrors
 from rig.terminal import OnStep, silent
@@ -162,6 +163,7 @@ def close_loop(work: OpenSession, target: Target, loop: Loop, on_step: OnStep) -
         "judged": JUDGED,
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
+        **dark_settings(session.profile),
     }
     step = session.step(
         f"loop-{loop.strategy}-{loop.rule}", settings=settings, needs=("response", *model_steps(session))

@@ -26,6 +26,8 @@ from rig.stages.model import load_model, model_steps
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.prediction import JUDGED, predict
 from rig.stages.radiometry import measuring_bracket
+from rig.stages.showing.dark import dark_settings
+from rig.stages.showing.place import placed
 from rig.stages.target import check_strategies
 from rig.strategies.closed_loop import ControlledScene, Loop, close_loop, controlled_scene_of
 from rig.strategies.page import write_strategies_page
@@ -83,6 +85,7 @@ def compare_strategies(wanted: Comparison, on_step: OnStep = silent) -> Comparis
     with opened_session(plan) as work:
         session = work.session
         work.do_up_to("model", on_step)
+        target = placed(load_model(session), target)
         pictures = pictures_for(load_model(session), target)[: None if wanted.test_pictures else 1]
         compared = tuple(_compare_picture(work, picture, names=names, on_step=on_step) for picture in pictures)
         closed = tuple(close_loop(work, target, loop=loop, on_step=on_step) for loop in loops)
@@ -125,6 +128,7 @@ def picture_step(
         "versions": versions_of(names),
         "exposures_s": shot.exposures_s,
         "repeats": shot.repeats,
+        **dark_settings(session.profile),
     }
     step = session.step(name, settings=settings, needs=("response", *model_steps(session)))
     if not step.done:

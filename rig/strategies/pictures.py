@@ -69,4 +69,4 @@ def _photograph(name: str, mean: float, sd: float, shape: tuple[int, int], chann
 
 
 def _grey(title: str, levels: NDArray[np.float32], channels: int) -> Target:
-    return Target(title, np.repeat(levels[..., None], channels, axis=2))
+    return Target(name=title, levels=np.repeat(levels[..., None], channels, axis=2))

@@ -5,7 +5,8 @@ With q = K p the light of the projector in the camera's bands, c_b = D q_b + V H
 q_b = (t - black_b) / D - (V / D) r_b with r_b = M S D⁻¹ (t - black_b) and M = (I + H S D⁻¹ V)⁻¹ H (Woodbury's identity,
 as in sim.compensation.strategies.exact). M is dense and of patch size; the rest is arithmetic a pixel. Two
 simplifications make pixels independent of one another: a pixel lights one patch only (its light on the others is moved
-there, power kept), and V is bilinear between the same four patches over a run.
+there, power kept), and V is bilinear between the same four patches over a run. On a mesh these four, then three, are
+nodes, means of the patches about a corner or patches themselves (sim.light.mesh_view): V = W N, and N M is kept for M.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, eye_array
 
 from sim.arrays import BoolArray, CodeArray, FloatArray, IntArray
 from sim.compensation.split_transport import diagonal_of
@@ -23,10 +24,11 @@ from sim.errors import SimulationError
 from sim.form_factors import FormFactors
 from sim.frame.learned import OnPatches, on_patches
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
-from sim.frame.runs import BilinearCells, Runs, cells_of, runs_of
+from sim.frame.runs import BilinearCells, CellView, Runs, cells_of, runs_of
 from sim.light.colour import ColourTransport
 from sim.light.gloss.transport import GlossyTransport
 from sim.light.interreflection_operator import patch_to_patch
+from sim.light.mesh_view import NodeView
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
@@ -101,6 +103,7 @@ def frame_model(
     eotf: ArrayLike | None = None,
     response: ArrayLike | None = None,
     dither_seed: int | None = None,
+    node_view: NodeView | None = None,
 ) -> FrameModel:
     """Return a transport prepared for frames.
 
@@ -123,6 +126,8 @@ def frame_model(
         Linear light above black of the projector's codes, rising. Default: code / 255.
     dither_seed : int, optional
         Round to one of the two nearest codes by a fixed pattern, so that means are right. Default: to the nearest.
+    node_view : NodeView, optional
+        Of the transport's pixels on a mesh: what its view is, in two steps. Default: pixels see four patches at most.
 
     Returns
     -------
@@ -138,15 +143,14 @@ def frame_model(
     black_of = _black(black, len(places))
     light = [_band(band) for band in bands]
     patch, emission, share = _emission(light)
-    cells = cells_of(light[0].transport.view, light[0].reflectance, places, shape)
+    cells, nodes = _cells(light[0].transport, node_view, places, shape)
     gain, gain_share = _one_layer([band.view_gain for band in light])
     black_over_direct = [light[k % len(light)].inverse * black_of[:, k] for k in range(CHANNELS)]
     lit = np.unique(patch[emission > 0])
     index = np.minimum(np.searchsorted(lit, patch), len(lit) - 1)
     sums = csr_array((emission, (index, np.arange(len(places)))), shape=(len(lit), len(places)))
     inverse = [
-        _inverse(band, sums, lit, cells.viewed, share=share[k][lit], gain_ratio=gain_share[k])
-        for k, band in enumerate(light)
+        _inverse(band, sums, lit, nodes, share=share[k][lit], gain_ratio=gain_share[k]) for k, band in enumerate(light)
     ]
     curvature = np.stack([sums.power(2) @ band.inverse**2 for band in light])
     seen_black = np.stack([sums @ row for row in black_over_direct])
@@ -204,6 +208,22 @@ class _Image:
         whole = np.zeros((len(layers), self.shape[0] * self.shape[1]))
         whole[:, self.places] = np.stack(layers)
         return packed(whole.reshape(len(layers), *self.shape))
+
+
+def _cells(
+    band: LightTransport, view: NodeView | None, places: IntArray, shape: tuple[int, int]
+) -> tuple[CellView, csr_array]:
+    """Between what each pixel looks, and (W, P) weights with which patches make that."""
+    if view is None:
+        cells = cells_of(band.view, band.radiosity.reflectance, places, shape)
+        return cells, csr_array(eye_array(band.radiosity.n_patches).tocsr()[cells.viewed])
+    if view.weights.shape[0] != len(places) or view.nodes.shape[1] != band.radiosity.n_patches:
+        raise SimulationError(
+            f"frame model: a view of {view.weights.shape[0]} pixels and {view.nodes.shape[1]} patches for a transport "
+            f"of {len(places)} and {band.radiosity.n_patches}; give that of the transport's own pixels"
+        )
+    cells = cells_of(view.weights, np.ones(view.weights.shape[1]), places, shape)
+    return cells, csr_array(view.nodes[cells.viewed])
 
 
 def _bands_of(transport: LightTransport | ColourTransport) -> tuple[Sequence[LightTransport], FloatArray]:
@@ -365,17 +385,18 @@ def _one_layer(layers: Sequence[FloatArray]) -> tuple[list[FloatArray], list[flo
 
 
 def _inverse(
-    band: _BandOfPixels, sums: csr_array, lit: IntArray, viewed: IntArray, *, share: FloatArray, gain_ratio: float
+    band: _BandOfPixels, sums: csr_array, lit: IntArray, nodes: csr_array, *, share: FloatArray, gain_ratio: float
 ) -> FloatArray:
-    """(W, L) from sums over a patch's pixels to the irradiance of the viewed patches, in the view's unit."""
+    """(W, L) from sums over a patch's pixels to the irradiance of what pixels look between, in the view's unit."""
     transport = band.transport
+    viewed = np.unique(np.concatenate([nodes.indices, csr_array(transport.view).indices]))
     S = csr_array(diags_array(share) @ sums)
     loop = (S @ diags_array(band.inverse) @ csr_array(transport.view)).tocsc()[:, viewed].toarray()
     H = _interreflection(transport, lit, viewed) + band.known.by_view[viewed] @ band.known.by_patch[:, lit]
     r = np.linalg.solve(np.eye(len(viewed)) + H @ loop, H)
     rho = band.reflectance[viewed]
     per_irradiance = np.divide(gain_ratio, rho, out=np.zeros_like(rho), where=rho > 0)
-    return np.asarray(per_irradiance[:, None] * r * share)
+    return np.asarray(nodes[:, viewed] @ (per_irradiance[:, None] * r * share))
 
 
 def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray) -> FloatArray:

@@ -6,13 +6,58 @@ It is what :func:`sim.light.transport_of_scene.smooth_view` is for gridded recta
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
-from scipy.sparse import coo_array, csr_array, diags_array
+from scipy.sparse import coo_array, csr_array, diags_array, eye_array, vstack
 
 from sim.arrays import FloatArray, IntArray
 from sim.geometry.mesh import Mesh
 from sim.geometry.rays import plane_axes
 from sim.geometry.scene import Hits
+
+
+@dataclass(frozen=True, eq=False)
+class NodeView:
+    """What pixels see of a mesh in two steps: linear between three nodes, each of which is a mean of patches."""
+
+    weights: csr_array
+    """(N, K) of the irradiance at nodes: at most three a pixel, which sum to 1; none where it sees nothing."""
+    nodes: csr_array
+    """(K, P) of the patches' irradiance: corners first, then the patches' own. Rows sum to 1, or to 0 where all patches
+    are black, whose radiosity tells nothing of the light they get."""
+
+
+def node_view(mesh: Mesh, hits: Hits) -> NodeView:
+    """Return the two steps in which :func:`mesh_view` sees a mesh.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    hits : Hits
+        Where the N pixels look.
+
+    Returns
+    -------
+    NodeView
+        K nodes, among them corners that no pixel looks at.
+    """
+    pixels = np.flatnonzero(hits.patch >= 0)
+    patch = hits.patch[pixels]
+    corner, weights = _places(mesh, patch, hits.uv[pixels])
+    number, means = _corner_means(mesh)
+    node = np.concatenate([number[patch[:, None], corner], means.shape[0] + patch[:, None]], axis=1)
+    tells = diags_array((mesh.reflectance > 0).astype(np.float64))
+    nodes = csr_array(vstack([means, eye_array(mesh.n_patches)]) @ tells)
+    told = nodes.sum(axis=1)
+    # A black patch tells nothing: its neighbours speak for it.
+    weights = weights * told[node]
+    weights /= np.maximum(weights.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    shape = (len(hits.patch), nodes.shape[0])
+    return NodeView(
+        weights=csr_array(coo_array((weights.ravel(), (np.repeat(pixels, 3), node.ravel())), shape=shape)),
+        nodes=csr_array(diags_array(1 / np.maximum(told, np.finfo(float).tiny)) @ nodes),
+    )
 
 
 def mesh_view(mesh: Mesh, hits: Hits, reflectance: FloatArray) -> csr_array:
@@ -30,29 +75,10 @@ def mesh_view(mesh: Mesh, hits: Hits, reflectance: FloatArray) -> csr_array:
     -------
     (N, P) csr
     """
-    pixels = np.flatnonzero(hits.patch >= 0)
-    patch = hits.patch[pixels]
-    corner, weights = _places(mesh, patch, hits.uv[pixels])
-    number, means = _corner_means(mesh)
-    rows = np.repeat(np.arange(len(pixels)), 2)
-    shape = (len(pixels), means.shape[0])
-    around = csr_array(coo_array((weights[:, :2].ravel(), (rows, number[patch[:, None], corner].ravel())), shape=shape))
-    own = csr_array(coo_array((weights[:, 2], (np.arange(len(pixels)), patch)), shape=(len(pixels), mesh.n_patches)))
-    view = csr_array(around @ means + own)
-    return _of_reflected(mesh, view, pixels=pixels, reflectance=reflectance, n_pixels=len(hits.patch))
-
-
-def _of_reflected(
-    mesh: Mesh, view: csr_array, *, pixels: IntArray, reflectance: FloatArray, n_pixels: int
-) -> csr_array:
-    """Weights of radiosities for weights of irradiances; a black patch tells nothing, its neighbours speak for it."""
-    tells = (mesh.reflectance > 0).astype(np.float64)
-    view = csr_array(view @ diags_array(tells))
-    total = np.maximum(view.sum(axis=1), np.finfo(float).tiny)
-    view = csr_array(diags_array(reflectance[pixels] / total) @ view)
-    view = csr_array(view @ diags_array(tells / np.where(tells > 0, mesh.reflectance, 1.0)))
-    put = csr_array((np.ones(len(pixels)), (pixels, np.arange(len(pixels)))), shape=(n_pixels, len(pixels)))
-    return csr_array(put @ view)
+    view = node_view(mesh, hits)
+    per_irradiance = np.divide(1.0, mesh.reflectance, out=np.zeros(mesh.n_patches), where=mesh.reflectance > 0)
+    seen = np.where(hits.patch >= 0, reflectance, 0.0)
+    return csr_array(diags_array(seen) @ view.weights @ view.nodes @ diags_array(per_irradiance))
 
 
 def _places(mesh: Mesh, patch: IntArray, place_m: FloatArray) -> tuple[IntArray, FloatArray]:

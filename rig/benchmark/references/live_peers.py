@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 from rig.benchmark.references.live_scene import LiveScene
 from sim.frame.codes import fractional_code
 from sim.frame.compensator import FrameModel
+from sim.geometry.scene import Scene
 from sim.reference.frame import layers
 
 Codes = NDArray[np.uint8]
@@ -112,6 +113,8 @@ class OpenCvFrame(_Prepared):
 
 def _atlas(live: LiveScene) -> tuple[NDArray[np.intp], NDArray[np.int16], NDArray[np.uint16]]:
     """(P, 2) row and column of each patch in one picture of all faces, and each pixel's place in it for remap."""
+    if not isinstance(live.scene, Scene):
+        raise TypeError("OpenCV looks up gridded walls alone")
     patches = np.empty((live.scene.n_patches, 2), dtype=np.intp)
     place = np.zeros((live.lens.n_pixels, 2), dtype=np.float32)
     top = 0

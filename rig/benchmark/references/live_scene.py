@@ -11,15 +11,19 @@ from scipy.sparse import csr_array, diags_array
 from skimage.transform import resize
 
 from sim.arrays import FloatArray
-from sim.form_factors import form_factors
+from sim.form_factors import FormFactors, form_factors
 from sim.frame.compensator import FrameModel, frame_model
+from sim.geometry.mesh import Mesh
 from sim.geometry.optics import Lens, Pose, rays_at
-from sim.geometry.scene import Hits, Scene, intersect
+from sim.geometry.rays import trace
+from sim.geometry.scene import Hits, Scene
 from sim.light.colour import ColourTransport
+from sim.light.mesh_view import node_view
 from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 from sim.light.transport_of_scene import area_emission, irradiance_at, smooth_view
 from sim.scenes.gridded import paper_room
+from sim.scenes.meshes import icosphere
 
 GAMMA = 2.2
 TARGET_SHARE = 0.7
@@ -38,13 +42,19 @@ PAINT = {
 MIXING = np.array([[1.0, 0.08, 0.01], [0.06, 1.0, 0.07], [0.01, 0.05, 1.0]])
 POSITION_M, AIM_M = (1.2, 1.2, 1.2), (2.2, 2.2, 1.2)
 PAN_PX = 8
+PATCH_OF_MESH_M = 0.33
+BALL_M, BALL_RADIUS_M, BALL_SUBDIVISIONS = (3.2, 3.2, 1.0), 0.7, 3
+"""Of a ball of 1280 triangles, which makes the mesh 2150 patches."""
+BALL_REFLECTANCE = 0.6
+MESH_RAYS = 256
+"""Of each patch: what is timed does not depend on their noise."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class LiveScene:
     """One room seen by one projector."""
 
-    scene: Scene
+    scene: Scene | Mesh
     lens: Lens
     hits: Hits
     transport: ColourTransport
@@ -64,6 +74,7 @@ class LiveScene:
             black=self.black,
             eotf=self.curve,
             response=self.curve,
+            node_view=node_view(self.scene, self.hits) if isinstance(self.scene, Mesh) else None,
         )
 
     def error(self, target: NDArray[np.uint8], shown: NDArray[np.uint8]) -> float:
@@ -76,6 +87,38 @@ class LiveScene:
 def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     """Build the paper's room in colour, a painted pattern on its walls, and a projector of 100 degrees."""
     room = paper_room(patch_size_m=patch_size_m)
+    paint = [
+        np.concatenate([np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces]) for band in range(3)
+    ]
+    return _lit(room, form_factors(room), paint, (width_px, height_px))
+
+
+def live_mesh(width_px: int, height_px: int, patch_size_m: float = PATCH_OF_MESH_M) -> LiveScene:
+    """Build the same room with a ball in its corner, all of it a mesh as a session measures it."""
+    room = paper_room(patch_size_m=patch_size_m)
+    ball = (np.array(BALL_M) + BALL_RADIUS_M * icosphere(BALL_SUBDIVISIONS))[:, [0, 1, 2, 2]]
+    n_walls, first = room.n_patches, len(room.faces)
+    mesh = Mesh(
+        name="room with a ball",
+        vertices=np.concatenate([room.vertices, ball]),
+        reflectance=np.full(n_walls + len(ball), 0.5),
+        region=np.concatenate([room.region, np.full(len(ball), first)]),
+    )
+    paint = [
+        np.concatenate(
+            [
+                *(np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces),
+                np.full(len(ball), BALL_REFLECTANCE),
+            ]
+        )
+        for band in range(3)
+    ]
+    return _lit(mesh, form_factors(mesh, "rays", rays=MESH_RAYS), paint, (width_px, height_px))
+
+
+def _lit(surface: Scene | Mesh, factors: FormFactors, paint: list[FloatArray], size_px: tuple[int, int]) -> LiveScene:
+    """A projector in a room whose patches have a reflectance a band."""
+    width_px, height_px = size_px
     ideal = Lens.from_horizontal_field_of_view(width_px, height_px, 100.0)
     lens = Lens(
         width_px=width_px,
@@ -86,20 +129,17 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
     )
     pose = Pose.look_at(POSITION_M, AIM_M)
     rays = rays_at(lens, pose, lens.pixel_grid())
-    hits = intersect(room, pose.position_m, rays)
+    hits = trace(surface, pose.position_m, rays)
     points = pose.position_m + hits.distance[:, None] * rays
     vignetting = _vignetting(lens)
-    light = irradiance_at(room, lens, pose, points_m=points, patch=hits.patch) * vignetting
+    light = irradiance_at(surface, lens, pose, points_m=points, patch=hits.patch) * vignetting
     del rays
-    emission = area_emission(room.with_reflectance(1.0), lens, pose, subsamples=2, convention="physical") @ diags_array(
-        vignetting
-    )
-    view = smooth_view(room.with_reflectance(1.0), hits, np.ones(lens.n_pixels))
-    factors = form_factors(room)
+    white = surface.with_reflectance(1.0)
+    emission = area_emission(white, lens, pose, subsamples=2, convention="physical") @ diags_array(vignetting)
+    view = smooth_view(white, hits, np.ones(lens.n_pixels))
     pattern = 1 + 0.08 * np.sin(9 * points[:, 0] + 5 * points[:, 2]) * np.sin(7 * points[:, 1])
     bands = []
-    for band in range(3):
-        rho = np.concatenate([np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces])
+    for rho in paint:
         seen = rho[hits.patch] * pattern
         bands.append(
             LightTransport(
@@ -111,17 +151,16 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
             )
         )
     transport = ColourTransport(bands, MIXING)
-    white = np.median(transport.forward(np.ones((lens.n_pixels, 3))), axis=0)
-    black = np.tile(BLACK_SHARE * white, (lens.n_pixels, 1)) * (seen / np.median(seen))[:, None]
-    curve = (np.arange(256) / 255) ** GAMMA
+    level = np.median(transport.forward(np.ones((lens.n_pixels, 3))), axis=0)
+    black = np.tile(BLACK_SHARE * level, (lens.n_pixels, 1)) * (seen / np.median(seen))[:, None]
     return LiveScene(
-        scene=room,
+        scene=surface,
         lens=lens,
         hits=hits,
         transport=transport,
-        target_scale=TARGET_SHARE * white,
+        target_scale=TARGET_SHARE * level,
         black=black,
-        curve=curve,
+        curve=(np.arange(256) / 255) ** GAMMA,
     )
 
 

@@ -16,9 +16,9 @@ from rig.page.server.answers import answer
 from rig.page.server.lease import LeaseState
 from rig.page.shows import KeeperStatus, PageShow
 from rig.page.views.pictures import NamedPicture
-from rig.page.views.scene import SceneView
 from rig.page.views.sessions import SessionDetail, TwoSessions
 from rig.records import Json, JsonObject
+from rig.report.scene.view import SceneView
 from rig.stages.results import SessionResult
 
 _GIVEN = (

@@ -16,9 +16,9 @@ from rig.page.routes.common import name_of, workplace_of
 from rig.page.server.answers import answer
 from rig.page.views.page import report_policy
 from rig.page.views.pictures import comparable, last_frame_jpeg, levels_of, map_png, maps_of, projector_png
-from rig.page.views.scene import scene_of
 from rig.page.views.sessions import compared, detail, last_frame, listed
 from rig.report.links import PAGES
+from rig.report.scene.view import scene_of
 from rig.session.folder import is_session
 
 

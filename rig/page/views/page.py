@@ -14,9 +14,11 @@ from rig.version import __version__
 
 STATIC = Path(__file__).parents[1] / "static"
 """Scripts, styles and pictures of the page."""
+SCENE_SCRIPTS = Path(__file__).parents[2] / "report" / "scene" / "scripts"
+"""Those of the 3-D view, which reports hold, too."""
 _SCRIPT = re.compile(r"<script>(.*?)</script>", re.DOTALL)
 _INCLUDE = re.compile(r'\{% include "([^"]+)" %\}')
-_REPORT_TEMPLATES = ("report/base.html", "lenses/lenses.html")
+_REPORT_TEMPLATES = ("report/base.html", "report/session.html", "lenses/lenses.html")
 
 
 def page_html() -> str:

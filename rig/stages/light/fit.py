@@ -16,14 +16,15 @@ from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord, Point
+from rig.stages.light.between_patches import seen_from
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE
 from rig.stages.scene_model import (
+    MOST_OFF_PX,
     PixelHits,
     PosedLens,
     cast_pixels,
     face_of_pixels,
     posed_lens,
-    seen_from,
     unit_emission,
     white_irradiance,
 )
@@ -41,8 +42,6 @@ NO_SHIFT: Shift = (0.0, 0.0, 0.0)
 _LEAST_DIRECT = 0.05
 _LEAST_IN_A_BAND = 0.005
 """A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
-_MOST_OFF_PX = 4.0
-"""Projector pixels between where a camera pixel is in the model and where its code says: surfaces are right to less."""
 _ALL_OF_WHITE = 0.9995
 """Share of white from which on a pixel tells its patch's reflectance: on random rigs those with 0.97 to 0.995 of it had
 3 to 6 % too little direct light, for the blur at the border is known to a few percent of itself."""
@@ -118,7 +117,7 @@ def lit_pixels(bands: list[BandLight], valid: BoolArray) -> BoolArray:
     return np.asarray(valid & (direct > _LEAST_DIRECT * np.median(direct[valid])) & np.all(enough, axis=0))
 
 
-def on_the_model(room: BareRoom, projector_xy_px: NDArray[np.float32], most_off_px: float = _MOST_OFF_PX) -> BoolArray:
+def on_the_model(room: BareRoom, projector_xy_px: NDArray[np.float32], most_off_px: float = MOST_OFF_PX) -> BoolArray:
     """Return (H, W) pixels that see in the model what the code says: not a floor that was put where nobody looked."""
     expected = project(room.projector.lens, room.projector.pose, room.camera_hits.points_m)
     with np.errstate(invalid="ignore"):

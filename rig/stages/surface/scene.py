@@ -36,14 +36,14 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
         return walls
     vertices, triangles = np.array(standing.vertices_m), np.array(standing.triangles)
     behind = vertices - _BACK_SHARE * max(geometry.surface.size_m) * _normals(vertices, triangles)
-    corners, backs = vertices[triangles], behind[triangles[:, ::-1]]
+    sides = [vertices[triangles], behind[triangles[:, ::-1]]][: 2 if standing.backs else 1]
     part, n_parts = np.array(standing.part), len(standing.flat)
     first = len(walls.faces)
     return Mesh(
         name="measured room",
-        vertices=np.concatenate([walls.vertices, *(each[:, [0, 1, 2, 2]] for each in (corners, backs))]),
-        reflectance=np.full(walls.n_patches + 2 * len(corners), 0.5),
-        region=np.concatenate([walls.region, first + part, first + n_parts + part]),
+        vertices=np.concatenate([walls.vertices, *(each[:, [0, 1, 2, 2]] for each in sides)]),
+        reflectance=np.full(walls.n_patches + len(sides) * len(triangles), 0.5),
+        region=np.concatenate([walls.region, *(first + k * n_parts + part for k in range(len(sides)))]),
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.geometry.room import RoomBox
 from calibration.surfaces.before_walls import before_walls
@@ -12,10 +13,13 @@ from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.pieces import pieces_of
 from calibration.surfaces.point_map import point_map
 from calibration.surfaces.triangulated import TriangulatedSurface, triangulated
+from rig.profile.tables import FreeSurface, SurfaceFile
 from rig.records import Record
 from rig.session import Session
 from rig.stages.correspondence import load_correspondence, only
 from rig.stages.geometry import GeometryRecord, Point
+from rig.stages.surface.known import KnownSurface, RegistrationRecord, known_surface
+from rig.stages.surface.triangles import flat_parts
 
 LEAST_PIXELS = 40
 """Camera pixels of a part of surface: in fewer, no plane is told from a bend."""
@@ -37,6 +41,10 @@ class StandingRecord(Record):
     """Of the valid pixels, those that see something before the walls."""
     share_left_out: float
     """Of the valid pixels, those of pieces that are too small for a surface."""
+    backs: bool = True
+    """Each triangle has a back close behind it, which nobody saw; False of a known body, which has its own."""
+    registration: RegistrationRecord | None = None
+    """How a known mesh was found; None of what was measured point by point."""
 
     @classmethod
     def of(cls, surface: TriangulatedSurface, share_of_image: float, share_left_out: float) -> StandingRecord:
@@ -52,20 +60,54 @@ class StandingRecord(Record):
         )
 
 
-def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> StandingRecord | None:
-    """Return what stands before the walls of a room whose surface is free; None of one that is a box.
+@dataclass(frozen=True, eq=False, kw_only=True)
+class FoundStanding:
+    """What stands before the walls, and how far the camera's points are from it where it is a known mesh."""
+
+    record: StandingRecord
+    misfit_m: NDArray[np.float64] | None = None
+    """(H, W) by which they lie before it; NaN where none of it is seen."""
+
+
+def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> FoundStanding | None:
+    """Return what stands before the walls of a room whose surface is free, or a file; None of one that is a box.
 
     Both devices are moved by so much against walls that nobody measured.
+
+    Raises
+    ------
+    CalibrationError
+        A known mesh does not fit what the camera sees.
     """
-    if session.profile.surface.kind != "free":
+    surface = session.profile.surface
+    if not isinstance(surface, FreeSurface | SurfaceFile):
         return None
     correspondence = load_correspondence(session)
+    box = _box(geometry, shift_m)
+    stands = before_walls(correspondence, box).stands
+    valid = max(int(correspondence.valid.sum()), 1)
+    if isinstance(surface, SurfaceFile):
+        points = point_map(correspondence, box.camera, box.projector)
+        known = known_surface(
+            session.profile, surface, points=points, stands=stands, camera=box.camera, size_m=geometry.surface.size_m
+        )
+        return _of_known(known, valid)
+    points = point_map(correspondence, box.camera, box.projector, stands)
+    pieces = pieces_of(points, stands, LEAST_PIXELS)
+    parts = parts_of(points, pieces, LEAST_PIXELS)
+    found = triangulated(points, parts, box.camera, session.profile.room.patch_size_m)
+    seen = int((parts.label >= 0).sum())
+    return FoundStanding(record=StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid))
+
+
+def _box(geometry: GeometryRecord, shift_m: Point) -> RoomBox:
+    """The room, and the devices in it."""
     devices = (only(devices).pinhole() for devices in (geometry.cameras, geometry.projectors))
     camera, projector = (
         replace(device, translation_m=device.translation_m - device.rotation @ np.array(shift_m)) for device in devices
     )
     surface = geometry.surface
-    box = RoomBox(
+    return RoomBox(
         size_m=surface.size_m,
         seen=surface.seen,
         faces=surface.faces,
@@ -74,11 +116,18 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> S
         angle_error_deg=surface.angle_error_deg,
         notes=surface.notes,
     )
-    stands = before_walls(correspondence, box).stands
-    points = point_map(correspondence, camera, projector, stands)
-    pieces = pieces_of(points, stands, LEAST_PIXELS)
-    parts = parts_of(points, pieces, LEAST_PIXELS)
-    found = triangulated(points, parts, camera, session.profile.room.patch_size_m)
-    valid = max(int(correspondence.valid.sum()), 1)
-    seen = int((parts.label >= 0).sum())
-    return StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid)
+
+
+def _of_known(known: KnownSurface, valid: int) -> FoundStanding:
+    record = StandingRecord(
+        vertices_m=tuple((x, y, z) for x, y, z in known.vertices_m.tolist()),
+        triangles=tuple((a, b, c) for a, b, c in known.triangles.tolist()),
+        part=tuple(known.part.tolist()),
+        flat=tuple(flat_parts(known.vertices_m, known.triangles, known.part).tolist()),
+        sigma_m=(known.record.misfit_median_m,) * len(known.vertices_m),
+        share_of_image=float(np.isfinite(known.misfit_m).sum()) / valid,
+        share_left_out=0.0,
+        backs=known.is_open,
+        registration=known.record,
+    )
+    return FoundStanding(record=record, misfit_m=known.misfit_m)

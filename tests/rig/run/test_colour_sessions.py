@@ -181,7 +181,8 @@ def test_a_live_picture_comes_as_near_to_its_target_as_the_sessions_own(coloured
     with Session.open(coloured.folder) as session:
         live, radiometric = session_model(session, is_linear=True), load_radiometric_calibration(session)
     target = Target(
-        "whole levels", np.rint(load_target(None, model.scene_model.projector.lens.shape, channels=3).levels)
+        name="whole levels",
+        levels=np.rint(load_target(None, model.scene_model.projector.lens.shape, channels=3).levels),
     )
     wanted = wanted_light(model, target)
     live_codes = FrameCompensator(live.frames, "bounded").frame(target.levels.astype(np.uint8))

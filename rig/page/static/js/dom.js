@@ -1,48 +1,12 @@
-// Elements made by script: texts are always text, so that no name can become markup.
+// Elements made by script: those that reports know, too, and some more.
+import "../scene/elements.js";
 
-export const h = (tag, attributes = {}, ...children) => {
-  const element = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes ?? {})) {
-    if (value === null || value === undefined || value === false) continue;
-    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
-    else if (name === "class") element.className = value;
-    else if (name in element && typeof value !== "string") element[name] = value;
-    else element.setAttribute(name, value === true ? "" : value);
-  }
-  element.append(...children.flat(3).filter((child) => child !== null && child !== undefined && child !== false));
-  return element;
-};
-
-export const put = (parent, ...children) => {
-  parent.replaceChildren(...children.flat(3).filter((child) => child !== null && child !== undefined && child !== false));
-  return parent;
-};
-
-let fields = 0;
-export const field = (label, control, hint = "") => {
-  control.id ||= `field-${(fields += 1)}`;
-  const notes = hint ? h("div", { class: "hint", id: `${control.id}-hint` }, hint) : null;
-  if (notes) control.setAttribute("aria-describedby", notes.id);
-  return h("div", { class: "field" }, h("label", { for: control.id }, label), control, notes);
-};
+export const { h, put, field, choice, button, number } = globalThis.rigElements;
 
 export const tick = (label, checked, onchange) =>
   h("label", { class: "tick" }, h("input", { type: "checkbox", checked, onchange: (event) => onchange?.(event.target.checked) }), label);
 
-export const choice = (options, value, onchange) => {
-  const control = h("select", { onchange: (event) => onchange?.(event.target.value) });
-  for (const option of options) {
-    const [key, text] = Array.isArray(option) ? option : [option, option];
-    control.append(h("option", { value: key, selected: key === value }, text));
-  }
-  return control;
-};
-
-export const button = (text, onclick, kind = "", more = {}) => h("button", { type: "button", class: kind, onclick, ...more }, text);
-
 export const chip = (kind, text) => h("span", { class: `chip ${kind}` }, text);
-
-export const number = (value, digits = 3) => (value === null || value === undefined || Number.isNaN(value) ? "–" : Number(Number(value).toPrecision(digits)).toLocaleString("en", { maximumFractionDigits: 6 }));
 
 export const ago = (text) => {
   const minutes = (Date.now() - new Date(text).getTime()) / 60000;

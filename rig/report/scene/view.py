@@ -1,8 +1,8 @@
-"""The measured scene as triangles for the page's 3-D view: patches, what is known of them, devices in their places."""
+"""The measured scene as triangles for the 3-D view: patches, what is known of them, devices in their places."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import base64
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.light.reflectance import ReflectanceSource
 from rig.files.channels import image_of
 from rig.records import Record
+from rig.report.scene.texture import reflectance_texture
 from rig.session import Session
 from rig.stages.model import FittedScene, load_model, load_model_record
 from rig.stages.scene_model import PosedLens
@@ -24,6 +25,8 @@ _WORDS = {
     ReflectanceSource.GLOBAL: "seen in global light",
     ReflectanceSource.UNSEEN: "nobody saw it",
 }
+_SHOWN_TEXELS = 1 << 19
+"""Of the texture in a page: about 300 kB."""
 _FRUSTUM_M = 0.5
 """How far a device's picture is drawn before its lens."""
 
@@ -57,19 +60,48 @@ class SceneDevice(Record):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SceneTexture(Record):
+    """A picture with a square of each patch, row by row (:mod:`rig.report.scene.texture`)."""
+
+    png: str
+    """Base64."""
+    tile_px: int
+    columns: int
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True, kw_only=True)
 class SceneView(Record):
     """All that the 3-D view draws."""
 
     patches: tuple[ScenePatch, ...]
     devices: tuple[SceneDevice, ...]
+    texture: SceneTexture
     unit: str = "m"
 
 
 def scene_of(folder: Path) -> SceneView:
     """Return the scene of a session. Raises SessionError before its model is built."""
     session = Session.read(folder)
-    model = load_model(session)
-    return SceneView(patches=_patches(session, model), devices=_devices(model))
+    return view_of(session, load_model(session))
+
+
+def view_of(session: Session, model: FittedScene) -> SceneView:
+    """Return the scene of a session whose model is loaded."""
+    return SceneView(patches=_patches(session, model), devices=_devices(model), texture=_texture(model))
+
+
+def _texture(model: FittedScene) -> SceneTexture:
+    found = reflectance_texture(model, most_texels=_SHOWN_TEXELS)
+    height, width = found.image.shape[:2]
+    return SceneTexture(
+        png=base64.b64encode(found.png).decode(),
+        tile_px=found.tile_px,
+        columns=found.columns,
+        width_px=width,
+        height_px=height,
+    )
 
 
 def _patches(session: Session, model: FittedScene) -> tuple[ScenePatch, ...]:
@@ -78,12 +110,11 @@ def _patches(session: Session, model: FittedScene) -> tuple[ScenePatch, ...]:
     light = session.finished("separation").load_image("separation")
     patch = model.scene_model.camera_hits.hits.patch
     direct, global_ = (_means(image_of(light, name), patch, model, scene.n_patches) for name in ("direct", "global"))
-    names = _region_names(model)
     source = record.bands[0].source
     return tuple(
         ScenePatch(
             corners=_points(scene.vertices[k]),
-            region=names.get(int(scene.region[k]), f"thing {int(scene.region[k]) - len(names) + 1}"),
+            region=region_name(model, int(scene.region[k])),
             reflectance=tuple(round(float(band[k]), 4) for band in bands),
             direct=_rounded(direct[k]),
             global_light=_rounded(global_[k]),
@@ -93,8 +124,10 @@ def _patches(session: Session, model: FittedScene) -> tuple[ScenePatch, ...]:
     )
 
 
-def _region_names(model: FittedScene) -> Mapping[int, str]:
-    return dict(enumerate(model.scene_model.walls))
+def region_name(model: FittedScene, region: int) -> str:
+    """Return what a wall, or a thing that stands before the walls, is called."""
+    walls = model.scene_model.walls
+    return walls[region] if region < len(walls) else f"thing {region - len(walls) + 1}"
 
 
 def _means(image: NDArray[np.float32], patch: NDArray[np.intp], model: FittedScene, n_patches: int) -> FloatArray:
