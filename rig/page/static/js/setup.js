@@ -46,8 +46,8 @@ export const setupView = (main) => {
   const keep = () => trying(async () => {
     const wanted = plainName(name.value);
     await save(`/api/profiles/${wanted}`, { text: text.value });
-    toast(`${wanted} is saved`, "fine");
     await fill(wanted);
+    toast(`${wanted} is saved`, "fine");
   });
   const ask = () => trying(async () => {
     put(devices, h("p", { class: "soft" }, "Looking …"));

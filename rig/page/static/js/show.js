@@ -127,7 +127,7 @@ export const showView = (main) => {
     h("div", {}, h("div", { class: "stage" }, view, hint), switches, figures, h("div", { class: "card" }, h("h2", {}, "Time between pictures"), strip), recheck.box),
     h("div", {}, h("div", { class: "card" }, field("With the model of", session), h("div", { class: "label" }, "Strategy"), strategy, h("div", { class: "field" }, h("label", { for: "gain" }, "Gain", gainSays), gain), h("div", { class: "row" }, begin)),
       h("div", { class: "card" }, h("h2", {}, "Sources"), sources, tick("Begin again after the last", true, (isOn) => { settings.endless = isOn; }), tick("Codes are linear light", false, (isOn) => { settings.linear = isOn; })),
-      h("div", { class: "card" }, h("h2", {}, "Saved shows"), saved, ...form.fields)))));
+      h("div", { class: "card" }, h("h2", {}, "Saved shows"), saved, ...form.fields))));
   gain.id = "gain";
   trying(async () => {
     const [{ sessions }, { profiles }] = await Promise.all([get("/api/sessions"), get("/api/profiles")]);
