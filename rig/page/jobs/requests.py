@@ -43,8 +43,6 @@ class LookJob(Record):
     """Of `rig show`, or the name of a picture that was uploaded."""
     exposure_s: float | None = None
     """None: the profile's."""
-    gain: float | None = None
-    """None: the profile's. Gain as the camera names it."""
 
 
 @dataclass(frozen=True, kw_only=True)
