@@ -13,7 +13,7 @@ from rig.page.shows import read_saved
 from rig.page.workplace import Workplace
 from rig.records import Record
 
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 1.0, 8.0
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 8.0
 """Before the first new process, and before any: doubled in between. A show is back within 10 s of what hindered it."""
 _STEADY_S = 60.0
 """A process that ran for so long begins with the first pause again."""

@@ -41,7 +41,7 @@ export const recheckCard = (nameOf) => {
 const lookOf = (name, one, count) => {
   const { found } = one;
   // As many digits as its sigma allows.
-  const told = (value, sigma) => value.toFixed(sigma > 0 ? Math.min(Math.max(1 - Math.floor(Math.log10(sigma)), 0), 4) : 2).replace(/^-(?=[0.]*$)/, "");
+  const told = (value, sigma) => value.toFixed(sigma > 0 ? Math.min(Math.max(-Math.floor(Math.log10(sigma)), 0), 4) : 2).replace(/^-(?=[0.]*$)/, "");
   const moved = (title, device) => h("div", {}, h("dt", {}, title), h("dd", {}, `${told(device.image_px, device.image_sigma_px)} px`, h("small", {}, ` ± ${number(device.image_sigma_px, 2)}`)));
   const share = (title, value, sigma) => h("div", {}, h("dt", {}, title), h("dd", {}, `${told(100 * value, 100 * sigma)} %`, h("small", {}, ` ± ${number(100 * sigma, 2)}`)));
   return h("div", {}, h("p", {}, chip(found.within_limits ? "ok" : "outside", ago(one.created))), h("p", {}, found.summary),
