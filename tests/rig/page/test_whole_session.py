@@ -83,8 +83,11 @@ def save_a_profile(operator: Operator) -> None:
     page, text = operator.page, quick_profile("unplugged_s = [[3.0, 4.5]]")
     operator.go("setup")
     operator.reads("Reads well.")
-    page.fill("#profile-text", text.replace("width_px = 320", "width_px = -1"))
-    operator.reads("width_px")  # what is wrong, before anything is saved
+    number = page.locator("[data-key='camera.width_px']")
+    number.fill("-1")
+    number.blur()
+    assert "width_px = -1\n" in page.input_value("#profile-text")  # the form writes into the file's text
+    page.locator("pre").filter(has_text="width_px").wait_for()  # what is wrong, before anything is saved
     save_as(operator, "lab", text)
     assert "unplugged_s" in (operator.served.root / "profiles" / "lab.toml").read_text(encoding="utf-8")
     save_as(operator, "turned", quick_profile("turned_deg = [0.0, 0.5, 0.0]"))
