@@ -84,6 +84,18 @@ def test_a_phone_and_a_wall_show_all_of_it(
     page.close()
 
 
+def test_a_table_becomes_comma_separated_values(chromium: Any, served: Served) -> None:
+    page = chromium.new_page(viewport={"width": 1280, "height": 900})
+    visit(page, served, "runs/first/watch")
+    page.get_by_role("button", name="Copy as CSV").first.wait_for()
+    said = page.evaluate("import('/static/js/dom.js').then((dom) => dom.csvOf(document.querySelector('table.checks')))")
+    told = served.get("/api/sessions/first").json()["limits"]
+    assert said.splitlines()[0] == ",what,value,limit"
+    assert len(said.splitlines()) == 1 + len(told)
+    assert said.splitlines()[1].split(",")[:2] == [told[0]["status"], told[0]["what"]]
+    page.close()
+
+
 def test_keys_alone_reach_every_part_and_open_their_own_list(chromium: Any, served: Served) -> None:
     page = chromium.new_page(viewport={"width": 1280, "height": 900})
     visit(page, served, "look")

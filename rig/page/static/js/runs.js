@@ -1,7 +1,7 @@
 // Sessions: their list, starting one, watching it, its results.
 import { get, isRunning, known, on, start, stop, trying, upload } from "./api.js";
 import { compareView } from "./curtain.js";
-import { ago, button, chip, field, h, number, put, tick, toast } from "./dom.js";
+import { ago, button, chip, copyable, field, h, number, put, tick, toast } from "./dom.js";
 import { recheckCard } from "./recheck.js";
 
 export const runsView = (main, [name, part, other]) => {
@@ -145,8 +145,8 @@ const watchPart = (body, name, place) => {
   return { close: () => { isOpen = false; clearInterval(timer); recheck.close(); leave(); } };
 };
 
-const limitTable = (limits) => h("table", { class: "checks" }, h("tr", {}, ["", "what", "value", "limit"].map((text, k) => h("th", { class: k > 1 ? "n" : "" }, text))),
-  limits.map((row) => h("tr", {}, h("td", {}, chip(row.met ? "ok" : "outside", row.status)), h("td", {}, row.what, row.met ? null : h("div", { class: "advice" }, row.advice)), h("td", { class: "n" }, `${number(row.value)} ${row.unit}`), h("td", { class: "n soft" }, row.limit === null ? "" : `${row.at_least ? "≥" : "≤"} ${number(row.limit)}`))));
+const limitTable = (limits) => copyable(h("table", { class: "checks" }, h("tr", {}, ["", "what", "value", "limit"].map((text, k) => h("th", { class: k > 1 ? "n" : "" }, text))),
+  limits.map((row) => h("tr", {}, h("td", {}, chip(row.met ? "ok" : "outside", row.status)), h("td", {}, row.what, row.met ? null : h("div", { class: "advice" }, row.advice)), h("td", { class: "n" }, `${number(row.value)} ${row.unit}`), h("td", { class: "n soft" }, row.limit === null ? "" : `${row.at_least ? "≥" : "≤"} ${number(row.limit)}`)))));
 
 const pagePart = (file) => (body, name, place) => {
   trying(async () => {
@@ -181,11 +181,11 @@ const againstView = (main, first, second) => {
   const only = h("input", { placeholder: "geometry, strategies.bounded, …", "aria-label": "Only numbers whose name has", oninput: () => paint() });
   const table = h("div", { class: "wide card" });
   let found = null;
-  const paint = () => put(table, h("table", {}, h("tr", {}, ["number", first, second, "second over first"].map((text, k) => h("th", { class: k ? "n" : "" }, text))),
+  const paint = () => put(table, copyable(h("table", {}, h("tr", {}, ["number", first, second, "second over first"].map((text, k) => h("th", { class: k ? "n" : "" }, text))),
     found.figures.filter((one) => one.name.includes(only.value.trim())).map((one) => {
       const ratio = one.first ? one.second / one.first : null;
       return h("tr", {}, h("td", {}, one.name), h("td", { class: "n" }, number(one.first, 4)), h("td", { class: "n" }, number(one.second, 4)), h("td", { class: `n ${ratio !== null && Math.abs(ratio - 1) > 0.1 ? "warn" : "soft"}` }, ratio === null || one.second === undefined ? "–" : `${number(ratio)} ×`));
-    })));
+    }))));
   put(main, h("h1", {}, `${first} and ${second}`), field("Only numbers whose name has", only), table);
   trying(async () => { found = await get(`/api/compare?first=${encodeURIComponent(first)}&second=${encodeURIComponent(second)}`); paint(); });
   return {};
