@@ -53,6 +53,7 @@ class Operator:
 def operator(chromium: Any, tmp_path: Path) -> Any:
     with serving(tmp_path / "runs") as served:
         page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(1000 * PATIENCE_S)
         yield Operator(page, served)
         page.close()
 
