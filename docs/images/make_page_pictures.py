@@ -45,6 +45,14 @@ def main(address: str, session: str, folder: Path) -> None:
         page.wait_for_timeout(1000)
         page.locator("#scene").click(position={"x": 420, "y": 280})
         keep(page, folder / "page-scene.jpg")
+        page.goto(f"{address}#show")
+        page.locator(f"#show-session option[value='session:{session}']").wait_for(state="attached")
+        page.select_option("#show-session", f"session:{session}")
+        page.click("#show-begin")
+        until("Number(document.querySelector('#on-screen').dataset.frames ?? 0) > 2")
+        page.wait_for_timeout(8000)
+        keep(page, folder / "page-show.jpg")
+        page.click("#show-begin")
         browser.close()
 
 

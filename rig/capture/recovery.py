@@ -124,17 +124,18 @@ class Recovery:
             restore()
         except (DeviceLost, CaptureTimeout) as loss:
             close_quietly(device)
-            return loss
+            # Kept as a value: with its traceback it would hold this frame, which holds it, and the whole show with it.
+            return loss.with_traceback(None)
         except (DeviceBusy, DeviceForbidden) as refusal:
             close_quietly(device)
-            return self._refusal(refusal)
+            if self._is_refused_for_long():
+                raise
+            return DeviceLost(str(refusal))
         self._refused_s = None
         return None
 
-    def _refusal(self, refusal: DeviceBusy | DeviceForbidden) -> DeviceLost:
+    def _is_refused_for_long(self) -> bool:
         """Count a refusal as away for a moment; then it is the error."""
         now_s = self._clock.now_s()
         self._refused_s = now_s if self._refused_s is None else self._refused_s
-        if now_s - self._refused_s >= _REFUSALS_S:
-            raise refusal
-        return DeviceLost(str(refusal))
+        return now_s - self._refused_s >= _REFUSALS_S

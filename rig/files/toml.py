@@ -117,7 +117,7 @@ def toml_value(value: object, *, exact: bool = False) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # JSON allows it, TOML does not
     if isinstance(value, tuple | list):
         return "[" + ", ".join(toml_value(one, exact=exact) for one in value) + "]"
     if isinstance(value, float):

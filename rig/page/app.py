@@ -17,6 +17,7 @@ from starlette.staticfiles import StaticFiles
 from rig.devices.clock import SystemClock
 from rig.errors import RigError
 from rig.page.jobs.holder import JobHolder
+from rig.page.keeper import ProcessKeeper
 from rig.page.routes import jobs, schema, sessions, setup, shows, state
 from rig.page.server.answers import on_http_error, on_lost_client, on_rig_error
 from rig.page.server.folders import Folders
@@ -24,7 +25,6 @@ from rig.page.server.frame_stream import Streams
 from rig.page.server.guard import Guard, GuardSettings
 from rig.page.server.lease import Lease
 from rig.page.server.news import News
-from rig.page.shows import PageShowKeeper
 from rig.page.views.page import SCENE_SCRIPTS, STATIC
 from rig.page.workplace import Workplace
 
@@ -58,7 +58,7 @@ def make_app(
         holder=JobHolder(news),
         is_open=guard.token is not None,
     )
-    keeper = PageShowKeeper(workplace, clock)
+    keeper = ProcessKeeper(workplace, clock)
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:

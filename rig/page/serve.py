@@ -16,7 +16,7 @@ from rig.errors import UsageError
 from rig.page.app import make_app
 from rig.page.server.folders import Folders
 from rig.page.server.guard import GuardSettings, is_loopback_host
-from rig.page.shows import read_show
+from rig.page.shows import read_saved
 
 _MOST_CONNECTIONS = 4096
 _GRACE_S = 3
@@ -59,7 +59,7 @@ def serve_page(request: ServeRequest, on_ready: Callable[[str], None]) -> None:
     """
     token = checked_token(request)
     if request.show is not None:
-        read_show(Folders(request.root).show(request.show))
+        read_saved(Folders(request.root), request.show)
     with _listening(request) as listening:
         port = int(listening.getsockname()[1])
         _allow_connections()

@@ -9,7 +9,7 @@ from rig.by_hand.pictures import PATTERNS, SPOTS
 from rig.errors import SessionError, UsageError
 from rig.live.plan import LiveRequest, check_request
 from rig.page.jobs.holder import Job, JobHolder
-from rig.page.jobs.requests import AnyJob, CheckJob, LookJob, RunJob, ShowJob, StrategiesJob
+from rig.page.jobs.requests import AnyJob, CheckJob, KeepJob, LookJob, RecheckJob, RunJob, ShowJob, StrategiesJob
 from rig.page.server.folders import Folders, checked_name
 from rig.page.server.lease import Lease
 from rig.page.server.news import News
@@ -17,6 +17,7 @@ from rig.run.plan import plan_session
 from rig.run.request import SessionRequest
 from rig.self_check.run import parts_of
 from rig.session.folder import is_session
+from rig.shows.saved import load_show
 from rig.stages.target import DEFAULT
 
 _WORDS = ("pattern", "camera:", "shm:")
@@ -51,16 +52,29 @@ def prepared(job: AnyJob, folders: Folders) -> AnyJob:
     if isinstance(job, RunJob):
         return _prepared_run(job, folders)
     if isinstance(job, StrategiesJob):
-        folder = folders.session(job.session)
-        if not is_session(folder):
-            raise SessionError(f"{job.session}: there is no session of that name; run one first")
-        return replace(job, session=str(folder))
+        return replace(job, session=_session(job.session, folders))
+    if isinstance(job, RecheckJob):
+        profile = None if job.profile is None else folders.profile(job.profile)
+        return replace(job, session=_session(job.session, folders), profile=profile)
+    if isinstance(job, KeepJob):
+        path = folders.show(job.show)
+        if not path.is_file():
+            raise UsageError(f"{job.show}: no saved show of that name; save it first")
+        load_show(str(path))
+        return replace(job, show=str(path))
     if isinstance(job, LookJob):
         return replace(job, profile=folders.profile(job.profile), picture=_picture(job.picture, folders))
     if isinstance(job, CheckJob):
         parts_of(job.only)
         return replace(job, profile=folders.profile(job.profile))
     return _prepared_show(job, folders)
+
+
+def _session(name: str, folders: Folders) -> str:
+    folder = folders.session(name)
+    if not is_session(folder):
+        raise SessionError(f"{name}: there is no session of that name; run one first")
+    return str(folder)
 
 
 def _prepared_run(job: RunJob, folders: Folders) -> RunJob:
@@ -93,7 +107,7 @@ def _prepared_show(job: ShowJob, folders: Folders) -> ShowJob:
         job,
         session=None if job.session is None else str(folders.session(job.session)),
         profile=None if job.profile is None else folders.profile(job.profile),
-        sources=tuple(_source(word, folders) for word in job.sources),
+        sources=tuple(source_of(word, folders) for word in job.sources),
     )
     folder = None if work.session is None else Path(work.session)
     check_request(
@@ -106,7 +120,8 @@ def _picture(name: str, folders: Folders) -> str:
     return name if name in PATTERNS or name == SPOTS else _upload(name, folders)
 
 
-def _source(word: str, folders: Folders) -> str:
+def source_of(word: str, folders: Folders) -> str:
+    """Return what a show takes for a source: the word itself, or the path of an upload. Raises UsageError."""
     if word.startswith(_WORDS) and "/" not in word and (word == "pattern" or ":" in word):
         return word
     return _upload(word, folders)
@@ -137,5 +152,9 @@ def title_of(job: AnyJob) -> str:
             return f"look with {job.profile}"
         case CheckJob():
             return f"check of {job.profile}"
+        case RecheckJob():
+            return f"re-check of {job.session}"
+        case KeepJob():
+            return f"show {job.show}"
         case _:
             return f"show with {job.session or job.profile}"

@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from rig.files.atomic import write_bytes
 from rig.recheck.compare import Compared
-from rig.recheck.records import Recheck
+from rig.recheck.records import PAGE, Recheck
 from rig.records import Verdict
 from rig.report.pictures import EmbeddedPicture, picture
 from rig.report.render import rendered
 from rig.terminal import print_table, say
 
-PAGE = "recheck.html"
 _LEAST_SCALE_PX = 1.0
 """At the ends of the residuals' colours: what noise alone leaves looks pale."""
 _NOWHERE = (96, 96, 100)

@@ -9,6 +9,11 @@ from calibration.geometry.moved.records import DeviceMotion, Moved
 from calibration.radiometry.steadiness import LightChange
 from rig.records import JsonObject, Record, Verdict, all_met
 
+RECORD = "recheck"
+"""Step and record of a look that hold what it found."""
+PAGE = "recheck.html"
+"""In a look's folder."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecheckRequest:

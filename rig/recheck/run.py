@@ -14,7 +14,7 @@ from rig.recheck.compare import Compared, compare, refuse_darkness, refuse_flood
 from rig.recheck.known import KnownRig, known_rig, light_of_flats
 from rig.recheck.page import write_recheck_page
 from rig.recheck.realign import realigned_session
-from rig.recheck.records import LightResult, MotionResult, Recheck, RecheckRequest
+from rig.recheck.records import RECORD, LightResult, MotionResult, Recheck, RecheckRequest
 from rig.recheck.verdicts import limits_of, summary_of, with_realigned
 from rig.run.session import OpenSession
 from rig.session import Session, Step
@@ -32,7 +32,6 @@ _LEAST_WHITE = 0.2
 _MOST_CLIPPED = 0.2
 """Of the camera's pixels, while the projector shows black."""
 _SIMULATED = "simulation"
-RECORD = "recheck"
 
 
 def run_recheck(request: RecheckRequest, on_step: OnStep = silent) -> Recheck:

@@ -41,6 +41,18 @@ class Lamp(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class KeeperState(Record):
+    """What a kept show does now, for who follows it."""
+
+    phase: str
+    """showing, waiting (to begin again), or off (by its timetable)."""
+    runs: int
+    failures: int
+    last_failure: str
+    """Empty before the first."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class KeptShow(Record):
     """How a show went, from its start to its end."""
 
@@ -72,6 +84,8 @@ class ShowKeeper:
         Whether somebody has ended the show while it was off.
     lamp
         Counted, and switched off.
+    on_state
+        Told whenever the show begins, waits to begin again, or goes off.
     """
 
     play: Callable[[float | None], str]
@@ -80,6 +94,7 @@ class ShowKeeper:
     time_of_day: Callable[[], datetime]
     is_ended: Callable[[], bool]
     lamp: Lamp
+    on_state: Callable[[KeeperState], None] = lambda _: None
     _runs: int = 0
     _failures: int = 0
     _shown_s: float = 0.0
@@ -119,6 +134,7 @@ class ShowKeeper:
         begun_s, how = self.clock.now_s(), ""
         self._runs += 1
         log.info("run %d begins", self._runs)
+        self._tell("showing")
         try:
             how = self.play(seconds)
         except RigError as error:
@@ -144,17 +160,23 @@ class ShowKeeper:
         self._last = [*self._last, text][-_KEPT_FAILURES:]
         log.warning("%s", text)
 
+    def _tell(self, phase: str) -> None:
+        last = self._last[-1] if self._last else ""
+        self.on_state(KeeperState(phase=phase, runs=self._runs, failures=self._failures, last_failure=last))
+
     def _back_off(self, lasted_s: float) -> bool:
         """Wait before the next start; False when somebody ends the show meanwhile."""
         if lasted_s > _HEALTHY_S:
             self._pause_s = FIRST_PAUSE_S
         log.info("starts again in %.1f s", self._pause_s)
+        self._tell("waiting")
         goes_on = self._wait(self._pause_s)
         self._pause_s = min(2 * self._pause_s, LONGEST_PAUSE_S)
         return goes_on
 
     def _rest(self, now: datetime) -> str:
         """Stay off until the show is on again."""
+        self._tell("off")
         self.lamp.off()
         left_s = self.timetable.seconds_left(now)
         return "" if self._wait(left_s or _LOOK_S) else "signal"

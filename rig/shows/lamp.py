@@ -24,6 +24,16 @@ class LampHours(Record):
     lit_s: float
 
 
+def lamp_file(show: Path) -> Path:
+    """Return the file in which the lamp's hours of a show are kept."""
+    return show.with_suffix(".lamp.json")
+
+
+def lamp_hours(show: Path) -> float:
+    """Return how many hours a saved show, by its file, has lit the lamp."""
+    return _read(lamp_file(show)) / 3600
+
+
 class KeptLamp:
     """Counts in a file, and switches off by PJLink where the show wants that.
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 from types import TracebackType
 
 from rig.errors import UsageError
-from rig.live.show.controls import GAIN_RANGE, Controls
+from rig.live.show.controls import GAIN_RANGE, Controls, RemoteControl
 
 log = logging.getLogger("rig.shows")
 
@@ -67,6 +67,39 @@ class Remote:
         while self._keys:
             keys += self._keys.popleft()
         return keys
+
+
+class Desk:
+    """All places from which a show is told something; what was set stays set when the show begins again.
+
+    Parameters
+    ----------
+    remotes
+        In the order in which they are asked.
+    """
+
+    def __init__(self, *remotes: RemoteControl):
+        self._remotes = remotes
+        self._set: Controls | None = None
+        self._begins = False
+
+    def begin(self) -> None:
+        """Note that the show begins, or begins again: black that somebody ordered stays black."""
+        self._begins = True
+
+    def adjusted(self, controls: Controls) -> Controls:
+        """Return settings after all commands that wait."""
+        if self._begins and self._set is not None:
+            controls = self._set
+        self._begins = False
+        for remote in self._remotes:
+            controls = remote.adjusted(controls)
+        self._set = controls
+        return controls
+
+    def pressed(self) -> str:
+        """Return keys that commands stand for."""
+        return "".join(remote.pressed() for remote in self._remotes)
 
 
 def _change(address: str, values: tuple[object, ...]) -> Change | None:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from logging.handlers import RotatingFileHandler
 from pathlib import Path
@@ -15,10 +15,12 @@ from rig.devices.clock import SystemClock
 from rig.errors import SessionError
 from rig.live.plan import LivePlan, plan_live
 from rig.live.run import OnStatus, run_live
+from rig.live.show.controls import NoRemote, RemoteControl
+from rig.live.watcher import ShowWatcher
 from rig.shows.disk import keep_within
-from rig.shows.keeper import KeptShow, ShowKeeper
-from rig.shows.lamp import KeptLamp, control_of
-from rig.shows.remote import OscListener, Remote
+from rig.shows.keeper import KeeperState, KeptShow, ShowKeeper
+from rig.shows.lamp import KeptLamp, control_of, lamp_file
+from rig.shows.remote import Desk, OscListener, Remote
 from rig.shows.saved import LogSettings, SavedShow, load_show, request_of
 from rig.terminal import OnStep, silent
 from rig.terminal.signals import EndSignals
@@ -29,7 +31,22 @@ _TIDY_S = 60.0
 log = logging.getLogger("rig.shows")
 
 
-def keep_show(name: str, on_step: OnStep = silent, on_status: OnStatus = lambda _: None) -> KeptShow:
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Operator:
+    """Who follows a kept show beside the person at the terminal, and orders: a page."""
+
+    remote: RemoteControl = field(default_factory=NoRemote)
+    watcher: ShowWatcher | None = None
+    on_state: Callable[[KeeperState], None] = lambda _: None
+    """Told whenever the show begins, waits to begin again, or goes off."""
+
+
+_NOBODY = Operator()
+
+
+def keep_show(
+    name: str, on_step: OnStep = silent, on_status: OnStatus = lambda _: None, operator: Operator = _NOBODY
+) -> KeptShow:
     """Run a saved show until somebody ends it; the projector is black whenever it is not shown.
 
     Parameters
@@ -40,6 +57,8 @@ def keep_show(name: str, on_step: OnStep = silent, on_status: OnStatus = lambda 
         Told how far its preparation is.
     on_status
         Told a line for a person twice a second.
+    operator
+        Who follows it and orders from elsewhere.
 
     Returns
     -------
@@ -58,15 +77,31 @@ def keep_show(name: str, on_step: OnStep = silent, on_status: OnStatus = lambda 
         if show.osc is not None:
             stack.enter_context(OscListener(remote, show.osc.host, show.osc.port))
         signals = stack.enter_context(EndSignals())
-        return _keeper(show, path, plan, remote=remote, signals=signals, on_status=on_status).keep()
+        keeper = _keeper(
+            show,
+            path,
+            plan,
+            desk=Desk(remote, operator.remote),
+            signals=signals,
+            operator=operator,
+            on_status=on_status,
+        )
+        return keeper.keep()
 
 
 def _keeper(
-    show: SavedShow, path: Path, plan: LivePlan, *, remote: Remote, signals: EndSignals, on_status: OnStatus
+    show: SavedShow,
+    path: Path,
+    plan: LivePlan,
+    *,
+    desk: Desk,
+    signals: EndSignals,
+    operator: Operator,
+    on_status: OnStatus,
 ) -> ShowKeeper:
     clock = SystemClock()
     pjlink = control_of(plan.profile.projector.pjlink) if show.switch_off else None
-    lamp = KeptLamp(path.with_suffix(".lamp.json"), pjlink, show.lamp_hours_limit)
+    lamp = KeptLamp(lamp_file(path), pjlink, show.lamp_hours_limit)
     tidy = _Tidy(show, path, clock)
 
     def told(line: str) -> None:
@@ -75,7 +110,8 @@ def _keeper(
 
     def play(seconds: float | None) -> str:
         request = replace(plan.request, seconds=seconds, record=tidy.new_recording())
-        result = run_live(replace(plan, request=request), told, remote)
+        desk.begin()
+        result = run_live(replace(plan, request=request), told, desk, operator.watcher)
         for note in result.notes:
             log.info("%s", note)
         figures = result.figures
@@ -89,6 +125,7 @@ def _keeper(
         time_of_day=datetime.now,
         is_ended=lambda: signals.received is not None,
         lamp=lamp,
+        on_state=operator.on_state,
     )
 
 

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field
 
 from rig.errors import UsageError
-from rig.files.toml import Table, read_model
+from rig.files.atomic import write_bytes
+from rig.files.toml import Table, read_model, toml_text
 from rig.live.plan import LiveRequest
 from rig.shows.timetable import Timetable
 
@@ -97,9 +98,36 @@ def load_show(name: str) -> tuple[SavedShow, Path]:
         known = ", ".join(sorted(file.stem for file in FOLDER.glob("*.toml"))) or "none"
         raise UsageError(f"{name}: no such show; give a file, or one of {FOLDER}/: {known}")
     show = read_model(SavedShow, path.read_bytes(), path, lambda _: [])
+    refuse_without_rig(show, path)
+    return show, path
+
+
+def refuse_without_rig(show: SavedShow, path: Path) -> None:
+    """Refuse a show that says of no rig that it is its own. Raises UsageError."""
     if show.session is None and show.profile is None:
         raise UsageError(f'{path}: names neither a session nor a profile; add session = "runs/…"')
-    return show, path
+
+
+def write_show(show: SavedShow, path: Path) -> None:
+    """Write a show's file; what is as it is anyway is left out.
+
+    Parameters
+    ----------
+    show
+        To be saved; its paths begin in the file's folder.
+    path
+        Of the file; the folder is made if it is not there.
+
+    Raises
+    ------
+    UsageError
+        It names neither a session nor a profile.
+    SessionError
+        The disk refuses it.
+    """
+    refuse_without_rig(show, path)
+    said = show.model_dump(mode="json", exclude_defaults=True, exclude_none=True)
+    write_bytes(path, toml_text(said).encode())
 
 
 def request_of(show: SavedShow, path: Path) -> LiveRequest:

@@ -119,6 +119,11 @@ class LiveLoop:
         return self._gain.gain if self.controls.auto_gain else self.controls.gain
 
     @property
+    def refresh_rate_hz(self) -> float:
+        """Of the display."""
+        return self._arguments.refresh_rate_hz
+
+    @property
     def strategies(self) -> tuple[str, ...]:
         """Names of what may compensate; none without a model."""
         return tuple(self._arguments.compensators)
@@ -279,7 +284,9 @@ class LiveLoop:
             try:
                 shown = self._output.finish()
             except DeviceLost as loss:
-                lost = loss
+                lost = loss.with_traceback(
+                    None
+                )  # a value from here on: its traceback would hold this frame, which holds it
             else:
                 self._display.note(shown.on_screen_s)
                 return shown.on_screen_s

@@ -53,6 +53,8 @@ class Job:
     result: JsonObject | None = None
     state: JsonObject = field(default_factory=dict)
     """What the devices really do, of jobs that tell."""
+    kept: JsonObject = field(default_factory=dict)
+    """What the keeper of a saved show does."""
     faults: deque[JsonObject] = field(default_factory=lambda: deque(maxlen=_MOST_FAULTS))
     steps: list[str] = field(default_factory=list)
     """What was done before, in order."""
@@ -192,6 +194,8 @@ class JobHolder:
             case "state":
                 job.state = message
                 self._news.tell("state", message)
+            case "kept":
+                job.kept = message
             case "fault":
                 job.faults.append(message)
                 self._tell()

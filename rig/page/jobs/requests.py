@@ -72,13 +72,33 @@ class ShowJob(Record):
     threads: int = 2
 
 
-AnyJob = RunJob | StrategiesJob | LookJob | CheckJob | ShowJob
+@dataclass(frozen=True, kw_only=True)
+class KeepJob(Record):
+    """A saved show, kept until somebody ends it."""
 
-JOBS: Mapping[str, type[RunJob] | type[StrategiesJob] | type[LookJob] | type[CheckJob] | type[ShowJob]] = {
+    show: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecheckJob(Record):
+    """Whether anything moved or drifted since a session was made."""
+
+    session: str
+    profile: str | None = None
+    """None: the session's; else one that differs in where simulated devices stand."""
+    realign: bool = False
+    """Measure anew what depends on where the devices stand."""
+
+
+AnyJob = RunJob | StrategiesJob | LookJob | CheckJob | ShowJob | KeepJob | RecheckJob
+
+JOBS: Mapping[str, type[AnyJob]] = {
     "run": RunJob,
     "strategies": StrategiesJob,
     "look": LookJob,
     "check": CheckJob,
     "show": ShowJob,
+    "keep": KeepJob,
+    "recheck": RecheckJob,
 }
 """By the last part of the address to which they are posted: ``/api/jobs/run``."""

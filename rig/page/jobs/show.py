@@ -16,9 +16,11 @@ from rig.live.run import run_live
 from rig.live.show.controls import GAIN_RANGE, Controls
 from rig.live.show.loop import LiveLoop, ShownFrame
 from rig.live.sources.reader import Reader
-from rig.page.jobs.requests import ShowJob
+from rig.page.jobs.requests import KeepJob, ShowJob
 from rig.page.jobs.wire import Wire
 from rig.records import JsonObject, Record
+from rig.shows.keeper import KeeperState
+from rig.shows.run import Operator, keep_show
 from rig.terminal import OnStep
 
 _STATUS_S = 0.25
@@ -64,10 +66,8 @@ class PageRemote:
         To the server.
     """
 
-    def __init__(self, wire: Wire, period_s: float):
+    def __init__(self, wire: Wire):
         self._wire = wire
-        self._orders: list[JsonObject] = []
-        self._period_s = period_s
         self._keys = ""
         self._status_s = self._picture_s = 0.0
         self._times_ms: list[float] = []
@@ -141,7 +141,7 @@ class PageRemote:
             unplugged=statistics.unplugged,
             error_levels=statistics.error_mean,
             times_ms=tuple(self._times_ms[-_MOST_TIMES:]),
-            period_ms=1e3 * self._period_s,
+            period_ms=1e3 / loop.refresh_rate_hz,
             failure=None if reader.failure is None else str(reader.failure),
         )
 
@@ -170,6 +170,17 @@ def show_on(job: ShowJob, wire: Wire, on_step: OnStep) -> JsonObject:
     )
     plan = plan_live(request, on_step)
     on_step("show", 0, 0)
-    page = PageRemote(wire, 1 / plan.profile.projector.refresh_rate_hz)
-    result = run_live(plan, remote=page, watcher=page)
-    return result.as_json()
+    page = PageRemote(wire)
+    return run_live(plan, remote=page, watcher=page).as_json()
+
+
+def keep_on(job: KeepJob, wire: Wire, on_step: OnStep) -> JsonObject:
+    """Keep a saved show until the page ends it; returns what `rig live --show --json` prints."""
+    page = PageRemote(wire)
+
+    def told(state: KeeperState) -> None:
+        wire.tell("kept", state.as_json())
+        on_step({"showing": "show"}.get(state.phase, state.phase), 0, 0)
+
+    operator = Operator(remote=page, watcher=page, on_state=told)
+    return keep_show(job.show, on_step, operator=operator).as_json()

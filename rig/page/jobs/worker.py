@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from rig.errors import RigError
-from rig.page.jobs.requests import AnyJob, CheckJob, LookJob, RunJob, ShowJob, StrategiesJob
+from rig.page.jobs.requests import AnyJob, CheckJob, KeepJob, LookJob, RecheckJob, RunJob, ShowJob, StrategiesJob
 from rig.page.jobs.wire import Wire, interrupt_this_process
 from rig.records import JsonObject, read_record
 
@@ -81,6 +81,22 @@ def _show(job: ShowJob, wire: Wire) -> JsonObject:
     return show_on(job, wire, _ToldProgress(wire))
 
 
+def _keep(job: KeepJob, wire: Wire) -> JsonObject:
+    from rig.page.jobs.show import keep_on
+
+    wire.on_stop = interrupt_this_process
+    return keep_on(job, wire, _ToldProgress(wire))
+
+
+def _recheck(job: RecheckJob, wire: Wire) -> JsonObject:
+    from rig.recheck.records import RecheckRequest
+    from rig.recheck.run import run_recheck
+
+    wire.on_stop = interrupt_this_process
+    request = RecheckRequest(folder=Path(job.session), profile=job.profile, realign=job.realign)
+    return run_recheck(request, _ToldProgress(wire)).as_json()
+
+
 def _devices() -> JsonObject:
     from rig.inventory.list import list_devices
 
@@ -112,6 +128,8 @@ def _done(kind: str, asked: JsonObject, wire: Wire) -> JsonObject:
         "check": (CheckJob, _check),
         "look": (LookJob, _look),
         "show": (ShowJob, _show),
+        "keep": (KeepJob, _keep),
+        "recheck": (RecheckJob, _recheck),
     }
     record, function = work[kind]
     return function(read_record(record, asked), wire)

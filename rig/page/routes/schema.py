@@ -12,18 +12,21 @@ from starlette.routing import Route
 from rig.by_hand.preview import FrameFacts, PreviewState
 from rig.page.jobs.requests import JOBS
 from rig.page.jobs.show import ShowStatus
+from rig.page.keeper import KeeperStatus
 from rig.page.server.answers import answer
 from rig.page.server.lease import LeaseState
-from rig.page.shows import KeeperStatus, PageShow
 from rig.page.views.pictures import NamedPicture
 from rig.page.views.sessions import SessionDetail, TwoSessions
+from rig.recheck.records import Recheck
 from rig.records import Json, JsonObject
 from rig.report.scene.view import SceneView
+from rig.shows.keeper import KeeperState
+from rig.shows.saved import SavedShow
 from rig.stages.results import SessionResult
 
 _GIVEN = (
-    *(SessionDetail, TwoSessions, NamedPicture, SceneView, LeaseState, KeeperStatus, PageShow),
-    *(PreviewState, FrameFacts, ShowStatus, SessionResult),
+    *(SessionDetail, TwoSessions, NamedPicture, SceneView, LeaseState, KeeperStatus, SavedShow),
+    *(PreviewState, FrameFacts, ShowStatus, KeeperState, SessionResult, Recheck),
 )
 
 

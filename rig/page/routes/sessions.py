@@ -14,8 +14,10 @@ from starlette.routing import Route
 from rig.errors import SessionError
 from rig.page.routes.common import name_of, workplace_of
 from rig.page.server.answers import answer
+from rig.page.server.folders import checked_name
 from rig.page.views.page import report_policy
 from rig.page.views.pictures import comparable, last_frame_jpeg, levels_of, map_png, maps_of, projector_png
+from rig.page.views.rechecks import look_page, looks_at
 from rig.page.views.sessions import compared, detail, last_frame, listed
 from rig.report.links import PAGES
 from rig.report.scene.view import scene_of
@@ -111,11 +113,26 @@ def _folder(request: Request) -> Path:
     return folder
 
 
+def rechecks(request: Request) -> Response:
+    """What later looks at a session's rig found, the newest first."""
+    return answer({"rechecks": [one.as_json() for one in looks_at(_folder(request))]})
+
+
+def recheck_page(request: Request) -> Response:
+    """The page of a later look, with its own scripts alone."""
+    file = look_page(_folder(request), checked_name(request.path_params["look"], "look"))
+    if not file.is_file():
+        raise HTTPException(404, "there is no such look")
+    return HTMLResponse(file.read_text(encoding="utf-8"), headers={"content-security-policy": report_policy()})
+
+
 ROUTES = [
     Route("/api/sessions", sessions),
     Route("/api/compare", side_by_side),
     Route("/api/sessions/{name}", session),
     Route("/api/sessions/{name}/pages/{page}", page),
+    Route("/api/sessions/{name}/rechecks", rechecks),
+    Route("/api/sessions/{name}/rechecks/{look}/page", recheck_page),
     Route("/api/sessions/{name}/maps/{map}", map_picture),
     Route("/api/sessions/{name}/levels/{picture}", levels),
     Route("/api/sessions/{name}/projector/{strategy}", projector),

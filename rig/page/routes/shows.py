@@ -6,10 +6,11 @@ from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import Route
 
+from rig.page.keeper import ProcessKeeper
 from rig.page.routes.common import as_operator, name_of, workplace_of
-from rig.page.server.answers import answer, object_of, record_of
-from rig.page.shows import PageShow, PageShowKeeper, read_show, write_show
-from rig.page.workplace import prepared
+from rig.page.server.answers import answer, object_of
+from rig.page.shows import read_saved, save_show
+from rig.shows.lamp import lamp_hours
 
 
 def shows(request: Request) -> Response:
@@ -18,25 +19,30 @@ def shows(request: Request) -> Response:
 
 
 def show(request: Request) -> Response:
-    """A saved show."""
-    return answer(read_show(workplace_of(request).folders.show(name_of(request, "show"))))
+    """A saved show, and the hours of its lamp."""
+    folders, name = workplace_of(request).folders, name_of(request, "show")
+    saved = read_saved(folders, name).model_dump(mode="json", exclude_none=True)
+    return answer({"show": saved, "lamp_h": lamp_hours(folders.show(name))})
 
 
 async def save(request: Request) -> Response:
     """Save a show, refused if it could not begin."""
-    wanted = await record_of(request, PageShow)
+    wanted = await object_of(request)
     workplace = as_operator(request)
-    prepared(wanted.show, workplace.folders)
-    write_show(workplace.folders.show(name_of(request, "show")), wanted)
-    return answer(wanted)
+    saved = save_show(workplace.folders, name_of(request, "show"), wanted)
+    return answer({"show": saved.model_dump(mode="json", exclude_none=True)})
 
 
 async def keep(request: Request) -> Response:
     """Let a saved show run from now on, and begin again whenever it ends."""
     await object_of(request)
-    as_operator(request)
-    _keeper(request).keep(name_of(request, "show"))
-    return answer({"keeping": name_of(request, "show")}, 202)
+    workplace, name = as_operator(request), name_of(request, "show")
+    read_saved(workplace.folders, name)
+    job = workplace.holder.job
+    if job is not None and job.is_running and job.kind == "keep":
+        await workplace.holder.stop()  # its file may say something else by now
+    _keeper(request).keep(name)
+    return answer({"keeping": name}, 202)
 
 
 async def remove(request: Request) -> Response:
@@ -46,9 +52,9 @@ async def remove(request: Request) -> Response:
     return answer({"removed": name})
 
 
-def _keeper(request: Request) -> PageShowKeeper:
+def _keeper(request: Request) -> ProcessKeeper:
     found = request.app.state.keeper
-    if not isinstance(found, PageShowKeeper):
+    if not isinstance(found, ProcessKeeper):
         raise TypeError("the server keeps no show")
     return found
 

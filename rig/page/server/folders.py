@@ -49,11 +49,11 @@ class Folders:
 
     def show(self, name: str) -> Path:
         """Return the file of a saved show. Raises UsageError for what is no name."""
-        return self._inside(f"{checked_name(name, 'show')}.json", SHOWS)
+        return self._inside(f"{checked_name(name, 'show')}.toml", SHOWS)
 
     def shows(self) -> list[str]:
         """Return the names of the saved shows."""
-        return self._names(SHOWS, ".json")
+        return self._names(SHOWS, ".toml")
 
     def own_profile(self, name: str) -> Path:
         """Return the file of a profile of this folder, which need not exist. Raises UsageError for what is no name."""

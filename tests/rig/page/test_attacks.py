@@ -1,5 +1,6 @@
 """What somebody tries who should not: each is refused, or harmless."""
 
+import asyncio
 import base64
 import hashlib
 import json
@@ -8,13 +9,21 @@ import resource
 import shutil
 import socket
 import struct
+from collections.abc import AsyncIterator, Coroutine
 from pathlib import Path
 
 import httpx
 import pytest
+from starlette.types import Message, Send
 
 from rig.errors import UsageError
+from rig.page.app import make_app
+from rig.page.jobs.latest import LatestFrame
+from rig.page.routes import setup
 from rig.page.serve import ServeRequest, address_of, checked_token
+from rig.page.server import frame_stream
+from rig.page.server.frame_stream import FrameStream, Streams
+from rig.page.server.guard import GuardSettings
 from tests.rig.page.conftest import ME, Served, serving
 
 
@@ -102,6 +111,68 @@ def test_two_gigabytes_are_refused_before_they_are_sent(served: Served) -> None:
         )
         assert answer.split()[1] in (b"413", b"400"), answer
     assert served.get("/api/uploads").json()["uploads"] == []
+
+
+def test_an_upload_that_does_not_say_how_large_it_is_ends_at_the_limit(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(setup, "MOST_UPLOAD_BYTES", 1 << 20)
+    sent = []
+
+    async def endless() -> AsyncIterator[bytes]:
+        for k in range(2 << 10):  # 2 GB in pieces of 1 MB
+            sent.append(k)
+            yield bytes(1 << 20)
+
+    async def upload() -> int:
+        app = make_app(tmp_path, GuardSettings(host="127.0.0.1", port=80, token=None))
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
+            headers = {**ME, "content-type": "application/octet-stream"}
+            return (await client.put("/api/uploads/a.mp4", content=endless(), headers=headers)).status_code
+
+    assert asyncio.run(upload()) == 413
+    assert len(sent) < 10
+    assert list((tmp_path / "uploads").iterdir()) == []
+
+
+def test_a_page_that_takes_nothing_is_let_go_and_others_get_their_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(frame_stream, "_STALL_S", 0.05)
+
+    async def told() -> tuple[int, int, list[bytes]]:
+        closing: list[bool] = []
+        latest, streams, taken = LatestFrame(), Streams(lambda: bool(closing)), list[bytes]()
+        latest.put({}, b"first")
+
+        async def receive() -> Message:
+            await asyncio.sleep(60)
+            return {"type": "http.disconnect"}
+
+        async def stalled(message: Message) -> None:
+            if message["type"] == "http.response.body":
+                await asyncio.sleep(60)
+
+        async def ready(message: Message) -> None:
+            taken.append(message.get("body", b""))
+
+        def stream(client: str, send: Send) -> Coroutine[None, None, None]:
+            answer = FrameStream(client, latest, streams, streams.begin(client) or object())
+            return answer({"type": "http"}, receive, send)
+
+        other = asyncio.create_task(stream("ready", ready))
+        await stream("stalled", stalled)
+        latest.put({}, b"second")
+        while not taken or b"second" not in taken[-1]:
+            await asyncio.sleep(0.001)
+        left = latest.readers
+        closing.append(True)
+        latest.put({}, b"third")
+        await other
+        return left, latest.readers, taken
+
+    left, none, taken = asyncio.run(told())
+    assert (left, none) == (1, 0)
+    assert b"first" in taken[1]
 
 
 def test_what_is_no_picture_is_not_kept(served: Served) -> None:

@@ -2,8 +2,9 @@
 
 import asyncio
 import json
+import os
+import signal
 import struct
-from datetime import time
 from pathlib import Path
 
 import cv2
@@ -11,16 +12,17 @@ import httpx
 import numpy as np
 import pytest
 
-from rig.errors import UsageError
+from rig.errors import ProfileError, RigError, UsageError
 from rig.page.jobs.latest import LatestFrame
-from rig.page.jobs.requests import JOBS, ShowJob
+from rig.page.jobs.requests import JOBS
 from rig.page.routes.schema import schemas
 from rig.page.server.folders import Folders
 from rig.page.server.lease import HOLD_S, Lease, RigHeld
 from rig.page.server.news import News
-from rig.page.shows import PageShow, read_show, write_show
+from rig.page.shows import read_saved, save_show
 from rig.page.views.pictures import packed_levels
 from rig.records import JsonObject
+from rig.shows.saved import load_show, request_of
 from tests.rig.page.conftest import ME, Served
 
 
@@ -92,16 +94,70 @@ def test_numbers_of_a_picture_come_back_as_they_were() -> None:
     assert struct.unpack("<IIII", wide[:16])[3] * 4095 <= 32767  # places of a 4K projector fit, too
 
 
-def test_saved_shows_keep_their_hours_also_over_midnight(tmp_path: Path) -> None:
-    show = PageShow(show=ShowJob(profile="ci-tiny"), on_at="22:00", off_at="02:00")
-    assert [show.runs_at(time(hour)) for hour in (21, 22, 1, 2)] == [False, True, True, False]
-    write_show(tmp_path / "shows" / "a.json", show)
-    assert read_show(tmp_path / "shows" / "a.json") == show
-    with pytest.raises(UsageError, match="times of day"):
-        PageShow(show=ShowJob(profile="ci-tiny"), on_at="9 in the morning").runs_at(time(9))
-    (tmp_path / "shows" / "b.json").write_text("{")
-    with pytest.raises(UsageError, match="no saved show"):
-        read_show(tmp_path / "shows" / "b.json")
+def test_a_saved_show_is_the_file_that_rig_live_plays(tmp_path: Path) -> None:
+    folders = Folders(tmp_path)
+    for file in ("first/session.json", "uploads/film.mp4", "profiles/lab.toml"):
+        (tmp_path / file).parent.mkdir(parents=True)
+        (tmp_path / file).write_text('quote = "\\u007f"' if file.startswith("profiles") else "{}")
+    asked: JsonObject = {
+        "session": "first",
+        "profile": "lab",
+        "sources": ["film.mp4", "pattern"],
+        "gain": 0.5,
+        "on": ["22:00-02:00"],
+        "record": "kept",
+        "osc": {"port": 9001},
+    }
+    save_show(folders, "evening", asked)
+    show, path = load_show(str(tmp_path / "shows" / "evening.toml"))
+    request = request_of(show, path)
+    assert request.folder is not None
+    assert request.folder.resolve() == (tmp_path / "first").resolve()
+    assert Path(str(request.profile)).samefile(tmp_path / "profiles" / "lab.toml")
+    assert Path(request.sources[0]).samefile(tmp_path / "uploads" / "film.mp4")
+    assert request.sources[1] == "pattern"
+    assert (request.gain, show.on, show.record, show.osc and show.osc.port) == (0.5, ("22:00-02:00",), "kept", 9001)
+    again = read_saved(folders, "evening")
+    assert (again.session, again.profile, again.sources) == ("first", "lab", ("film.mp4", "pattern"))
+    assert folders.shows() == ["evening"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ({"session": "../../etc"}, "no name of a session"),
+        ({"session": "nowhere"}, "no session of that name"),
+        ({"profile": "/etc/passwd"}, "no name of a profile"),
+        ({"sources": ["/etc/passwd"]}, "no name of a file"),
+        ({"sources": ["none.png"]}, "upload it first"),
+        ({"sources": []}, "sources"),
+        ({"record": "../../tmp"}, "no name of a folder"),
+        ({"on": ["9 in the morning"]}, "no span of a day"),
+        ({"profile": None}, "neither a session nor a profile"),
+        ({"gain": "loud"}, "gain"),
+        ({"sesion": "first"}, "sesion"),
+    ],
+)
+def test_a_show_that_could_not_begin_is_not_saved(tmp_path: Path, changed: JsonObject, says: str) -> None:
+    asked: JsonObject = {"profile": "ci-tiny", "strategy": "none"}
+    with pytest.raises(RigError, match=says):
+        save_show(Folders(tmp_path), "evening", {**asked, **changed})
+    assert not (tmp_path / "shows" / "evening.toml").exists()
+
+
+def test_paths_that_a_person_wrote_into_a_show_stay_and_no_page_adds_one(tmp_path: Path) -> None:
+    folders, path = Folders(tmp_path), tmp_path / "shows" / "lobby.toml"
+    path.parent.mkdir()
+    path.write_text('session = "/srv/room"\nsources = ["/srv/film.mp4"]\nrecord = "/srv/kept"\n')
+    said: JsonObject = read_saved(folders, "lobby").model_dump(mode="json", exclude_none=True)
+    save_show(folders, "lobby", {**said, "gain": 0.25})
+    assert load_show(str(path))[0].sources == ("/srv/film.mp4",)
+    assert load_show(str(path))[0].gain == 0.25
+    with pytest.raises(UsageError, match="no name of a file"):
+        save_show(folders, "lobby", {**said, "sources": ["/srv/film.mp4", "/srv/other.mp4"]})
+    path.write_text("session = ")
+    with pytest.raises(ProfileError, match="is not TOML"):
+        read_saved(folders, "lobby")
 
 
 def test_names_are_names(tmp_path: Path) -> None:
@@ -142,17 +198,23 @@ def test_a_program_looks_without_a_browser(served: Served) -> None:
     served.post("/api/lease", {"do": "release"})
 
 
-def test_a_show_that_ends_is_begun_again(served: Served) -> None:
-    show = {"show": {"profile": "ci-tiny", "sources": ["pattern"], "seconds": 0.5, "strategy": "none"}}
+def test_a_show_whose_process_is_killed_is_begun_again_until_somebody_stops_it(served: Served) -> None:
+    show = {"profile": "ci-tiny", "sources": ["pattern"], "strategy": "none"}
     assert httpx.put(f"{served.address}api/shows/a", json=show, headers=ME).status_code == 200
     assert served.post("/api/shows/a/keep").status_code == 202
-    served.until(lambda job: job.get("kind") == "show" and job["number"] > 0)
-    first = served.job()["number"]
-    served.until(lambda job: job["number"] > first)
-    assert served.get("/health").json()["show"]["name"] == "a"
-    served.post("/api/job/stop")
-    after = served.job()["number"]
+    first = served.until(lambda job: job.get("kind") == "keep" and job["state"].get("frames", 0) > 0)["number"]
+    health = served.get("/health").json()
+    assert (health["ok"], health["show"]["name"], health["show"]["phase"]) == (True, "a", "running")
+    children = Path(f"/proc/{served.process.pid}/task/{served.process.pid}/children").read_text(encoding="ascii")
+    os.kill(int(children), signal.SIGKILL)
+    served.until(lambda job: job["phase"] == "failed")
+    served.until(lambda job: job["number"] > first and job["state"].get("frames", 0) > 0)
+    assert served.get("/api/shows").json()["keeper"]["restarts"] == 1
+    stopped = served.post("/api/job/stop").json()
+    assert stopped["phase"] == "done"
+    assert stopped["result"]["ended_by"] in ("quit", "signal")
     assert served.get("/api/shows").json()["shows"] == ["a"]
+    assert served.get("/api/shows/a").json()["lamp_h"] > 0
     assert httpx.request("DELETE", f"{served.address}api/shows/a", json={}, headers=ME).status_code == 200
-    assert served.job()["number"] == after
+    assert served.job()["number"] == stopped["number"]
     served.post("/api/lease", {"do": "release"})

@@ -5,10 +5,20 @@ from typing import Any
 
 import pytest
 
+from rig.shows.saved import load_show
 from tests.rig.page.conftest import PATIENCE_S, Served, serving
 
 ROOT = Path(__file__).parents[3]
-UNPLUGGED = '[[simulation.camera]]\nname = "camera"\nunplugged_s = [[3.0, 4.5]]'
+CAMERA = '[[simulation.camera]]\nname = "camera"\n'
+QUICK = {
+    "Closed room at few pixels, for tests": "<img src=x onerror=document.title='taken'>",
+    "checker_shifts = 25": "checker_shifts = 9",
+    "exposures = [1.0, 8.0]": "exposures = [1.0]",
+    "response_levels = 9": "response_levels = 5",
+    "patch_size_m = 0.4": "patch_size_m = 0.8",
+    "cell_size_m = 0.2": "cell_size_m = 0.4",
+}
+"""In `ci-tiny`: what makes a session quicker, and the page's work the same; and a text that must stay one."""
 
 
 class Operator:
@@ -43,6 +53,7 @@ class Operator:
 def operator(chromium: Any, tmp_path: Path) -> Any:
     with serving(tmp_path / "runs") as served:
         page = chromium.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(1000 * PATIENCE_S)
         yield Operator(page, served)
         page.close()
 
@@ -54,21 +65,41 @@ def test_a_day_at_the_page(operator: Operator) -> None:
     look_at_what_came_out(operator)
     look_through_the_camera(operator)
     show_before_and_after(operator)
+    keep_a_show(operator)
+    compare_strategies_on_a_phone(operator)
+    look_again_after_the_camera_was_turned(operator)
+    assert operator.page.title() != "taken"
     assert operator.errors == []
 
 
+def quick_profile(camera: str) -> str:
+    text = (ROOT / "hw_profiles" / "ci-tiny.toml").read_text(encoding="utf-8")
+    for slow, quick in {**QUICK, CAMERA: f"{CAMERA}{camera}\n"}.items():
+        assert slow in text
+        text = text.replace(slow, quick)
+    return text
+
+
 def save_a_profile(operator: Operator) -> None:
-    page = operator.page
+    page, text = operator.page, quick_profile("unplugged_s = [[3.0, 4.5]]")
     operator.go("setup")
     operator.reads("Reads well.")
-    text = (ROOT / "hw_profiles" / "ci-tiny.toml").read_text(encoding="utf-8")
-    page.fill("#profile-text", text.replace("width_px = 320", "width_px = -1"))
-    operator.reads("width_px")  # what is wrong, before anything is saved
-    page.fill("#profile-text", text.replace('[[simulation.camera]]\nname = "camera"', UNPLUGGED))
-    page.fill("#profile-name", "lab")
-    page.click("#profile-save")
-    operator.reads("lab is saved")
+    number = page.locator("[data-key='camera.width_px']")
+    number.fill("-1")
+    number.blur()
+    assert "width_px = -1\n" in page.input_value("#profile-text")  # the form writes into the file's text
+    page.locator("pre").filter(has_text="width_px").wait_for()  # what is wrong, before anything is saved
+    save_as(operator, "lab", text)
     assert "unplugged_s" in (operator.served.root / "profiles" / "lab.toml").read_text(encoding="utf-8")
+    save_as(operator, "turned", quick_profile("turned_deg = [0.0, 0.5, 0.0]"))
+
+
+def save_as(operator: Operator, name: str, text: str) -> None:
+    page = operator.page
+    page.fill("#profile-text", text)
+    page.fill("#profile-name", name)
+    page.click("#profile-save")
+    operator.reads(f"{name} is saved")
 
 
 def run_with_a_fault_and_a_stop(operator: Operator) -> None:
@@ -143,16 +174,48 @@ def show_before_and_after(operator: Operator) -> None:
     assert over["result"]["ended_by"] == "quit"
 
 
-@pytest.mark.slow
-def test_strategies_are_compared_from_the_page(chromium: Any, served: Served) -> None:
-    page = chromium.new_page(viewport={"width": 400, "height": 800})
-    operator = Operator(page, served)
-    operator.go("runs/first")
+def keep_a_show(operator: Operator) -> None:
+    page, served = operator.page, operator.served
+    page.fill("#show-name", "evening")
+    page.fill("#show-on", "9 to 5")
+    page.click("#show-save")
+    operator.reads("is no span of a day")
+    page.fill("#show-on", "")
+    page.click("#show-save")
+    operator.reads("evening is saved")
+    show, _ = load_show(str(served.root / "shows" / "evening.toml"))
+    assert (show.session, show.sources) == ("../evening", ("pattern",))  # what `rig live --show` reads
+    page.click("[data-keep=evening]")
+    served.until(lambda job: job.get("kind") == "keep" and job["state"].get("frames", 0) > 0)
+    operator.reads("evening: running")
+    page.click("#show-begin")
+    served.until(lambda job: job["kind"] == "keep" and job["phase"] == "done")
+
+
+def compare_strategies_on_a_phone(operator: Operator) -> None:
+    page, served = operator.page, operator.served
+    page.set_viewport_size({"width": 400, "height": 800})
+    operator.go("runs/evening")
     page.get_by_role("button", name="Compare strategies").click(timeout=1000 * PATIENCE_S)
     done = served.until(lambda job: job.get("kind") == "strategies" and job["phase"] not in ("running", "stopping"))
     assert done["phase"] == "done", done["error"]
-    operator.go("runs/first/strategies")
+    operator.go("runs/evening/strategies")
     operator.reads("clipped")
-    width = page.evaluate("document.documentElement.scrollWidth")
-    assert width <= 400  # nothing sticks out of a phone's width
-    page.close()
+    assert page.evaluate("document.documentElement.scrollWidth") <= 400  # nothing sticks out of a phone's width
+
+
+def look_again_after_the_camera_was_turned(operator: Operator) -> None:
+    page, served = operator.page, operator.served
+    operator.go("runs/evening/watch")
+    page.locator("#recheck-profile option[value=turned]").wait_for(state="attached")
+    page.select_option("#recheck-profile", "turned")
+    page.click("#recheck")
+    done = served.until(lambda job: job.get("kind") == "recheck" and job["phase"] not in ("running", "stopping"))
+    assert done["phase"] == "done", done["error"]
+    found = done["result"]
+    assert found["moved"] == "camera"
+    assert found["camera"]["turned_deg"] == pytest.approx(0.5, rel=0.1)
+    operator.reads("The camera moved, the projector did not")
+    moved_px = float(page.inner_text("#recheck-found dd >> nth=0").split()[0])
+    assert moved_px == pytest.approx(found["camera"]["image_px"], rel=0.01)
+    operator.reads("Maps of this look")

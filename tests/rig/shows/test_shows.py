@@ -24,7 +24,7 @@ from rig.live.show.controls import Controls
 from rig.shows.disk import keep_within
 from rig.shows.keeper import ShowKeeper
 from rig.shows.lamp import KeptLamp
-from rig.shows.remote import OscListener, Remote
+from rig.shows.remote import Desk, OscListener, Remote
 from rig.shows.run import keep_show
 from rig.shows.saved import load_show, request_of
 from rig.shows.timetable import Timetable
@@ -283,6 +283,19 @@ def test_a_saved_show_runs_until_a_signal_obeys_commands_and_writes_its_log(tmp_
     assert json.loads((tmp_path / "show.lamp.json").read_text())["lit_s"] > 0
     assert list((tmp_path / "kept").glob("*/journal.jsonl"))
     assert logging.getLogger("rig.shows").handlers == []
+
+
+def test_what_an_operator_set_stays_when_the_show_begins_again() -> None:
+    remote, fresh = Remote(), Controls(strategy="bounded")
+    desk = Desk(remote)
+    desk.begin()
+    remote.command("/rig/black", 1)
+    assert desk.adjusted(fresh).black
+    assert not desk.adjusted(fresh).black  # a key at the terminal has its say while the show runs
+    remote.command("/rig/black", 1)
+    desk.adjusted(fresh)
+    desk.begin()
+    assert desk.adjusted(fresh).black
 
 
 def test_a_short_soak_with_a_fault_a_minute_is_overcome() -> None:

@@ -1,6 +1,6 @@
 // Two pictures of a session behind one curtain, or their difference, with the numbers under the pointer.
 import { bytes, get, trying } from "./api.js";
-import { button, choice, field, h, number, put } from "./dom.js";
+import { button, choice, field, h, number, put, saveButton } from "./dom.js";
 import { levelsOf } from "./look.js";
 
 const ERROR_RANGE = 64; // grey levels at the ends of the colours, as in the report
@@ -117,7 +117,7 @@ export const compareView = (body, name, place) => {
     const options = list.filter((one) => one.name !== "mask").map((one) => [one.name, one.title]);
     if (!options.some(([key]) => key === chosen.b)) chosen.b = options[1]?.[0] ?? "target";
     put(body, h("div", { class: "split" }, h("div", {}, stage, slide, says), h("div", { class: "card" },
-      field("Left", choice(options, chosen.a, (key) => use("a", key))), field("Right", choice(options, chosen.b, (key) => use("b", key))), modes, scale,
+      field("Left", choice(options, chosen.a, (key) => use("a", key))), field("Right", choice(options, chosen.b, (key) => use("b", key))), modes, saveButton(canvas, `${name}-comparison`), scale,
       h("p", { class: "soft" }, "Drag over the picture, or use the slider and its arrow keys. Outside the judged pixels the pictures are dim."))));
     await Promise.all([load(chosen.a), load(chosen.b), load("mask")]);
     return paint();

@@ -38,3 +38,22 @@ export const draw = (canvas, paint) => {
   context.clearRect(0, 0, width, height);
   paint(context, width, height);
 };
+
+// A table with a button that copies it: cells in quotes where they need them.
+export const csvOf = (table) => [...table.rows].map((row) => [...row.cells].map((cell) => cell.innerText.replace(/\s+/g, " ").trim())
+  .map((text) => (/[",]/.test(text) ? `"${text.replaceAll('"', '""')}"` : text)).join(",")).join("\n");
+export const copyable = (table) => h("div", {}, table, button("Copy as CSV", async () => {
+  try {
+    await navigator.clipboard.writeText(csvOf(table));
+    toast("The table is copied", "fine");
+  } catch {
+    keepFile(new Blob([csvOf(table)], { type: "text/csv" }), "table.csv");
+  }
+}, "quiet"));
+
+export const keepFile = (blob, name) => {
+  const link = h("a", { href: URL.createObjectURL(blob), download: name });
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+};
+export const saveButton = (canvas, name) => button("Save picture", () => canvas.toBlob((blob) => blob && keepFile(blob, `${name}.png`)), "quiet");

@@ -1,6 +1,6 @@
 // Look: the camera as it is now, and what the projector shows it.
 import { bytes, get, isRunning, known, on, order, start, stop, trying, upload } from "./api.js";
-import { button, colour, draw, field, h, number, put } from "./dom.js";
+import { button, colour, draw, field, h, number, put, saveButton } from "./dom.js";
 import { Frames } from "./frames.js";
 
 const STOP = 2 ** (1 / 3);
@@ -204,7 +204,7 @@ export const lookView = (main) => {
 
   put(main, h("h1", {}, "Look"), h("div", { class: "split" },
     h("div", {}, stage, h("div", { class: "row between tools" }, toggles,
-      h("div", { class: "row" }, button("−", () => zoomStep(-1), "icon", { "aria-label": "Zoom out" }), button("+", () => zoomStep(1), "icon", { "aria-label": "Zoom in, to the camera's own pixels" }))), figures),
+      h("div", { class: "row" }, saveButton(canvas, "camera"), button("−", () => zoomStep(-1), "icon", { "aria-label": "Zoom out" }), button("+", () => zoomStep(1), "icon", { "aria-label": "Zoom in, to the camera's own pixels" }))), figures),
     h("div", {},
       h("div", { class: "card" }, field("Profile", profile), h("div", { class: "row" }, begin), about),
       h("div", { class: "card" }, h("h2", {}, "Projector"), patterns, field("Your own picture", own)),

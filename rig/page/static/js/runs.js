@@ -1,7 +1,8 @@
 // Sessions: their list, starting one, watching it, its results.
 import { get, isRunning, known, on, start, stop, trying, upload } from "./api.js";
 import { compareView } from "./curtain.js";
-import { ago, button, chip, field, h, number, put, tick, toast } from "./dom.js";
+import { ago, button, chip, copyable, field, h, number, put, tick, toast } from "./dom.js";
+import { recheckCard } from "./recheck.js";
 
 export const runsView = (main, [name, part, other]) => {
   if (name && part === "against" && other) return againstView(main, name, other);
@@ -85,8 +86,10 @@ const watchPart = (body, name, place) => {
   const maps = h("div", { class: "shots" });
   const faults = h("ul", { class: "faults" });
   const limits = h("div", { class: "wide" });
+  let isDone = false;
+  const recheck = recheckCard(() => (isDone ? name : ""));
   put(body, h("div", { class: "split" },
-    h("div", {}, h("div", { class: "card" }, h("h2", {}, "Verdict"), limits), h("div", { class: "card" }, h("h2", {}, "Maps"), maps), h("div", { class: "card" }, h("h2", {}, "What went wrong, and was put right"), faults)),
+    h("div", {}, h("div", { class: "card" }, h("h2", {}, "Verdict"), limits), h("div", { class: "card" }, h("h2", {}, "Maps"), maps), recheck.box, h("div", { class: "card" }, h("h2", {}, "What went wrong, and was put right"), faults)),
     h("div", {}, h("div", { class: "card" }, h("h2", {}, "Steps"), steps, left, actions), h("div", { class: "card" }, h("h2", {}, "Last photograph"), photo))));
   let isOpen = true;
   let frames = -1;
@@ -104,6 +107,11 @@ const watchPart = (body, name, place) => {
     }
     if (!isOpen) return;
     heading(place, detail);
+    const hasModel = detail.steps.some((one) => one.step === "model" && one.done);
+    if (isDone !== hasModel) {
+      isDone = hasModel;
+      recheck.fill();
+    }
     const now = mine() ? detail.steps.find((one) => !one.done)?.step : null;
     put(steps, detail.steps.map((one) => h("li", { class: one.done ? "done" : one.step === now ? "now" : "" }, one.step, h("span", { class: "soft num" }, one.frames ? `${one.frames} photographs` : ""))));
     const toDo = detail.steps.filter((one) => !one.done);
@@ -126,7 +134,6 @@ const watchPart = (body, name, place) => {
   });
   const paintActions = (detail) => put(actions,
     mine() ? button("Stop", stop, "stop") : button(detail?.listed.verdict === "unfinished" || !detail ? "Go on" : "Run again", () => start("run", { session: name }), "main", { disabled: isRunning() || !detail, id: "resume" }),
-    mine() || !known.setting?.kinds.includes("recheck") ? null : button("Re-check", () => start("recheck", { session: name }), "", { disabled: isRunning() || !detail, title: "Has camera or projector moved, has the light drifted?" }),
     mine() ? null : button("Compare strategies", () => start("strategies", { session: name, test_pictures: false, strategies: ["none", "direct", "paper", "exact", "bounded"], loops: [] }), "", { disabled: isRunning() || !detail }));
   fill();
   const timer = setInterval(() => { if (!document.hidden && mine()) fill(); }, 2500);
@@ -135,11 +142,11 @@ const watchPart = (body, name, place) => {
     const now = `${job?.phase}${job?.label}`;
     if (now !== label) { label = now; fill(); }
   });
-  return { close: () => { isOpen = false; clearInterval(timer); leave(); } };
+  return { close: () => { isOpen = false; clearInterval(timer); recheck.close(); leave(); } };
 };
 
-const limitTable = (limits) => h("table", { class: "checks" }, h("tr", {}, ["", "what", "value", "limit"].map((text, k) => h("th", { class: k > 1 ? "n" : "" }, text))),
-  limits.map((row) => h("tr", {}, h("td", {}, chip(row.met ? "ok" : "outside", row.status)), h("td", {}, row.what, row.met ? null : h("div", { class: "advice" }, row.advice)), h("td", { class: "n" }, `${number(row.value)} ${row.unit}`), h("td", { class: "n soft" }, row.limit === null ? "" : `${row.at_least ? "≥" : "≤"} ${number(row.limit)}`))));
+const limitTable = (limits) => copyable(h("table", { class: "checks" }, h("tr", {}, ["", "what", "value", "limit"].map((text, k) => h("th", { class: k > 1 ? "n" : "" }, text))),
+  limits.map((row) => h("tr", {}, h("td", {}, chip(row.met ? "ok" : "outside", row.status)), h("td", {}, row.what, row.met ? null : h("div", { class: "advice" }, row.advice)), h("td", { class: "n" }, `${number(row.value)} ${row.unit}`), h("td", { class: "n soft" }, row.limit === null ? "" : `${row.at_least ? "≥" : "≤"} ${number(row.limit)}`)))));
 
 const pagePart = (file) => (body, name, place) => {
   trying(async () => {
@@ -174,11 +181,11 @@ const againstView = (main, first, second) => {
   const only = h("input", { placeholder: "geometry, strategies.bounded, …", "aria-label": "Only numbers whose name has", oninput: () => paint() });
   const table = h("div", { class: "wide card" });
   let found = null;
-  const paint = () => put(table, h("table", {}, h("tr", {}, ["number", first, second, "second over first"].map((text, k) => h("th", { class: k ? "n" : "" }, text))),
+  const paint = () => put(table, copyable(h("table", {}, h("tr", {}, ["number", first, second, "second over first"].map((text, k) => h("th", { class: k ? "n" : "" }, text))),
     found.figures.filter((one) => one.name.includes(only.value.trim())).map((one) => {
       const ratio = one.first ? one.second / one.first : null;
       return h("tr", {}, h("td", {}, one.name), h("td", { class: "n" }, number(one.first, 4)), h("td", { class: "n" }, number(one.second, 4)), h("td", { class: `n ${ratio !== null && Math.abs(ratio - 1) > 0.1 ? "warn" : "soft"}` }, ratio === null || one.second === undefined ? "–" : `${number(ratio)} ×`));
-    })));
+    }))));
   put(main, h("h1", {}, `${first} and ${second}`), field("Only numbers whose name has", only), table);
   trying(async () => { found = await get(`/api/compare?first=${encodeURIComponent(first)}&second=${encodeURIComponent(second)}`); paint(); });
   return {};

@@ -1,6 +1,7 @@
 // Set up: what is plugged in, a profile of it, and a check that ends with all limits kept.
 import { get, isRunning, known, on, plainName, post, save, start, trying } from "./api.js";
-import { button, chip, field, h, number, put, toast } from "./dom.js";
+import { button, chip, choice, field, h, number, put, toast } from "./dom.js";
+import { numberForm } from "./numbers.js";
 
 export const setupView = (main) => {
   const profile = h("select", { id: "setup-profile", onchange: () => open(profile.value) });
@@ -11,6 +12,7 @@ export const setupView = (main) => {
   const devices = h("div", {}, h("p", { class: "soft" }, "Ask what is plugged in; it takes some seconds."));
   const check = h("div", { id: "check" });
   const steps = h("ol", { class: "wizard" });
+  const numbers = numberForm(text, Object.fromEntries(MEANINGS.flatMap(([keys, words]) => keys.split(", ").map((key) => [key, words]))), () => { judge(); paint(); });
   let toMeasure = [];
   let isOwn = false;
   let saved = "";
@@ -23,6 +25,7 @@ export const setupView = (main) => {
   const open = (which) => trying(async () => {
     const found = await get(`/api/profiles/${which}`);
     text.value = saved = found.text;
+    numbers.fill();
     isOwn = found.own;
     name.value = isOwn ? which : `my-${which}`;
     await judge();
@@ -42,23 +45,27 @@ export const setupView = (main) => {
     }
   };
   let waiting = null;
-  text.addEventListener("input", () => { clearTimeout(waiting); waiting = setTimeout(judge, 400); });
+  text.addEventListener("input", () => { clearTimeout(waiting); waiting = setTimeout(() => { judge(); numbers.fill(); }, 400); });
   const keep = () => trying(async () => {
     const wanted = plainName(name.value);
     await save(`/api/profiles/${wanted}`, { text: text.value });
-    toast(`${wanted} is saved`, "fine");
     await fill(wanted);
+    toast(`${wanted} is saved`, "fine");
   });
   const ask = () => trying(async () => {
     put(devices, h("p", { class: "soft" }, "Looking …"));
     const found = await get("/api/devices");
-    const rows = [...found.cameras.map((one) => ["camera", one.name ?? one.device_id, one]), ...found.outputs.map((one) => ["output", one.connector, one]), ...found.monitors.map((one) => ["monitor", one.name, one]), ...found.controllers.map((one) => ["controller", one.name, one])];
+    const cameras = [...found.cameras, ...found.bus_cameras];
+    const rows = [...cameras.map((one) => ["camera", one.name ?? one.device_id, one]), ...found.outputs.map((one) => ["output", one.connector, one]), ...found.monitors.map((one) => ["monitor", one.name, one]), ...found.controllers.map((one) => ["controller", one.name, one])];
+    const camera = choice(cameras.filter((one) => !one.error).map((one) => [one.device_id, `${one.name ?? one.device_id}`]), "");
+    const output = choice(found.outputs.filter((one) => !one.error).map((one) => [one.connector, `${one.connector} ${one.status ?? ""}`]), "");
     put(devices, rows.length ? h("table", {}, rows.map(([kind, title, one]) => h("tr", {}, h("td", {}, kind), h("td", {}, h("b", {}, title ?? "–"), one.error ? h("div", { class: "bad" }, one.error) : h("div", { class: "soft" }, one.device_id ?? one.status ?? ""))))) : h("p", {}, "Nothing is plugged in that this machine knows. Plug camera and projector in, then ask again; a simulated rig needs neither."),
+      cameras.length ? field("Camera of the profile", camera) : null, found.outputs.length ? field("Output to the projector", output) : null,
       h("div", { class: "row" }, button("Ask again", ask), button("Make a profile of it", () => trying(async () => {
         const wanted = plainName(name.value || "lab");
-        await post(`/api/profiles/${wanted}/new`);
+        await post(`/api/profiles/${wanted}/new`, { ...(camera.value ? { camera: camera.value } : {}), ...(output.value ? { output: output.value } : {}) });
         await fill(wanted);
-      }), "main", { disabled: !found.cameras.length })));
+      }), "main", { disabled: !cameras.length })));
   });
   const mine = () => known.job?.kind === "check" && known.job.asked.profile === profile.value;
   const paint = () => trying(async () => {
@@ -86,7 +93,7 @@ export const setupView = (main) => {
   const remedy = (row) => h("div", { class: "row" }, button("Measure this again", () => start("check", { profile: profile.value, only: [row.part] }), "quiet", { disabled: isRunning() }), button("See it", () => { location.hash = "look"; }, "quiet"));
 
   put(main, h("h1", {}, "Set up"), steps, h("div", { class: "split" },
-    h("div", {}, h("div", { class: "card" }, h("h2", {}, "Check"), check), h("div", { class: "card" }, h("h2", {}, "Profile"), says, problems, text, h("div", { class: "row" }, h("div", { class: "grow" }, field("Save as", name)), button("Save", keep, "main", { id: "profile-save" })))),
+    h("div", {}, h("div", { class: "card" }, h("h2", {}, "Check"), check), h("div", { class: "card" }, h("h2", {}, "Profile"), says, problems, numbers.place, h("h3", {}, "The file"), text, h("div", { class: "row" }, h("div", { class: "grow" }, field("Save as", name)), button("Save", keep, "main", { id: "profile-save" })))),
     h("div", {}, h("div", { class: "card" }, field("Profile", profile, "What the rig is: devices, lengths, patterns, limits.")), h("div", { class: "card" }, h("h2", {}, "Plugged in"), devices, h("div", { class: "row" }, button("Ask", ask))), meanings())));
   trying(() => fill(mine() ? known.job.asked.profile : known.job?.asked?.profile));
   const leave = on("job", paint);
