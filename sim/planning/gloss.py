@@ -16,9 +16,10 @@ from sim.light.gloss.material import Gloss
 from sim.light.gloss.walks import GlossySurface
 from sim.light.lighting import Lighting
 from sim.light.radiosity import Radiosity
+from sim.planning.check import Check
 from sim.planning.cost import Cost
 from sim.planning.gloss_places import places_on
-from sim.planning.simulation import Check, Model, Simulation, simulate
+from sim.planning.simulation import Model, Simulation, simulate
 
 RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
 """Pairs of rays from each glossy patch: 0.4 % rms of the mean light in a room of 1,024 patches, 1,024 leave 0.2 %. Of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from sim.light.radiosity import FormFactorOperator, Radiosity
 from sim.light.sampled_light import SampledLight, sampled_light
 from sim.planning.linear_light import linear_light
 from sim.progress import OnProgress, part_of, unheard
-
-OTHER_SEED = 1_000_003
-"""Added to a model's seed for the rays that check it."""
 
 SLOPES_NOISE = 1.6
 """Error that rays leave of linear light, over that of the means alone: 1.4 to 1.8 in corners with a ball and with other
@@ -223,54 +220,3 @@ def _exact(cells: AdaptivePatches, model: Model, on_progress: OnProgress) -> For
             # The defect that is left of shadows is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
         return form_factors(cells, method=model.method, visibility=model.visibility)
-
-
-@dataclass(frozen=True)
-class Check:
-    """Difference from a refined solution; 1 = white."""
-
-    rms: float
-    """Over the surface."""
-    max: float
-    patches: int
-    """Of the refined solution."""
-
-
-def _refined(model: Model) -> Model:
-    if model.sampling is not None:
-        return replace(model, sampling=model.sampling / 4, seed=model.seed + OTHER_SEED)
-    visibility: Visibility = "none" if model.visibility == "none" else "exact"
-    return replace(model, visibility=visibility, compression=None)
-
-
-def refined_check(simulation: Simulation, light: Lighting, model: Model, most_patches: int) -> Check:
-    """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
-
-    The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
-    squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility;
-    where the model goes by rays, it has other rays, which leave a quarter of the error. Where light is linear within
-    patches, both solutions are compared on quarters of the refined one's patches, where they may bend.
-
-    Parameters
-    ----------
-    simulation, light, model
-        What :func:`simulate` gave and took.
-    most_patches : int
-        Of the refined solution.
-
-    Returns
-    -------
-    Check
-    """
-    coarse = simulation.cells
-    times = 2 if 16 * coarse.n_patches <= most_patches else 1
-    fine = coarse
-    for _ in range(times):
-        fine = fine.quarters()
-    refined = simulate(fine, light, _refined(model))
-    pieces = 4**times
-    places = fine.quarters() if model.linear else fine
-    difference = refined.irradiance_at(places) - simulation.irradiance_at(places)
-    difference *= np.tile(refined.reflectance, (places.n_patches // fine.n_patches, 1))
-    squared = pieces / (pieces - 1) * (places.areas[:, None] * difference**2).sum(axis=0) / places.areas.sum()
-    return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)

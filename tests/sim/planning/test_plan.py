@@ -6,9 +6,10 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.light.lighting import make_test_lighting
+from sim.planning.check import refined_check
 from sim.planning.methods import MOST_SHADOW_S, SHADOW_S, bounces_needed
 from sim.planning.plan import plan
-from sim.planning.simulation import Model, refined_check, simulate
+from sim.planning.simulation import Model, simulate
 from sim.scenes.catalogue import SURFACES
 from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.scenes.gridded import corner, paper_room
@@ -97,6 +98,15 @@ def test_facets_that_others_pierce_are_cut_until_the_plan_is_honest():
     made = plan(random_corner(1, 300), 1.5, "uniform")
     assert made.patches > random_corner(1, 300).n_patches
     assert 0.15 <= checked(made, most_patches=1) <= 1.5
+
+
+def test_where_sixteenths_do_not_fit_rays_tell_of_steps_within_quarters_what_they_would():
+    made = plan(random_corner(1, 150), 4.0, "uniform")
+    simulation = simulate(made.cells, made.light, made.model)
+    by_points, on_sixteenths = (
+        refined_check(simulation, made.light, made.model, most).rms for most in (0, 16 * made.patches)
+    )
+    assert 0.97 * on_sixteenths < by_points < 1.2 * on_sixteenths
 
 
 def test_light_that_changes_within_facets_gets_slopes_before_facets_are_cut():
