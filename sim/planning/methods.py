@@ -36,13 +36,17 @@ COMPARED = 3
 ROUND_S, ROUND_PATCH_S = 0.02, 8e-5
 """And takes, beside the factors: box rooms of 166 to 500 patches and a sphere of 1,280, on one core. [s]"""
 USUAL_PATCHES = 300
-"""That rooms take for 1 % in light on the floor; their number falls as the tolerance's square."""
+"""That rooms of reflectance 0.7 take for 1 % in light on the floor; their number falls as the tolerance's square."""
+USUAL_GAIN = 0.7**2 / (1 - 0.7)
+"""Of light between such walls; theirs is the variation within patches."""
 EVEN_PATCHES = 3
 """Patches of equal size have to be so many times as many."""
 PREFER_EXACT = 1.5
 """Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
-RAY_MB = 1e-4
-"""Peak memory of a ray: index, counts and matrix from both sides."""
+LEAST_SAVED_S = 0.04
+"""Rays that save less are not worth their noise either: nobody tells such methods apart. [s]"""
+RAY_MB = 6e-5
+"""Peak memory of a ray: index, counts and matrix from both sides; 3e-5 to 6.6e-5, 388 to 6,140 patches."""
 
 
 def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:
@@ -71,9 +75,10 @@ def largest_sampled(memory_mb: float, error: float) -> int:
     return int(memory_mb / (RAY_MB * rays_needed(error)))
 
 
-def usual_patches(tolerance: float) -> int:
-    """Return the patches that rooms usually take by exact factors; tolerance: 1 = white."""
-    return int(np.ceil(USUAL_PATCHES * (0.01 / tolerance) ** 2))
+def usual_patches(tolerance: float, reflectance: float) -> int:
+    """Return the patches that rooms of a mean reflectance usually take by exact factors; tolerance: 1 = white."""
+    gain = reflectance**2 / max(1 - reflectance, 0.01)
+    return int(np.ceil(USUAL_PATCHES * (gain / USUAL_GAIN * 0.01 / tolerance) ** 2))
 
 
 def planning_s(factors_s: Callable[[int], float], probe: int, needed: int, *, adapted: bool) -> float:
@@ -123,7 +128,8 @@ def rays_pay(patches: int, error: float, left_s: float, *, linear: bool) -> bool
     bool
     """
     planning = LINEAR_PLANNING_RAYS if linear else PLANNING_RAYS
-    return PREFER_EXACT * (sampled_s(patches, error) + planning * RAY_S * patches) < left_s
+    seconds = sampled_s(patches, error) + planning * RAY_S * patches
+    return left_s > max(PREFER_EXACT * seconds, seconds + LEAST_SAVED_S)
 
 
 def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:

@@ -40,6 +40,8 @@ ADVICE = 1.3
 """The tolerance that is advised where one does not fit, over the one that may just fit."""
 FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
 """Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
+GROWTH = 4
+"""Rays may cut the patches of a room into so many: where these may not fit, exact factors are taken."""
 PATCHES_SHARE = 0.8
 """Share of the tolerance that patches may take where the form factors come from rays; in squares."""
 LEAST_SAMPLING, MOST_SAMPLING, ROUNDING = 0.5, 0.9, 1e-9
@@ -68,7 +70,7 @@ class Search:
         """Find the patches."""
         adapted = self.whole.n_patches >= FIRST_PROBE
         probe_cells = self.begin = self.whole if adapted else uniform_patches(self.whole, FIRST_PROBE)
-        usual = min(usual_patches(self.tolerance), REACH * probe_cells.n_patches)
+        usual = min(self._usual_patches, REACH * probe_cells.n_patches)
         if by_rays or self._rays_pay(self._planning_s(probe_cells.n_patches, usual, adapted), self.begin.n_patches):
             return self._go_by_rays()
         while True:
@@ -142,8 +144,15 @@ class Search:
 
         By constants, not by what was timed: the same plan whatever else the machine does.
         """
-        linear = self.begin.n_patches < EVEN_PATCHES * usual_patches(self.tolerance)
-        return rays_pay(max(patches, self.begin.n_patches), self.sampling, left_s, linear=linear)
+        patches, linear = max(patches, self.begin.n_patches), self.begin.n_patches < EVEN_PATCHES * self._usual_patches
+        tight = GROWTH * patches > largest_sampled(self.memory_limit_mb, self.sampling)
+        if tight and self.whole.n_patches < FIRST_PROBE:
+            return False
+        return rays_pay(patches, self.sampling, left_s, linear=linear)
+
+    @property
+    def _usual_patches(self) -> int:
+        return usual_patches(self.tolerance, float(np.average(self.whole.reflectance, weights=self.whole.areas)))
 
     def _planning_s(self, probe: int, needed: int, adapted: bool) -> float:
         """From a solution on so many patches to the one on those that are needed, by exact factors [s]."""

@@ -68,7 +68,7 @@ class Simulation:
     B: FloatArray
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
-    """(P, C) from other patches, H = F B; 1 = white."""
+    """(P, C) from other patches, H = F B; by rays, what each patch's own bring. 1 = white."""
     slopes: FloatArray | None
     """(P, 3, C) gradients of the irradiance in each patch's plane [1/m], which hold where it is not negative; None: one
     number a patch."""
@@ -79,6 +79,8 @@ class Simulation:
     """Products with F that the solver took, all colours together."""
     residual: float
     """max |E - (I - G) B| over max |E|, the largest of all colours."""
+    energy_balance: float
+    """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
     sampling_error: float
     """RMS over the surface of the radiosity that rays left, estimated; 1 = white. 0 without rays."""
     factors_s: float
@@ -106,16 +108,6 @@ class Simulation:
         # No light is below 0, so that the field's negative part is nearer to the truth as 0, whatever that is.
         values += np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1)))
         return np.asarray(np.maximum(values, 0.0))
-
-    @property
-    def energy_balance(self) -> float:
-        """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
-        areas, rho = self.cells.areas[:, None], self.reflectance
-        row_sums = self.factors.row_sums[:, None]
-        absorbed = float((areas * (1 - rho) * self.irradiance).sum())
-        escaped = float((areas * self.B * (1 - row_sums)).sum())
-        emitted = float((areas * self.E).sum())
-        return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
 def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress: OnProgress = unheard) -> Simulation:
@@ -154,6 +146,12 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
     B = np.stack([solution.B for solution in solutions], axis=1)
     spectral_radius = max(system.spectral_radius(tolerance=1e-3) for system in systems)
     H = factors.apply(B)
+    energy_balance = _energy_balance(factors, rho, E=E, B=B, H=H)
+    if sampled:
+        # Reciprocal factors are as noisy as single entries where light is uneven, which the halves of rows do not show.
+        # A patch's own rays know better: 0.30 instead of 0.48 % in a box room that a projector lights, 388 patches.
+        H = np.stack([sampled.sample.halves(column).mean for column in B.T], axis=1)
+        B = E + rho * H
     slopes, sampling_error = _linear(cells, sampled, rho, B=B, H=H) if sampled and model.linear else (None, 0.0)
     clock_s.append(time.perf_counter())
     light_s, factors_s, solve_s = np.diff(clock_s)
@@ -168,11 +166,23 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
         spectral_radius=spectral_radius,
         products=sum(solution.products for solution in solutions),
         residual=max(solution.residual for solution in solutions),
+        energy_balance=energy_balance,
         sampling_error=float(np.hypot(sampled.error if sampled else 0.0, sampling_error)),
         factors_s=float(factors_s),
         light_s=float(light_s),
         solve_s=float(solve_s),
     )
+
+
+def _energy_balance(
+    factors: FormFactorOperator, rho: FloatArray, *, E: FloatArray, B: FloatArray, H: FloatArray
+) -> float:
+    """Share of the emitted power that light between patches loses or gains."""
+    areas, row_sums = factors.areas[:, None], factors.row_sums[:, None]
+    absorbed = float((areas * (1 - rho) * H).sum())
+    escaped = float((areas * B * (1 - row_sums)).sum())
+    emitted = float((areas * E).sum())
+    return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
 def _linear(
