@@ -112,13 +112,16 @@ def glossy_simulation(
         for column, emitted in zip(rho.T, E.T, strict=True)
     ]
     B = np.stack([solution.B for solution in solutions], axis=1)
+    # What matte light is by each patch's own rays, and is not by factors made reciprocal; without rays nothing.
+    own_rays = matte.irradiance - matte.factors.apply(matte.B)
+    irradiance = np.maximum(factors.apply(B) + own_rays, 0.0) + by_gloss[:, None]
     return GlossySimulation(
         matte=matte,
         gloss=gloss,
         reflectance=rho,
         by_gloss=by_gloss,
-        B=B,
-        irradiance=factors.apply(B) + by_gloss[:, None],
+        B=np.maximum(B + rho * own_rays, 0.0),
+        irradiance=irradiance,
         residual=max(solution.residual for solution in solutions),
         products=matte.products + sum(solution.products for solution in solutions),
     )

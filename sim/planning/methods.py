@@ -45,8 +45,8 @@ PREFER_EXACT = 1.5
 """Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
 LEAST_SAVED_S = 0.04
 """Rays that save less are not worth their noise either: nobody tells such methods apart. [s]"""
-RAY_MB = 6e-5
-"""Peak memory of a ray: index, counts and matrix from both sides; 3e-5 to 6.6e-5, 388 to 6,140 patches."""
+RAY_MB = 8e-5
+"""Peak memory of a ray: index, counts and matrix from both sides; 3e-5 to 1e-4, 388 to 6,140 patches."""
 
 
 def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:
