@@ -363,6 +363,7 @@ def _checked(
     if isinstance(simulation, GlossySimulation):
         check = refined_gloss_check(simulation, planned.light, planned.model)
     else:
-        check = refined_check(simulation, planned.light, planned.model, largest, in_percent(CHECK, on_step))
+        progress = in_percent(CHECK, on_step)
+        check = refined_check(simulation, planned.light, planned.model, largest, on_progress=progress)
     on_step(CHECK, 1, 1)
     return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)

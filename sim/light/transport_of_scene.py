@@ -214,8 +214,9 @@ def area_emission(surface: Surface, lens: Lens, pose: Pose, *, subsamples: int, 
     for dy in offsets:
         for dx in offsets:
             # In pieces, so that no step is long: between steps a program hears that it is to end.
+            places = grid + np.array([dx, dy])
             pieces = [
-                _landed(surface, lens, pose, grid[first : first + PIXELS_AT_A_TIME] + np.array([dx, dy]), convention)
+                _landed(surface, lens, pose, xy_px=places[first : first + PIXELS_AT_A_TIME], convention=convention)
                 for first in range(0, lens.n_pixels, PIXELS_AT_A_TIME)
             ]
             flux, patch = (np.concatenate(parts) for parts in zip(*pieces, strict=True))
@@ -226,7 +227,7 @@ def area_emission(surface: Surface, lens: Lens, pose: Pose, *, subsamples: int, 
 
 
 def _landed(
-    surface: Surface, lens: Lens, pose: Pose, xy_px: FloatArray, convention: Convention
+    surface: Surface, lens: Lens, pose: Pose, *, xy_px: FloatArray, convention: Convention
 ) -> tuple[FloatArray, IntArray]:
     """(N,) reflectance times flux of light through image points, and the patch that it lands on, -1 for none."""
     beam = _beam(surface, lens, pose, xy_px)

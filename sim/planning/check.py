@@ -54,7 +54,7 @@ def refined(model: Model) -> Model:
 
 
 def refined_check(
-    simulation: Simulation, light: Lighting, model: Model, most_patches: int, on_progress: OnProgress = unheard
+    simulation: Simulation, light: Lighting, model: Model, most_patches: int, *, on_progress: OnProgress = unheard
 ) -> Check:
     """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
 
