@@ -10,8 +10,9 @@ import time
 
 import numpy as np
 
+from sim.planning.check import refined_check
 from sim.planning.plan import plan
-from sim.planning.simulation import refined_check, simulate
+from sim.planning.simulation import simulate
 from sim.scenes.cluttered import random_corner
 
 

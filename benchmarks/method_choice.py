@@ -17,6 +17,7 @@ from unittest.mock import patch
 from sim.errors import SimulationError
 from sim.geometry.surface import Surface
 from sim.planning import plan as planning
+from sim.planning import search
 from sim.planning.simulation import simulate
 from sim.scenes.catalogue import SURFACES
 from sim.scenes.cluttered import corner_with_ball, random_corner
@@ -59,8 +60,8 @@ def seconds_of(scene: Surface, method: str, tolerance: float) -> tuple[float, st
     light = "uniform" if scene.name.startswith(("corner-with", "random")) else "floor"
     with ExitStack() as forced:
         if method in ("exact", "compressed"):
-            forced.enter_context(patch.object(planning, "rays_pay", lambda *_: False))
-            forced.enter_context(patch.object(planning, "compressing_pays", lambda *_: method == "compressed"))
+            forced.enter_context(patch.object(search, "rays_pay", lambda *_, **__: False))
+            forced.enter_context(patch.object(search, "compressing_pays", lambda *_: method == "compressed"))
         started = time.process_time()
         made = planning.plan(scene, tolerance, light, by_rays=method == "rays")
         simulate(made.cells, made.light, made.model)

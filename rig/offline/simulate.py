@@ -26,11 +26,12 @@ from sim.form_factors.compressed import CompressedFormFactors
 from sim.geometry.mending.mend import MendedMesh
 from sim.light.gloss.material import Gloss
 from sim.light.lighting import PlacedProjector
-from sim.planning.cost import Cost, largest_dense
+from sim.planning.check import largest_check, refined_check
+from sim.planning.cost import Cost
 from sim.planning.gloss import GlossySimulation, gloss_cost, gloss_of_cells, glossy_simulation, refined_gloss_check
 from sim.planning.plan import Plan, plan
 from sim.planning.simplified_plan import SimplifiedPlan, SimplifyingPlanner
-from sim.planning.simulation import Simulation, refined_check, simulate
+from sim.planning.simulation import Simulation, simulate
 from sim.planning.time_limit import plan_within
 from sim.scenes.catalogue import SURFACES
 
@@ -39,10 +40,9 @@ WHITE = 255
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 MESH_LIGHT = "floor"
 """Standard light of a mesh file."""
+CHECK = "check against a refined solution"
 FARTHEST_M = 1000.0
 """Of a projector from the origin: the largest scene is as large."""
-MOST_REFINED_PATCHES = 16_000
-"""Of a check: its dense factors take 2 GB."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -353,8 +353,8 @@ def _checked(
     actual: SimulationOutcome, planned: Plan, simulation: Simulation | GlossySimulation, on_step: OnStep
 ) -> SimulationOutcome:
     """The outcome with its error against a refined solution. Raises UsageError when that does not fit."""
-    on_step("check against a refined solution", 0, 1)
-    largest = largest_dense(available_mb() / 2)
+    on_step(CHECK, 0, 1)
+    largest = largest_check(planned.model, available_mb() / 2)
     if 4 * planned.patches > largest:
         raise UsageError(
             f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
@@ -363,6 +363,7 @@ def _checked(
     if isinstance(simulation, GlossySimulation):
         check = refined_gloss_check(simulation, planned.light, planned.model)
     else:
-        check = refined_check(simulation, planned.light, planned.model, min(MOST_REFINED_PATCHES, largest))
-    on_step("check against a refined solution", 1, 1)
+        progress = in_percent(CHECK, on_step)
+        check = refined_check(simulation, planned.light, planned.model, largest, on_progress=progress)
+    on_step(CHECK, 1, 1)
     return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)

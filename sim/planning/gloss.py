@@ -16,9 +16,10 @@ from sim.light.gloss.material import Gloss
 from sim.light.gloss.walks import GlossySurface
 from sim.light.lighting import Lighting
 from sim.light.radiosity import Radiosity
+from sim.planning.check import Check
 from sim.planning.cost import Cost
 from sim.planning.gloss_places import places_on
-from sim.planning.simulation import Check, Model, Simulation, simulate
+from sim.planning.simulation import Model, Simulation, simulate
 
 RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
 """Pairs of rays from each glossy patch: 0.4 % rms of the mean light in a room of 1,024 patches, 1,024 leave 0.2 %. Of
@@ -111,13 +112,16 @@ def glossy_simulation(
         for column, emitted in zip(rho.T, E.T, strict=True)
     ]
     B = np.stack([solution.B for solution in solutions], axis=1)
+    # What matte light is by each patch's own rays, and is not by factors made reciprocal; without rays nothing.
+    own_rays = matte.irradiance - matte.factors.apply(matte.B)
+    irradiance = np.maximum(factors.apply(B) + own_rays, 0.0) + by_gloss[:, None]
     return GlossySimulation(
         matte=matte,
         gloss=gloss,
         reflectance=rho,
         by_gloss=by_gloss,
-        B=B,
-        irradiance=factors.apply(B) + by_gloss[:, None],
+        B=np.maximum(B + rho * own_rays, 0.0),
+        irradiance=irradiance,
         residual=max(solution.residual for solution in solutions),
         products=matte.products + sum(solution.products for solution in solutions),
     )

@@ -6,6 +6,8 @@ gets the same plan. What rays take hardly depends on what stands in the way; exa
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from sim.form_factors.sampled import FIRST_RAYS, MOST_RAYS
@@ -20,17 +22,31 @@ RAY_S = 2e-7
 """One ray with its count in the matrix, on two cores, 2,000 to 100,000 patches. [s]"""
 RAY_PRODUCT_S = 4e-9
 """A ray's share of a product with the sparse matrix. [s]"""
-SAMPLING_START_S = 0.05
+SAMPLING_START_S = 0.005
 """Rounds of solving and of looking where rays are missing. [s]"""
 USUAL_ERROR, USUAL_RAYS, ERROR_POWER = 0.013, 64, 1.4
 """RMS of the radiosity by so many rays a patch, and how their number grows with a smaller error: corners with a ball
 and with other things, 64 to 1,024 rays."""
-PLANNING_RAYS = 500
-"""Of a patch, to find patches by: as few as 288 where one number a patch is enough, some 1,300 where it is not."""
+PLANNING_RAYS, LINEAR_PLANNING_RAYS = 500, 1300
+"""Of a patch, to find patches by: where one number a patch is enough, and where it is not."""
+FIRST_PROBE = 500
+"""Patches of the first solution that a plan is made from."""
+COMPARED = 3
+"""A round of planning by exact factors solves once more on so many times fewer patches, to compare."""
+ROUND_S, ROUND_PATCH_S = 0.02, 8e-5
+"""And takes, beside the factors: box rooms of 166 to 500 patches and a sphere of 1,280, on one core. [s]"""
+USUAL_PATCHES = 300
+"""That rooms of reflectance 0.7 take for 1 % in light on the floor; their number falls as the tolerance's square."""
+USUAL_GAIN = 0.7**2 / (1 - 0.7)
+"""Of light between such walls; theirs is the variation within patches."""
+EVEN_PATCHES = 3
+"""Patches of equal size have to be so many times as many."""
 PREFER_EXACT = 1.5
 """Exact factors that take at most so many times as long as rays are preferred: they leave no noise."""
-RAY_MB = 1e-4
-"""Peak memory of a ray: index, counts and matrix from both sides."""
+LEAST_SAVED_S = 0.04
+"""Rays that save less are not worth their noise either: nobody tells such methods apart. [s]"""
+RAY_MB = 8e-5
+"""Peak memory of a ray: index, counts and matrix from both sides; 3e-5 to 1e-4, 388 to 6,140 patches."""
 
 
 def exact_s(patches: int, *, method: str, visibility: str, occluders: int) -> float:
@@ -59,9 +75,61 @@ def largest_sampled(memory_mb: float, error: float) -> int:
     return int(memory_mb / (RAY_MB * rays_needed(error)))
 
 
-def rays_pay(patches: int, error: float, exact: float) -> bool:
-    """Tell if rays, and finding patches by them, are so much faster than exact factors that their noise is worth it."""
-    return PREFER_EXACT * (sampled_s(patches, error) + PLANNING_RAYS * RAY_S * patches) < exact
+def usual_patches(tolerance: float, reflectance: float) -> int:
+    """Return the patches that rooms of a mean reflectance usually take by exact factors; tolerance: 1 = white."""
+    gain = reflectance**2 / max(1 - reflectance, 0.01)
+    return int(np.ceil(USUAL_PATCHES * (gain / USUAL_GAIN * 0.01 / tolerance) ** 2))
+
+
+def planning_s(factors_s: Callable[[int], float], probe: int, needed: int, *, adapted: bool) -> float:
+    """Return what planning on a solution takes by exact factors, with the solution on the patches that are needed [s].
+
+    Parameters
+    ----------
+    factors_s : callable
+        Seconds of the form factors of so many patches.
+    probe, needed : int
+        Patches of the next solution that is planned on, and of the plan.
+    adapted : bool
+        That solution's patches are small where they have to be: it is not followed by another one.
+
+    Returns
+    -------
+    float
+    """
+    seconds = _round_s(factors_s, probe) + factors_s(needed)
+    if 2 * needed <= probe:
+        # A plan that is coarser than the solution is measured against it.
+        return seconds + factors_s(needed)
+    if adapted:
+        return seconds
+    return seconds + _round_s(factors_s, max(needed // COMPARED, FIRST_PROBE))
+
+
+def _round_s(factors_s: Callable[[int], float], probe: int) -> float:
+    return ROUND_S + ROUND_PATCH_S * probe + factors_s(probe) + factors_s(probe // COMPARED)
+
+
+def rays_pay(patches: int, error: float, left_s: float, *, linear: bool) -> bool:
+    """Tell if rays, and finding patches by them, are so much faster than exact factors that their noise is worth it.
+
+    Parameters
+    ----------
+    patches : int
+    error : float
+        That the rays may leave; 1 = white.
+    left_s : float
+        What is left to do by exact factors. [s]
+    linear : bool
+        One number a patch will not be enough.
+
+    Returns
+    -------
+    bool
+    """
+    planning = LINEAR_PLANNING_RAYS if linear else PLANNING_RAYS
+    seconds = sampled_s(patches, error) + planning * RAY_S * patches
+    return left_s > max(PREFER_EXACT * seconds, seconds + LEAST_SAVED_S)
 
 
 def bounces_needed(spectral_radius: float, tolerance_percent: float) -> int:

@@ -3,12 +3,12 @@
 The error is that of the light between the surfaces: the RMS over the surface of the radiosity, each patch's being
 constant, or linear where rays found it, in percent of white (irradiance 1 on a white surface). Direct light is known at
 every point and carries none. The plan is made from coarser solutions of the same scene (``sim.planning.adapt``): what
-they show is corrected by what a still coarser plan missed against them, and multiplied by SAFETY.
+they show is corrected by what a still coarser plan missed against them, and multiplied by SAFETY
+(``sim.planning.search``).
 """
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,56 +20,26 @@ from sim.form_factors.factors import Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches, coarsest_patches
 from sim.geometry.surface import Surface
 from sim.light.lighting import Lighting, PlacedProjector, make_test_lighting
-from sim.planning.adapt import Refinement, SolvedPatches, uniform_patches
 from sim.planning.cost import (
-    COMPRESSED_PATCH_S,
-    FEWEST_COMPRESSED,
     OTHER_PRODUCTS,
     Cost,
-    StepTiming,
     compressed_cost,
-    compressing_pays,
     dense_cost,
     dense_mb,
-    largest_compressed,
-    largest_dense,
     measured_machine,
     products_needed,
 )
-from sim.planning.methods import (
-    RAY_PRODUCT_S,
-    bounces_needed,
-    exact_s,
-    largest_sampled,
-    rays_needed,
-    rays_pay,
-    sampled_mb,
-    sampled_s,
-)
-from sim.planning.sampled_patches import patches_by_rays
-from sim.planning.simulation import Model, simulate
+from sim.planning.methods import RAY_PRODUCT_S, bounces_needed, rays_needed, sampled_mb, sampled_s
+from sim.planning.search import SAFETY, Search
+from sim.planning.simulation import Model
 from sim.progress import OnProgress, unheard
 
-SAFETY = 1.25
-"""The error that is expected over the error that a coarser solution shows; verified on all library scenes."""
-FIRST_PROBE = 500
-"""Patches of the first solution."""
-REACH = 3
-"""A plan has at most this many times the patches of the solution that it was made from."""
 FAIR_TOLERANCE = 1.0
 """From this tolerance on, fair visibility is enough. [%]"""
-ADVICE = 1.3
-"""The tolerance that is advised where one does not fit, over the one that may just fit."""
-FINEST_COMPRESSION, COARSEST_COMPRESSION = 1e-4, 1e-2
-"""Limits of the tolerance that compressed form factors are asked for: half of the plan's."""
 FINEST_PERCENT, COARSEST_PERCENT = 1e-6, 100.0
 """Limits of a tolerance: below, the solver's rounding counts; above, black would do."""
 LEAST_MEMORY_MB = 1.0
 """Less than the smallest model takes."""
-PATCHES_SHARE = 0.8
-"""Share of the tolerance that patches may take where the form factors come from rays; in squares."""
-LEAST_SAMPLING, MOST_SAMPLING, ROUNDING = 0.5, 0.9, 1e-9
-"""Shares of the tolerance between which the rays' own error is chosen, and by which it stays below what is left."""
 SOLVER_SHARE = 1e-4
 """Share of the tolerance that is left to the solver."""
 
@@ -156,7 +126,7 @@ def plan(
         visibility=_visibility(whole, tolerance_percent),
         residual=SOLVER_SHARE * tolerance_percent / 100,
     )
-    search = _Search(whole, chosen_light, model, tolerance=tolerance_percent / 100, memory_limit_mb=memory_limit_mb)
+    search = Search(whole, chosen_light, model, tolerance=tolerance_percent / 100, memory_limit_mb=memory_limit_mb)
     search.on_progress = on_progress
     search.run(by_rays)
     model = replace(search.model_for(search.cells), reflectances=colours)
@@ -191,157 +161,7 @@ def _check_demands(tolerance_percent: float, memory_limit_mb: float) -> None:
         )
 
 
-class _Search:
-    """From solution to finer solution, until one is fine enough to tell the patches that a tolerance needs."""
-
-    def __init__(
-        self, whole: AdaptivePatches, light: Lighting, model: Model, *, tolerance: float, memory_limit_mb: float
-    ) -> None:
-        self.whole, self.light, self.model, self.tolerance = whole, light, model, tolerance
-        self.memory_limit_mb = memory_limit_mb
-        self.sampling, self.by_rays = LEAST_SAMPLING * tolerance, False
-        self.most_cells = max(
-            largest_dense(memory_limit_mb),
-            largest_compressed(memory_limit_mb),
-            largest_sampled(memory_limit_mb, self.sampling),
-        )
-        self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
-        self.correction = 1.0
-        self.on_progress: OnProgress = unheard
-
-    def run(self, by_rays: bool = False) -> None:
-        """Find the patches."""
-        if by_rays or self._rays_pay(max(FIRST_PROBE, self.whole.n_patches)):
-            return self._go_by_rays()
-        many = self.whole.n_patches >= FIRST_PROBE
-        probe_cells, adapted = self.whole if many else uniform_patches(self.whole, FIRST_PROBE), many
-        while True:
-            probe = self._solve(probe_cells)
-            self.refinement = Refinement.start(self.whole, probe, self.light)
-            self.correction = self._missed(probe)
-            self._meet_tolerance(probe)
-            needed = self._needed()
-            self.on_progress(min(1.0, probe_cells.n_patches / needed))
-            if needed <= probe_cells.n_patches * (REACH if adapted else 0.5):
-                break
-            if needed > self.most_cells:
-                raise SimulationError(self._refusal(needed))
-            finer = Refinement.start(self.whole, probe, self.light)
-            finer.refine(0.0, min(max(needed // REACH + 1, FIRST_PROBE), REACH * probe_cells.n_patches))
-            probe_cells, adapted = finer.cells, True
-        self._check_size(self.cells.n_patches)
-        if self._rays_pay(self.cells.n_patches):
-            self._go_by_rays()
-
-    def _go_by_rays(self) -> None:
-        """Find the patches by rays, and what the rays of the model may leave of the tolerance."""
-        self.by_rays = True
-        self.most_cells = largest_sampled(self.memory_limit_mb, self.sampling)
-        started = time.perf_counter()
-        self.sampled = patches_by_rays(
-            uniform_patches(self.whole, FIRST_PROBE) if self.whole.n_patches < FIRST_PROBE else self.whole,
-            self.light,
-            goal=PATCHES_SHARE * self.tolerance,
-            check_size=self._check_size,
-            seed=self.model.seed,
-            on_progress=self.on_progress,
-        )
-        self.timing = StepTiming(self.cells.n_patches, 0.0, time.perf_counter() - started)
-        self.spectral_radius = self.sampled.spectral_radius
-        left = (1 - ROUNDING) * np.sqrt(max(self.tolerance**2 - self.patches_error**2, 0.0)) / self.tolerance
-        self.sampling = self.tolerance * float(np.clip(left, LEAST_SAMPLING, MOST_SAMPLING))
-
-    def _check_size(self, patches: int) -> None:
-        if patches > self.most_cells:
-            raise SimulationError(self._refusal(patches))
-
-    @property
-    def cells(self) -> AdaptivePatches:
-        """The patches that meet the tolerance."""
-        return self.sampled.cells if self.by_rays else self.refinement.cells
-
-    @property
-    def patches_error(self) -> float:
-        """Expected of light that is one number a patch, with safety; 1 = white."""
-        return self.sampled.error if self.by_rays else SAFETY * self.correction * self.refinement.error
-
-    @property
-    def error(self) -> float:
-        """Expected, with safety; 1 = white."""
-        sampling = self.model_for(self.cells).sampling or 0.0
-        return float(np.hypot(self.patches_error, sampling))
-
-    def model_for(self, cells: AdaptivePatches) -> Model:
-        """Give the cheapest model for so many patches that fits."""
-        if not self.by_rays:
-            return self._exact_for(cells)
-        linear = self.sampled.linear
-        return replace(self.model, method="rays", visibility="rays", sampling=self.sampling, linear=linear)
-
-    def _rays_pay(self, patches: int) -> bool:
-        """By constants, not by what was timed: the same plan whatever else the machine does."""
-        model, occluders = self.model, len(self.whole.occluders)
-        seconds = exact_s(patches, method=model.method, visibility=model.visibility, occluders=occluders)
-        if model.visibility != "none" and patches >= FEWEST_COMPRESSED:
-            seconds = min(seconds, COMPRESSED_PATCH_S * patches)
-        return rays_pay(patches, self.sampling, seconds)
-
-    def _exact_for(self, cells: AdaptivePatches) -> Model:
-        """Whole matrix, or compressed where that is faster, or where the matrix does not fit."""
-        slow = self.model.visibility != "none" and compressing_pays(cells.n_patches, self.dense_timing)
-        if slow or cells.n_patches > largest_dense(self.memory_limit_mb):
-            compression = float(np.clip(self.tolerance / 2, FINEST_COMPRESSION, COARSEST_COMPRESSION))
-            return replace(self.model, compression=compression)
-        return self.model
-
-    def _solve(self, cells: AdaptivePatches) -> SolvedPatches:
-        model = self.model_for(cells)
-        solved = simulate(cells, self.light, model)
-        self.spectral_radius = solved.spectral_radius
-        self.timing = StepTiming(cells.n_patches, solved.factors_s, solved.light_s)
-        if model.compression is None and model.sampling is None:
-            self.dense_timing = self.timing
-        return SolvedPatches.of(cells, solved.irradiance[:, 0])
-
-    def _missed(self, probe: SolvedPatches) -> float:
-        """Error that a plan of a quarter of the probe's patches shows against the probe, over what it expected."""
-        if self.whole.n_patches > probe.cells.n_patches // REACH:
-            return 1.0
-        coarse = Refinement.start(self.whole, probe, self.light)
-        coarse.refine(0.0, max(probe.cells.n_patches // REACH, self.whole.n_patches + 1))
-        if coarse.error <= 1e-9:
-            return 1.0
-        return max(1.0, self._measured(coarse) / coarse.error)
-
-    def _measured(self, refinement: Refinement) -> float:
-        model = self.model_for(refinement.cells)
-        return refinement.measured_error(simulate(refinement.cells, self.light, model).irradiance[:, 0])
-
-    def _meet_tolerance(self, probe: SolvedPatches) -> None:
-        goal = self.tolerance / SAFETY
-        most = 2 * REACH * probe.cells.n_patches
-        self.refinement.refine(goal / self.correction, most)
-        # A plan coarser than the probe is measured against it, and refined until that is within the goal.
-        while self.cells.n_patches <= probe.cells.n_patches // 2 and self.refinement.error > 1e-9:
-            measured = self._measured(self.refinement)
-            self.correction = measured / self.refinement.error
-            if measured <= goal:
-                return
-            self.refinement.refine(0.9 * goal / self.correction, most)
-
-    def _needed(self) -> int:
-        """Patches that the tolerance needs; where they were not all made, from error ~ patches^(-1/2)."""
-        return int(self.cells.n_patches * max(1.0, self.patches_error / self.tolerance) ** 2)
-
-    def _refusal(self, needed: int) -> str:
-        possible = 100 * self.tolerance * ADVICE * np.sqrt(needed / self.most_cells)
-        return (
-            f"{100 * self.tolerance:g} % needs about {needed:,} patches, "
-            f"{self.memory_limit_mb:.0f} MB hold {self.most_cells:,}; try a tolerance of {possible:.2g} %"
-        )
-
-
-def _cost(search: _Search, model: Model, products: int, channels: int) -> Cost:
+def _cost(search: Search, model: Model, products: int, channels: int) -> Cost:
     patches = search.cells.n_patches
     if model.sampling is not None:
         solve_s = channels * (products + OTHER_PRODUCTS) * patches * rays_needed(model.sampling) * RAY_PRODUCT_S
@@ -358,7 +178,7 @@ def _visibility(cells: AdaptivePatches, tolerance_percent: float) -> Visibility:
     return "fair" if tolerance_percent >= FAIR_TOLERANCE else "exact"
 
 
-def _reasons(search: _Search, *, channels: int, bounces: int, products: int) -> tuple[str, ...]:
+def _reasons(search: Search, *, channels: int, bounces: int, products: int) -> tuple[str, ...]:
     cells, patches = search.cells, search.cells.n_patches
     radius, sizes_m = search.spectral_radius, np.sqrt(cells.areas)
     method = {

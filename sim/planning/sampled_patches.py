@@ -63,6 +63,10 @@ STEADY = 0.005
 FAR_OFF, MUCH_MORE, SLOWEST = 2.0, 1.5, 0.2
 """Times the goal beyond which progress is looked at, times the patches from which on it can be told, and the power of
 the patches' number with which an error must fall: smooth light has 1/2, an edge in patches 1/4."""
+BEGUN, MANY_TIMES, MANY, EDGED = 4, 24, 40_000, 0.45
+"""Times the patches that a look began with from which on it is told where cutting leads; times as many, and patches in
+all, that are too many (seconds of planning a look), where the error falls no faster than this power of their number. A
+triangle soup of 479 facets has 0.34 to 0.44, random corners end long before."""
 ADVICE = 1.6
 """The tolerance that is advised over the error reached: 1.25 for the patches' share, the rest for safety."""
 OTHER_STREAM = 7919
@@ -189,7 +193,9 @@ class _Look:
             before = pieces.cells.n_patches, pieces.error
             pieces.cut()
             self.check_size(pieces.cells.n_patches)
-            _check_progress(before, (pieces.cells.n_patches, pieces.error), self.goal)
+            now = pieces.cells.n_patches, pieces.error
+            _check_progress(before, now, self.goal)
+            _check_course((pieces.start.n_patches, first), now, self.goal)
 
 
 def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: float) -> None:
@@ -202,6 +208,21 @@ def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: flo
             f"{patches:,} patches leave {100 * error:.2g} %, {more:,} still {100 * left:.2g} %, and {100 * goal:.2g} % "
             "are wanted: where surfaces cut through each other light jumps within patches; "
             f"try a tolerance of {100 * ADVICE * left:.2g} %, or cut them where they meet"
+        )
+
+
+def _check_course(begun: tuple[int, float], now: tuple[int, float], goal: float) -> None:
+    """Raise SimulationError where cutting will need very many patches, each given with its error."""
+    (patches, error), (more, left) = begun, now
+    if left <= goal or more < BEGUN * patches:
+        return
+    power = max(np.log(error / left) / np.log(more / patches), SLOWEST)
+    needed = more * (left / goal) ** (1 / power)
+    if power < EDGED and needed > max(MANY_TIMES * patches, MANY):
+        raise SimulationError(
+            f"{patches:,} patches leave {100 * error:.2g} %, {more:,} still {100 * left:.2g} %, and {100 * goal:.2g} % "
+            f"would take about {round(needed, -3):,.0f}: light jumps within most of them, as where surfaces cut "
+            f"through each other; try a tolerance of {100 * ADVICE * left:.2g} %"
         )
 
 

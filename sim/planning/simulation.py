@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,9 +19,6 @@ from sim.light.radiosity import FormFactorOperator, Radiosity
 from sim.light.sampled_light import SampledLight, sampled_light
 from sim.planning.linear_light import linear_light
 from sim.progress import OnProgress, part_of, unheard
-
-OTHER_SEED = 1_000_003
-"""Added to a model's seed for the rays that check it."""
 
 SLOPES_NOISE = 1.6
 """Error that rays leave of linear light, over that of the means alone: 1.4 to 1.8 in corners with a ball and with other
@@ -71,7 +68,7 @@ class Simulation:
     B: FloatArray
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
-    """(P, C) from other patches, H = F B; 1 = white."""
+    """(P, C) from other patches, H = F B; by rays, what each patch's own bring. 1 = white."""
     slopes: FloatArray | None
     """(P, 3, C) gradients of the irradiance in each patch's plane [1/m], which hold where it is not negative; None: one
     number a patch."""
@@ -82,6 +79,8 @@ class Simulation:
     """Products with F that the solver took, all colours together."""
     residual: float
     """max |E - (I - G) B| over max |E|, the largest of all colours."""
+    energy_balance: float
+    """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
     sampling_error: float
     """RMS over the surface of the radiosity that rays left, estimated; 1 = white. 0 without rays."""
     factors_s: float
@@ -109,16 +108,6 @@ class Simulation:
         # No light is below 0, so that the field's negative part is nearer to the truth as 0, whatever that is.
         values += np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1)))
         return np.asarray(np.maximum(values, 0.0))
-
-    @property
-    def energy_balance(self) -> float:
-        """Share of the emitted power that is neither absorbed by a patch nor leaves through an opening."""
-        areas, rho = self.cells.areas[:, None], self.reflectance
-        row_sums = self.factors.row_sums[:, None]
-        absorbed = float((areas * (1 - rho) * self.irradiance).sum())
-        escaped = float((areas * self.B * (1 - row_sums)).sum())
-        emitted = float((areas * self.E).sum())
-        return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
 def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress: OnProgress = unheard) -> Simulation:
@@ -157,6 +146,12 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
     B = np.stack([solution.B for solution in solutions], axis=1)
     spectral_radius = max(system.spectral_radius(tolerance=1e-3) for system in systems)
     H = factors.apply(B)
+    energy_balance = _energy_balance(factors, rho, E=E, B=B, H=H)
+    if sampled:
+        # Reciprocal factors are as noisy as single entries where light is uneven, which the halves of rows do not show.
+        # A patch's own rays know better: 0.30 instead of 0.48 % in a box room that a projector lights, 388 patches.
+        H = np.stack([sampled.sample.halves(column).mean for column in B.T], axis=1)
+        B = E + rho * H
     slopes, sampling_error = _linear(cells, sampled, rho, B=B, H=H) if sampled and model.linear else (None, 0.0)
     clock_s.append(time.perf_counter())
     light_s, factors_s, solve_s = np.diff(clock_s)
@@ -171,11 +166,23 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
         spectral_radius=spectral_radius,
         products=sum(solution.products for solution in solutions),
         residual=max(solution.residual for solution in solutions),
+        energy_balance=energy_balance,
         sampling_error=float(np.hypot(sampled.error if sampled else 0.0, sampling_error)),
         factors_s=float(factors_s),
         light_s=float(light_s),
         solve_s=float(solve_s),
     )
+
+
+def _energy_balance(
+    factors: FormFactorOperator, rho: FloatArray, *, E: FloatArray, B: FloatArray, H: FloatArray
+) -> float:
+    """Share of the emitted power that light between patches loses or gains."""
+    areas, row_sums = factors.areas[:, None], factors.row_sums[:, None]
+    absorbed = float((areas * (1 - rho) * H).sum())
+    escaped = float((areas * B * (1 - row_sums)).sum())
+    emitted = float((areas * E).sum())
+    return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
 
 
 def _linear(
@@ -223,54 +230,3 @@ def _exact(cells: AdaptivePatches, model: Model, on_progress: OnProgress) -> For
             # The defect that is left of shadows is planned for, and reported.
             warnings.simplefilter("ignore", ClosureWarning)
         return form_factors(cells, method=model.method, visibility=model.visibility)
-
-
-@dataclass(frozen=True)
-class Check:
-    """Difference from a refined solution; 1 = white."""
-
-    rms: float
-    """Over the surface."""
-    max: float
-    patches: int
-    """Of the refined solution."""
-
-
-def _refined(model: Model) -> Model:
-    if model.sampling is not None:
-        return replace(model, sampling=model.sampling / 4, seed=model.seed + OTHER_SEED)
-    visibility: Visibility = "none" if model.visibility == "none" else "exact"
-    return replace(model, visibility=visibility, compression=None)
-
-
-def refined_check(simulation: Simulation, light: Lighting, model: Model, most_patches: int) -> Check:
-    """Return the difference from a solution on cells quartered, or quartered twice where ``most_patches`` allows it.
-
-    The finer patches still miss 1/4 (or 1/16) of the squared variation within a patch of the coarser ones: their
-    squared difference is multiplied by 4/3 (16/15). The refined solution has the whole matrix and exact visibility;
-    where the model goes by rays, it has other rays, which leave a quarter of the error. Where light is linear within
-    patches, both solutions are compared on quarters of the refined one's patches, where they may bend.
-
-    Parameters
-    ----------
-    simulation, light, model
-        What :func:`simulate` gave and took.
-    most_patches : int
-        Of the refined solution.
-
-    Returns
-    -------
-    Check
-    """
-    coarse = simulation.cells
-    times = 2 if 16 * coarse.n_patches <= most_patches else 1
-    fine = coarse
-    for _ in range(times):
-        fine = fine.quarters()
-    refined = simulate(fine, light, _refined(model))
-    pieces = 4**times
-    places = fine.quarters() if model.linear else fine
-    difference = refined.irradiance_at(places) - simulation.irradiance_at(places)
-    difference *= np.tile(refined.reflectance, (places.n_patches // fine.n_patches, 1))
-    squared = pieces / (pieces - 1) * (places.areas[:, None] * difference**2).sum(axis=0) / places.areas.sum()
-    return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)

@@ -8,8 +8,9 @@ import time
 from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.benchmark.timing import peak_mb
 from rig.terminal import OnStep
+from sim.planning.check import refined_check
 from sim.planning.plan import Plan, plan
-from sim.planning.simulation import refined_check, simulate
+from sim.planning.simulation import simulate
 from sim.scenes.gridded import LIBRARY
 
 TOLERANCES = {"quick": (3.0,), "default": (3.0, 1.0), "full": (3.0, 1.0, 0.3, 0.1)}

@@ -6,9 +6,10 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.light.lighting import make_test_lighting
+from sim.planning.check import refined_check
 from sim.planning.methods import MOST_SHADOW_S, SHADOW_S, bounces_needed
 from sim.planning.plan import plan
-from sim.planning.simulation import Model, refined_check, simulate
+from sim.planning.simulation import Model, simulate
 from sim.scenes.catalogue import SURFACES
 from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.scenes.gridded import corner, paper_room
@@ -99,6 +100,15 @@ def test_facets_that_others_pierce_are_cut_until_the_plan_is_honest():
     assert 0.15 <= checked(made, most_patches=1) <= 1.5
 
 
+def test_where_sixteenths_do_not_fit_rays_tell_of_steps_within_quarters_what_they_would():
+    made = plan(random_corner(1, 150), 4.0, "uniform")
+    simulation = simulate(made.cells, made.light, made.model)
+    by_points, on_sixteenths = (
+        refined_check(simulation, made.light, made.model, most).rms for most in (0, 16 * made.patches)
+    )
+    assert 0.97 * on_sixteenths < by_points < 1.2 * on_sixteenths
+
+
 def test_light_that_changes_within_facets_gets_slopes_before_facets_are_cut():
     loose, tight = (plan(corner_with_ball(600), tolerance, "uniform") for tolerance in (6.0, 1.0))
     assert (loose.model.linear, tight.model.linear) == (False, True)
@@ -111,7 +121,19 @@ def test_the_closed_form_is_planned_for_rectangles_and_polygons_for_the_rest():
     assert planned("sloped-room", 5.0).model.method == "polygon"
 
 
+def test_rays_are_planned_in_a_room_where_planning_by_exact_factors_takes_longer_and_keep_their_tolerance():
+    made = planned("paper-room", 1.0)
+    assert made.model.method == "rays"
+    assert 0.1 <= checked(made) <= 1.0
+
+
+def test_rays_that_do_not_fit_in_memory_are_not_planned():
+    assert planned("paper-room", 1.2).model.method == "rays"
+    assert planned("paper-room", 1.2, memory_limit_mb=2.0).model.method == "closed_form"
+
+
 def test_many_patches_with_occluders_are_compressed_and_the_plan_stays_honest(monkeypatch):
+    monkeypatch.setattr("sim.planning.methods.RAY_S", 1.0)
     monkeypatch.setattr("sim.planning.cost.FEWEST_COMPRESSED", 150)
     monkeypatch.setattr("sim.planning.cost.COMPRESSED_PATCH_S", 1e-9)
     made = planned("room-with-box", 2.0)
@@ -165,7 +187,8 @@ def test_no_power_gets_lost_with_openings_and_without():
         assert simulate(made.cells, made.light, exact).energy_balance < 1e-10
 
 
-def test_the_memory_estimate_is_that_of_the_matrix_and_little_more():
+def test_the_memory_estimate_is_that_of_the_matrix_and_little_more(monkeypatch):
+    monkeypatch.setattr("sim.planning.methods.RAY_S", 1.0)
     made = planned("paper-room", 1.0)
     matrix_mb = 8 * made.patches**2 / 1e6
     assert matrix_mb < made.peak_mb < 1.2 * matrix_mb + 2
