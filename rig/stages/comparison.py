@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Rig
-from rig.errors import NotRecorded
 from rig.files.channels import codes_of, image_of, layers
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.compensation import load_compensation
-from rig.stages.light.lamp import N_WHITES, lamp_of, time_of, whites_around, without_drift
+from rig.stages.light.lamp import N_WHITES, lamp_of, take_between_whites, time_of, without_drift
 from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
@@ -103,16 +102,9 @@ def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnSt
     compensated, names = session.finished("compensate"), load_compensation(session).strategies
     shown = [Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}"))) for name in names]
     patterns = [*shown, *held_out_patterns(rig.projector.shape)]
-    bracket, (before, after) = measuring_bracket(session), whites_around(rig.projector.shape)
-    n_patterns = len(patterns) + N_WHITES
+    bracket, n_patterns = measuring_bracket(session), len(patterns) + N_WHITES
     take = partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns, on_step=on_step)
-    try:
-        take([before])
-    except NotRecorded:
-        on_step("the recording has no white around its pictures: a drift of the lamp is left in them", 1, 1)
-    else:
-        patterns = [before, *patterns, after]
-    take(patterns)
+    take_between_whites(take, patterns, rig.projector.shape, on_step)
     step.save_record("shot", bracket)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from rig.profile.tables import CameraProfile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import reference_exposure_s
-from rig.stages.light.lamp import N_WHITES, lamp_around, time_of, with_whites, without_drift
+from rig.stages.light.lamp import N_WHITES, lamp_around, take_between_whites, time_of, without_drift
 from rig.stages.linear_light import (
     BLACK_REPEATS,
     Float32Array,
@@ -165,18 +166,19 @@ def _sweep_of(session: Session) -> ExposureBracket:
 def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     shape, bracket, sweep = rig.projector.shape, measuring_bracket(session, repeats=1), _sweep_of(session)
     levels = _levels(rig.profile.patterns.response_levels)
-    sets: list[tuple[list[Pattern], ExposureBracket]] = [
-        ([flat(shape, 0, "black")], ExposureBracket(bracket.exposures_s, BLACK_REPEATS)),
-        ([flat(shape, 0, "black-sweep")], sweep),
-        ([flat(shape, 255, name) for name in _SWEEPS], sweep),
-        (with_whites(list(level_patterns(shape, levels)), shape), bracket),
-        (pure_colours(shape, rig.profile.camera.channels), bracket),
+    sets: list[tuple[list[Pattern], ExposureBracket, int]] = [
+        ([flat(shape, 0, "black")], ExposureBracket(bracket.exposures_s, BLACK_REPEATS), 0),
+        ([flat(shape, 0, "black-sweep")], sweep, 0),
+        ([flat(shape, 255, name) for name in _SWEEPS], sweep, 0),
+        (list(level_patterns(shape, levels)), bracket, N_WHITES),
+        (pure_colours(shape, rig.profile.camera.channels), bracket, 0),
     ]
-    total, before = sum(len(patterns) * how.frames_per_pattern for patterns, how in sets), 0
-    for patterns, how in sets:
-        counted = part_of(on_step, before, total)
-        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=counted)
-        before += len(patterns) * how.frames_per_pattern
+    total, before = sum((len(patterns) + whites) * how.frames_per_pattern for patterns, how, whites in sets), 0
+    for patterns, how, whites in sets:
+        n_patterns, counted = len(patterns) + whites, part_of(on_step, before, total)
+        take = partial(photograph, rig, session, step, bracket=how, n_patterns=n_patterns, on_step=counted)
+        take_between_whites(take, patterns, shape, counted) if whites else take(patterns)
+        before += n_patterns * how.frames_per_pattern
 
 
 def pure_colours(shape: tuple[int, int], channels: int) -> list[Pattern]:

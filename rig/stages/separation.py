@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
-from rig.stages.light.lamp import LampRecord, after_white, lamp_since, time_of, without_drift
+from rig.stages.light.lamp import LampRecord, lamp_since, take_before_white, time_of, without_drift
 from rig.stages.linear_light import (
     BoolArray,
     Float32Array,
@@ -96,9 +97,9 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     bracket = measuring_bracket(session, repeats=1)
     white_bracket = ExposureBracket(bracket.exposures_s, _WHITE_REPEATS)
     checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
-    shown = [*checkers, after_white(shape)]
-    for patterns, how in (([flat(shape, 255, "white")], white_bracket), (shown, bracket)):
-        photograph(rig, session, step, patterns, bracket=how, n_patterns=len(patterns), on_step=on_step)
+    take = partial(photograph, rig, session, step, on_step=on_step)
+    take([flat(shape, 255, "white")], bracket=white_bracket, n_patterns=1)
+    take_before_white(partial(take, bracket=bracket, n_patterns=len(checkers) + 1), checkers, shape, on_step)
     radiometric = load_radiometric_calibration(session)
     white = merge_raw_exposures(step, "white", white_bracket, radiometric)
     lamp = lamp_since(step, bracket, radiometric, (white, time_of(step, "white", white_bracket)))

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from calibration.structured_light.patterns import Pattern, flat
+from rig.errors import NotRecorded
 from rig.records import Record
 from rig.session import Step
 from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures, merge_raw_exposures
 from rig.stages.photograph import ExposureBracket, frame_name
+from rig.terminal import OnStep
 
 _BEFORE, _AFTER = "lamp-before", "lamp-after"
 _SIGMAS, _LEAST_CHANGE = 4.0, 5e-4
@@ -35,13 +39,38 @@ class LampRecord(Record):
         return float(np.interp(time_s, self.times_s, self.shares)) if inside else 1.0
 
 
-def whites_around(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
-    """Return the pictures of white that come before and after others."""
-    return flat(shape, 255, _BEFORE), flat(shape, 255, _AFTER)
+_STEADY = LampRecord(times_s=(0.0, 0.0), shares=(1.0, 1.0))
+"""What nobody looked at."""
 
 
 N_WHITES = 2
-"""Of :func:`whites_around`."""
+"""Of :func:`take_between_whites`."""
+
+
+def take_between_whites(
+    take: Callable[[Sequence[Pattern]], None], patterns: Sequence[Pattern], shape: tuple[int, int], on_step: OnStep
+) -> None:
+    """Photograph patterns between two whites; a recording of before there were any gives the patterns alone."""
+    before, after = flat(shape, 255, _BEFORE), flat(shape, 255, _AFTER)
+    take([before, *patterns, after] if _is_taken(partial(take, [before]), on_step) else patterns)
+
+
+def take_before_white(
+    take: Callable[[Sequence[Pattern]], None], patterns: Sequence[Pattern], shape: tuple[int, int], on_step: OnStep
+) -> None:
+    """Photograph patterns, then white; a recording of before there was one gives the patterns alone."""
+    take(patterns)
+    _is_taken(partial(take, [*patterns, flat(shape, 255, _AFTER)]), on_step)
+
+
+def _is_taken(take: Callable[[], None], on_step: OnStep) -> bool:
+    """Take what a recording may not have; tell, and say so, where it has not."""
+    try:
+        take()
+    except NotRecorded:
+        on_step("the recording has no white around its pictures: a drift of the lamp is left in them", 1, 1)
+        return False
+    return True
 
 
 def lamp_of(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, white: LightImage) -> LampRecord:
@@ -50,24 +79,21 @@ def lamp_of(step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibr
     A step that was replayed from a recording without whites says nothing: its pictures stay as they are.
     """
     if not step.has_frame(frame_name(_AFTER)):
-        return LampRecord(times_s=(0.0, 0.0), shares=(1.0, 1.0))
+        return _STEADY
     shares = [lamp_share(merge_exposures(step, name, bracket, radiometric), white) for name in (_BEFORE, _AFTER)]
     before_s, after_s = (time_of(step, name, bracket) for name in (_BEFORE, _AFTER))
     return LampRecord(times_s=(before_s, after_s), shares=(shares[0], shares[1]))
 
 
-def after_white(shape: tuple[int, int]) -> Pattern:
-    """Return the white that ends a step which begins with white anyway."""
-    return flat(shape, 255, _AFTER)
-
-
 def lamp_since(
     step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, began: tuple[LightImage, float]
 ) -> LampRecord:
-    """Return what :func:`after_white` says, held against the white that the step began with, and its time.
+    """Return what :func:`take_before_white` says, held against the white that the step began with, and its time.
 
     Both are as they were seen: of a mosaic one number a pixel.
     """
+    if not step.has_frame(frame_name(_AFTER)):
+        return _STEADY
     share = lamp_share(merge_raw_exposures(step, _AFTER, bracket, radiometric), began[0])
     return LampRecord(times_s=(began[1], time_of(step, _AFTER, bracket)), shares=(1.0, share))
 
@@ -75,7 +101,9 @@ def lamp_since(
 def lamp_around(
     step: Step, bracket: ExposureBracket, radiometric: RadiometricCalibration, amid: tuple[LightImage, float]
 ) -> LampRecord:
-    """Return what the whites of :func:`with_whites` say beside a white amid the pictures, and its time."""
+    """Return what the whites of :func:`take_between_whites` say beside a white amid the pictures, and its time."""
+    if not step.has_frame(frame_name(_AFTER)):
+        return _STEADY
     ends = lamp_of(step, bracket, radiometric, amid[0])
     (before_s, after_s), (before, after) = ends.times_s, ends.shares
     return LampRecord(times_s=(before_s, amid[1], after_s), shares=(before, 1.0, after))
