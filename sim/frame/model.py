@@ -16,20 +16,16 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.sparse import csr_array, diags_array, eye_array
+from scipy.sparse import csr_array, eye_array
 
 from sim.arrays import BoolArray, CodeArray, FloatArray, IntArray
-from sim.compensation.split_transport import diagonal_of
 from sim.errors import SimulationError
-from sim.form_factors import FormFactors
-from sim.frame.learned import OnPatches, on_patches
+from sim.frame.band import BandOfPixels, band_of_pixels, inverse_of_sums
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
 from sim.frame.runs import BilinearCells, CellView, Runs, cells_of, runs_of
 from sim.light.colour import ColourTransport
 from sim.light.gloss.transport import GlossyTransport
-from sim.light.interreflection_operator import patch_to_patch
 from sim.light.mesh_view import NodeView
-from sim.light.radiosity import Radiosity
 from sim.light.transport import LightTransport
 
 CHANNELS = 3
@@ -141,7 +137,7 @@ def frame_model(
     bands, mixing = _bands_of(transport)
     places = _places(shape, active, bands[0].shape[1])
     black_of = _black(black, len(places))
-    light = [_band(band) for band in bands]
+    light = [band_of_pixels(band) for band in bands]
     patch, emission, share = _emission(light)
     cells, nodes = _cells(light[0].transport, node_view, places, shape)
     gain, gain_share = _one_layer([band.view_gain for band in light])
@@ -150,7 +146,8 @@ def frame_model(
     index = np.minimum(np.searchsorted(lit, patch), len(lit) - 1)
     sums = csr_array((emission, (index, np.arange(len(places)))), shape=(len(lit), len(places)))
     inverse = [
-        _inverse(band, sums, lit, nodes, share=share[k][lit], gain_ratio=gain_share[k]) for k, band in enumerate(light)
+        inverse_of_sums(band, sums, lit, nodes, share=share[k][lit], gain_ratio=gain_share[k])
+        for k, band in enumerate(light)
     ]
     curvature = np.stack([sums.power(2) @ band.inverse**2 for band in light])
     seen_black = np.stack([sums @ row for row in black_over_direct])
@@ -176,25 +173,6 @@ def frame_model(
         dither=_dither(dither_seed),
         learned_left_out=max(band.known.left_out for band in light),
     )
-
-
-@dataclass(frozen=True, eq=False)
-class _BandOfPixels:
-    """One band's transport, pixel by pixel."""
-
-    known: OnPatches
-    inverse: FloatArray
-    """(n,) 1 / D."""
-    view_gain: FloatArray
-    """(n,) seen reflectance over D."""
-
-    @property
-    def transport(self) -> LightTransport:
-        return self.known.transport
-
-    @property
-    def reflectance(self) -> FloatArray:
-        return self.transport.radiosity.reflectance
 
 
 @dataclass(frozen=True)
@@ -310,14 +288,7 @@ def _dither(seed: int | None) -> CodeArray:
     return np.stack(tiles).reshape(shape).astype(np.uint8)
 
 
-def _band(transport: LightTransport) -> _BandOfPixels:
-    diagonal, known = diagonal_of(transport), on_patches(transport)
-    inverse = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
-    seen = known.transport.view @ known.transport.radiosity.reflectance
-    return _BandOfPixels(known, inverse, np.asarray(seen * inverse))
-
-
-def _emission(light: Sequence[_BandOfPixels]) -> tuple[IntArray, FloatArray, list[FloatArray]]:
+def _emission(light: Sequence[BandOfPixels]) -> tuple[IntArray, FloatArray, list[FloatArray]]:
     """The patch that each pixel lights, how much in the first band, and per patch how much in each band."""
     patch, first = _main_patch(light[0])
     n = light[0].transport.radiosity.n_patches
@@ -329,20 +300,20 @@ def _emission(light: Sequence[_BandOfPixels]) -> tuple[IntArray, FloatArray, lis
     return patch, first, shares
 
 
-def _per_power(band: _BandOfPixels) -> FloatArray:
+def _per_power(band: BandOfPixels) -> FloatArray:
     """(P,) emission of a patch by unit power that arrives there."""
     radiosity = band.transport.radiosity
     return np.asarray(radiosity.reflectance / radiosity.form_factors.areas)
 
 
-def _power(band: _BandOfPixels) -> FloatArray:
+def _power(band: BandOfPixels) -> FloatArray:
     """(n,) power that each pixel sends onto patches that are not black."""
     per_power = _per_power(band)
     weight = np.divide(1.0, per_power, out=np.zeros_like(per_power), where=per_power > 0)
     return np.asarray(band.transport.emission.T @ weight)
 
 
-def _main_patch(band: _BandOfPixels) -> tuple[IntArray, FloatArray]:
+def _main_patch(band: BandOfPixels) -> tuple[IntArray, FloatArray]:
     """(n,) patch that takes most of each pixel's power, and its emission if it takes all of it."""
     emission = band.transport.emission.tocsc()
     per_power = _per_power(band)
@@ -382,27 +353,3 @@ def _one_layer(layers: Sequence[FloatArray]) -> tuple[list[FloatArray], list[flo
         if np.abs(layer - ratio * first).max() > ONE_LAYER * ratio * first.max():
             return list(layers), [1.0] * len(layers)
     return [first], ratios
-
-
-def _inverse(
-    band: _BandOfPixels, sums: csr_array, lit: IntArray, nodes: csr_array, *, share: FloatArray, gain_ratio: float
-) -> FloatArray:
-    """(W, L) from sums over a patch's pixels to the irradiance of what pixels look between, in the view's unit."""
-    transport = band.transport
-    viewed = np.unique(np.concatenate([nodes.indices, csr_array(transport.view).indices]))
-    S = csr_array(diags_array(share) @ sums)
-    loop = (S @ diags_array(band.inverse) @ csr_array(transport.view)).tocsc()[:, viewed].toarray()
-    H = _interreflection(transport, lit, viewed) + band.known.by_view[viewed] @ band.known.by_patch[:, lit]
-    r = np.linalg.solve(np.eye(len(viewed)) + H @ loop, H)
-    rho = band.reflectance[viewed]
-    per_irradiance = np.divide(gain_ratio, rho, out=np.zeros_like(rho), where=rho > 0)
-    return np.asarray(nodes[:, viewed] @ (per_irradiance[:, None] * r * share))
-
-
-def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray) -> FloatArray:
-    """(W, L) (I - G)⁻¹ G from lit to viewed patches."""
-    radiosity = transport.radiosity
-    if isinstance(radiosity.form_factors, FormFactors):
-        # A factor pays for so many right-hand sides.
-        radiosity = Radiosity(radiosity.form_factors, radiosity.reflectance, solver="direct")
-    return patch_to_patch(radiosity, lit, viewed)
