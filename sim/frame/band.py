@@ -48,7 +48,7 @@ def band_of_pixels(transport: LightTransport) -> BandOfPixels:
 def inverse_of_sums(
     band: BandOfPixels, sums: csr_array, lit: IntArray, nodes: csr_array, *, share: FloatArray, gain_ratio: float
 ) -> FloatArray:
-    """Return (W, L) from sums over a patch's pixels to the irradiance of what pixels look between, in the view's unit."""
+    """Return (W, L) from sums over a patch's pixels to the irradiance of what pixels look between, as viewed."""
     transport = band.transport
     viewed = np.unique(np.concatenate([nodes.indices, csr_array(transport.view).indices]))
     S = csr_array(diags_array(share) @ sums)
