@@ -116,8 +116,8 @@ def plan(
     colours = None
     if reflectances is not None:
         rho = array_of("reflectances", reflectances)
-        if rho.ndim != 1 or not len(rho):
-            raise SimulationError(f"reflectances of shape {rho.shape}; give one for each colour")
+        if rho.ndim != 1 or not len(rho) or not ((rho >= 0) & (rho <= 1)).all():
+            raise SimulationError(f"reflectances {rho.tolist()}; give a number from 0 to 1 for each colour")
         whole = replace(whole, reflectance=np.full(whole.n_patches, max(reflectances)))
         colours = tuple(sorted(set(reflectances), reverse=True))
     chosen_light = make_test_lighting(light, whole)

@@ -1,13 +1,18 @@
-"""A whole session of the smallest rig, made once."""
+"""What tests of a whole session share: one of the smallest rig, made once, and a browser."""
 
+import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests.made_once import made_once
+
+CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
 
 
 @dataclass(frozen=True)
@@ -31,3 +36,16 @@ def _run(folder: Path) -> None:
     assert run.returncode in (0, 1), run.stderr
     (folder / "out").write_text(run.stdout, encoding="utf-8")
     (folder / "err").write_text(run.stderr, encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """A browser. It goes with its module: while Playwright runs, no other test of the process can have an event loop."""
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this machine: the page is not driven in a browser")
+    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with sync_api.sync_playwright() as playwright:
+        options = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
+        yield browser
+        browser.close()

@@ -19,7 +19,6 @@ import pytest
 
 from tests.rig.conftest import Finished
 
-CHROMIUM = next((path for name in ("chromium", "chromium-browser") if (path := shutil.which(name))), None)
 ME = {"x-rig-client": "me"}
 PATIENCE_S = 120.0
 
@@ -100,15 +99,3 @@ def served(tmp_path_factory: pytest.TempPathFactory, finished: Finished) -> Iter
     shutil.copytree(finished.folder, root / "first")
     with serving(root) as found:
         yield found
-
-
-@pytest.fixture(scope="session")
-def chromium() -> Iterator[Any]:
-    if CHROMIUM is None:
-        pytest.skip("no chromium on this machine: the page is not driven in a browser")
-    sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with sync_api.sync_playwright() as playwright:
-        options = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=options)
-        yield browser
-        browser.close()

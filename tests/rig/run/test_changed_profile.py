@@ -122,7 +122,7 @@ def test_what_was_photographed_with_cannot_change(
     assert run_command(["run", str(session), "-p", str(changed(change)), "--dry-run"]) == 4
     said = " ".join(capsys.readouterr().err.split())
     assert f"they differ in {table};" in said
-    assert "only [[scale]], [surface], [patterns], [transport], [brightness], [limits]" in said
+    assert "only [[scale]], [surface], [patterns], [transport], [target], [brightness], [limits]" in said
 
 
 def killed(*_: object) -> None:

@@ -51,7 +51,12 @@ def test_a_target_is_said_remembered_and_never_photographed_again(
     first = ran(capsys, session, "--target", picture)
     # two strategies; the held-out pictures were photographed for the first target already
     assert n_photographs(session) == before + 2 * per_picture
-    assert first["compensation"]["target"] == {"name": "colour.png", "light": "sRGB", "lost_colours": True}
+    assert first["compensation"]["target"] == {
+        "name": "colour.png",
+        "light": "sRGB",
+        "lost_colours": True,
+        "placed": "",
+    }
     report = (session / "report.html").read_text("utf-8")
     assert "colour.png, taken as sRGB; it becomes grey: the camera is grey" in report
 
