@@ -40,7 +40,7 @@ def _run(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def chromium() -> Iterator[Any]:
-    """A browser. It goes with its module: while Playwright runs, no other test of the process can have an event loop."""
+    """A browser. It goes with its module: while Playwright runs, no other test of its process has an event loop."""
     if CHROMIUM is None:
         pytest.skip("no chromium on this machine: the page is not driven in a browser")
     sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
