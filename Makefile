@@ -13,7 +13,7 @@ demo: $(READY)
 	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
 
 test: $(READY) lint docs
-	$(BIN)/python -m pytest -n auto --dist loadfile
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test-devices: $(READY)
 	$(BIN)/python tests/device_lab/run.py $(SUITES)

@@ -16,6 +16,12 @@ def tiny_profile() -> Profile:
     return load_profile(ROOT / "hw_profiles" / "ci-tiny.toml")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Files with a slow test begin first: no worker then waits long for the last of them."""
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
+
+
 def pytest_sessionfinish() -> None:
     """Let go of what the device lab's tests share, before the interpreter waits for its threads."""
     lab = sys.modules.get("tests.contract.lab")

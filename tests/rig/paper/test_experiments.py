@@ -14,6 +14,8 @@ from rig.paper.scores import certificate
 from rig.paper.tables import paper_rows, strategies_rows
 from sim.compensation import STRATEGIES
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):

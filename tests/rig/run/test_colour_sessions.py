@@ -36,6 +36,8 @@ from sim.compensation import compensate
 from sim.frame.compensator import FrameCompensator
 from sim.light.colour import ColourTransport
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 FloatArray = NDArray[np.float64]
 MIXING = np.array([[0.91, 0.07, 0.02], [0.06, 0.92, 0.08], [0.02, 0.07, 0.84]])

@@ -14,6 +14,8 @@ from rig.stages.results import SessionResult
 from rig.terminal import silent
 from tests.rig.run.test_colour_sessions import profile_file
 
+pytestmark = pytest.mark.slow
+
 
 def with_mosaic(profile: Profile, pattern: str) -> Profile:
     text = profile.raw.decode().replace("channels = 3", f'channels = 3\nmosaic = "{pattern}"')

@@ -21,6 +21,8 @@ from rig.stages.model import load_model
 from rig.stages.results import SessionResult
 from rig.terminal import silent
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[3]
 ONE_WALL = {
     'name = "ci-tiny"': 'name = "ci-wall"',
