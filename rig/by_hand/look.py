@@ -62,10 +62,10 @@ class WatchedLens(Record):
     """What a watched lens came to."""
 
     looks: int
-    first: float | None
+    first: float | None = None
     """Sharpness of the first photograph."""
-    best: float | None
-    last: float | None
+    best: float | None = None
+    last: float | None = None
     ended_by: str
 
 

@@ -33,7 +33,7 @@ class PhotographFigures(Record):
     """Of the pixels: at the largest digital number in some band."""
     black_share: float
     """Of the pixels: at 0 in all bands."""
-    sharpness: float | None
+    sharpness: float | None = None
     """Root mean square step of light from pixel to pixel, share of its mean, noise taken off; None of darkness."""
     sharpness_by_part: tuple[tuple[float | None, ...], ...]
     """The same in three by three parts, from the upper left."""

@@ -78,13 +78,13 @@ class ListedCamera(Record):
     """A camera, and what it can do; or the error that asking it gave."""
 
     found: FoundCamera
-    able: CameraAbilities | None
-    error: str | None
+    able: CameraAbilities | None = None
+    error: str | None = None
     warnings: tuple[str, ...]
-    known_as: str | None
+    known_as: str | None = None
     """Maker and model, where there are facts of it."""
-    exposure_range_s: ExposureRange | None
-    mode: CameraMode | None
+    exposure_range_s: ExposureRange | None = None
+    mode: CameraMode | None = None
     """The best for a rig."""
     profile: tuple[str, ...]
     """Lines to paste."""
@@ -115,10 +115,10 @@ class ListedOutput(Record):
     found: FoundOutput
     output: str
     """As a profile names it."""
-    master_free: bool | None
-    error: str | None
+    master_free: bool | None = None
+    error: str | None = None
     warnings: tuple[str, ...]
-    mode: ShownMode | None
+    mode: ShownMode | None = None
     profile: tuple[str, ...]
     """Lines to paste."""
 
@@ -171,7 +171,7 @@ class ListedController(Record):
 
     name: str
     usb_id: str
-    serial: str | None
+    serial: str | None = None
     bus_path: str
     node: Path
 

@@ -99,7 +99,7 @@ class LensesResult(Record):
     """RMS distance of all corners that the fit rests on, camera and projector together."""
     devices: tuple[DeviceLens, ...]
     views: tuple[ViewSummary, ...]
-    pose: PairPose | None
+    pose: PairPose | None = None
     flex_mm: tuple[float, float]
     """How far the board's middle stands out along its columns and rows; 0: taken as flat."""
     flex_sigma_mm: tuple[float, float]
@@ -115,7 +115,7 @@ class LensesResult(Record):
     warnings: tuple[str, ...]
     seconds: float
     output: Path
-    report: Path | None
+    report: Path | None = None
 
     @property
     def within_limits(self) -> bool:

@@ -122,7 +122,7 @@ class ScanResult(Record):
     unit: str
     valid_share: float
     """Share of the camera's pixels that have a code."""
-    epipolar_median_px: float | None
+    epipolar_median_px: float | None = None
     """Before points beyond the limit were left out; None where columns or rows alone were photographed."""
     left_out: int
     """Points beyond the epipolar limit, or alone."""
@@ -130,7 +130,7 @@ class ScanResult(Record):
     """What was wrong with the photographs and could be put right, a sentence each."""
     warnings: tuple[str, ...]
     """What is wrong and could not: the cloud may be poor or incomplete."""
-    lens_sigma_percent: float | None
+    lens_sigma_percent: float | None = None
     """Median standard deviation of a point's distance that the lens file leaves open; None without a lens file."""
     seconds: float
     output: Path

@@ -72,7 +72,7 @@ class ExperimentResult(Record):
     pixels_on_surface: float
     indirect: Spread
     share_white: float
-    required_emission: Ends | None
+    required_emission: Ends | None = None
     """None where the paper's rule was not asked for."""
     uncompensated: Difference
     """The desired image itself is projected."""

@@ -63,7 +63,7 @@ class SeparationRecord(Record):
     camera_blur: BlurRecord
     checker_size_px: int
     """Of the checks that were shown: what the profile says, unless that is too fine for the blur."""
-    stripes_blur_px: float | None
+    stripes_blur_px: float | None = None
     """By stripes of the code, before: standard deviation of what a camera pixel sees, in projector pixels.
     None for a code without such stripes."""
     blur_rms: float

@@ -1,12 +1,16 @@
 """Records become JSON and come back; a verdict holds a number against its limit."""
 
+import importlib
 import json
-from dataclasses import dataclass
+import pkgutil
+from collections.abc import Iterator
+from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import rig
 from rig.records import Record, Verdict, all_met, json_of, read_record
 
 
@@ -31,6 +35,26 @@ def test_a_record_goes_through_json_unchanged() -> None:
 
 def test_what_is_not_there_is_left_out() -> None:
     assert CALIBRATION.as_json() == {"lenses": {"camera": {"focal_px": [900.0, 901.5]}}, "rms_px": 0.12}
+
+
+def kinds_below(kind: type[Record]) -> Iterator[type[Record]]:
+    for each in kind.__subclasses__():
+        yield each
+        yield from kinds_below(each)
+
+
+def test_what_a_record_leaves_out_can_be_left_out_when_it_is_read() -> None:
+    """Of all kinds: a field that may be None is not in the JSON then, so that it needs None as its default."""
+    for module in pkgutil.walk_packages(rig.__path__, "rig."):
+        if not module.name.endswith("__main__"):
+            importlib.import_module(module.name)
+    unreadable = [
+        f"{kind.__module__}.{kind.__name__}.{field.name}"
+        for kind in set(kinds_below(Record))
+        for field in (fields(kind) if kind.__module__.startswith("rig.") and kind.as_json is Record.as_json else ())
+        if str(field.type).endswith("| None") and field.default is MISSING and field.default_factory is MISSING
+    ]
+    assert not unreadable
 
 
 def test_numpy_numbers_arrays_and_paths_become_plain() -> None:

@@ -49,12 +49,12 @@ class ShowStatus(Record):
     dropped: int
     repeated: int
     unplugged: int
-    error_levels: float | None
+    error_levels: float | None = None
     """Expected error, rms. [grey levels]"""
     times_ms: tuple[float, ...]
     """Between pictures since the last message."""
     period_ms: float
-    failure: str | None
+    failure: str | None = None
 
 
 class PageRemote:

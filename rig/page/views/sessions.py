@@ -132,8 +132,8 @@ class ComparedFigure(Record):
     """A number of two sessions."""
 
     name: str
-    first: float | None
-    second: float | None
+    first: float | None = None
+    second: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

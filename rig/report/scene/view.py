@@ -41,9 +41,9 @@ class ScenePatch(Record):
     """Wall, or thing that stands before the walls."""
     reflectance: tuple[float, ...]
     """By band."""
-    direct: float | None
+    direct: float | None = None
     """Light of projector white, reflected once, mean over the camera's pixels; None where it sees none."""
-    global_light: float | None
+    global_light: float | None = None
     confidence: str
     """What its reflectance is from."""
 

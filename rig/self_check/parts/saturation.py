@@ -21,7 +21,7 @@ _SPIKE = 0.002
 class Saturation(Record):
     """The top of the camera's scale, and its steps."""
 
-    clip_dn: float | None
+    clip_dn: float | None = None
     """None: nothing clipped."""
     step_dn: float
 

@@ -57,12 +57,12 @@ class View(Record):
     """Contrast of the session's checks, share of full."""
     walls: tuple[str, ...]
     """That were told apart; empty where geometry says why not."""
-    parallax_deg: float | None
+    parallax_deg: float | None = None
     """Median angle at which the lines of sight of camera and projector meet."""
-    angle_error_deg: float | None
+    angle_error_deg: float | None = None
     """Largest angle by which a wall is off its axis."""
-    baseline_m: float | None
-    geometry_rms_px: float | None
+    baseline_m: float | None = None
+    geometry_rms_px: float | None = None
     geometry: str
     """Why there is none, in the words of a session; empty where there is one."""
     notes: str

@@ -34,11 +34,11 @@ class DarknessRecord(Record):
     """Level of the camera without any light."""
     black_share_of_white: float
     """All light while the projector shows black."""
-    projector_black_share: float | None
+    projector_black_share: float | None = None
     """Of that the projector's: one over its contrast. None where the border of its picture is not seen."""
-    projector_black_sigma: float | None
+    projector_black_sigma: float | None = None
     """Its standard error."""
-    room_light_share: float | None
+    room_light_share: float | None = None
     """The rest."""
 
 
