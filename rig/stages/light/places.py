@@ -14,12 +14,11 @@ from calibration.light.blur import fit_point_spread
 from calibration.light.check_size import stripes_that_tell
 from calibration.light.places import LEAST_PAIRS, blur_as_window_px2, places_by_light
 from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.patterns import Pattern
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2, refine_subpixel
 from rig.session import Session
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.stripes.reading import INVERSE
 
-_INVERSE = "-inverse"
 _LIT_SHARE = 0.2
 """Of the brightest tenth: darker pixels say little of the blur."""
 _SOFT_PX2 = 4.0
@@ -62,7 +61,7 @@ def finer_places(
     refined = refine_subpixel(correspondence)
     by_window = FinerPlaces(refined, 0.0 if refined is correspondence else WINDOW_VARIANCE_PX2)
     patterns = {pattern.name: pattern for pattern in code.patterns(session.profile.projector.shape)}
-    pairs = [each for name, each in patterns.items() if f"{name}{_INVERSE}" in patterns]
+    pairs = [each for name, each in patterns.items() if f"{name}{INVERSE}" in patterns]
     tell = stripes_that_tell(list(patterns.values()))
     if not tell or len(pairs) < 2 * LEAST_PAIRS:
         return by_window
@@ -83,16 +82,13 @@ def finer_places(
         return by_window
     if max(spread.camera.coefficients_px2[0], spread.projector.coefficients_px2[0]) > _SOFT_PX2:
         return by_window
-    differences = [light(each.name) - light(f"{each.name}{_INVERSE}") for each in _stripes(pairs)]
-    codes = [each.codes for each in _stripes(pairs)]
+    stripes = [each for each in pairs if np.isin(each.codes, (0, 255)).all()]
+    differences = [light(each.name) - light(f"{each.name}{INVERSE}") for each in stripes]
+    codes = [each.codes for each in stripes]
     movable = unclipped & ~_is_whole(refined)
     return FinerPlaces(
         places_by_light(differences, codes, refined, spread, movable=movable), averaged_px2=blur_as_window_px2(spread)
     )
-
-
-def _stripes(pairs: list[Pattern]) -> list[Pattern]:
-    return [each for each in pairs if np.isin(each.codes, (0, 255)).all()]
 
 
 def _is_whole(correspondence: Correspondence) -> NDArray[np.bool_]:
