@@ -12,7 +12,9 @@ SITE := build/site
 demo: $(READY)
 	$(BIN)/rig run $(DEMO_SESSION) -p hw_profiles/sim-room.toml
 
+# Compiled first, for whom Python keeps nothing that it compiled: each of the tests' processes would compile all anew.
 test: $(READY) lint docs
+	$(BIN)/python -m compileall -q calibration rig sim
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
 
 test-devices: $(READY)

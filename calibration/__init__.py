@@ -31,28 +31,63 @@ From such correspondences, :func:`calibrate_stereo` finds both lenses, the relat
 What cannot be determined raises :class:`CalibrationError`, whose message says what to try.
 """
 
+from importlib import import_module as _import_module
 from importlib.metadata import version as _version
+from typing import TYPE_CHECKING
 
-from calibration.errors import CalibrationError
-from calibration.geometry.epipolar import NominalIntrinsics
-from calibration.geometry.pinhole import PinholeModel
-from calibration.geometry.room import RoomBox, room_from_stereo
-from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline
-from calibration.geometry.triangulation import triangulate
-from calibration.lenses.calibrate import LensRequest, calibrate_lenses
-from calibration.lenses.records import BoardSightings
-from calibration.light.reflectance import estimate_reflectance
-from calibration.light.separation import separate
-from calibration.light.vignetting import fit_vignetting
-from calibration.radiometry.camera_response import fit_camera_response
-from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
-from calibration.radiometry.response import Response, fit_projector_response
-from calibration.structured_light.code import CODES, StructuredLightCode
-from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.patterns import Pattern, checker_patterns, flat
-from calibration.structured_light.subpixel import refine_subpixel
+if TYPE_CHECKING:
+    from calibration.errors import CalibrationError
+    from calibration.geometry.epipolar import NominalIntrinsics
+    from calibration.geometry.pinhole import PinholeModel
+    from calibration.geometry.room import RoomBox, room_from_stereo
+    from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline
+    from calibration.geometry.triangulation import triangulate
+    from calibration.lenses.calibrate import LensRequest, calibrate_lenses
+    from calibration.lenses.records import BoardSightings
+    from calibration.light.reflectance import estimate_reflectance
+    from calibration.light.separation import separate
+    from calibration.light.vignetting import fit_vignetting
+    from calibration.radiometry.camera_response import fit_camera_response
+    from calibration.radiometry.photon_transfer import fit_photon_transfer, transfer_points
+    from calibration.radiometry.response import Response, fit_projector_response
+    from calibration.structured_light.code import CODES, StructuredLightCode
+    from calibration.structured_light.correspondence import Correspondence, PixelReason
+    from calibration.structured_light.patterns import Pattern, checker_patterns, flat
+    from calibration.structured_light.subpixel import refine_subpixel
 
 __version__ = _version("procam-rig")
+
+_HOMES = {
+    "BoardSightings": "lenses.records",
+    "CODES": "structured_light.code",
+    "CalibrationError": "errors",
+    "Correspondence": "structured_light.correspondence",
+    "LensRequest": "lenses.calibrate",
+    "NominalIntrinsics": "geometry.epipolar",
+    "Pattern": "structured_light.patterns",
+    "PinholeModel": "geometry.pinhole",
+    "PixelReason": "structured_light.correspondence",
+    "Response": "radiometry.response",
+    "RoomBox": "geometry.room",
+    "StereoCalibration": "geometry.stereo",
+    "StructuredLightCode": "structured_light.code",
+    "calibrate_lenses": "lenses.calibrate",
+    "calibrate_stereo": "geometry.stereo",
+    "checker_patterns": "structured_light.patterns",
+    "estimate_reflectance": "light.reflectance",
+    "fit_camera_response": "radiometry.camera_response",
+    "fit_photon_transfer": "radiometry.photon_transfer",
+    "fit_projector_response": "radiometry.response",
+    "fit_vignetting": "light.vignetting",
+    "flat": "structured_light.patterns",
+    "refine_subpixel": "structured_light.subpixel",
+    "room_from_stereo": "geometry.room",
+    "scale_from_baseline": "geometry.stereo",
+    "separate": "light.separation",
+    "transfer_points": "radiometry.photon_transfer",
+    "triangulate": "geometry.triangulation",
+}
+"""Where each public name lives."""
 
 __all__ = [
     "CODES",
@@ -89,3 +124,11 @@ __all__ = [
 
 def __dir__() -> list[str]:
     return __all__
+
+
+if not TYPE_CHECKING:
+    # Each name is imported when it is first used: whoever needs one room of the package does not wait for all of scipy.
+    def __getattr__(name):
+        if name not in _HOMES:
+            raise AttributeError(f"module 'calibration' has no attribute {name!r}")
+        return getattr(_import_module(f"calibration.{_HOMES[name]}"), name)

@@ -32,7 +32,7 @@ from typing import Any
 
 from random_profiles import EFFECTS, KINDS, profile_of
 from rig_figures import RigOutcome, as_json, table
-from rig_truth import is_refusal_true, seen_of
+from rig_truth import is_refusal_true, seen_of, with_what_is_left_open
 from session_coverage import judgement
 
 from rig.errors import RigError
@@ -76,6 +76,8 @@ def run(path: Path, session: Path, strategies: Sequence[str], *, oracle: bool) -
     done = rig_command(["run", str(session), "-p", str(path), "--json", "--strategies", ",".join(strategies)])
     profile = Profile.parse(path.read_bytes(), path)
     seen = seen_of(profile)
+    if done.said and seen is not None:
+        seen = with_what_is_left_open(seen, profile)
     outcome = RigOutcome(
         rig=path.stem,
         status=done.status,

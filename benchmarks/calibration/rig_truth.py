@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from geometry_worlds import box, exact_map
+from geometry_worlds import CodeNoise, box, exact_map, measured
 from numpy.typing import NDArray
 
+from calibration.errors import CalibrationError
 from rig.devices.simulated.optics import directions, pixels_of
 from rig.devices.simulated.pair import pixel_grid
 from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.devices.simulated.room import trace
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import Profile
+from rig.stages.geometry import geometry_of
 
 FloatArray = NDArray[np.float64]
 
@@ -22,6 +24,7 @@ LEAST_WALL = 0.02
 """Of the pixels that are lit and seen: of a smaller wall nobody can ask that it be found."""
 _WALLS = ("floor", "ceiling", "x0", "x1", "y0", "y1")
 """By axis (z first) and side."""
+_LEFT_OPEN = "leave open how the room stands"
 _NARROW_PX = 6.0
 """Nearer to the rim of the camera's picture, or of the wall's edge, a spot need not be found."""
 
@@ -36,6 +39,8 @@ class Seen:
     """Share of the lit pixels on each wall that has any."""
     spots_seen: tuple[bool, ...]
     """Whether each spot of the tape lies in the camera's picture."""
+    left_open: str | None = None
+    """What exact correspondences of its walls, with a code's noise, are refused with; None where they are not."""
 
     @property
     def planes(self) -> int:
@@ -59,12 +64,27 @@ def seen_of(profile: Profile) -> Seen | None:
     return Seen(lit_share=float(lit.mean()), walls=walls, spots_seen=tuple(bool(one) for one in in_view))
 
 
+def with_what_is_left_open(seen: Seen, profile: Profile) -> Seen:
+    """Add what the geometry says of the world's own correspondences; takes a few seconds."""
+    world = simulated_worlds_of(profile)[0]
+    if not isinstance(world, SimulatedWorld):
+        return seen
+    exact = exact_map(box(np.array(world.settings.size_m)), world.camera, world.projector)
+    try:
+        geometry_of(measured(exact, world.projector.shape, CodeNoise(), world.settings.seed), profile, lambda *_: None)
+    except CalibrationError as error:
+        return replace(seen, left_open=str(error))
+    return seen
+
+
 def is_refusal_true(said: str, seen: Seen | None) -> bool | None:
     """Whether what a session was refused with is so; None where the world alone does not tell."""
     if seen is None:
         return None
     if "one plane explains" in said:
         return seen.planes < 2
+    if _LEFT_OPEN in said:
+        return _LEFT_OPEN in (seen.left_open or "")
     if "has no measured wall around it" in said:
         return not all(seen.spots_seen)
     share = re.search(r"only ([0-9.]+) % of the camera's pixels have a projector pixel", said)

@@ -12,6 +12,7 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
 from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px
@@ -80,6 +81,7 @@ def hold_against_all(
     final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
     check_determined(final, final.covariance)
+    check_none_left_out(final, x1, x2)
     return final
 
 

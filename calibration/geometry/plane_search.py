@@ -123,6 +123,21 @@ def without_tangents(
     return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight)
 
 
+def found_anew(
+    x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
+) -> BundleSolution | None:
+    """Find planes again with the lenses of a fit, and fit those at right angles that touch nothing curved.
+
+    Lenses that tangents had spoiled mix a wall with the tangents beside it; without them it comes out by itself.
+    """
+    planes = _planes_of(fit.devices, x1, x2, _limit_after(fit))
+    if len(planes) <= len(fit.planes):
+        return None
+    again = fit.with_planes(planes, orthogonal_axes(planes, _GUESSED_LIMIT_DEG))
+    found = _without_phantoms(x1, x2, again, nominal, rounds=Rounds(limits_px=(1.5, 1.0), iterations=8))
+    return None if found is None else without_tangents(x1, x2, found, nominal, weight=weight) or found
+
+
 def let_askew(
     x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
 ) -> Iterator[BundleSolution]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -54,26 +54,46 @@ class ExplainedPixels:
     """(M, 2) [px]"""
     plane: IntArray
     """(M,) plane of each."""
+    others_xy_px: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    """(L, 2) projector pixels of correspondences that no plane explains. [px]"""
 
     def plane_at(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none."""
-        return self._voted(xy_px, _REACH_SHARE, agreed=_AGREED)
+        """(N,) plane of most points around projector pixels (N, 2); -1 where there are none, or most lie on none."""
+        return np.where(self._on_none(xy_px), -1, self._voted(xy_px, _REACH_SHARE, agreed=_AGREED))
 
     def plane_beside(self, xy_px: FloatArray) -> IntArray:
-        """(N,) plane of all nearest points, not further than a tenth of what is lit; -1 where they differ."""
-        return self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0)
+        """(N,) plane of all nearest points on planes, not further than a tenth of what is lit; -1 where they differ.
+
+        -1, too, where points were measured around a pixel, and most lie on no plane.
+        """
+        return np.where(self._on_none(xy_px), -1, self._voted(xy_px, _FAR_REACH_SHARE, agreed=1.0))
+
+    def _on_none(self, xy_px: FloatArray) -> BoolArray:
+        """(N,) pixels around which points were measured, of which most lie on no plane: furniture, or a wall left."""
+        both = np.concatenate([self.projector_xy_px, self.others_xy_px])
+        is_other = np.arange(len(both)) >= len(self.plane)
+        near = [_nearest(both, pixel, _REACH_SHARE * self._width_px) for pixel in xy_px]
+        return np.array([len(rows) >= _LEAST_NEIGHBOURS and is_other[rows].mean() > _AGREED for rows in near], bool)
+
+    @property
+    def _width_px(self) -> float:
+        return float(np.ptp(self.projector_xy_px[:, 0])) if len(self.plane) else 0.0
 
     def _voted(self, xy_px: FloatArray, reach_share: float, *, agreed: float) -> IntArray:
-        reach = reach_share * float(np.ptp(self.projector_xy_px[:, 0]) if len(self.plane) else 0.0)
         found = np.full(len(xy_px), -1, dtype=np.int64)
         for k, pixel in enumerate(xy_px):
-            away = np.abs(self.projector_xy_px - pixel).max(axis=1)
-            near = np.flatnonzero(away <= reach)
-            near = near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]]
+            near = _nearest(self.projector_xy_px, pixel, reach_share * self._width_px)
             if len(near) >= _LEAST_NEIGHBOURS:
                 votes = np.bincount(self.plane[near])
                 found[k] = votes.argmax() if votes.max() >= agreed * len(near) else -1
         return found
+
+
+def _nearest(xy_px: FloatArray, pixel: FloatArray, reach_px: float) -> IntArray:
+    """Rows of the pixels nearest to one, within a square around it."""
+    away = np.abs(xy_px - pixel).max(axis=1)
+    near = np.flatnonzero(away <= reach_px)
+    return np.asarray(near[np.argsort(away[near], kind="stable")[:_NEIGHBOURS]])
 
 
 @dataclass(frozen=True, eq=False)

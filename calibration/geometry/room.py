@@ -24,6 +24,8 @@ _UNKNOWN_SIZE_M = 4.0
 MOST_OFF_SQUARE_DEG = 2.0
 """How far planes that were fitted without right angles may stand from a box's: 7 cm at the end of a wall of 2 m."""
 _PAIRS_NAMED = 6
+_OPEN_DEG = 90.0
+"""Standard deviation from which on an angle is not known at all."""
 _WALL_MARGIN = 0.1
 """Of the lit piece of a wall that stands alone, on each side: pixels at its rim do not enter the geometry."""
 _MOSTLY = 0.9
@@ -229,7 +231,10 @@ def _angles(stereo: StereoCalibration) -> str:
         return np.array([180 - np.degrees(np.arccos(np.clip(normals[a] @ normals[b], -1, 1))) for a, b in pairs])
 
     values, sigmas = degrees(stereo), stereo.sigmas_of(degrees)
-    named = [f"{a + 1} and {b + 1} at {v:.1f} +- {s:.1f}" for (a, b), v, s in zip(pairs, values, sigmas, strict=True)]
+    named = [
+        f"{a + 1} and {b + 1} at {v:.1f} +- {s:.1f}" if s < _OPEN_DEG else f"{a + 1} and {b + 1} at any angle"
+        for (a, b), v, s in zip(pairs, values, sigmas, strict=True)
+    ]
     return f"walls {', '.join(named)} degrees"
 
 

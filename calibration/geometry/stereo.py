@@ -9,8 +9,7 @@ lengths, and all terms of both lenses become determined.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -25,21 +24,22 @@ from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.averaging import without_averaging
 from calibration.geometry.flat.one_wall import fit_where_flat
+from calibration.geometry.flat.rivals import uncontradicted_rival
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
 from calibration.geometry.known.contradiction import OtherLens, contradiction, hold_against_boards
 from calibration.geometry.known.lenses import KnownLenses
 from calibration.geometry.noise import standard_deviations
 from calibration.geometry.pinhole import PinholeModel, project, world_rays
 from calibration.geometry.plane_bundle import BundleSolution
-from calibration.geometry.plane_search import candidates, let_askew, without_tangents
+from calibration.geometry.plane_search import candidates
 from calibration.geometry.planes import Axes, ExplainedPixels
 
 MIN_POINTS = 500
 """Correspondences: below, a wall with 2 % of them has ten."""
 _MANY = 10000
 """Points that the result rests on."""
-_OTHERS, _BETTER = 12, 0.9
-"""Fits that are tried after the first was refused, and of what that left over, what one may leave."""
+_OTHERS = 12
+"""Fits that are tried after the first was refused."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -224,42 +224,15 @@ def _calibrated(
     try:
         final = hold_against_all(x1, x2, first, nominal, weight=weight)
     except CalibrationError:
-        held = partial(_uncontradicted, x1, x2, nominal=nominal, weight=weight)
-        flat_ones = without_tangents(x1, x2, first, nominal, weight=weight)
-        found = None if flat_ones is None else held([flat_ones])
-        found = found or held(islice(bundles, others), most_left=_BETTER * _unexplained(flat_ones or first))
-        found = found or held(let_askew(x1, x2, first, nominal, weight=weight))
-        if found is None:
+        rival = uncontradicted_rival(x1, x2, first, islice(bundles, others), nominal=nominal, weight=weight)
+        if rival is None:
             raise
-        final = found
+        final = rival
     hold_against_boards(final)
     whole = without_averaging(every.camera_xy_px, every.projector_xy_px, final, averaged_px2)
     resting = with_third_wall(final, replace(every, projector_xy_px=whole), nominal, n_fitted=fitted)
     report(3, 3)
     return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
-
-
-def _uncontradicted(
-    x1: FloatArray,
-    x2: FloatArray,
-    some: Iterable[BundleSolution],
-    *,
-    nominal: NominalIntrinsics,
-    weight: FloatArray,
-    most_left: float = np.inf,
-) -> BundleSolution | None:
-    """The first of some fits that nothing contradicts, of those that leave no more than so much over."""
-    for bundle in some:
-        if _unexplained(bundle) <= most_left:
-            with suppress(CalibrationError):
-                return hold_against_all(x1, x2, bundle, nominal, weight=weight)
-    return None
-
-
-def _unexplained(bundle: BundleSolution) -> float:
-    """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
-    own = bundle.fit.cost / len(bundle.used)
-    return bundle.share * own + (1 - bundle.share)
 
 
 def _scaled(stereo: StereoCalibration, factor: float) -> StereoCalibration:
@@ -382,7 +355,7 @@ def _finished(bundle: BundleSolution, x1: FloatArray, x2: FloatArray, nominal: N
         projector_rms_px=projector_rms,
         sigmas=lens_sigmas(bundle.covariance, nominal),
         inlier_share=float(used.mean()),
-        explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used]),
+        explained=ExplainedPixels(projector_xy_px=x2[used], plane=bundle.label[used], others_xy_px=x2[~used]),
         uncertainty=Uncertainty(
             unknowns=bundle.fit.z, covariance=bundle.covariance, axes=bundle.start_axes, nominal=nominal
         ),

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.lenses.bundle import SHARED, adjust_bundle, by_device, residuals, row_slices, weights_of
@@ -104,7 +104,7 @@ def _as_good(score: ModelScore, best: ModelScore) -> bool:
     if len(worse) < 2:
         return True
     error = float(worse.std(ddof=1)) / np.sqrt(len(worse))
-    return bool(float(worse.mean()) <= float(t.ppf(_SURE, len(worse) - 1)) * error)
+    return bool(float(worse.mean()) <= float(stdtrit(len(worse) - 1, _SURE)) * error)
 
 
 def folds_of(views: int) -> list[IntArray]:

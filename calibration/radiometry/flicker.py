@@ -16,6 +16,11 @@ _EXPLAINED = 0.8
 """Of what the frames vary by: less is no swell of that frequency."""
 _LEAST_APART = 1e-3
 """Of a swell's sine and cosine at the frames' times: with less, all frames are at one phase and show nothing."""
+PHASES = 3
+"""Photographs whose mean is blind to a swell that is faster than they end: a third of its period apart, they see none
+of it nor of its double."""
+_OFF_PHASE = 0.07
+"""Of a period, by which a photograph may miss its third: what the mean keeps of the swell is then below a fifth."""
 _BRIGHTER = 1.03
 """By which an exposure may grow to hold one period more; by more and white clips."""
 
@@ -86,3 +91,39 @@ def whole_periods(exposure_s: float, light_hz: float, range_s: tuple[float, floa
     """
     chosen_s = int(exposure_s * _BRIGHTER * light_hz) / light_hz
     return chosen_s if chosen_s > 0 and range_s[0] <= chosen_s <= range_s[1] else None
+
+
+def is_third(middle_s: float, first_s: float, nth: int, light_hz: float) -> bool:
+    """Tell whether a photograph sees a swell the wanted part of its period after the first of its set.
+
+    Parameters
+    ----------
+    middle_s, first_s : float
+        Middles of its exposure and of the first one's. [s]
+    nth : int
+        Number in the set: every third one sees the same.
+    light_hz : float
+        Of the swell. [Hz]
+
+    Returns
+    -------
+    bool
+    """
+    off = ((middle_s - first_s) * light_hz - nth / PHASES) % 1.0
+    return min(off, 1.0 - off) < _OFF_PHASE
+
+
+def swell_of_means(means: FloatArray) -> float:
+    """Return by how much means over the thirds of a period still swell.
+
+    Parameters
+    ----------
+    means : (N,)
+        Of photographs of one scene in darkness, each a third of a period after the one before; more than three.
+
+    Returns
+    -------
+    float
+        Largest minus smallest mean of three that follow each other. [unit of the means]
+    """
+    return float(np.ptp(np.convolve(means, np.full(PHASES, 1 / PHASES), mode="valid")))

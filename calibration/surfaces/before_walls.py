@@ -62,6 +62,25 @@ def before_walls(correspondence: Correspondence, box: RoomBox) -> BeforeWalls:
     return BeforeWalls(face=face, wall_distance_m=distance_m, stands=_without_thin(stands))
 
 
+def apart_from_walls(box: RoomBox, points_m: FloatArray) -> FloatArray:
+    """Return how far points are from the nearest face of a room.
+
+    Parameters
+    ----------
+    box : RoomBox
+    points_m : (..., 3)
+        NaN for none. [m]
+
+    Returns
+    -------
+    (...) array
+        NaN for no point. [m]
+    """
+    offsets = [np.array(divmod(FACES.index(name), 2)) for name in box.faces]
+    apart = [np.abs(points_m[..., axis] - side * box.size_m[axis]) for axis, side in offsets]
+    return np.asarray(np.min(apart, axis=0))
+
+
 def _first_wall(origin_m: FloatArray, rays: FloatArray, box: RoomBox) -> tuple[IntArray, FloatArray]:
     """(H, W) which face of the box each ray meets first, and how far away."""
     nearest_m, which = np.full(rays.shape[:2], np.inf), np.full(rays.shape[:2], -1, dtype=np.int64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -13,10 +13,14 @@ from calibration.arrays import BoolArray, FloatArray, IntArray
 
 _ROUNDS = 6
 """Of halving the sides of outlines that the mesh does not have: each halves their length."""
+_CUTS = 8
+"""Rounds of cutting the sides of outlines: one where the wanted side is the same everywhere."""
 _CLEAR = 0.6
 """Of the wanted side: points within are no nearer to an outline, so that no triangle beside it is thin."""
 _LEAST_HEIGHT = 1e-3
 """Of a triangle's longest side: flatter ones have no area to speak of."""
+SideAt = Callable[[FloatArray], FloatArray]
+"""(N,) longest wanted side at points (N, 2)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +33,7 @@ class PlanarMesh:
     """(T, 3) corners, counter-clockwise."""
 
 
-def mesh_within(outlines: Sequence[FloatArray], inner: FloatArray, side: float, least_side: float) -> PlanarMesh:
+def mesh_within(outlines: Sequence[FloatArray], inner: FloatArray, side_at: SideAt, least_side: float) -> PlanarMesh:
     """Fill outlines with triangles.
 
     Sides of the outlines that the Delaunay triangulation of all points leaves out are halved until it has them, so
@@ -41,8 +45,8 @@ def mesh_within(outlines: Sequence[FloatArray], inner: FloatArray, side: float, 
         Closed polygons, the last point joined to the first; a point is inside where an odd number of them is around it.
     inner : (M, 2)
         Points wanted within; those that are too near to an outline are left out.
-    side : float
-        Longest wanted side along outlines.
+    side_at : function of (N, 2) points
+        Longest wanted side along outlines there.
     least_side : float
         Sides that are shorter are not halved.
 
@@ -51,10 +55,10 @@ def mesh_within(outlines: Sequence[FloatArray], inner: FloatArray, side: float, 
     PlanarMesh
         Without triangles where the outlines span no area.
     """
-    rings = [_subdivided(np.asarray(outline, dtype=np.float64), side) for outline in outlines if len(outline) >= 3]
+    rings = [_subdivided(np.asarray(outline, dtype=np.float64), side_at) for outline in outlines if len(outline) >= 3]
     if not rings:
         return PlanarMesh(np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64))
-    inner = inner[_far_from(inner, rings, side)] if len(inner) else inner.reshape(0, 2)
+    inner = inner[_far_from(inner, rings, side_at(inner))] if len(inner) else inner.reshape(0, 2)
     for _ in range(_ROUNDS):
         corners, sides = _together(rings, inner)
         try:
@@ -68,15 +72,20 @@ def mesh_within(outlines: Sequence[FloatArray], inner: FloatArray, side: float, 
     return _turned_left(corners, triangles[_inside(corners[triangles].mean(axis=1), rings)])
 
 
-def _subdivided(ring: FloatArray, side: float) -> FloatArray:
-    """The ring with its sides cut into equal parts no longer than wanted."""
-    following = np.roll(ring, -1, axis=0)
-    parts = np.maximum(1, np.ceil(np.linalg.norm(following - ring, axis=1) / side)).astype(np.intp)
-    pieces = [a + (b - a) * (np.arange(n) / n)[:, None] for a, b, n in zip(ring, following, parts, strict=True)]
-    return np.concatenate(pieces)
+def _subdivided(ring: FloatArray, side_at: SideAt) -> FloatArray:
+    """The ring with its sides cut into equal parts, and these into halves, until none is longer than wanted."""
+    for _ in range(_CUTS):
+        following = np.roll(ring, -1, axis=0)
+        length = np.linalg.norm(following - ring, axis=1)
+        parts = np.maximum(1, np.ceil(length / side_at((ring + following) / 2))).astype(np.intp)
+        if (parts == 1).all():
+            break
+        pieces = [a + (b - a) * (np.arange(n) / n)[:, None] for a, b, n in zip(ring, following, parts, strict=True)]
+        ring = np.concatenate(pieces)
+    return ring
 
 
-def _far_from(points: FloatArray, rings: Sequence[FloatArray], side: float) -> BoolArray:
+def _far_from(points: FloatArray, rings: Sequence[FloatArray], side: FloatArray) -> BoolArray:
     distance, _ = cKDTree(np.concatenate(rings)).query(points)
     return np.asarray((distance > _CLEAR * side) & _inside(points, rings))
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from skimage.measure import approximate_polygon, find_contours
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.surfaces.flat_parts import Parts
-from calibration.surfaces.planar_mesh import PlanarMesh, mesh_within
+from calibration.surfaces.planar_mesh import PlanarMesh, SideAt, mesh_within
 from calibration.surfaces.point_map import PointMap
 
 _OUTLINE_PX = 0.8
@@ -22,6 +21,10 @@ _CHORD = 1e-3
 """Of the distance, by which a flat triangle may leave a curved surface in its middle; less towards its rim."""
 _LEAST_SLANT = 0.25
 """Cosine between ray and normal, below which triangles grow long rather than many."""
+_AT_CONTACT = 0.25
+"""Of the longest side, the shortest where a part touches something else: light changes there within centimetres."""
+_ABOUT_PX = 2
+"""Half the side of the window whose shortest side an outline follows."""
 _CLEAR = 0.8
 """Of the wanted side: no two points drawn by chance are nearer, so that the mean side comes out about as wanted."""
 _BEND_SPREAD_PX = 4.0
@@ -61,7 +64,14 @@ class _Placed:
     sigma_m: FloatArray
 
 
-def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_size_m: float) -> TriangulatedSurface:
+def triangulated(
+    points: PointMap,
+    parts: Parts,
+    camera: PinholeModel,
+    patch_size_m: float,
+    *,
+    apart_m: FloatArray | None = None,
+) -> TriangulatedSurface:
     """Make triangles of parts of surface.
 
     Parameters
@@ -73,6 +83,9 @@ def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_siz
         Whose pixels these are.
     patch_size_m : float
         Longest wanted side of a triangle; shorter where the surface bends. [m]
+    apart_m : (H, W), optional
+        How far each point is from what else there is: sides are no longer than that, but for a quarter of the longest.
+        [m]
 
     Returns
     -------
@@ -80,8 +93,11 @@ def triangulated(points: PointMap, parts: Parts, camera: PinholeModel, patch_siz
     """
     vertices, triangles, part, sigmas = [np.zeros((0, 3))], [np.zeros((0, 3), np.int64)], [np.zeros(0, np.int64)], []
     count = 0
+    side_m = np.full(parts.label.shape, patch_size_m)
+    if apart_m is not None:
+        side_m = patch_size_m * np.clip(apart_m / patch_size_m, _AT_CONTACT, 1.0)
     for number, plane in enumerate(parts.planes):
-        placed = _placed(points, parts.label == number, plane, patch_size_m)
+        placed = _placed(points, parts.label == number, plane, side_m)
         kept = _kept(placed.mesh, placed.distance_m)
         vertices.append(points.origin_m + placed.distance_m[:, None] * world_rays(camera, placed.mesh.corners))
         triangles.append(placed.mesh.triangles[kept] + count)
@@ -116,25 +132,38 @@ def _without_unused(
     )
 
 
-def _placed(points: PointMap, mask: BoolArray, plane: FloatArray, patch_size_m: float) -> _Placed:
-    outlines = _outlines(mask)
-    distance_m = float(np.nanmedian(points.distance_m[mask]))
-    usual_px = max(_LEAST_SIDE_PX, patch_size_m / (distance_m * points.metres_per_px))
-    side_px = np.minimum(usual_px, patch_size_m / (points.metres_per_px * np.where(mask, points.distance_m, 1.0)))
+def _placed(points: PointMap, mask: BoolArray, plane: FloatArray, wanted_m: FloatArray) -> _Placed:
+    distance_m = np.where(mask, points.distance_m, np.nanmedian(points.distance_m[mask]))
+    side_px = wanted_m / (points.metres_per_px * distance_m)
     if np.isfinite(plane).all():
         # Seen at a slant a pixel covers more of the plane one way than the other.
         slant = np.abs(points.rays @ plane) / np.linalg.norm(plane)
         side_px = side_px * np.maximum(slant, _LEAST_SLANT)
     else:
         side_px = np.minimum(side_px, _chord_px(points, mask))
-    side_px = np.clip(np.nan_to_num(side_px, nan=usual_px), _LEAST_SIDE_PX, None)
-    shortest = float(np.quantile(side_px[mask], 0.25))
-    mesh = mesh_within(outlines, _spread(mask, side_px), shortest, _LEAST_SIDE_PX)
+    side_px = np.clip(np.nan_to_num(side_px, nan=_LEAST_SIDE_PX), _LEAST_SIDE_PX, None)
+    mesh = mesh_within(_outlines(mask), _spread(mask, side_px), _read_at(mask, side_px), _LEAST_SIDE_PX)
     return _Placed(mesh, *_distances(points, mask, plane, mesh.corners))
+
+
+def _read_at(mask: BoolArray, side_px: FloatArray) -> SideAt:
+    """What reads a map of sides at places in the picture: the shortest of the mask's pixels about each."""
+    window = np.ones((2 * _ABOUT_PX + 1,) * 2, np.uint8)
+    longest = float(side_px[mask].max())
+    shortest = cv2.erode(np.where(mask, side_px, longest), window)
+    highest = np.array(mask.shape) - 1
+
+    def side_at(xy_px: FloatArray) -> FloatArray:
+        row, column = np.clip(np.rint(xy_px[:, ::-1]), 0, highest).astype(np.intp).T
+        return np.asarray(shortest[row, column])
+
+    return side_at
 
 
 def _outlines(mask: BoolArray) -> list[FloatArray]:
     """Outlines of a mask through the borders of its pixels, straightened, as (n, 2) columns and rows."""
+    from skimage.measure import approximate_polygon, find_contours  # here, for it takes its time
+
     padded = np.pad(mask.astype(np.float64), 1)
     found = find_contours(padded, 0.5)  # type: ignore[no-untyped-call]
     rings = [approximate_polygon(ring, _OUTLINE_PX) for ring in found]  # type: ignore[no-untyped-call]

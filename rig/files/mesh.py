@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
@@ -116,6 +116,8 @@ class _Soup:
 
 def _loaded(path: Path) -> Any:
     """The reader's scene."""
+    import trimesh  # here, for it takes its time
+
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: unknown mesh format {path.suffix!r}; there are {', '.join(FORMATS)}")
     if not path.is_file():
@@ -133,14 +135,20 @@ def _loaded(path: Path) -> Any:
         raise UsageError(f"{path}: cannot be read as {path.suffix[1:].upper()}: {error}; export it again") from error
 
 
+def _meshes(scene: Any) -> Iterator[tuple[str, NDArray[Any], Any]]:
+    """Names, places in the scene and triangles of what is a surface in it."""
+    import trimesh  # here, for it takes its time
+
+    for node in scene.graph.nodes_geometry:
+        transform, name = scene.graph[node]
+        if isinstance(scene.geometry[name], trimesh.Trimesh):
+            yield name, transform, scene.geometry[name]
+
+
 def _soup(scene: Any, linear_colours: bool) -> _Soup:
     points, triangles, luminance = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0)]
     count = 0
-    for node in scene.graph.nodes_geometry:
-        transform, name = scene.graph[node]
-        geometry = scene.geometry[name]
-        if not isinstance(geometry, trimesh.Trimesh):
-            continue
+    for _, transform, geometry in _meshes(scene):
         faces = np.asarray(geometry.faces, dtype=np.intp)
         mirrored = np.linalg.det(transform[:3, :3]) < 0
         points.append(np.asarray(geometry.vertices) @ transform[:3, :3].T + transform[:3, 3])
@@ -238,18 +246,14 @@ def read_triangles(path: str | Path, *, unit: Unit = "m", up: UpAxis | None = No
         raise UsageError(f"{path}: no faces in it; export surfaces, not points or lines")
     points = _turned_up(soup.points * UNITS_M[unit], up or standard_up(path))
     colours, materials, lobes = [], [], []
-    for node in scene.graph.nodes_geometry:
-        name = scene.graph[node][1]
-        geometry = scene.geometry[name]
-        if isinstance(geometry, trimesh.Trimesh):
-            material = gloss_of_material(getattr(geometry.visual, "material", None))
-            lobe = (material.gloss, material.roughness, material.matte_share)
-            lobes.append(np.tile(lobe, (len(geometry.faces), 1)))
-            shades = _colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf)
-            colours.append(material.matte_share * shades)
-            materials += [str(getattr(getattr(geometry.visual, "material", None), "name", None) or name)] * len(
-                geometry.faces
-            )
+    for name, _, geometry in _meshes(scene):
+        material = gloss_of_material(getattr(geometry.visual, "material", None))
+        lobe = (material.gloss, material.roughness, material.matte_share)
+        lobes.append(np.tile(lobe, (len(geometry.faces), 1)))
+        shades = _colours(geometry.visual, np.asarray(geometry.faces, dtype=np.intp), is_gltf)
+        colours.append(material.matte_share * shades)
+        named = str(getattr(getattr(geometry.visual, "material", None), "name", None) or name)
+        materials += [named] * len(geometry.faces)
     gloss, roughness, matte_share = np.concatenate(lobes).T
     return TriangleSoup(
         points=points,

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
@@ -70,6 +69,8 @@ def read_ply_mesh(path: Path) -> Any:
     UsageError
         If it is no PLY file or is cut short; for a face with a corner that does not exist or that is no surface.
     """
+    import trimesh  # here, for it takes its time
+
     try:
         rows = _rows(path.read_bytes())
         points = rows["vertex"].numbers("xyz")

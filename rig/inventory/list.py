@@ -30,7 +30,7 @@ from rig.profile.hardware_facts import CameraFile, known_cameras, known_projecto
 if TYPE_CHECKING:
     from rig.devices.genicam.describe import GenicamAbilities
     from rig.devices.genicam.find import FoundGenicam
-    from rig.devices.gphoto2.find import FoundStill
+    from rig.devices.gphoto2.find import FoundStill, StillAbilities
     from rig.devices.kms.find import FoundOutput
     from rig.devices.usb.find import FoundUsbDevice
     from rig.devices.v4l2.describe import CameraAbilities
@@ -106,6 +106,12 @@ def _stills() -> Sequence[FoundStill]:
     return list_stills()
 
 
+def _describe_still(found: FoundStill) -> StillAbilities:
+    from rig.devices.gphoto2.find import describe_still
+
+    return describe_still(found)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finders:
     """Where devices are looked for; the defaults ask this machine."""
@@ -115,6 +121,7 @@ class Finders:
     genicam: Callable[[], Sequence[FoundGenicam]] = _genicam
     describe_genicam: Callable[[FoundGenicam], GenicamAbilities] = _describe_genicam
     stills: Callable[[], Sequence[FoundStill]] = _stills
+    describe_still: Callable[[FoundStill], StillAbilities] = _describe_still
     outputs: Callable[[], Sequence[FoundOutput]] = _outputs
     master_is_free: Callable[[Path], bool | None] = _master_is_free
     monitors: Callable[[], Sequence[FoundMonitor]] = _monitors

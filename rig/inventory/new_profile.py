@@ -12,9 +12,16 @@ from rig.errors import DeviceError, DeviceLost, SettingRefused, UsageError
 from rig.files.atomic import write_bytes
 from rig.inventory.choose import CameraMode, best_camera_mode, best_output_mode
 from rig.inventory.list import THIS_MACHINE, Finders, facts_of
-from rig.inventory.profile_text import PlannedBusCamera, PlannedCamera, PlannedDisplay, profile_text
+from rig.inventory.profile_text import PlannedBusCamera, PlannedCamera, PlannedDisplay, PlannedStill, profile_text
 from rig.profile.apply import guessed_keys
-from rig.profile.hardware_facts import CameraFacts, ProjectorFacts, by_model, known_cameras, known_projectors
+from rig.profile.hardware_facts import (
+    CameraFacts,
+    CameraFile,
+    ProjectorFacts,
+    by_model,
+    known_cameras,
+    known_projectors,
+)
 from rig.profile.schema import Profile
 from rig.records import Record
 
@@ -71,7 +78,9 @@ def write_profile(request: ProfileRequest, finders: Finders = THIS_MACHINE) -> N
     """
     if request.path.exists() and not request.force:
         raise UsageError(f"{request.path} is there already; give another name, or --force to replace it")
-    camera = _planned_bus_camera(request, finders) or _planned_camera(request, finders)
+    camera = (
+        _planned_bus_camera(request, finders) or _planned_still(request, finders) or _planned_camera(request, finders)
+    )
     display = _planned_display(request, finders)
     text = profile_text(request.name or _name_of(request.path), camera, display)
     profile = Profile.parse(text.encode(), request.path)
@@ -79,7 +88,7 @@ def write_profile(request: ProfileRequest, finders: Finders = THIS_MACHINE) -> N
     return NewProfile(
         path=request.path,
         name=profile.name,
-        camera=camera.found.device_id,
+        camera=camera.device_id,
         output=display.output,
         driver=display.driver,
         facts=tuple(one for one in (camera.facts_of, display.facts_of) if one),
@@ -112,6 +121,30 @@ def _planned_bus_camera(request: ProfileRequest, finders: Finders) -> PlannedBus
     )
 
 
+def _planned_still(request: ProfileRequest, finders: Finders) -> PlannedStill | None:
+    """The still camera that is meant: by its port or model, or because there is no other camera."""
+    wanted = request.camera
+    if wanted is None and finders.cameras():
+        return None
+    there = [one for one in finders.stills() if wanted in (None, one.port, one.model)]
+    if not there:
+        return None
+    found = _only("camera", there, wanted, lambda one: (one.port, one.model))
+    file = by_model(request.camera_model, known_cameras()) if request.camera_model else _facts_of_still(found.model)
+    return PlannedStill(
+        found=found,
+        able=finders.describe_still(found),
+        facts=file.facts if file else CameraFacts(),
+        facts_of=f"{file.maker} {file.model}" if file else "",
+    )
+
+
+def _facts_of_still(model: str) -> CameraFile | None:
+    """What is publicly known of a model, by its name: all words of the facts' name are in it."""
+    words = set(model.lower().split())
+    return next((one for one in known_cameras() if words >= set(f"{one.maker} {one.model}".lower().split())), None)
+
+
 def _planned_camera(request: ProfileRequest, finders: Finders) -> PlannedCamera:
     found = _chosen_camera(finders.cameras(), request.camera)
     able = finders.describe(found.node)
@@ -127,7 +160,7 @@ def _planned_camera(request: ProfileRequest, finders: Finders) -> PlannedCamera:
 
 def _chosen_camera(cameras: Sequence[FoundCamera], wanted: str | None) -> FoundCamera:
     if not cameras:
-        raise DeviceLost("there is no V4L2 camera; plug one in, and look with `rig devices`")
+        raise DeviceLost("there is no camera; plug one in, and look with `rig devices`")
     return _only("camera", cameras, wanted, lambda one: (one.device_id, str(one.node), one.name))
 
 

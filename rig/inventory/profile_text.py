@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 from rig.devices.genicam.formats import PIXEL_FORMATS as GENICAM_FORMATS
+from rig.devices.protocols import ExposureRange
 from rig.devices.v4l2.controls import exposure_range_of
 from rig.devices.v4l2.formats import PIXEL_FORMATS
 from rig.files.toml import toml_value
@@ -21,6 +22,7 @@ from rig.profile.schema import SCHEMA
 if TYPE_CHECKING:
     from rig.devices.genicam.describe import GenicamAbilities
     from rig.devices.genicam.find import FoundGenicam
+    from rig.devices.gphoto2.find import FoundStill, StillAbilities
     from rig.devices.v4l2.describe import ControlAbility
     from rig.devices.v4l2.find import FoundCamera
 
@@ -40,6 +42,7 @@ _GUESSED_RATE_HZ = 30.0
 _GUESSED_REFRESH_HZ = 60.0
 _GUESSED_LATENCY_S = 0.1
 _GUESSED_RANGE_S = (1e-4, 0.2)
+_GUESSED_STILL_RANGE_S, _GUESSED_STILL_PX = (1 / 4000, 30.0), (6000, 4000)
 _GUESSED_CAMERA_DEG = 60.0
 _GUESSED_PROJECTOR_DEG = 40.0
 
@@ -64,6 +67,11 @@ class PlannedCamera:
     """Maker and model of the facts; empty when none are known."""
 
     @property
+    def device_id(self) -> str:
+        """As the profile names it."""
+        return self.found.device_id
+
+    @property
     def name(self) -> str:
         """What the driver calls it."""
         return self.found.name
@@ -80,9 +88,38 @@ class PlannedBusCamera:
     """Maker and model of the facts; empty when none are known."""
 
     @property
+    def device_id(self) -> str:
+        """As the profile names it."""
+        return self.found.device_id
+
+    @property
     def name(self) -> str:
         """Maker and model."""
         return f"{self.found.vendor} {self.found.model}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlannedStill:
+    """A still camera, and what it said of itself."""
+
+    found: FoundStill
+    able: StillAbilities
+    facts: CameraFacts
+    facts_of: str
+    """Maker and model of the facts; empty when none are known."""
+
+    @property
+    def device_id(self) -> str:
+        """As the profile names it: a serial number stays, a port does not."""
+        return self.able.serial or self.found.port
+
+    @property
+    def name(self) -> str:
+        """What the library calls it."""
+        return self.found.model
+
+
+AnyPlannedCamera = PlannedCamera | PlannedBusCamera | PlannedStill
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,10 +133,12 @@ class PlannedDisplay:
     facts_of: str
 
 
-def profile_text(name: str, camera: PlannedCamera | PlannedBusCamera, display: PlannedDisplay) -> str:
+def profile_text(name: str, camera: AnyPlannedCamera, display: PlannedDisplay) -> str:
     """The whole file."""
     if isinstance(camera, PlannedCamera):
         controls, lines = fixed_controls(camera.controls), _camera_entries(camera, display)
+    elif isinstance(camera, PlannedStill):
+        controls, lines = {}, _still_entries(camera, display)
     else:
         controls, lines = {}, _bus_camera_entries(camera, display)
     parts = [
@@ -116,7 +155,7 @@ def profile_text(name: str, camera: PlannedCamera | PlannedBusCamera, display: P
     return "\n".join(part for part in parts if part)
 
 
-def _description(camera: PlannedCamera | PlannedBusCamera, display: PlannedDisplay) -> ProfileLine:
+def _description(camera: AnyPlannedCamera, display: PlannedDisplay) -> ProfileLine:
     words = f"{camera.facts_of or camera.name} with {display.facts_of or display.output}"
     return ProfileLine("description", words, "")
 
@@ -203,6 +242,49 @@ def _bus_camera_entries(camera: PlannedBusCamera, display: PlannedDisplay) -> li
         ),
         _camera_angle(camera.facts, camera.facts_of, (able.width_px, able.height_px)),
     ]
+
+
+def _still_entries(camera: PlannedStill, display: PlannedDisplay) -> list[ProfileLine]:
+    """Size and filters are guesses: only a picture tells them, and the first one that is of others says which."""
+    facts, range_s, origin = camera.facts, camera.able.exposure_range_s, f"{DEVICE}: its steps"
+    if range_s is None:
+        range_s, origin = ExposureRange(*_GUESSED_STILL_RANGE_S), f"{MEASURE}: turn the dial to M, then it says"
+    width, height = (
+        ProfileLine(key, guess if fact is None else fact.value, _size_or_guess(fact, camera.facts_of))
+        for key, guess, fact in zip(
+            ("width_px", "height_px"), _GUESSED_STILL_PX, (facts.width_px, facts.height_px), strict=True
+        )
+    )
+    form = [
+        ProfileLine("pixel_format", "RAW", f"{DEVICE}; chosen: linear, and as the sensor gave it"),
+        ProfileLine("mosaic", "RGGB", f"{MEASURE}: the first picture says"),
+        ProfileLine("channels", 3, "chosen: of its filters"),
+        ProfileLine("bit_depth", 14, f"{MEASURE}: of its raw files; white is scaled to it"),
+    ]
+    if not camera.able.has_raw:
+        form = [
+            ProfileLine("pixel_format", "JPEG", f"{DEVICE}: it offers no raw files"),
+            ProfileLine("channels", 3, "chosen"),
+            ProfileLine("bit_depth", 8, "chosen: of JPEG"),
+        ]
+    return [
+        ProfileLine("name", CAMERA, ""),
+        ProfileLine("driver", "gphoto2", ""),
+        ProfileLine("device_id", camera.device_id, f"{DEVICE}: {camera.name} at {camera.found.port}"),
+        *form,
+        width,
+        height,
+        ProfileLine("frame_rate_hz", 1.0, "chosen: it is asked for each picture"),
+        ProfileLine("exposure_range_s", range_s, origin),
+        ProfileLine(
+            "exposure_s", range_s.nearest_s(1 / _refresh_hz(display)[0]), "chosen: where the search begins, a step"
+        ),
+        _camera_angle(facts, camera.facts_of, (int(str(width.value)), int(str(height.value)))),
+    ]
+
+
+def _size_or_guess(fact: Fact[int] | None, model: str) -> str:
+    return f"{MEASURE}: of its largest pictures" if fact is None else _cited(model, fact)
 
 
 def _cited(model: str, fact: Fact[Value]) -> str:

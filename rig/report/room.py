@@ -39,6 +39,16 @@ def _standing_words(model: ModelResult) -> str:
         f" Before the walls stand {found.parts} pieces of surface, {found.flat_parts} of them flat, in "
         f"{found.triangles} triangles: {100 * found.share_of_image:.1f} % of the decoded pixels see them{left_out}. "
         "Their backs, which nobody saw, are taken to lie close behind their fronts."
+        f"{_continued_words(found.n_continued)}"
+    )
+
+
+def _continued_words(triangles: int) -> str:
+    if not triangles:
+        return ""
+    return (
+        f" {triangles} of the triangles lie beyond the border of the picture, where a flat piece is taken to go on up "
+        "to the walls: with them the model explains more of the global light."
     )
 
 

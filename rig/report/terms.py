@@ -59,11 +59,12 @@ WORDS: Mapping[str, str] = {
         "Standard deviation of where the least certain device or measured wall is, of the room's longest side."
     ),
     "geometry: directions in which no wall was measured": "Along these the place of walls is only a guess.",
+    "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
     "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",
     "measured - simulated: rms": "Photograph minus prediction, on pictures that nothing was fitted to.",
     "measured - simulated: |bias|": "Mean of photograph minus prediction, whichever sign.",
-    "lamp: drift of white": "How fast projector white gets brighter or darker.",
+    "lamp: drift of white": "How much of a change of projector white may be left in the light, or how fast it is.",
 }
 """Heads of columns, and rows that are judged."""
 

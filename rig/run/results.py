@@ -7,7 +7,7 @@ import numpy as np
 from rig.files.channels import image_of
 from rig.records import Verdict, all_met
 from rig.run.expectations import expected_figures
-from rig.run.lamp import lamp_change
+from rig.run.lamp import drift_left_percent, lamp_change
 from rig.run.steps import VERBS, Verb
 from rig.run.verdicts import room_light_verdicts, verdicts
 from rig.session import Session
@@ -18,6 +18,7 @@ from rig.stages.geometry import load_geometry
 from rig.stages.light.darkness import darkness_of
 from rig.stages.light.exposure import load_exposure
 from rig.stages.model import load_model, load_model_record, load_standing
+from rig.stages.photograph import ExposureBracket
 from rig.stages.radiometry import PairRadiometry, RadiometricRecord
 from rig.stages.results import (
     ByBand,
@@ -37,6 +38,8 @@ from rig.stages.results import (
 from rig.stages.target import shown_target
 from rig.stages.transport.records import TransportRecord
 
+_LAMP_PERCENT_LEFT = 0.4
+"""Of white: one grey level of 255, as of room light that swells."""
 _LAMP_PERCENT_PER_MINUTE = 1.0
 """Of white: two and a half grey levels of 255 in a minute, which no model could explain; warm lamps keep 0.2."""
 _LEAST_DIRECT = 0.05
@@ -82,18 +85,19 @@ def session_result(session: Session, truth: TruthErrors | None) -> SessionResult
 
 
 def _geometry(session: Session, *, is_separated: bool) -> GeometryResult:
-    record = load_geometry(session)
+    record, figures = load_geometry(session), load_correspondence_figures(session)
     return GeometryResult(
         rms_px=record.rms_px,
         camera_rms_px=only(record.cameras).rms_px,
         projector_rms_px=only(record.projectors).rms_px,
-        valid_share_of_image=load_correspondence_figures(session).valid_share_of_image,
+        valid_share_of_image=figures.valid_share_of_image,
         baseline_m=record.baseline_m,
         room_size_m=record.surface.size_m,
         faces_seen=record.surface.seen,
         room_notes=record.surface.notes,
         sigmas=record.sigmas,
         valid_share=_valid_share(session) if is_separated else None,
+        stripes_times=figures.stripes_times,
     )
 
 
@@ -150,6 +154,7 @@ def _standing(session: Session) -> StandingResult | None:
         triangles=len(found.triangles),
         share_of_image=found.share_of_image,
         share_left_out=found.share_left_out,
+        n_continued=found.n_continued,
         registration=found.registration,
     )
 
@@ -212,19 +217,26 @@ def _comparison(session: Session) -> ModelComparison:
         noise_rms=overall.noise_rms,
         sigma_rms=overall.sigma_rms,
         frames=record.frames,
+        photographs=session.finished("project").load_record("shot", ExposureBracket).repeats,
     )
 
 
 def _lamp_verdict(session: Session) -> Verdict:
-    """White that changes is in all light that is compared; what is left when the steps have taken even drift out."""
+    """White that changes is in all light that is compared: judged is what is left when even drift was taken out.
+
+    Where nobody took it out, how fast white changed.
+    """
     change = lamp_change(session)
     swells = any(not one.met for one in room_light_verdicts(load_exposure(session)))
     flicker = "room light that swells changes white, too (see above). If it is the lamp: " if swells else ""
+    left = drift_left_percent(session)
+    rate = abs(change.percent_per_minute)
     return Verdict(
         what="lamp: drift of white",
-        value=abs(change.percent_per_minute),
-        limit=_LAMP_PERCENT_PER_MINUTE,
-        unit="% a minute",
-        advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest: {flicker}let the "
-        "projector warm up, eco mode and dynamic iris off; daylight drifts, too",
+        value=rate if left is None else left,
+        limit=_LAMP_PERCENT_PER_MINUTE if left is None else _LAMP_PERCENT_LEFT,
+        unit="% a minute" if left is None else "% of white left",
+        advice=f"white was {change.percent:.2f} % brighter at its brightest than at its darkest, and changed by "
+        f"{rate:.2f} % a minute: {flicker}let the projector warm up, eco mode and dynamic iris off; daylight drifts, "
+        "too",
     )

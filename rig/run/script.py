@@ -13,7 +13,6 @@ from rig.capture.rig import Rig
 from rig.capture.rig import open_rig as open_described
 from rig.errors import SessionError
 from rig.profile.schema import Profile, load_profile, refuse_what_comes_later
-from rig.report import page
 from rig.run.request import DEFAULT_STRATEGIES
 from rig.run.session import OpenSession
 from rig.run.steps import Verb
@@ -191,6 +190,8 @@ def write_report(session: Session, on_step: OnStep = silent) -> Path:
     SessionError
         Nothing was compared yet.
     """
+    from rig.report import page  # here, for what draws takes its time to load
+
     result = session.read_metrics(SessionResult)
     path = page.write_report(session, result, on_step)
     session.write_metrics(replace(result, report=path.name))

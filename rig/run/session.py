@@ -11,8 +11,6 @@ from pathlib import Path
 from calibration.errors import CalibrationError
 from rig.capture.rig import Rig, open_rig
 from rig.errors import RigError
-from rig.report.page import write_report
-from rig.report.stopped import write_stopped_page
 from rig.run.plan import SessionPlan, plan_session
 from rig.run.request import SessionRequest
 from rig.run.results import partial_result, session_result
@@ -62,9 +60,15 @@ def run_session(request: SessionRequest, on_step: OnStep = silent) -> SessionRes
         with _page_if_it_stops(work.session):
             work.do_up_to("compare", on_step)
         result = work.result()
-        report = write_report(work.session, result, on_step)
+        report = _write_report(work.session, result, on_step)
         work.session.write_metrics(replace(result, report=report.name))
     return replace(result, report=str(report), elapsed_s=time.perf_counter() - started_s)
+
+
+def _write_report(session: Session, result: SessionResult, on_step: OnStep) -> Path:
+    from rig.report.page import write_report  # here, for what draws takes its time to load
+
+    return write_report(session, result, on_step)
 
 
 @contextmanager
@@ -73,6 +77,8 @@ def _page_if_it_stops(session: Session) -> Iterator[None]:
     try:
         yield
     except (RigError, CalibrationError, SimulationError) as error:
+        from rig.report.stopped import write_stopped_page  # as above
+
         page = write_stopped_page(session, [step.name for step in steps_up_to("compare", session.profile)], error)
         error.add_note(f"what was photographed by then, and how to go on: {page}")
         raise
@@ -96,7 +102,7 @@ def run_part(request: SessionRequest, verb: Verb, on_step: OnStep = silent) -> P
 def rewrite_report(folder: str | Path) -> Path:
     """Write the report of a compared session again, and return its path."""
     with Session.open(folder) as session:
-        return write_report(session, session.read_metrics(SessionResult), silent)
+        return _write_report(session, session.read_metrics(SessionResult), silent)
 
 
 class OpenSession:

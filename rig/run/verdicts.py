@@ -7,6 +7,7 @@ from rig.profile.tables import Limits
 from rig.records import Verdict
 from rig.stages.light.exposure import CameraExposure
 from rig.stages.results import GeometryResult, ModelComparison, ModelResult
+from rig.stages.stripes.showing import focus_verdicts, out_of_focus
 
 _SURER = "show three surfaces, move the camera away from the projector, or give both devices a lens file (rig lenses)"
 _OF_NOISE = 1.25
@@ -44,7 +45,8 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
             value=geometry.rms_px,
             limit=limits.geometry_rms_px,
             unit="px",
-            advice="nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
+            advice=out_of_focus(geometry.stripes_times)
+            or "nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
         ),
         Verdict(
             what="geometry: uncertainty of the room's lengths",
@@ -61,26 +63,30 @@ def geometry_verdicts(geometry: GeometryResult, limits: Limits) -> tuple[Verdict
             advice=f"{_least_certain(geometry)} is known to no better: {_SURER}. If you can live with it, raise "
             "limits.geometry_sigma_percent",
         ),
+        *focus_verdicts(geometry.stripes_times),
     )
 
 
 def room_light_verdicts(exposure: CameraExposure) -> tuple[Verdict, ...]:
     """Return what room light that swells faster than an exposure ends is judged by: each frame has another share of it.
 
-    Nothing where no such light was seen, or exposures hold whole periods of it.
+    Where means over frames a third of its period apart have less of it, they are what is judged. Nothing where no such
+    light was seen, or exposures hold whole periods of it.
     """
     if exposure.room_light_hz is None or not exposure.swell_percent:
         return ()
     period_ms = 1000 / exposure.room_light_hz
     return (
         Verdict(
-            what=f"room light: swell at {exposure.room_light_hz:g} Hz from frame to frame",
-            value=exposure.swell_percent,
+            what=f"room light: swell at {exposure.room_light_hz:g} Hz from "
+            f"{'frame to frame' if exposure.averaged_hz is None else 'one mean of three frames to the next'}",
+            value=exposure.swell_percent if exposure.averaged_hz is None else exposure.swell_left_percent or 0.0,
             limit=_SWELL_PERCENT,
             unit="% of white",
             advice=f"white needs an exposure of {1000 * exposure.exposure_s:.1f} ms, and one of {period_ms:.1f} ms, a "
             "whole period of this light, would clip it: switch the room light off, or let less light into the camera "
-            "(iris, grey filter) so that exposures hold whole periods",
+            "(iris, grey filter) so that exposures hold whole periods; frames a third of its period apart, whose mean "
+            "has none of it, need a frame rate that does not divide it",
         ),
     )
 

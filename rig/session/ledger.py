@@ -9,7 +9,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NoReturn
 
 from rig.errors import SessionCorrupt, SessionError
 from rig.files.atomic import sha256_of, write_bytes
@@ -20,6 +20,8 @@ from rig.session.folder import NEXT_PROFILE, finish_profile_change
 from rig.session.header import ProfileStamp, SessionHeader
 
 METRICS_NAME = "metrics.json"
+_COMPARISON = "compare"
+"""Name of the step after which metrics.json is that of a comparison."""
 _SETTLED_S = 1.0
 """A file that was written later than that may change without a change of its time, whose steps are coarse."""
 
@@ -302,6 +304,17 @@ class Ledger:
             raise SessionCorrupt(
                 f"{path}: is not what was written there; run `rig run {self.folder}`, which writes it anew"
             )
+
+    def refuse_metrics(self, error: Exception) -> NoReturn:
+        """Raise SessionError with why metrics.json gave no record of a comparison; `error` came of reading it."""
+        path, again = self.folder / METRICS_NAME, f"run `rig run {self.folder}`"
+        if all(run.outputs_sha256 is None for run in self.runs.get(_COMPARISON, ())):
+            raise SessionError(f"{self.folder}: nothing was compared yet; {again} first") from error
+        if isinstance(error, FileNotFoundError):
+            raise SessionError(f"{path}: is missing; {again}, which writes it anew") from error
+        if isinstance(error, OSError):
+            raise SessionError(f"{path}: cannot be read: {error.strerror}; put that right, then {again}") from error
+        raise SessionError(f"{path}: is not as this version writes it: {error}; {again}, which does") from error
 
     def write_summary(self) -> None:
         """Rewrite session.json, which says in short what the journal says."""

@@ -356,7 +356,7 @@ class Session:
         Raises
         ------
         SessionError
-            There is none, or it lacks what the kind has: the session was not compared yet.
+            The session was not compared yet; or the file is missing, cannot be read, or lacks what the kind has.
         SessionCorrupt
             It was changed since it was written.
         """
@@ -364,7 +364,7 @@ class Session:
         try:
             return read_record(kind, json.loads((self.path / METRICS_NAME).read_bytes()))
         except (OSError, ValueError, RecursionError) as error:
-            raise SessionError(f"{self.path}: nothing was compared yet; run `rig run {self.path}` first") from error
+            self._ledger.refuse_metrics(error)
 
     def write_metrics(self, metrics: Record | Mapping[str, object]) -> Path:
         """Write metrics.json. Raises ValueError for NaN and infinities.

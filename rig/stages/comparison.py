@@ -18,12 +18,13 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.compensation import load_compensation
 from rig.stages.light.lamp import N_WHITES, lamp_of, take_between_whites, time_of, without_drift
+from rig.stages.light.repeats import comparing_bracket
 from rig.stages.linear_light import LightImage, RadiometricCalibration, merge_exposures
 from rig.stages.model import FittedScene, load_model, simulated_white
 from rig.stages.photograph import ExposureBracket, photograph
 from rig.stages.picture_errors import PictureErrors, picture_errors
 from rig.stages.prediction import JUDGED, JudgedPixels, Prediction, judged_pixels, predict
-from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.radiometry import averaged_settings, load_radiometric_calibration
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -80,8 +81,9 @@ def held_out_patterns(shape: tuple[int, int]) -> list[Pattern]:
 
 def project_settings(session: Session) -> JsonObject:
     """Return what step `project` depends on."""
-    bracket = measuring_bracket(session)
-    return {"exposures_s": json_of(bracket.exposures_s), "repeats": bracket.repeats, "between": "whites"}
+    bracket = comparing_bracket(session)
+    exposures = {"exposures_s": json_of(bracket.exposures_s), "repeats": bracket.repeats, "between": "whites"}
+    return exposures | averaged_settings(bracket)
 
 
 def frames_per_picture(profile: Profile) -> int:
@@ -102,10 +104,17 @@ def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnSt
     compensated, names = session.finished("compensate"), load_compensation(session).strategies
     shown = [Pattern(f"shown-{name}", codes_of(compensated.load_image(f"projector-{name}"))) for name in names]
     patterns = [*shown, *held_out_patterns(rig.projector.shape)]
-    bracket, n_patterns = measuring_bracket(session), len(patterns) + N_WHITES
+    bracket, n_patterns = comparing_bracket(session), len(patterns) + N_WHITES
+    _say(bracket.repeats, session.profile, on_step)
     take = partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns, on_step=on_step)
     take_between_whites(take, patterns, rig.projector.shape, on_step)
     step.save_record("shot", bracket)
+
+
+def _say(repeats: int, profile: Profile, on_step: OnStep) -> None:
+    """Tell that pictures are photographed more often than was asked for."""
+    if repeats > profile.patterns.frames_averaged:
+        on_step(f"each picture is photographed {repeats} times, for one photograph is noisy", 1, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,6 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import CalibrationError
+from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
 from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
@@ -19,6 +21,7 @@ from rig.profile.schema import Profile
 from rig.records import JsonObject, Record
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, load_correspondence_figures
+from rig.stages.stripes.showing import blaming_focus
 from rig.terminal import OnStep
 
 _EDGE_SHARE = 0.005
@@ -136,8 +139,9 @@ def geometry_settings(session: Session) -> JsonObject:
 
 def fit_geometry(session: Session, step: Step, on_step: OnStep) -> None:
     """Step `geometry`: lenses, poses, planes, metres, room."""
-    averaged_px2 = load_correspondence_figures(session).averaged_px2
-    found = geometry_of(load_correspondence(session), session.profile, on_step, averaged_px2=averaged_px2)
+    figures, correspondence = load_correspondence_figures(session), load_correspondence(session)
+    with blaming_focus(figures.stripes_times):
+        found = geometry_of(correspondence, session.profile, on_step, averaged_px2=figures.averaged_px2)
     step.save_record("geometry", found)
 
 
@@ -186,7 +190,39 @@ def geometry_of(
         size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
         square = profile.room.right_angles
         check_against_tape(room.box, profile.room.size_m, size_sigma_m, TAPE_SIGMA, right_angles=square)
+    check_devices_placed(room.box, sigmas, room.pair.baseline)
     return _record(profile, room, {**pair.sigmas, **sigmas})
+
+
+def check_devices_placed(box: RoomBox, sigmas: Mapping[str, float], baseline_m: float) -> None:
+    """Refuse a room that may stand in many ways around the devices: seen from nearly one place, three walls may turn.
+
+    Parameters
+    ----------
+    box
+        The room.
+    sigmas
+        Standard deviations of the devices' places in it, and of the baseline, by the names of the record.
+    baseline_m
+        Between the devices.
+
+    Raises
+    ------
+    CalibrationError
+        If a place is known no better than to a tenth of the room's longest side.
+    """
+    places = {f"{who}_{axis}_m": (who, axis) for who in ("camera", "projector") for axis in "xyz"}
+    worst = max(places, key=lambda name: sigmas.get(name, 0.0))
+    sigma_m, longest_m, (who, axis) = sigmas.get(worst, 0.0), max(box.size_m), places[worst]
+    if len(box.seen) == 1 or sigma_m <= MOST_DISTANCE_SIGMA * longest_m:
+        return
+    raise CalibrationError(
+        f"the points leave open how the room stands around the devices: the {who}'s {axis} is known to +- "
+        f"{sigma_m:.2f} m in a room of {longest_m:.2f} m, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} % of it. Camera "
+        f"and projector are {baseline_m:.2f} +- {sigmas.get('baseline_m', 0.0):.2f} m apart, too little parallax for "
+        "the walls that are seen: move the camera further aside, show more of floor or ceiling, give both devices a "
+        "lens file (rig lenses), or their distance (baseline_m)"
+    )
 
 
 def inside_and_beside(correspondence: Correspondence) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

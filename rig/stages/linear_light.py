@@ -26,7 +26,7 @@ Float32Array = NDArray[np.float32]
 BoolArray = NDArray[np.bool_]
 
 BLACK_REPEATS = 4
-"""Frames of black at each exposure; black then adds a quarter of one frame's noise to every light image."""
+"""Frames of black at each exposure, at least; black then adds a quarter of one frame's noise to every light image."""
 _WITHIN_STEP, _EVEN_VARIANCE = np.array([-0.4, -0.2, 0.0, 0.2, 0.4]), 1 / 12
 """Levels that are rounded to one digital number, five for all of them. [dn]"""
 _SEEDS_APART = 1000
@@ -81,7 +81,10 @@ class RadiometricCalibration:
     """(H, W, B) linear light (not relative to exposure, not balanced) while the projector shows black, by exposure.
     [full scale]"""
     black_ripple: Mapping[float, float] = field(default_factory=dict)
-    """Standard deviation of that light from frame to frame, share of it, by exposure: a mains light that flickers."""
+    """Standard deviation of that light from frame to frame, share of it, by exposure: a mains light that flickers.
+    Where photographs are averaged over its period, such that the mean of as many frames of black has what is left."""
+    black_repeats: int = BLACK_REPEATS
+    """Frames of black at each exposure."""
     mixing: FloatArray
     """(B, B) K[b, q]: share of white in band b that channel q of the projector makes; rows sum to 1."""
     balance: FloatArray
@@ -216,13 +219,23 @@ def _single_exposure(
     total = sum(table[frame] for frame in frames[1:]) + table[frames[0]]
     mean = np.asarray(total / np.float32(len(frames)), dtype=np.float32)
     ratio = np.float32(shots[0].exposure_s / radiometric.reference_exposure_s)
-    noise = radiometric.noise_of_mean(frames, mean) + radiometric.black_noise(exposure_s) / BLACK_REPEATS
+    noise = radiometric.noise_of_mean(distinct(frames), mean)
+    noise += radiometric.black_noise(exposure_s) / radiometric.black_repeats
     # room light that flickers is not the same in a frame and in the black that is subtracted from it
     ripple = np.float32(radiometric.black_ripple.get(exposure_s, 0.0))
-    noise += (ripple * black) ** 2 * np.float32(1 / len(frames) + 1 / BLACK_REPEATS)
+    noise += (ripple * black) ** 2 * np.float32(1 / len(frames) + 1 / radiometric.black_repeats)
     variance = np.asarray(noise / ratio**2, dtype=np.float32)
     clipped = np.any([frame >= radiometric.saturation_dn for frame in frames], axis=0)
     return LightImage((mean - black) / ratio, variance, clipped)
+
+
+def distinct(frames: Sequence[NDArray[np.uint16]]) -> list[NDArray[np.uint16]]:
+    """Leave out frames that are an earlier one over again: a recording gives its last frame as often as it is asked."""
+    kept: list[NDArray[np.uint16]] = []
+    for frame in frames:
+        if not any(np.array_equal(frame, other) for other in kept):
+            kept.append(frame)
+    return kept
 
 
 def channel_light(responses: Sequence[Response], codes: Codes) -> Float32Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,16 +21,13 @@ from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import load_geometry
 from rig.stages.light.between_patches import with_even_return
+from rig.stages.light.choice import SplitLight, better_explained, fitted_room
 from rig.stages.light.fit import (
     LEAST_PIXELS,
     BandLight,
     BareRoom,
     bare_room,
-    direct_gain,
-    fit_lenses,
-    fit_reflectance,
     lit_pixels,
-    pixels_that_tell,
 )
 from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
@@ -99,6 +96,7 @@ def model_settings(session: Session) -> JsonObject:
         "patch_size_m": profile.room.patch_size_m,
         "surface": profile.surface.kind,
         **known_settings(profile),
+        "patches": "finer where something stands",
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,
@@ -121,26 +119,25 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     placed = _placed(session, seen, on_step)
     measured = load_geometry(session)
     found = standing_of(session, measured, shift_of(placed))
-    standing = None if found is None else found.record
-    if found is not None:
-        step.save_record("standing", found.record)
-        if found.misfit_m is not None:
-            step.save_image("misfit", {"misfit_m": found.misfit_m.astype(np.float32)}, folder="maps")
-    bare = bare_room(measured, session.profile.room.patch_size_m, shift_of(placed), standing)
-    gains = [direct_gain(light, lit, bare.camera_hits, border) for light in bands]
+    if found is not None and found.misfit_m is not None:
+        step.save_image("misfit", {"misfit_m": found.misfit_m.astype(np.float32)}, folder="maps")
     on_step("build model", 1, 4)
-    inner = pixels_that_tell(bare, lit, projector_xy_px, border)
-    vignetting = fit_lenses(bare, np.mean(gains, axis=0), inner)
-    geometry = bare.with_vignetting(vignetting)
-    on_step("build model", 2, 4)
-    fits = [fit_reflectance(geometry, gain, light, inner) for gain, light in zip(gains, bands, strict=True)]
+    room = partial(bare_room, measured, session.profile.room.patch_size_m, shift_of(placed))
+    light = SplitLight(bands=bands, lit=lit, border=border, projector_xy_px=projector_xy_px)
+    fitted = fitted_room(light, room, None if found is None else found.record)
+    if found is not None and found.carried_on is not None:
+        fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
+    if fitted.standing is not None:
+        step.save_record("standing", fitted.standing)
     on_step("build model", 3, 4)
+    fits, gains = fitted.fits, fitted.gains
     band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
-    models = _scene_models(session, geometry, zip(band_models, [fit.flux for fit in fits], strict=True), gains)
+    fluxes = [fit.flux for fit in fits]
+    models = _scene_models(session, fitted.geometry, zip(band_models, fluxes, strict=True), gains)
     ratios = [_global_gain(scene_model, light, lit) for scene_model, light in zip(models, bands, strict=True)]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
-    record = _record(session.profile, vignetting, fits, bands=band_models, lit=lit)
+    record = _record(session.profile, fitted.vignetting, fits, bands=band_models, lit=lit)
     step.save_record("model", replace(record, placed=placed))
     on_step("build model", 4, 4)
 

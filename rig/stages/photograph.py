@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from calibration.radiometry.flicker import PHASES, is_third
 from calibration.structured_light.patterns import Pattern
 from rig.capture.rig import Event, Rig
+from rig.devices.protocols import RawFrame
 from rig.records import Record, read_record
 from rig.session import Session, Step
 from rig.terminal import OnStep, silent
+
+_MOST_TRIES = 5
+"""Until a frame falls into the wanted part of a period; then any is taken."""
+_MOST_PAUSE = 12
+"""Camera frames: most frame rates meet every third of a period of 100 or 120 Hz within so many, and some never."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +25,14 @@ class ExposureBracket(Record):
 
     exposures_s: tuple[float, ...]
     repeats: int = 1
+    swell_hz: float | None = None
+    """Of room light that no exposure holds a whole period of: repeats are then taken a third of its period apart."""
+
+    @classmethod
+    def blind_to(cls, swell_hz: float | None, exposures_s: tuple[float, ...], repeats: int = 1) -> ExposureBracket:
+        """Return a bracket of at least so many repeats, in whole sets over the period of a swell if there is one."""
+        sets = repeats if swell_hz is None else PHASES * -(-repeats // PHASES)
+        return cls(exposures_s, sets, swell_hz)
 
     @property
     def frames_per_pattern(self) -> int:
@@ -80,25 +95,66 @@ def photograph(
             for repeat in range(bracket.repeats):
                 name = frame_name(pattern.name, exposure, repeat)
                 if not step.has_frame(name):
-                    take_one(rig, session, step, pattern, name=name, exposure_s=exposure_s)
+                    first = step.load_frame(frame_name(pattern.name, exposure)) if repeat else None
+                    wanted = InPhase.after(first, repeat, bracket.swell_hz)
+                    take_one(rig, session, step, pattern, name=name, exposure_s=exposure_s, wanted=wanted)
                 done += 1
                 on_step(f"photograph: {step.name}", done, total)
 
 
-def take_one(rig: Rig, session: Session, step: Step, pattern: Pattern, *, name: str, exposure_s: float) -> None:
+@dataclass(frozen=True, kw_only=True)
+class InPhase:
+    """When in the period of a swell a frame is wanted."""
+
+    first_s: float
+    """Middle of the exposure that the others follow."""
+    nth: int
+    swell_hz: float
+
+    @classmethod
+    def after(cls, first: RawFrame | None, nth: int, swell_hz: float | None) -> InPhase | None:
+        """Return when the nth frame after a first one is wanted; None at any time."""
+        if first is None or swell_hz is None:
+            return None
+        return cls(first_s=first.started_s + first.exposure_s / 2, nth=nth % PHASES, swell_hz=swell_hz)
+
+    def holds(self, frame: RawFrame) -> bool:
+        """Whether a frame was taken then."""
+        return is_third(frame.started_s + frame.exposure_s / 2, self.first_s, self.nth, self.swell_hz)
+
+
+def take_one(
+    rig: Rig,
+    session: Session,
+    step: Step,
+    pattern: Pattern,
+    *,
+    name: str,
+    exposure_s: float,
+    wanted: InPhase | None = None,
+) -> None:
     """Take a frame over from an earlier run of the step that showed the same at the same exposure, else shoot it."""
     camera, projector = rig.profile.camera.name, rig.profile.projector.name
     if not step.reuse_frame(
         name, pattern=pattern.name, codes=pattern.codes, asked_s=exposure_s, camera=camera, projector=projector
     ):
-        shoot_one(rig, session, step, pattern, name=name, exposure_s=exposure_s)
+        shoot_one(rig, session, step, pattern, name=name, exposure_s=exposure_s, wanted=wanted)
 
 
-def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, *, name: str, exposure_s: float) -> None:
+def shoot_one(
+    rig: Rig,
+    session: Session,
+    step: Step,
+    pattern: Pattern,
+    *,
+    name: str,
+    exposure_s: float,
+    wanted: InPhase | None = None,
+) -> None:
     """Take one frame to the disk, and what went wrong on the way to the session's log, also when the rig gave up."""
     before = len(rig.events)
     try:
-        raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
+        raw = _shot_in_phase(rig, pattern, exposure_s, wanted)
     finally:
         _note_events(session, step, name, rig.events[before:])
     step.save_frame(
@@ -110,6 +166,26 @@ def shoot_one(rig: Rig, session: Session, step: Step, pattern: Pattern, *, name:
         projector=rig.profile.projector.name,
         asked_s=exposure_s,
     )
+
+
+def _shot_in_phase(rig: Rig, pattern: Pattern, exposure_s: float, wanted: InPhase | None) -> RawFrame:
+    """Shoot, and again after pauses of whole camera frames until a frame falls where it is wanted."""
+    asked_s = rig.clock.now_s()
+    raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
+    # a recording has its frames in the order in which they were taken, at times of its own
+    if wanted is None or rig.profile.camera.driver == "replay":
+        return raw
+    frame_s = 1 / rig.profile.camera.frame_rate_hz
+    for _ in range(_MOST_TRIES):
+        if wanted.holds(raw):
+            break
+        soonest = replace(raw, started_s=rig.clock.now_s() + raw.started_s - asked_s)
+        ahead = (replace(soonest, started_s=soonest.started_s + n * frame_s) for n in range(_MOST_PAUSE))
+        pause = next((n for n, one in enumerate(ahead) if wanted.holds(one)), 1)
+        asked_s = rig.clock.now_s() + pause * frame_s
+        rig.clock.wait_until_s(asked_s)
+        raw = rig.shoot(pattern.codes, name=pattern.name, exposure_s=exposure_s)
+    return raw
 
 
 def _note_events(session: Session, step: Step, name: str, events: Sequence[Event]) -> None:

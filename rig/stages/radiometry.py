@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
+from calibration.radiometry.flicker import PHASES
 from calibration.radiometry.mixing import Mixing, fit_mixing
 from calibration.radiometry.mosaic import Mosaic
 from calibration.radiometry.photon_transfer import fit_camera_noise
@@ -22,7 +23,7 @@ from rig.profile.schema import Profile
 from rig.profile.tables import CameraProfile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.light.exposure import reference_exposure_s
+from rig.stages.light.exposure import load_exposure, reference_exposure_s
 from rig.stages.light.lamp import N_WHITES, lamp_around, take_between_whites, time_of, without_drift
 from rig.stages.linear_light import (
     BLACK_REPEATS,
@@ -63,6 +64,10 @@ class CameraRadiometry(Record):
     """Of the images ``e0``, ``e1`` ... of the camera's black."""
     black_ripple: tuple[float, ...]
     """Standard deviation between frames of black at these exposures, share of its light: room light that flickers."""
+    black_repeats: int = BLACK_REPEATS
+    """Frames of black at each exposure."""
+    white_noise_share: float | None = None
+    """Standard deviation of one frame of white, by the median of its light; None in sessions of older versions."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,25 +104,32 @@ class RadiometricRecord(Record):
 
 
 def measuring_bracket(session: Session, repeats: int | None = None) -> ExposureBracket:
-    """Return the exposures that are merged for measurements of light.
+    """Return the exposures that are merged for measurements of light, each as often as room light that swells asks for.
 
     Parameters
     ----------
     session
         With step `exposure` finished.
     repeats
-        Frames at each exposure; default: ``patterns.frames_averaged`` of the profile.
+        Frames at each exposure, at least; default: ``patterns.frames_averaged`` of the profile.
     """
-    reference, patterns = reference_exposure_s(session), session.profile.patterns
+    found, patterns = load_exposure(session), session.profile.patterns
     longest = session.profile.camera.exposure_range_s[1]
-    exposures = tuple(min(reference * factor, longest) for factor in patterns.exposures)
-    return ExposureBracket(exposures, patterns.frames_averaged if repeats is None else repeats)
+    exposures = tuple(min(found.exposure_s * factor, longest) for factor in patterns.exposures)
+    wanted = patterns.frames_averaged if repeats is None else repeats
+    return ExposureBracket.blind_to(found.averaged_hz, exposures, wanted)
+
+
+def averaged_settings(bracket: ExposureBracket) -> JsonObject:
+    """Return what a step depends on beside its exposures, where room light swells; nothing in other sessions."""
+    return {} if bracket.swell_hz is None else {"averaged_over_hz": bracket.swell_hz}
 
 
 def response_settings(session: Session) -> JsonObject:
     """Return what step `response` depends on."""
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
+        **averaged_settings(measuring_bracket(session)),
         "sweep": json_of(_SWEEP),
         "levels": json_of(_levels(session.profile.patterns.response_levels)),
         "lamp": "taken out",
@@ -143,31 +155,39 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     bare = _fit_camera(step, rig.profile.camera, reference_exposure_s(session), _sweep_of(session))
     black, ripple = _black(step, bracket, bare)
     radiometric = replace(bare, black=black, black_ripple=ripple)
+    radiometric = replace(radiometric, black_repeats=_black_bracket(bracket).repeats)
     white = merge_exposures(step, "level-255", bracket, radiometric)
     lit = _lit(white)
     mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
     lamp = lamp_around(step, bracket, radiometric, (white, time_of(step, "level-255", bracket)))
+    step.save_record("whites-of-response", lamp)
     sums = {}
     for code in levels:
         name = f"level-{code:03d}"
         image = merge_exposures(step, name, bracket, radiometric)
         sums[code] = _sums(without_drift(image, lamp.at(time_of(step, name, bracket))), lit)
     radiometric = replace(radiometric, mixing=mixing.matrix, balance=_balance(white, lit))
-    _save(step, rig.profile, replace(radiometric, projector=_responses(sums, mixing)), mixing)
+    noise_share = _noise_share(white, lit, bracket.repeats)
+    _save(step, rig.profile, replace(radiometric, projector=_responses(sums, mixing)), mixing, noise_share=noise_share)
 
 
 def _sweep_of(session: Session) -> ExposureBracket:
     """As far as the camera goes: the longest always differs from the shortest, or the reference is at its limit."""
     reference, (shortest, longest) = reference_exposure_s(session), session.profile.camera.exposure_range_s
     within = sorted({min(max(reference * factor, shortest), longest) for factor in _SWEEP})
-    return ExposureBracket(tuple(within))
+    return ExposureBracket.blind_to(load_exposure(session).averaged_hz, tuple(within))
+
+
+def _black_bracket(bracket: ExposureBracket) -> ExposureBracket:
+    """How black is photographed, for pictures that are photographed so."""
+    return ExposureBracket.blind_to(bracket.swell_hz, bracket.exposures_s, BLACK_REPEATS)
 
 
 def _photograph_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     shape, bracket, sweep = rig.projector.shape, measuring_bracket(session, repeats=1), _sweep_of(session)
     levels = _levels(rig.profile.patterns.response_levels)
     sets: list[tuple[list[Pattern], ExposureBracket, int]] = [
-        ([flat(shape, 0, "black")], ExposureBracket(bracket.exposures_s, BLACK_REPEATS), 0),
+        ([flat(shape, 0, "black")], _black_bracket(bracket), 0),
         ([flat(shape, 0, "black-sweep")], sweep, 0),
         ([flat(shape, 255, name) for name in _SWEEPS], sweep, 0),
         (list(level_patterns(shape, levels)), bracket, N_WHITES),
@@ -206,10 +226,13 @@ def _samples(step: Step, name: str, stride: int) -> tuple[FloatArray, float]:
 def _sweep_samples(
     step: Step, patterns: Sequence[str], sweep: ExposureBracket, stride: int
 ) -> tuple[FloatArray, FloatArray]:
-    """(F, N) levels and (F,) exposures of some pictures' frames."""
-    names = [frame_name(pattern, k) for k in range(len(sweep.exposures_s)) for pattern in patterns]
-    levels, exposures = zip(*(_samples(step, name, stride) for name in names), strict=True)
-    return np.array(levels), np.array(exposures)
+    """(F, R, N) levels of the repeats of some pictures' frames, and their (F,) exposures."""
+    pictures = [(pattern, k) for k in range(len(sweep.exposures_s)) for pattern in patterns]
+    frames = [
+        [_samples(step, frame_name(pattern, k, repeat), stride) for repeat in range(sweep.repeats)]
+        for pattern, k in pictures
+    ]
+    return np.array([[level for level, _ in each] for each in frames]), np.array([each[0][1] for each in frames])
 
 
 def _fit_camera(
@@ -218,11 +241,12 @@ def _fit_camera(
     """Fit the camera's response and noise; black, projector and mixing are still missing."""
     shape = step.load_frame(frame_name("black")).pixels.shape
     stride = max(1, round((np.prod(shape) / _SAMPLES) ** 0.5))
-    black = fit_black_level(*_sweep_samples(step, ["black-sweep"], sweep, stride))
+    dark, exposures = _sweep_samples(step, ["black-sweep"], sweep, stride)
+    black = fit_black_level(dark.mean(axis=1), exposures)
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
-    response = fit_camera_response(above, exposures, top, black_sigma_dn=black.sigma_dn)
-    noise = fit_camera_noise(above, exposures, response)
+    response = fit_camera_response(above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn)
+    noise = fit_camera_noise(above[:, 0], exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,
         offset_dn=black.offset_dn,
@@ -243,16 +267,17 @@ def _black(
 ) -> tuple[dict[float, Float32Array], dict[float, float]]:
     """(H, W, B) mean linear light while the projector shows black, by exposure, and by what share of it repeats differ.
 
-    The noise of a mean over all pixels is nothing beside a mains light that flickers.
+    The noise of a mean over all pixels is nothing beside a mains light that flickers. Where frames are averaged over
+    its period, the means of such sets tell what is left.
     """
-    table = radiometric.table()
+    table, black, one_set = radiometric.table(), _black_bracket(bracket), 1 if bracket.swell_hz is None else PHASES
     means, ripple = {}, {}
     for e, exposure_s in enumerate(bracket.exposures_s):
-        frames = [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(BLACK_REPEATS)]
+        frames = [table[step.load_frame(frame_name("black", e, r)).pixels] for r in range(black.repeats)]
         mean = np.mean(frames, axis=0).astype(np.float32)
         means[exposure_s] = mean if radiometric.mosaic is None else radiometric.mosaic.interpolated(mean)
-        light = np.array([frame.mean(dtype=np.float64) for frame in frames])
-        ripple[exposure_s] = float(light.std(ddof=1) / max(light.mean(), _LEAST_BLACK))
+        light = np.array([frame.mean(dtype=np.float64) for frame in frames]).reshape(-1, one_set).mean(axis=1)
+        ripple[exposure_s] = float(np.sqrt(one_set) * light.std(ddof=1) / max(light.mean(), _LEAST_BLACK))
     return means, ripple
 
 
@@ -260,6 +285,14 @@ def _lit(white: LightImage) -> BoolArray:
     """(H, W) pixels bright enough to be witnesses, and bright in each band."""
     light = white.value.mean(axis=-1)
     return np.asarray((light > 0.2 * np.quantile(light, 0.99)) & (white.value > 0).all(axis=-1))
+
+
+def _noise_share(white: LightImage, lit: BoolArray, repeats: int) -> float:
+    """Noise of one frame of white at the lit pixels, root mean square, by the median of white there."""
+    chosen = lit & ~white.any_saturated
+    if not chosen.any():
+        return 0.0
+    return float(np.sqrt(repeats * white.variance[chosen].mean()) / np.median(white.value[chosen]))
 
 
 def _fit_mixing(pure: list[LightImage], white: LightImage, lit: BoolArray) -> Mixing:
@@ -287,7 +320,9 @@ def _sums(image: LightImage, lit: BoolArray) -> FloatArray:
     return np.array([band[lit].astype(np.float64).sum() for band in bands])
 
 
-def _save(step: Step, profile: Profile, radiometric: RadiometricCalibration, mixing: Mixing) -> None:
+def _save(
+    step: Step, profile: Profile, radiometric: RadiometricCalibration, mixing: Mixing, *, noise_share: float
+) -> None:
     black: dict[str, NDArray[np.generic]] = {}
     for k, image in enumerate(radiometric.black.values()):
         black |= layers(f"e{k}", image)
@@ -301,6 +336,8 @@ def _save(step: Step, profile: Profile, radiometric: RadiometricCalibration, mix
         read_noise_dn=radiometric.read_noise_dn,
         black_exposures_s=tuple(radiometric.black),
         black_ripple=tuple(radiometric.black_ripple.values()),
+        black_repeats=radiometric.black_repeats,
+        white_noise_share=noise_share,
     )
     pair = PairRadiometry(
         camera=profile.camera.name,
@@ -335,6 +372,7 @@ def load_radiometric_calibration(session: Session) -> RadiometricCalibration:
         read_noise_dn=camera.read_noise_dn,
         black={exposure_s: image_of(black, f"e{k}") for k, exposure_s in enumerate(camera.black_exposures_s)},
         black_ripple=dict(zip(camera.black_exposures_s, camera.black_ripple, strict=True)),
+        black_repeats=camera.black_repeats,
         mixing=np.array(pair.mixing),
         balance=np.array(pair.balance),
         mosaic=mosaic_of(session.profile.camera),

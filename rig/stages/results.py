@@ -40,6 +40,8 @@ class GeometryResult(Record):
     """Standard deviations: lens terms [px or 1]; what ends in _m or _deg, of poses and lengths, in that unit."""
     valid_share: float | None = None
     """Of the pixels that the projector lights: have a projector pixel. None before the light is separated."""
+    stripes_times: int = 1
+    """How many times as wide as the code's own its stripes had to be, because the lenses blur these away."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,6 +64,8 @@ class StandingResult(Record):
     """Of the valid pixels."""
     share_left_out: float
     """Of the valid pixels: of pieces that are too small for a surface."""
+    n_continued: int = 0
+    """Of the triangles, those that nobody saw: flat parts that the picture's border cuts, carried on."""
     registration: RegistrationRecord | None = None
     """How well a known mesh fits; None of what was measured point by point."""
 
@@ -132,6 +136,10 @@ class TruthErrors(Record):
     global_bias_percent: float
     mixing_max_error: float | None = None
     """Of a colour rig."""
+    surface_median_percent: float | None = None
+    """Of the distance from the camera; None of sessions of older versions."""
+    surface_p95_percent: float | None = None
+    """The same: 95 of 100 lit pixels see less."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,6 +176,8 @@ class ModelComparison(ModelErrors):
     """Measured against predicted light, over all frames; none of them was used for fitting."""
 
     frames: Mapping[str, ModelErrors]
+    photographs: int = 1
+    """Of each picture at each exposure, that were averaged."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,6 +23,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence
 from rig.stages.light.lamp import LampRecord, lamp_since, take_before_white, time_of, without_drift
+from rig.stages.light.repeats import WHITES, white_bracket
 from rig.stages.linear_light import (
     BoolArray,
     Float32Array,
@@ -32,11 +33,9 @@ from rig.stages.linear_light import (
     merge_raw_exposures,
 )
 from rig.stages.photograph import ExposureBracket, frame_name, photograph
-from rig.stages.radiometry import load_radiometric_calibration, measuring_bracket
+from rig.stages.radiometry import averaged_settings, load_radiometric_calibration, measuring_bracket
 from rig.terminal import OnStep
 
-_WHITE_REPEATS = 4
-"""Frames of white at each exposure: the model is made from them, and their noise stays in it."""
 _LIT_SHARE = 0.2
 """Of the median direct light: pixels above it tell how well the two ways to separate agree."""
 
@@ -78,15 +77,22 @@ def separation_settings(session: Session) -> JsonObject:
     patterns = session.profile.patterns
     return {
         "exposures_s": json_of(measuring_bracket(session).exposures_s),
+        **averaged_settings(measuring_bracket(session)),
+        **_whites_settings(white_bracket(session)),
         "by": "weighted regression on the blurred pattern, places too, with variances",
         "lamp": "taken out",
         "checker": [patterns.checker_size_px, patterns.checker_shifts, "larger where stripes are blurred"],
     }
 
 
+def _whites_settings(bracket: ExposureBracket) -> JsonObject:
+    """How often white is photographed; nothing where it is as often as ever."""
+    return {} if bracket.repeats == WHITES else {"whites": bracket.repeats}
+
+
 def separation_frames(profile: Profile) -> int:
     """Return how many frames step `separation` takes."""
-    return (_WHITE_REPEATS + profile.patterns.checker_shifts + 1) * len(profile.patterns.exposures)
+    return (WHITES + profile.patterns.checker_shifts + 1) * len(profile.patterns.exposures)
 
 
 def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
@@ -95,14 +101,15 @@ def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> N
     size_px = check_size_px(rig.profile.patterns.checker_size_px, blur_px or 0.0, shape)
     _say(size_px, blur_px, rig.profile, on_step)
     bracket = measuring_bracket(session, repeats=1)
-    white_bracket = ExposureBracket(bracket.exposures_s, _WHITE_REPEATS)
+    of_white = white_bracket(session)
     checkers = list(checker_patterns(shape, size_px, rig.profile.patterns.checker_shifts))
     take = partial(photograph, rig, session, step, on_step=on_step)
-    take([flat(shape, 255, "white")], bracket=white_bracket, n_patterns=1)
+    take([flat(shape, 255, "white")], bracket=of_white, n_patterns=1)
     take_before_white(partial(take, bracket=bracket, n_patterns=len(checkers) + 1), checkers, shape, on_step)
     radiometric = load_radiometric_calibration(session)
-    white = merge_raw_exposures(step, "white", white_bracket, radiometric)
-    lamp = lamp_since(step, bracket, radiometric, (white, time_of(step, "white", white_bracket)))
+    white = merge_raw_exposures(step, "white", of_white, radiometric)
+    lamp = lamp_since(step, bracket, radiometric, (white, time_of(step, "white", of_white)))
+    step.save_record("whites-of-separation", lamp)
     names = [pattern.name for pattern in checkers]
     frames = [_checker(step, name, bracket, radiometric, lamp=lamp) for name in _told(names, on_step)]
     bright, known, spread = _separated(frames, checkers, white, load_correspondence(session))

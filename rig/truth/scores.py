@@ -67,16 +67,19 @@ def _scores(worlds: Worlds, session: Session) -> TruthErrors:
     sources = [band.source for band in load_model_record(session).bands]
     reflectance, lit_and_seen = _reflectance_errors(worlds, model, sources)
     direct, global_ = _separation_biases(worlds, session, model)
+    surface = _surface_errors(world, model)
     return TruthErrors(
         camera_position_mm=pose.position_mm,
         camera_rotation_deg=pose.rotation_deg,
         focal_percent=pose.focal_percent,
-        surface_median_mm=_surface_error_mm(world, model),
+        surface_median_mm=surface.median_mm,
         reflectance_rmse=reflectance,
         reflectance_rmse_lit_and_seen=lit_and_seen,
         direct_bias_percent=direct,
         global_bias_percent=global_,
         mixing_max_error=_mixing_error(worlds, model),
+        surface_median_percent=surface.median_percent,
+        surface_p95_percent=surface.p95_percent,
     )
 
 
@@ -118,19 +121,35 @@ def _to_world(world: SimulatedPair, projector: PosedLens, points_m: FloatArray) 
     return np.asarray(local @ world.projector.rotation + world.projector.position_m)
 
 
-def _surface_error_mm(world: SimulatedPair, model: FittedScene) -> float:
-    """Median distance of the model's points from the true surface: a box's nearest wall, else where the pixel looks."""
+@dataclass(frozen=True)
+class _SurfaceErrors:
+    """Distances of the model's points from the true surface, of lit pixels; in per cent of the distance they see."""
+
+    median_mm: float
+    median_percent: float
+    p95_percent: float
+
+
+def _surface_errors(world: SimulatedPair, model: FittedScene) -> _SurfaceErrors:
+    """Of every so many pixels: from a box's nearest wall, else from what the pixel looks at."""
     seen = model.lit.ravel()
     points = model.scene_model.camera_hits.points_m[seen][::37]
     finite = np.isfinite(points).all(axis=1)
     there = _to_world(world, model.scene_model.projector, points[finite])
     if isinstance(world, SimulatedWorld):
         distances = np.stack([np.abs(there[:, wall.axis] - wall.position_m) for wall in world.room.walls])
-        return 1000 * float(np.median(distances.min(axis=0)))
-    true, normals = (
-        part.reshape(-1, 3)[seen][::37][finite] for part in (world.surface.points_m, world.surface.normals)
+        off_m = distances.min(axis=0)
+    else:
+        true, normals = (
+            part.reshape(-1, 3)[seen][::37][finite] for part in (world.surface.points_m, world.surface.normals)
+        )
+        off_m = np.abs(np.einsum("ij,ij->i", there - true, normals))
+    percent = 100 * off_m / np.linalg.norm(there - world.camera.position_m, axis=1)
+    return _SurfaceErrors(
+        median_mm=1000 * float(np.nanmedian(off_m)),
+        median_percent=float(np.nanmedian(percent)),
+        p95_percent=float(np.nanquantile(percent, 0.95)),
     )
-    return 1000 * float(np.nanmedian(np.abs(np.einsum("ij,ij->i", there - true, normals))))
 
 
 def _reflectance_errors(worlds: Worlds, model: FittedScene, sources: Sequence[Sequence[int]]) -> tuple[float, float]:

@@ -40,6 +40,9 @@ _NEARLY_FLAT = 0.8
 """Lenses far off their data sheets leave up to a tenth of a flat wall's points over a homography with distortion."""
 _ITERATIONS = 200
 """Of the last fit: along a valley that only data sheets close, steps are short."""
+_HELD, _HELD_ITERATIONS = 100.0, 60
+"""By how much less points count while data sheets hold the lenses. The valley has several hollows: of a wall 3.0
+baselines away, as deep by a thousandth, one was at 2.8 and one, with lenses far off their data sheets, at 9.7."""
 _MOST_DISTANCE_SIGMA = 0.6
 """Of its logarithm. Simulated walls with a baseline of a quarter of their distance had 0.1 to 0.5, pure rotations that
 lenses far off their data sheets hid had 0.8 and 1.2."""
@@ -47,8 +50,8 @@ _RANSAC_PX = 20.0
 """Before the lenses are known, distortion moves points at a wall's rim by so much."""
 _IN_FRONT = 0.98
 """Share of the points: a decomposition with fewer in front of both devices is none of this scene."""
-_SAME_TURN = 1e-3
-"""Of a rotation's entries: two decompositions nearer than that are one."""
+_SAME_TURN, _SAME_VALLEY = 1e-3, 1e-2
+"""Of a rotation's entries: two decompositions nearer than that are one; two fits, too: in a valley steps are short."""
 
 _HEAVY_TAILS = 2.0
 """Times what the drawn lenses show: some of them lie ten times as far off as most, and forty are few to meet these."""
@@ -113,14 +116,32 @@ def fit_where_flat(
 
 def _fit(x1: FloatArray, x2: FloatArray, rough: list[BundleSolution], weight: FloatArray) -> OneWall:
     variance = min(observation_variance(fit.fit, x1[:_SOME][fit.used], fit.fit_label) for fit in rough)
+    held = Rounds(limits_px=(1.0,), iterations=_HELD_ITERATIONS, variance_px2=_HELD * variance)
     rounds = Rounds(limits_px=(1.0,), iterations=_ITERATIONS, variance_px2=variance)
-    finished = [adjust(x1, x2, fit, fit.error.nominal, rounds=rounds, weight=weight) or fit for fit in rough]
-    able = _squarest(finished, variance)
+
+    def adjusted(fit: BundleSolution, how: Rounds) -> BundleSolution:
+        return adjust(x1, x2, fit, fit.error.nominal, rounds=how, weight=weight) or fit
+
+    finished = [adjusted(start, rounds) for fit in rough for start in (fit, adjusted(fit, held))]
+    able = _apart(_squarest(finished, variance))
     check_flat(able[0], x1)
     check_data_sheets(able[0], np.sqrt(np.diag(able[0].covariance)))
     best = replace(able[0], bend=_bend(able[0]))
     _check_distance(best)
     return OneWall(best, _notes([best, *able[1:]]))
+
+
+def _apart(fits: list[BundleSolution]) -> list[BundleSolution]:
+    """Without those that are one of the others, as two ways into one valley end."""
+    found: list[BundleSolution] = []
+    for fit in fits:
+        if all(_turn(fit, other) > _SAME_VALLEY for other in found):
+            found.append(fit)
+    return found
+
+
+def _turn(one: PlanarScene, other: PlanarScene) -> float:
+    return float(np.abs(one.projector.rotation - other.projector.rotation).max())
 
 
 def _candidates(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, weight: FloatArray) -> list[BundleSolution]:
@@ -147,9 +168,10 @@ def _starts(x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics) -> list[
         if length == 0 or not _all_in_front(a, np.asarray(rotation, dtype=np.float64), t, n):
             continue
         pose = replace(projector, rotation=np.asarray(rotation), translation_m=t / length)
-        if all(np.abs(other.projector.rotation - rotation).max() > _SAME_TURN for other in starts):
-            # The homography's unit of length is the plane's distance, the bundle's is the baseline.
-            starts.append(_scene(*nominal.real((camera, pose)), length * n))
+        # The homography's unit of length is the plane's distance, the bundle's is the baseline.
+        scene = _scene(*nominal.real((camera, pose)), length * n)
+        if all(_turn(scene, other) > _SAME_TURN for other in starts):
+            starts.append(scene)
     return starts
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
 from rig.devices.genicam.aravis import AravisError, aravis
-from rig.devices.genicam.clock_map import ClockMap
+from rig.devices.genicam.clock_map import ClockMap, TriggerAnswers
 from rig.devices.genicam.features import Feature, Features
 from rig.devices.genicam.formats import PIXEL_FORMATS, GenicamFormat, Pixels, pixel_format
 from rig.devices.genicam.settings import GenicamOptions, options_of
@@ -29,7 +29,7 @@ from rig.devices.genicam.setup import (
     set_up,
     transport_advice,
 )
-from rig.devices.genicam.stream import FilledBuffer, GenicamStream
+from rig.devices.genicam.stream import FilledBuffer, GenicamSearch, GenicamStream
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure, check_mosaic
 from rig.devices.while_open import while_open
@@ -37,26 +37,16 @@ from rig.errors import CaptureTimeout, DeviceBusy, SettingRefused
 
 _ANSWER_S = 1.0
 """From a trigger to the frame, on top of its exposure: readout and transfer of any camera that this is for."""
+_GIVEN_UP = 0.5
+"""Of that: a frame that was stamped earlier than this before the trigger is of one that was given up."""
+_NEXT_S = 0.25
+"""After a frame that may be of an earlier trigger, besides the exposure: until then the right one comes, if ever."""
 _EARLY_SHARE = 0.9
 """Of the exposure: a frame that arrives sooner after the trigger was exposed before it."""
 _QUEUED_PERIODS = 2
 """Frames that a camera that is not triggered may have begun or queued with the exposure before."""
 _STEP = 1e-5
 """Relative: exposures that are nearer than this are one."""
-
-
-@dataclass(slots=True, kw_only=True)
-class _GenicamSearch:
-    """What came while a frame was searched for."""
-
-    frames: int = 0
-    incomplete: int = 0
-    early: int = 0
-
-    def __str__(self) -> str:
-        if not self.frames:
-            return "no frame came at all"
-        return f"{self.frames} frames came, {self.incomplete} with packets missing, {self.early} exposed too early"
 
 
 @dataclass(slots=True, kw_only=True)
@@ -75,8 +65,11 @@ class _OpenGenicam:
     """None of a USB camera."""
     undo: ExitStack
     clock_map: ClockMap = field(default_factory=ClockMap)
+    answers: TriggerAnswers = field(default_factory=TriggerAnswers)
     valid_from_s: float = 0.0
     """Frames that began earlier have another exposure."""
+    quiet_until_s: float = 0.0
+    """Until then a frame that was given up may still come; no other is triggered."""
     missed: int = 0
     """Frames that came incomplete since the last good one."""
 
@@ -137,7 +130,7 @@ class GenicamCamera:
 
     @property
     def exposure_range_s(self) -> ExposureRange:
-        """Shortest and longest exposure."""
+        """Shortest and longest."""
         return self._exposure_range_s
 
     @property
@@ -247,50 +240,85 @@ class GenicamCamera:
         """
         until_s = self._clock.now_s() + timeout_s
         with while_open(self._opened, name=self._name, doing="capturing", close=self.close) as opened:
-            seen, after_s = _GenicamSearch(), max(after_s, opened.valid_from_s)
+            seen, after_s = GenicamSearch(), max(after_s, opened.valid_from_s)
             take = self._triggered if self._is_triggered else self._running
             frame = take(opened, after_s, until_s, seen)
             if frame is not None:
                 self._clock.wait_until_s(frame.started_s + frame.exposure_s)
                 return frame
             self._check_control(opened)
+            if seen.early:  # or its clock is not what was learned of it
+                opened.answers.forget()
+                opened.quiet_until_s = self._clock.now_s() + opened.exposure_s + _ANSWER_S
             raise CaptureTimeout(
                 f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
-                f"{seen}; check the cable (where packets are missing, `rig check` says more), or raise timing.timeout_s"
+                f"{seen}; {self._remedy(opened, seen)}, or raise timing.timeout_s"
             )
 
-    def _triggered(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _GenicamSearch) -> RawFrame | None:
-        self._clock.wait_until_s(min(after_s, until_s))
-        while self._clock.now_s() < until_s:
+    def _remedy(self, opened: _OpenGenicam, seen: GenicamSearch) -> str:
+        """What to do where no frame came; the camera answers commands, else it would be lost."""
+        if not seen.frames and self._options.trigger == "line":
+            return f"no pulse came on {self._options.line}: check the wire and the projector's sync output"
+        if not seen.frames and opened.packet_bytes is not None:
+            return "it answers commands, and no packet of a picture came: a firewall has to let all UDP from it in"
+        return "check the cable (where packets are missing, `rig check` says more)"
+
+    def _triggered(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
+        while True:
+            self._clock.wait_until_s(min(max(after_s, opened.quiet_until_s), until_s))
+            if self._clock.now_s() >= until_s:
+                return None
             opened.stream.drop_waiting()
             began_s = self._clock.now_s()
             opened.features.do("TriggerSoftware")
             limit_s = min(until_s, began_s + opened.exposure_s + _ANSWER_S)
-            filled = opened.stream.next(limit_s)
-            while filled is not None and filled.arrived_s < began_s + _EARLY_SHARE * opened.exposure_s:
-                seen.frames, seen.early = seen.frames + 1, seen.early + 1
-                opened.stream.give_back(filled)
-                filled = opened.stream.next(limit_s)
+            filled, doubted = self._answer(opened, began_s, limit_s, seen)
             frame = None if filled is None else self._looked_at(opened, filled, began_s, seen)
-            if frame is not None:
+            if filled is not None and frame is not None:
+                opened.answers.add(filled.device_s, began_s, opened.exposure_s)
                 return frame
-            if filled is None:
+            if doubted is not None:  # it was the answer, the quickest so far
+                opened.answers.add(doubted, began_s, opened.exposure_s)
+            elif filled is None:
                 self._check_control(opened)
-                self._restart(opened)
-        return None
+                self._restart(opened, began_s)
 
-    def _restart(self, opened: _OpenGenicam) -> None:
-        """A frame that was triggered and did not come may come still, and would pass for the next one."""
+    def _answer(
+        self, opened: _OpenGenicam, began_s: float, limit_s: float, seen: GenicamSearch
+    ) -> tuple[FilledBuffer | None, float | None]:
+        """Wait for the frame of a trigger, not for one that was exposed before it.
+
+        Also returns the time stamp of a frame after which none came, though it was too early only by little.
+        """
+        doubted: float | None = None
+        while (filled := opened.stream.next(limit_s)) is not None:
+            early_s = opened.answers.early_s(filled.device_s, began_s, opened.exposure_s)
+            came_too_soon = filled.arrived_s < began_s + _EARLY_SHARE * opened.exposure_s
+            if not (early_s or came_too_soon):
+                return filled, None
+            seen.frames, seen.early = seen.frames + 1, seen.early + 1
+            opened.stream.give_back(filled)
+            if not came_too_soon and early_s < _GIVEN_UP * _ANSWER_S:
+                doubted = filled.device_s
+                limit_s = min(limit_s, self._clock.now_s() + opened.exposure_s + _NEXT_S)
+        return None, doubted
+
+    def _restart(self, opened: _OpenGenicam, began_s: float) -> None:
+        """A frame that was triggered and did not come may come still, and would pass for the next one.
+
+        Its time stamp tells it where there is one to compare with; where there is none, it is waited for.
+        """
+        opened.quiet_until_s = began_s + opened.exposure_s + _ANSWER_S * (1 if opened.answers.is_known else 2)
         called("arv_camera_stop_acquisition", opened.camera, self._name)
         called("arv_camera_start_acquisition", opened.camera, self._name)
         opened.stream.drop_waiting()
         opened.stream.forget_ids()
 
-    def _running(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: _GenicamSearch) -> RawFrame | None:
+    def _running(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
         while (filled := opened.stream.next(until_s)) is not None:
             opened.clock_map.add(filled.device_s, filled.arrived_s)
             started_s = opened.clock_map.host_s(filled.device_s) - opened.exposure_s - self._period_s
-            if started_s >= after_s:
+            if started_s >= after_s and opened.clock_map.is_settled:
                 frame = self._looked_at(opened, filled, started_s, seen)
                 if frame is not None:
                     return frame
@@ -301,7 +329,7 @@ class GenicamCamera:
         return None
 
     def _looked_at(
-        self, opened: _OpenGenicam, filled: FilledBuffer, started_s: float, seen: _GenicamSearch
+        self, opened: _OpenGenicam, filled: FilledBuffer, started_s: float, seen: GenicamSearch
     ) -> RawFrame | None:
         """The frame of a buffer; None when packets are missing."""
         seen.frames += 1

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from collections import deque
+from typing import NamedTuple
 
 _REMEMBERED = 256
 """Frames: at 30 a second nine seconds, in which clocks that differ by 50 ppm drift apart by 0.4 ms."""
+_SETTLED = 8
+"""Frames; a quarter of a second at 30 a second."""
+_CLOCKS_DIFFER = 1e-4
+"""Relative: what the cheapest oscillators may be off."""
+_RECENT_S = 30.0
+"""In which they drift apart by 3 ms."""
 
 
 class ClockMap:
@@ -29,6 +36,63 @@ class ClockMap:
         return device_s + min(self._differences_s)
 
     @property
+    def is_settled(self) -> bool:
+        """Whether so many frames were seen that one that came late among them does no harm."""
+        return len(self._differences_s) >= _SETTLED
+
+    @property
     def scatter_s(self) -> float:
         """By how much later than the quickest the slowest frame arrived."""
         return max(self._differences_s, default=0.0) - min(self._differences_s, default=0.0)
+
+
+class _Answer(NamedTuple):
+    """A frame that a trigger had for an answer."""
+
+    began_s: float
+    """When the command was sent, on the rig's clock."""
+    exposure_s: float
+    device_s: float
+    """The frame's time stamp, on the camera's clock."""
+
+    @property
+    def behind_s(self) -> float:
+        """From command to stamp; of two clocks, so that only differences mean anything."""
+        return self.device_s - self.began_s
+
+
+class TriggerAnswers:
+    """Tells a frame of an earlier trigger from the answer to the last one.
+
+    From a trigger to the time stamp of its frame it takes at least so long, whatever the stamp means and wherever the
+    camera's clock began. A frame that was begun before the trigger is stamped earlier than any answer so far.
+    """
+
+    def __init__(self) -> None:
+        self._answers: deque[_Answer] = deque(maxlen=_REMEMBERED)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there is anything to compare with."""
+        return bool(self._answers)
+
+    def early_s(self, device_s: float, began_s: float, exposure_s: float) -> float:
+        """Return by how much a frame was stamped too early for a trigger; 0 where nothing is known, or stamps stand."""
+        if not self._answers or device_s == self._answers[-1].device_s:
+            return 0.0
+        of_late = [one for one in self._answers if began_s - one.began_s < _RECENT_S] or self._answers
+        same = [one for one in of_late if one.exposure_s == exposure_s] or of_late
+        # Stamps may be of the end of an exposure: a longer one puts them later.
+        least_s = min(
+            one.behind_s - max(one.exposure_s - exposure_s, 0.0) - _CLOCKS_DIFFER * (began_s - one.began_s)
+            for one in same
+        )
+        return max(least_s - (device_s - began_s), 0.0)
+
+    def add(self, device_s: float, began_s: float, exposure_s: float) -> None:
+        """Learn from a frame that was taken for an answer."""
+        self._answers.append(_Answer(began_s, exposure_s, device_s))
+
+    def forget(self) -> None:
+        """Begin anew: nothing that was learned explains what comes."""
+        self._answers.clear()

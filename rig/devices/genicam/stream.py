@@ -55,6 +55,20 @@ class StreamCounters:
     missing_packets: int
 
 
+@dataclass(slots=True, kw_only=True)
+class GenicamSearch:
+    """What came while a frame was searched for."""
+
+    frames: int = 0
+    incomplete: int = 0
+    early: int = 0
+
+    def __str__(self) -> str:
+        if not self.frames:
+            return "no frame came at all"
+        return f"{self.frames} frames came, {self.incomplete} with packets missing, {self.early} exposed too early"
+
+
 class GenicamStream:
     """The stream of an open camera; buffers belong to Aravis while they wait.
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Literal
@@ -27,7 +27,9 @@ from rig.errors import CaptureTimeout, ProfileError, SettingRefused
 from rig.files.toml import Table
 
 FORMATS = ("JPEG", "RAW")
-_SPEED = "shutterspeed"
+SHUTTER_SPEED = "shutterspeed"
+_FORMATS = ("imageformat", "imagequality")
+"""Settings of which one or the other says what files it writes."""
 _PROGRAM, _MANUAL = "expprogram", ("M", "Manual")
 _FOCUS = ("focusmode", "afmode")
 _BATTERY, _LEAST_BATTERY = "batterylevel", 5
@@ -138,7 +140,7 @@ class StillCamera:
             for setting, value in self._options.settings.items():
                 port.hold(setting, value)
             speeds = self._speeds(port)
-            shown = seconds(port.value(_SPEED) or "")
+            shown = seconds(port.value(SHUTTER_SPEED) or "")
             self._opened = _OpenedStill(port, speeds, min(speeds.values()) if shown is None else shown)
             undo.pop_all()
 
@@ -158,9 +160,9 @@ class StillCamera:
 
     def _choose_format(self, port: StillPort) -> None:
         """Choose raw or JPEG alone, where the camera has a setting for it."""
-        for setting in ("imageformat", "imagequality"):
+        for setting in _FORMATS:
             entries = port.choices(setting)
-            raw = [one for one in entries if re.search(r"raw|nef|arw|cr[23w]", one, re.IGNORECASE)]
+            raw = _raw_of(entries)
             alone = [one for one in raw if "+" not in one]
             jpeg = [one for one in entries if one not in raw]
             usable = alone if self._format == "RAW" else jpeg
@@ -168,7 +170,7 @@ class StillCamera:
                 port.hold(setting, usable[0])
 
     def _speeds(self, port: StillPort) -> dict[str, float]:
-        entries = port.choices(_SPEED)
+        entries = port.choices(SHUTTER_SPEED)
         known = {text: exposure_s for text in entries if (exposure_s := seconds(text)) is not None}
         usable = {text: exposure_s for text, exposure_s in known.items() if self._exposure_range_s.holds(exposure_s)}
         if not usable:
@@ -193,7 +195,7 @@ class StillCamera:
         with while_open(self._opened, name=self._name, doing="setting its exposure", close=self.close) as opened:
             check_exposure(exposure_s, self._exposure_range_s)
             text = min(opened.speeds, key=lambda one: abs(math.log(opened.speeds[one] / exposure_s)))
-            opened.port.hold(_SPEED, text)
+            opened.port.hold(SHUTTER_SPEED, text)
             opened.exposure_s = opened.speeds[text]
             return opened.exposure_s
 
@@ -227,6 +229,15 @@ class StillCamera:
         return RawFrame(
             pixels=pixels, exposure_s=exposure_s, started_s=began_s, sequence=self._pictures, repeats=repeats
         )
+
+
+def _raw_of(entries: Sequence[str]) -> list[str]:
+    return [one for one in entries if re.search(r"raw|nef|arw|cr[23w]", one, re.IGNORECASE)]
+
+
+def raw_entries(port: StillPort) -> list[str]:
+    """Return the camera's choices that make raw files, alone or beside a JPEG."""
+    return [one for setting in _FORMATS for one in _raw_of(port.choices(setting))]
 
 
 def seconds(text: str) -> float | None:

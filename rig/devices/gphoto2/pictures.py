@@ -35,7 +35,10 @@ def from_jpeg(data: bytes, wanted: WantedPicture) -> Pixels:
 
 
 def from_raw(data: bytes, wanted: WantedPicture) -> Pixels:
-    """Return a raw file's numbers in linear light, black level included, white at full scale.
+    """Return a raw file's numbers in linear light, with one black level for all filters, white at full scale.
+
+    The file's black levels are brought to the highest of them, and not to zero, where noise would be cut off: what it
+    is, a session measures.
 
     Parameters
     ----------
@@ -60,14 +63,14 @@ def from_raw(data: bytes, wanted: WantedPicture) -> Pixels:
     try:
         with rawpy.imread(io.BytesIO(data)) as raw:
             pattern, white = _pattern(raw), int(raw.white_level)
-            pixels = raw.raw_image_visible.copy()
+            pixels = raw.raw_image_visible.astype(np.float32) + _missing_black(raw)
     except rawpy.LibRawError as error:
         raise DeviceError(f"the camera sent no raw file ({error}); set its quality to raw alone") from error
     if wanted.mosaic is not None and wanted.mosaic != pattern:
         raise SettingRefused(f"the raw file's filters are {pattern}, not {wanted.mosaic}; change camera.mosaic")
     _check_size(pixels.shape[:2], wanted)
     # What is white in the file, and not what fits into its bits, is where the sensor clips.
-    scaled = np.minimum(pixels.astype(np.float32) * (wanted.full_scale_dn / white), wanted.full_scale_dn)[..., None]
+    scaled = np.minimum(pixels * (wanted.full_scale_dn / white), wanted.full_scale_dn)[..., None]
     if wanted.mosaic is None:
         scaled = Mosaic(pattern).interpolated(scaled)
     return np.asarray(np.rint(scaled), dtype=np.uint16)
@@ -84,6 +87,13 @@ def _pattern(raw: Any) -> MosaicPattern:
     if found is None:
         raise SettingRefused(f"the sensor's filters are {cell}, not those of a Bayer mosaic; use JPEG")
     return found
+
+
+def _missing_black(raw: Any) -> NDArray[np.float32]:
+    """(H, W) by how much the black level of each pixel's filter is below the highest, by the file."""
+    levels = np.asarray(raw.black_level_per_channel, np.float32)[np.asarray(raw.raw_pattern)]
+    height, width = raw.raw_image_visible.shape
+    return np.tile(levels.max() - levels, (height // 2 + 1, width // 2 + 1))[:height, :width]
 
 
 def _check_size(size: tuple[int, ...], wanted: WantedPicture) -> None:

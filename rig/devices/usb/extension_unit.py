@@ -13,9 +13,15 @@ from enum import IntEnum
 from pathlib import Path
 from uuid import UUID
 
+from rig.devices.clock import SystemClock
+from rig.devices.protocols import Clock
 from rig.devices.usb.find import each_descriptor
 from rig.devices.usb.permissions import forbidden
 from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
+
+_SETTLING_S, _RETRY_S = 2.0, 0.02
+"""How long a node may be busy after its camera was plugged in (a machine with a load of four took some tenths), and how
+often it is asked."""
 
 
 class Query(IntEnum):
@@ -212,23 +218,37 @@ def _named(error: OSError, where: str) -> DeviceError:
 
 
 @contextmanager
-def vendor_controls(node: Path, guid: UUID, root: Path = Path("/")) -> Iterator[VendorControls]:
+def vendor_controls(
+    node: Path, guid: UUID, root: Path = Path("/"), clock: Clock | None = None
+) -> Iterator[VendorControls]:
     """The extension unit with a GUID, of the camera behind a video node; open within the ``with`` statement.
 
-    Raises SettingRefused when the camera has no such unit, DeviceLost, DeviceForbidden.
+    Raises SettingRefused when the camera has no such unit, DeviceLost, DeviceForbidden; DeviceBusy when it does not
+    open within two seconds.
     """
     units = extension_units_of(node, root)
     unit = next((unit for unit in units if unit.guid == guid), None)
     if unit is None:
         has = ", ".join(str(unit.guid) for unit in units) or "none"
         raise SettingRefused(f"{node}: no extension unit {guid}; the camera has: {has}")
-    try:
-        descriptor = os.open(node, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
-    except PermissionError as error:
-        raise forbidden(node) from error
-    except OSError as error:
-        raise DeviceLost(f"{node}: cannot be opened: {error.strerror}; plug the camera in again") from error
+    descriptor = _opened(node, clock or SystemClock())
     try:
         yield VendorControls(descriptor, unit.unit_id, str(node))
     finally:
         os.close(descriptor)
+
+
+def _opened(node: Path, clock: Clock) -> int:
+    """Open a camera's node, which is busy for a moment after the camera was plugged in."""
+    until_s = clock.now_s() + _SETTLING_S
+    while True:
+        try:
+            return os.open(node, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
+        except PermissionError as error:
+            raise forbidden(node) from error
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise DeviceLost(f"{node}: cannot be opened: {error.strerror}; plug the camera in again") from error
+            if clock.now_s() >= until_s:
+                raise DeviceBusy(f"{node}: another program holds the camera; close that program") from error
+        clock.wait_until_s(clock.now_s() + _RETRY_S)

@@ -31,7 +31,6 @@ ADDRESS = "127.0.0.1"
 """Of an emulated camera, unless another of the loopback network is given."""
 _NAME_OF_CODE = {one.code: one.name for one in PIXEL_FORMATS.values()}
 _FILL = CFUNCTYPE(None, *(c_void_p, c_void_p, c_uint32, c_uint32, c_uint32))
-_PER_MILLE = 1000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,7 +104,6 @@ class EmulatedGigeCamera:
         self._server: int | None = None
         self._fake: int | None = None
         self._fill = _FILL(self._fill_buffer)
-        self._is_lossy = 0.0
 
     def plug(self) -> None:
         """Bring it to the network; no-op while it is there. Raises DeviceError."""
@@ -164,9 +162,10 @@ class EmulatedGigeCamera:
 
     def unplug(self) -> None:
         """Pull the cable; any number of times."""
-        server, self._server, self._fake = self._server, None, None
+        server, self._server = self._server, None
         if server is not None:
-            aravis().call("g_object_unref", server)
+            aravis().call("g_object_unref", server)  # waits for a picture that is being made, which still looks here
+        self._fake = None
         if self._folder is not None:
             self._folder.cleanup()
             self._folder = None

@@ -15,7 +15,9 @@ _IDENTITY = [number for row in np.eye(3, dtype=int).tolist() for cell in row for
 Tag = tuple[int, int, list[int] | bytes]
 
 
-def dng(pixels: NDArray[np.uint16], white_dn: int, mosaic: str) -> bytes:
+def dng(
+    pixels: NDArray[np.uint16], white_dn: int, mosaic: str, black_dn: tuple[int, int, int, int] = (0, 0, 0, 0)
+) -> bytes:
     """Return the file.
 
     Parameters
@@ -26,6 +28,8 @@ def dng(pixels: NDArray[np.uint16], white_dn: int, mosaic: str) -> bytes:
         Where they clip.
     mosaic
         Filters of the first two pixels of the first row, then of the second.
+    black_dn
+        Without light, of the same four pixels.
     """
     height, width = pixels.shape
     data = pixels.astype("<u2").tobytes()
@@ -48,7 +52,8 @@ def dng(pixels: NDArray[np.uint16], white_dn: int, mosaic: str) -> bytes:
         (33422, _BYTE, ["RGB".index(letter) for letter in mosaic]),
         (50706, _BYTE, [1, 4, 0, 0]),
         (50708, _ASCII, b"procam-rig virtual still camera\0"),
-        (50714, _SHORT, [0]),
+        (50713, _SHORT, [2, 2]),
+        (50714, _LONG, list(black_dn)),
         (50717, _LONG, [white_dn]),
         (50721, _SIGNED, _IDENTITY),
         (50728, _RATIONAL, [1, 1, 1, 1, 1, 1]),

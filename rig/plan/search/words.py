@@ -107,7 +107,21 @@ def _gains(found: FoundDesigns) -> str:
         f"{goal.measure} {_number(goal.measure, best.measures)} instead of {_number(goal.measure, given.measures)}"
         for goal in found.space.search.goal
     ]
-    return f"Beside the room as the file has it: {'; '.join(told)}."
+    return f"Beside the room as the file has it: {'; '.join(told)}.{_missed(found)}"
+
+
+def _missed(found: FoundDesigns) -> str:
+    """Why the room as it was given is no answer, though its figures may look better."""
+    missed = [text for goal in found.space.search.goal if (text := _miss(goal, found.given.measures[goal.measure]))]
+    return f" As it is, it misses a limit: {'; '.join(missed)}." if missed else ""
+
+
+def _miss(goal: SearchGoal, value: float) -> str:
+    if goal.at_least is not None and value < goal.at_least:
+        return f"{goal.measure} {value:.3g}, at least {goal.at_least:g}"
+    if goal.at_most is not None and value > goal.at_most:
+        return f"{goal.measure} {value:.3g}, at most {goal.at_most:g}"
+    return ""
 
 
 def _number(measure: str, measures: Mapping[str, float]) -> str:

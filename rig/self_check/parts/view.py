@@ -6,7 +6,7 @@ words.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import cv2
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from calibration.arrays import BoolArray, FloatArray
 from calibration.geometry.pinhole import world_rays
 from calibration.radiometry.photon_transfer import fit_camera_noise
+from calibration.radiometry.response import Response
 from calibration.structured_light.correspondence import Correspondence, PixelReason
-from calibration.structured_light.patterns import checker
+from calibration.structured_light.patterns import Pattern, checker
 from calibration.structured_light.subpixel import refine_subpixel
 from rig.errors import CalibrationFailed
-from rig.plug_ins import find_code
 from rig.records import Record, Verdict
 from rig.self_check.parts.linearity import CameraCurve, Sweep
 from rig.self_check.results import PartResult
@@ -29,7 +29,17 @@ from rig.stages.correspondence import only
 from rig.stages.error_tree import one_error_tree
 from rig.stages.geometry import GeometryRecord, geometry_of
 from rig.stages.linear_light import RadiometricCalibration
-from rig.stages.stripes.reading import read_code
+from rig.stages.stripes.showing import (
+    CodePhotographs,
+    as_light,
+    blaming_focus,
+    focus_verdicts,
+    out_of_focus,
+    photograph_code,
+    photograph_in_parts,
+    read_in_parts,
+)
+from rig.stages.stripes.width import as_named
 from rig.terminal import silent
 
 _LIT = 0.2
@@ -38,6 +48,8 @@ _LEAST_PARALLAX_DEG = 2.0
 """A tenth of a pixel of a usual lens (1 px: 0.1 degree) is then half a per cent of the distance."""
 _PIXELS = 2000
 """Of which the parallax is told."""
+_CODES = tuple(range(0, 256, 17))
+"""Of which the projector's curve is told where stripes have grey levels."""
 _CHECKS_AROUND = 1.5
 """Within which a lit pixel finds one that lies in the middle of a check, at any place of the pattern."""
 
@@ -55,6 +67,8 @@ class View(Record):
     """Share of the camera's pixels by reason."""
     sharpness: float
     """Contrast of the session's checks, share of full."""
+    stripes_times: int = 1
+    """How many times as wide as the code's own stripes were, because the lenses blur these away."""
     walls: tuple[str, ...]
     """That were told apart; empty where geometry says why not."""
     parallax_deg: float | None = None
@@ -72,9 +86,10 @@ class View(Record):
 def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartResult[View]:
     """Shares lit and decoded, sharpness, walls; lenses and poses as a session fits them."""
     radiometric = _radiometric(tested, curve, sweep)
-    correspondence = _decoded(tested, radiometric)
+    decoded = _decoded(tested, radiometric, curve)
+    correspondence = decoded.correspondence
     lit, sharpness = _lit_and_sharp(tested, curve)
-    geometry, reason = _geometry(tested, correspondence)
+    geometry, reason = _geometry(tested, decoded)
     valid = correspondence.valid
     view = View(
         lit_share=float(lit.mean()),
@@ -82,6 +97,7 @@ def check_view(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> PartRe
         decoded_share_of_lit=float((valid & lit).sum() / max(int(lit.sum()), 1)),
         reasons={code.name.lower(): float((correspondence.reason == code).mean()) for code in PixelReason},
         sharpness=sharpness,
+        stripes_times=decoded.stripes_times,
         walls=geometry.surface.seen if geometry else (),
         parallax_deg=_parallax_deg(geometry, correspondence) if geometry else None,
         angle_error_deg=geometry.surface.angle_error_deg if geometry else None,
@@ -120,6 +136,7 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
             at_least=True,
             advice="focus the projector, then the camera; or set patterns.checker_size_px higher",
         ),
+        *focus_verdicts(view.stripes_times),
         Verdict(
             what="walls that are told apart",
             value=float(len(view.walls)),
@@ -133,6 +150,7 @@ def _verdicts(tested: RigUnderTest, view: View) -> tuple[Verdict, ...]:
             limit=of_session.geometry_rms_px if view.geometry_rms_px is not None else None,
             unit="px",
             advice=view.geometry
+            or out_of_focus(view.stripes_times)
             or "nothing may move while it is calibrated; look whether the walls are flat and stand at right angles",
         ),
         Verdict(
@@ -182,12 +200,38 @@ def _radiometric(tested: RigUnderTest, curve: CameraCurve, sweep: Sweep) -> Radi
     )
 
 
-def _decoded(tested: RigUnderTest, radiometric: RadiometricCalibration) -> Correspondence:
-    """The map of a session's code."""
-    shape, code = tested.picture_shape, find_code(tested.rig.profile.patterns.code)
-    frames = {pattern.name: tested.shoot(pattern.codes, pattern.name).pixels for pattern in code.patterns(shape)}
-    frames |= {name: tested.shoot(level, name).pixels for level, name in ((255, "white"), (0, "black"))}
-    return refine_subpixel(read_code(code, frames.__getitem__, shape, radiometric))
+@dataclass(frozen=True, eq=False)
+class _Decoded:
+    correspondence: Correspondence
+    stripes_times: int
+
+
+def _decoded(tested: RigUnderTest, radiometric: RadiometricCalibration, curve: CameraCurve) -> _Decoded:
+    """The map of a session's code, photographed as a session does: wider, or in parts, where that is needed."""
+    frames: dict[str, NDArray[np.uint16]] = {}
+
+    def take(patterns: Iterable[Pattern]) -> None:
+        for pattern in as_light(patterns, lambda: (_projector_curve(tested, curve),)):
+            frames[pattern.name] = tested.shoot(pattern.codes, pattern.name).pixels
+
+    profile = tested.rig.profile
+    by = CodePhotographs(profile=profile, radiometric=radiometric, take=take, frame=frames.__getitem__)
+    shown = photograph_code(by, silent)
+    if shown is None:
+        return _Decoded(refine_subpixel(by.read(as_named(profile))), 1)
+    in_parts = photograph_in_parts(by, shown)
+    first = by.read(shown)
+    return _Decoded(refine_subpixel(read_in_parts(by, first, shown) if in_parts else first), shown.times)
+
+
+def _projector_curve(tested: RigUnderTest, curve: CameraCurve) -> Response:
+    """Light of some codes, as well as sinusoids need it."""
+    mean = [
+        float(_light(tested, curve, np.full(tested.picture_shape, k, np.uint8), "level")[tested.lit].mean())
+        for k in _CODES
+    ]
+    share = np.maximum.accumulate((np.array(mean) - mean[0]) / (mean[-1] - mean[0]))
+    return Response(np.array(_CODES, dtype=np.float64), share, 0.0)
 
 
 def _lit_and_sharp(tested: RigUnderTest, curve: CameraCurve) -> tuple[BoolArray, float]:
@@ -210,10 +254,10 @@ def _light(tested: RigUnderTest, curve: CameraCurve, codes: NDArray[np.uint8], n
     return curve.light(tested.photograph(codes, name))
 
 
-def _geometry(tested: RigUnderTest, correspondence: Correspondence) -> tuple[GeometryRecord | None, str]:
+def _geometry(tested: RigUnderTest, decoded: _Decoded) -> tuple[GeometryRecord | None, str]:
     """As a session fits it, or its refusal."""
     try:
-        with one_error_tree():
-            return geometry_of(correspondence, tested.rig.profile, silent), ""
+        with one_error_tree(), blaming_focus(decoded.stripes_times):
+            return geometry_of(decoded.correspondence, tested.rig.profile, silent), ""
     except CalibrationFailed as error:
         return None, str(error)

@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
-from calibration.radiometry.flicker import MAINS_LIGHT_HZ, room_light_hz, whole_periods
+from calibration.radiometry.flicker import MAINS_LIGHT_HZ, PHASES, room_light_hz, swell_of_means, whole_periods
 from calibration.structured_light.patterns import flat
 from rig.capture.rig import Rig
 from rig.devices.protocols import RawFrame
+from rig.errors import NotRecorded
 from rig.profile.schema import Profile
 from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
-from rig.stages.photograph import frame_name, take_one
+from rig.stages.photograph import ExposureBracket, frame_name, photograph, take_one
 from rig.terminal import OnStep
 
 FloatArray = NDArray[np.float64]
@@ -44,6 +45,15 @@ class CameraExposure(Record):
     swell_percent: float = 0.0
     """Of projector white's mean number above black: by how much frames of black differ from each other, where no whole
     period of that room light fits into the exposure; else 0."""
+    swell_left_percent: float | None = None
+    """Of the same, by how much means of three frames differ, each a third of a period after the one before. None where
+    nothing swells, or whole periods fit, and in sessions of older versions."""
+
+    @property
+    def averaged_hz(self) -> float | None:
+        """Of room light over whose period photographs are averaged; None where that is not needed, or does not help."""
+        left = self.swell_left_percent
+        return self.room_light_hz if left is not None and left < self.swell_percent else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +94,17 @@ def find_exposure(rig: Rig, session: Session, step: Step, on_step: OnStep) -> No
     refuse_darkness(bright.pixels, dark[0].pixels, full_scale_dn=full_scale, exposure_s=exposure_s)
     light_hz = room_light_hz([frame.pixels for frame in dark], _middles_s(dark), full_scale)
     blind_s = None if light_hz is None else whole_periods(exposure_s, light_hz, rig.profile.camera.exposure_range_s)
+    swell, left = 0.0, None
+    if light_hz is not None and blind_s is None:
+        swell = _percent_of_white(np.ptp(_means(dark)), bright, dark)
+        thirds = _dark_thirds(rig, session, step, exposure_s=exposure_s, light_hz=light_hz)
+        left = None if thirds is None else _percent_of_white(swell_of_means(_means(thirds)), bright, dark)
     found = CameraExposure(
         exposure_s=exposure_s if blind_s is None else blind_s,
         brightest_share_of_full_scale=level,
         room_light_hz=light_hz,
-        swell_percent=_swell_percent(bright, dark) if light_hz is not None and blind_s is None else 0.0,
+        swell_percent=swell,
+        swell_left_percent=left,
     )
     step.save_record("exposure", ExposureRecord(cameras={rig.profile.camera.name: found}))
 
@@ -105,10 +121,29 @@ def _dark_frames(rig: Rig, session: Session, step: Step, exposure_s: float) -> l
     return [step.load_frame(name) for name in names]
 
 
-def _swell_percent(bright: RawFrame, dark: Sequence[RawFrame]) -> float:
-    """Brightest minus darkest of the frames of black, of what white adds to their mean."""
-    means = np.array([float(frame.pixels.mean(dtype=np.float64)) for frame in dark])
-    return float(100 * np.ptp(means) / max(float(bright.pixels.mean(dtype=np.float64)) - means.mean(), 1e-9))
+def _dark_thirds(
+    rig: Rig, session: Session, step: Step, *, exposure_s: float, light_hz: float
+) -> list[RawFrame] | None:
+    """Frames of projector black, each a third of the swell's period after the one before, twice over.
+
+    None of a recording of before these were taken.
+    """
+    bracket = ExposureBracket((exposure_s,), 2 * PHASES, swell_hz=light_hz)
+    black = flat(rig.projector.shape, 0, "black-thirds")
+    try:
+        photograph(rig, session, step, [black], bracket=bracket, n_patterns=1)
+    except NotRecorded:
+        return None
+    return [step.load_frame(frame_name(black.name, 0, repeat)) for repeat in range(bracket.repeats)]
+
+
+def _means(frames: Sequence[RawFrame]) -> FloatArray:
+    return np.array([float(frame.pixels.mean(dtype=np.float64)) for frame in frames])
+
+
+def _percent_of_white(swell: float, bright: RawFrame, dark: Sequence[RawFrame]) -> float:
+    """A difference of frames' mean numbers, of what white adds to the mean of those of black."""
+    return float(100 * swell / max(_means([bright])[0] - _means(dark).mean(), 1e-9))
 
 
 def load_exposure(session: Session) -> CameraExposure:

@@ -33,6 +33,17 @@ class LampRecord(Record):
     shares: tuple[float, ...]
     """Before, perhaps amid, and after the pictures; 1 where no change stands out of its noise."""
 
+    @property
+    def left(self) -> float | None:
+        """Most of white that is left where even drift is taken out: what changed from one look to the next.
+
+        So much where it changed all at once, just beside a look; nothing where it changed evenly. None where nobody
+        looked.
+        """
+        if self.times_s[-1] <= self.times_s[0]:
+            return None
+        return float(np.abs(np.diff(self.shares)).max())
+
     def at(self, time_s: float) -> float:
         """Return the share at a time; 1 before the first and after the last, for nobody knows what the lamp did."""
         inside = self.times_s[0] <= time_s <= self.times_s[-1]

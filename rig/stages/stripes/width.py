@@ -15,6 +15,7 @@ from calibration.structured_light.patterns import Pattern
 from calibration.structured_light.stripe_width import StripeBlur, blur_of_stripes, blur_patterns, times_as_wide
 from calibration.structured_light.wider import widened
 from rig.plug_ins import find_code
+from rig.profile.schema import Profile
 from rig.session import Session, Step
 from rig.stages.linear_light import RadiometricCalibration
 from rig.stages.photograph import frame_name
@@ -46,19 +47,19 @@ class ShownCode:
         return (Pattern(self.taken_as(pattern.name), pattern.codes) for pattern in patterns)
 
 
-def as_named(session: Session, times: int = 1) -> ShownCode:
+def as_named(profile: Profile, times: int = 1) -> ShownCode:
     """Return the code that the profile names, with stripes so many times as wide."""
-    return ShownCode(code=widened(find_code(session.profile.patterns.code), times), times=times)
+    return ShownCode(code=widened(find_code(profile.patterns.code), times), times=times)
 
 
 def shown_code(session: Session, gray: Step) -> ShownCode:
     """Return the code with the widest stripes that step `gray` has photographs of."""
     shape = session.profile.projector.shape
     for times in range(_MOST_TIMES, 1, -1):
-        wider = as_named(session, times)
+        wider = as_named(session.profile, times)
         if gray.has_frame(frame_name(wider.taken_as(wider.code.pattern_names(shape)[-1]))):
             return wider
-    return as_named(session)
+    return as_named(session.profile)
 
 
 def spoilt(found: Correspondence, lit: BoolArray) -> bool:
@@ -68,11 +69,11 @@ def spoilt(found: Correspondence, lit: BoolArray) -> bool:
 
 
 def stripe_blur(
-    frame: Callable[[str], NDArray[np.uint16]], session: Session, light: RadiometricCalibration
+    frame: Callable[[str], NDArray[np.uint16]], profile: Profile, light: RadiometricCalibration
 ) -> StripeBlur:
     """Measure how blurred stripes are, from the photographs of :func:`blur_patterns`."""
     reading = in_light((frame("white"), frame("black")), light)
-    names = [pattern.name for pattern in blur_patterns(session.profile.projector.shape)]
+    names = [pattern.name for pattern in blur_patterns(profile.projector.shape)]
     frames: Mapping[str, Frame] = {name: reading.read(frame(name)) for name in names}
     return blur_of_stripes(frames, reading.white, reading.black, reading.noise_limit)
 

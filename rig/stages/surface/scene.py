@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from rig.profile.schema import refuse_many_patches
 from rig.stages.geometry import GeometryRecord
 from rig.stages.surface.standing import StandingRecord
+from rig.stages.surface.walls import finer_where, finest_m, points_on
 from sim.form_factors import FormFactors, form_factors
 from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Scene
@@ -39,11 +40,13 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
     sides = [vertices[triangles], behind[triangles[:, ::-1]]][: 2 if standing.backs else 1]
     part, n_parts = np.array(standing.part), len(standing.flat)
     first = len(walls.faces)
+    near = points_on(vertices, triangles, finest_m(walls)) if standing.finer_walls else np.zeros((0, 3))
+    fine = finer_where(walls, near)
     return Mesh(
         name="measured room",
-        vertices=np.concatenate([walls.vertices, *(each[:, [0, 1, 2, 2]] for each in sides)]),
-        reflectance=np.full(walls.n_patches + len(sides) * len(triangles), 0.5),
-        region=np.concatenate([walls.region, *(first + k * n_parts + part for k in range(len(sides)))]),
+        vertices=np.concatenate([fine.vertices_m, *(each[:, [0, 1, 2, 2]] for each in sides)]),
+        reflectance=np.full(len(fine.region) + len(sides) * len(triangles), 0.5),
+        region=np.concatenate([fine.region, *(first + k * n_parts + part for k in range(len(sides)))]),
     )
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry.room import RoomBox
-from calibration.surfaces.before_walls import before_walls
+from calibration.surfaces.before_walls import apart_from_walls, before_walls
+from calibration.surfaces.continued import Continued, continued
 from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.pieces import pieces_of
 from calibration.surfaces.point_map import point_map
@@ -43,6 +44,10 @@ class StandingRecord(Record):
     """Of the valid pixels, those of pieces that are too small for a surface."""
     backs: bool = True
     """Each triangle has a back close behind it, which nobody saw; False of a known body, which has its own."""
+    finer_walls: bool = False
+    """The walls have finer patches where this stands; False of sessions of older versions, fitted without."""
+    n_continued: int = 0
+    """Of the triangles, the last so many, which nobody saw: flat parts that the picture's border cuts go on there."""
     registration: RegistrationRecord | None = None
     """How a known mesh was found; None of what was measured point by point."""
 
@@ -57,6 +62,20 @@ class StandingRecord(Record):
             sigma_m=tuple(surface.sigma_m.tolist()),
             share_of_image=share_of_image,
             share_left_out=share_left_out,
+            finer_walls=True,
+        )
+
+    def carried_on(self, more: Continued) -> StandingRecord:
+        """Return the record with flat parts carried on; the light has to tell whether they do."""
+        first = len(self.vertices_m)
+        usual_m = float(np.median(self.sigma_m)) if self.sigma_m else 0.0
+        return replace(
+            self,
+            vertices_m=(*self.vertices_m, *((x, y, z) for x, y, z in more.vertices_m.tolist())),
+            triangles=(*self.triangles, *((a, b, c) for a, b, c in (more.triangles + first).tolist())),
+            part=(*self.part, *more.part.tolist()),
+            sigma_m=(*self.sigma_m, *(usual_m,) * len(more.vertices_m)),
+            n_continued=len(more.triangles),
         )
 
 
@@ -67,6 +86,8 @@ class FoundStanding:
     record: StandingRecord
     misfit_m: NDArray[np.float64] | None = None
     """(H, W) by which they lie before it; NaN where none of it is seen."""
+    carried_on: StandingRecord | None = None
+    """The same with its flat parts carried on beyond the picture's border; None where all end at edges."""
 
 
 def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> FoundStanding | None:
@@ -95,9 +116,13 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> F
     points = point_map(correspondence, box.camera, box.projector, stands)
     pieces = pieces_of(points, stands, LEAST_PIXELS)
     parts = parts_of(points, pieces, LEAST_PIXELS)
-    found = triangulated(points, parts, box.camera, session.profile.room.patch_size_m)
+    apart_m = apart_from_walls(box, points.origin_m + points.distance_m[..., None] * points.rays)
+    found = triangulated(points, parts, box.camera, session.profile.room.patch_size_m, apart_m=apart_m)
     seen = int((parts.label >= 0).sum())
-    return FoundStanding(record=StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid))
+    record = StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid)
+    every = point_map(correspondence, box.camera, box.projector)
+    more = continued(every, parts, box, session.profile.room.patch_size_m)
+    return FoundStanding(record=record, carried_on=record.carried_on(more) if len(more.triangles) else None)
 
 
 def _box(geometry: GeometryRecord, shift_m: Point) -> RoomBox:
@@ -127,6 +152,7 @@ def _of_known(known: KnownSurface, valid: int) -> FoundStanding:
         sigma_m=(known.record.misfit_median_m,) * len(known.vertices_m),
         share_of_image=float(np.isfinite(known.misfit_m).sum()) / valid,
         share_left_out=0.0,
+        finer_walls=True,
         backs=known.is_open,
         registration=known.record,
     )

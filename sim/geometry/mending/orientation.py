@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.stats import qmc
 
 from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.geometry.mending.remarks import Facets, Remark, counted, named
@@ -168,6 +167,8 @@ class _Rays:
 
     @classmethod
     def of(cls, facets: Facets, label: IntArray) -> _Rays:
+        from scipy.stats import qmc  # here, for it takes its time
+
         facet = _spread(label, facets.areas)
         n = len(facet)
         u = qmc.Sobol(4, seed=0).random_base2(int(n - 1).bit_length())[:n]

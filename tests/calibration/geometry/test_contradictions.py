@@ -10,6 +10,7 @@ from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScene
 from calibration.geometry.contradictions import check_data_sheets, check_flat, is_flat, normal_deviate
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import refit, transfer_of
@@ -210,6 +211,41 @@ def test_a_spot_lies_on_the_plane_of_its_neighbourhood():
     xy = np.stack(np.meshgrid(np.arange(0.0, 100, 2), np.arange(0.0, 80, 2)), -1).reshape(-1, 2)
     explained = ExplainedPixels(projector_xy_px=xy, plane=(xy[:, 0] > 50).astype(np.int64))
     assert explained.plane_at(np.array([[20.0, 40.0], [80.0, 40.0], [300.0, 40.0]])).tolist() == [0, 1, -1]
+
+
+def test_a_spot_among_points_that_no_plane_explains_lies_on_none():
+    """Some points of the floor's plane carry on across a wall that was left out; a spot there is not on the floor."""
+    xy = np.stack(np.meshgrid(np.arange(0.0, 100, 2), np.arange(0.0, 80, 2)), -1).reshape(-1, 2)
+    left_out = (xy[:, 0] > 50) & (xy[:, 1] % 8 != 0)
+    floor = xy[~left_out]
+    explained = ExplainedPixels(
+        projector_xy_px=floor, plane=np.zeros(len(floor), dtype=np.int64), others_xy_px=xy[left_out]
+    )
+    places = np.array([[20.0, 40.0], [80.0, 42.0], [106.0, 40.0]])
+    assert explained.plane_at(places).tolist() == [0, -1, -1]
+    assert explained.plane_beside(places).tolist() == [0, -1, 0]
+
+
+def of_two_walls(room, corner, bend_px):
+    """A fit to the first two walls of the corner, with all its points; the third bends by so much."""
+    scene, x1, x2 = corner
+    errors = plane_errors_px(scene, x1, x2)
+    third = errors.argmin(axis=0) == 2
+    bent = x2 + bend_px * np.where(third, (x1[:, 0] / 320 - 2) ** 2, 0.0)[:, None]
+    two = replace(scene, planes=scene.planes[:2], axes=Axes(np.eye(3), np.full(2, -1)))
+    errors = plane_errors_px(two, x1, bent)
+    near, label = errors.min(axis=0) < 1, errors.argmin(axis=0)
+    error = LandingError(x1=x1[near], x2=bent[near], label=label[near], axes=two.axes, nominal=nominal(room))
+    return replace(refit(error, two, 0.02), label=np.where(near, label, -1)), x1, bent
+
+
+def test_a_fit_that_leaves_a_flat_wall_out_is_refused(room, corner):
+    with pytest.raises(CalibrationError, match=r"% of the points, around camera pixel .* lie on a flat wall"):
+        check_none_left_out(*of_two_walls(room, corner, 0.0))
+
+
+def test_a_fit_may_leave_out_what_bends(room, corner):
+    check_none_left_out(*of_two_walls(room, corner, 30.0))
 
 
 @pytest.mark.parametrize(("chi_squared", "freedom", "sigmas"), [(5.0, 5, 0.1), (20.5, 5, 3.1)])

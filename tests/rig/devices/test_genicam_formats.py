@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.devices.genicam.clock_map import ClockMap
+from rig.devices.genicam.clock_map import ClockMap, TriggerAnswers
 from rig.devices.genicam.formats import PIXEL_FORMATS, pixel_format
 from rig.emulated.gige.camera import encoded
 from rig.errors import SettingRefused
@@ -60,3 +60,37 @@ def test_the_quickest_frames_tie_the_two_clocks() -> None:
     assert abs(found.host_s(2.0) - 1002.004) < 2e-4
     with pytest.raises(ValueError, match="before its first frame"):
         ClockMap().host_s(0.0)
+
+
+@pytest.mark.parametrize("stamped_at_end", [False, True])
+def test_a_frame_that_was_begun_before_its_trigger_is_told_by_its_stamp(stamped_at_end: bool) -> None:
+    answers, rng = TriggerAnswers(), np.random.default_rng(7)
+
+    def stamp(began_s: float, exposure_s: float, late_s: float | None = None) -> float:
+        late_s = rng.uniform(0.001, 0.01) if late_s is None else late_s
+        return 1e6 + began_s * (1 + 5e-5) + late_s + exposure_s * stamped_at_end
+
+    assert answers.early_s(stamp(0.0, 0.1), 5.0, 0.1) == 0.0  # nothing is known yet
+    for began_s, exposure_s in [
+        (1.0, 0.1),
+        (1.3, 0.1),
+        (400.0, 0.8),
+        (402.0, 0.1),
+        (500.0, 0.1),
+        (502.0, 0.8),
+        (503.0, 0.8),
+    ]:
+        answers.add(stamp(began_s, exposure_s), began_s, exposure_s)
+    assert answers.early_s(stamp(503.0, 0.1, 0.0), 504.2, 0.1) == pytest.approx(1.2, abs=0.15)
+    assert 0.01 < answers.early_s(stamp(504.0, 0.8, 0.0), 504.02, 0.8) < 0.04
+    assert answers.early_s(stamp(504.2, 0.1, 0.03), 504.2, 0.1) == 0.0
+    assert answers.early_s(stamp(504.2, 0.2, 0.03), 504.2, 0.2) == 0.0  # of an exposure that was never seen
+    answers.forget()
+    assert not answers.is_known
+
+
+def test_a_camera_whose_stamps_stand_still_is_believed() -> None:
+    answers = TriggerAnswers()
+    for began_s in (1.0, 5.0, 9.0):
+        assert answers.early_s(0.0, began_s, 0.01) == 0.0
+        answers.add(0.0, began_s, 0.01)

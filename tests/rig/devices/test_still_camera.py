@@ -141,6 +141,22 @@ def test_raw_pixels_are_left_as_they_are_and_white_is_full_scale(mosaic: str) ->
 
 
 @needs_gphoto2
+def test_filters_with_black_levels_of_their_own_become_one_sensor() -> None:
+    """A session knows one black level of a camera; grey light over four of them has to be grey."""
+    black = (600, 512, 640, 530)  # of the pixels of the first row, then of the second
+    light = np.arange(32 * 48).reshape(32, 48) // 4 * 4
+    pixels = light + np.tile(np.reshape(black, (2, 2)), (16, 24))
+    raw = dng(pixels.astype(np.uint16), 15000, "GRBG", black)
+    found = from_raw(raw, WantedPicture((32, 48, 1), 15000, "GRBG"))[..., 0]
+    np.testing.assert_array_equal(found, light + 640)
+    dark = dng((pixels - light).astype(np.uint16), 15000, "GRBG", black)
+    colour = from_raw(dark, WantedPicture((32, 48, 3), 15000, None))
+    np.testing.assert_array_equal(colour, np.full((32, 48, 3), 640))
+    clipped = np.full((32, 48), 15000, np.uint16)
+    assert from_raw(dng(clipped, 15000, "GRBG", black), WantedPicture((32, 48, 1), 16383, "GRBG")).min() == 16383
+
+
+@needs_gphoto2
 def test_pictures_that_are_not_as_the_profile_says_are_refused() -> None:
     raw = dng(np.full((32, 48), 7, np.uint16), 100, "RGGB")
     with pytest.raises(SettingRefused, match="are RGGB, not BGGR"):

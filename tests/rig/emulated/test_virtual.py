@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from rig.capture.rig import open_rig
+from rig.devices.gphoto2.find import FoundStill, describe_still
 from rig.emulated.virtual import COMMANDS, obey, run_virtual
 from rig.errors import DeviceError, ProfileError
 from tests.gige import gige_rig, needs_aravis, plugged
@@ -42,6 +43,9 @@ def test_raw_files_of_a_virtual_camera_are_its_sensors_numbers(tmp_path: Path) -
         assert lit.mean() > 0.3
         assert np.median((long - 256)[lit] / (short - 256)[lit]) == pytest.approx(2.0, rel=0.01)
         assert rig.camera.delay_s is not None
+    able = describe_still(FoundStill("Nikon DSC D750", f"virtual:{tmp_path}"))
+    assert able.exposure_range_s is not None
+    assert able.exposure_range_s.shortest_s < 0.005 < able.exposure_range_s.longest_s
 
 
 @needs_gphoto2

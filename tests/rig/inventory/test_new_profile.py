@@ -9,6 +9,7 @@ import pytest
 
 from rig.devices.genicam.describe import GenicamAbilities
 from rig.devices.genicam.find import FoundGenicam
+from rig.devices.gphoto2.find import FoundStill, StillAbilities
 from rig.devices.protocols import ExposureRange
 from rig.errors import DeviceError, DeviceForbidden, DeviceLost, ProfileError, SettingRefused, UsageError
 from rig.inventory.new_profile import ProfileRequest, write_profile
@@ -158,7 +159,7 @@ def test_a_name_of_nothing_is_refused_with_what_is_there(tmp_path: Path) -> None
 
 def test_no_camera_no_display_and_no_usable_format_are_device_errors(tmp_path: Path) -> None:
     request = ProfileRequest(path=tmp_path / "lab.toml")
-    with pytest.raises(DeviceLost, match="there is no V4L2 camera"):
+    with pytest.raises(DeviceLost, match="there is no camera"):
         write_profile(request, finders(cameras=lambda: ()))
     with pytest.raises(DeviceLost, match="no display output is connected"):
         write_profile(request, finders(outputs=lambda: (Output(status="disconnected"),)))
@@ -219,3 +220,33 @@ def test_a_gige_camera_gets_a_profile(
     camera = load_profile(path).camera
     assert (camera.driver, camera.pixel_format, camera.bit_depth) == ("genicam", formats[0], 12)
     assert (camera.channels, camera.mosaic, camera.frame_rate_hz) == (channels, mosaic, 60.0)
+
+
+@pytest.mark.parametrize(("has_raw", "form", "mosaic", "depth"), [(True, "RAW", "RGGB", 14), (False, "JPEG", None, 8)])
+def test_a_still_camera_gets_a_profile_by_its_serial_number(
+    tmp_path: Path, has_raw: bool, form: str, mosaic: str | None, depth: int
+) -> None:
+    able = StillAbilities(serial="6012345", has_raw=has_raw, exposure_range_s=ExposureRange(2.5e-4, 30.0))
+    there = finders(
+        cameras=lambda: (),
+        stills=lambda: (FoundStill("Nikon DSC D750", "usb:001,004"),),
+        describe_still=lambda one: able,
+    )
+    path = tmp_path / "lab.toml"
+    written = write_profile(ProfileRequest(path=path), there)
+    assert (written.camera, written.facts) == ("6012345", ("Nikon D750",))
+    assert {"camera.width_px", "camera.height_px"} <= set(written.to_measure)
+    camera = load_profile(path).camera
+    assert (camera.driver, camera.pixel_format, camera.mosaic, camera.bit_depth) == ("gphoto2", form, mosaic, depth)
+    assert camera.exposure_range_s == (2.5e-4, 30.0)
+
+
+def test_a_still_camera_that_says_nothing_is_guessed_by_its_port(tmp_path: Path) -> None:
+    there = finders(
+        cameras=lambda: (),
+        stills=lambda: (FoundStill("PTP Camera", "usb:001,009"),),
+        describe_still=lambda one: StillAbilities(serial=None, has_raw=True, exposure_range_s=None),
+    )
+    written = write_profile(ProfileRequest(path=tmp_path / "lab.toml"), there)
+    assert (written.camera, written.facts) == ("usb:001,009", ())
+    assert "camera.exposure_range_s" in written.to_measure

@@ -112,3 +112,13 @@ def test_a_plan_without_a_search_says_nothing_of_one() -> None:
     found = run_plan(room(search=searching(evaluations=8).as_json()["search"], projector=projector())).search
     assert found is not None
     assert found.evaluations == 8
+
+
+def test_a_room_that_misses_a_limit_is_not_held_up_against_the_best_without_a_word() -> None:
+    wide = [*GOALS[:1], {"measure": "coverage", "weight": 1e-9, "at_least": 0.5}]
+    (told,) = (
+        text for text in result_of(search_designs(searching(goal=wide, evaluations=20))).words if "Beside" in text
+    )
+    assert told.endswith("As it is, it misses a limit: coverage 0.476, at least 0.5.")
+    kept = result_of(search_designs(searching(evaluations=8))).words
+    assert not any("misses" in text for text in kept)

@@ -11,13 +11,22 @@ import numpy as np
 import pytest
 
 from rig.devices.protocols import RawFrame
+from rig.errors import SessionError
 from rig.run import lamp
+from rig.stages.light.lamp import LampRecord
 
 TIMES_S = {
     ("response", "level-255.e0.r0"): 3.0,
     ("gray", "white.e0.r0"): 5.0,
     **{("separation", f"white.e0.r{k}"): 11 + 0.2 * k for k in range(4)},
 }
+
+
+TIMES_S |= {
+    **{("response", f"level-255.e0.r{k}"): 3 + k / 300 for k in (1, 2)},
+    **{("separation", f"white.e0.r{k}"): 11.8 + k / 300 for k in (4, 5)},
+}
+"""And thirds of a period of room light at 100 Hz, which frames of white are averaged over."""
 
 
 @dataclass
@@ -42,6 +51,7 @@ class Whites:
 def straight(monkeypatch: pytest.MonkeyPatch) -> None:
     radiometric = SimpleNamespace(table=lambda: np.arange(4096) / 4095, saturation_dn=3800)
     monkeypatch.setattr(lamp, "load_radiometric_calibration", lambda _: radiometric)
+    monkeypatch.setattr(lamp, "load_exposure", lambda _: SimpleNamespace(averaged_hz=None))
 
 
 @pytest.mark.usefixtures("straight")
@@ -57,3 +67,43 @@ def test_light_that_only_flickers_does_not_drift() -> None:
     found = lamp.lamp_change(Whites(lambda time_s: 1 + 0.003 * np.sin(40 * time_s)))  # type: ignore[arg-type]
     assert found.percent > 0.2
     assert found.percent_per_minute == pytest.approx(0, abs=1.0)
+
+
+@pytest.mark.usefixtures("straight")
+def test_where_photographs_are_averaged_over_a_swell_white_is_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(TIMES_S, ("separation", "white.e0.r1"), 11 + 1 / 300)
+    monkeypatch.setitem(TIMES_S, ("separation", "white.e0.r2"), 11 + 2 / 300)
+    monkeypatch.setitem(TIMES_S, ("separation", "white.e0.r3"), 11.8 + 3 / 300)
+    monkeypatch.setattr(lamp, "load_exposure", lambda _: SimpleNamespace(averaged_hz=100.0))
+    found = lamp.lamp_change(Whites(lambda time_s: 1 + 0.03 * np.sin(200 * np.pi * time_s)))  # type: ignore[arg-type]
+    assert found.percent < 0.05
+
+
+@dataclass
+class Looked:
+    """A session whose steps looked at the lamp."""
+
+    shares: dict[str, tuple[float, ...]]
+
+    def finished(self, name: str) -> Any:
+        def load_record(_: str, kind: type[LampRecord]) -> LampRecord:
+            if name not in self.shares:
+                raise SessionError(f"step {name} has no such record")
+            return kind(times_s=tuple(range(len(self.shares[name]))), shares=self.shares[name])
+
+        return SimpleNamespace(load_record=load_record)
+
+
+LOOKED = {"response": (1.0, 1.002, 1.003), "separation": (1.0, 0.994), "compare": (1.01, 1.011)}
+
+
+def test_what_drift_leaves_is_that_of_the_step_in_which_white_changed_most() -> None:
+    assert lamp.drift_left_percent(Looked(LOOKED)) == pytest.approx(0.6)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("step", list(LOOKED))
+def test_a_step_that_did_not_look_leaves_open_what_is_left(step: str) -> None:
+    """Of an older version, or replayed from a recording without whites: then the rate is judged."""
+    without = {name: shares for name, shares in LOOKED.items() if name != step}
+    assert lamp.drift_left_percent(Looked(without)) is None  # type: ignore[arg-type]
+    assert lamp.drift_left_percent(Looked(without | {step: (1.0,)})) is None  # type: ignore[arg-type]

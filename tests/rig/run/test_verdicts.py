@@ -42,6 +42,15 @@ def test_a_room_whose_places_are_sure_is_within_its_limits(tiny_profile: Profile
     assert places(tiny_profile).value == pytest.approx(100 * 0.004 / 4.8)
 
 
+def test_a_picture_out_of_focus_is_told_so_and_not_that_walls_are_bent(tiny_profile: Profile) -> None:
+    blurred = replace(GEOMETRY, rms_px=0.6, stripes_times=3)
+    rows = {row.what: row for row in geometry_verdicts(blurred, tiny_profile.limits)}
+    assert not rows["geometry: reprojection rms"].met
+    assert rows["geometry: reprojection rms"].advice.startswith("the picture is out of focus")
+    assert "walls are flat" not in rows["geometry: reprojection rms"].advice
+    assert rows["stripes of the code, wider than usual"].value == 3
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
@@ -84,9 +93,13 @@ def test_a_floor_that_only_the_light_places_is_as_uncertain_as_any_other_place(
     assert f"to {sigma_m} m along z only" in guessed.advice
 
 
-def exposed(swell_percent: float) -> CameraExposure:
+def exposed(swell_percent: float, left_percent: float | None = None) -> CameraExposure:
     return CameraExposure(
-        exposure_s=0.0069, brightest_share_of_full_scale=0.85, room_light_hz=100.0, swell_percent=swell_percent
+        exposure_s=0.0069,
+        brightest_share_of_full_scale=0.85,
+        room_light_hz=100.0,
+        swell_percent=swell_percent,
+        swell_left_percent=left_percent,
     )
 
 
@@ -97,6 +110,19 @@ def test_room_light_that_no_exposure_can_average_is_named_with_both_times() -> N
     assert "6.9 ms" in found.advice
     assert "10.0 ms" in found.advice
     assert all(row.met for row in room_light_verdicts(exposed(0.2)))
+
+
+@pytest.mark.parametrize(("left_percent", "met"), [(0.02, True), (1.5, False)])
+def test_room_light_that_is_averaged_out_is_judged_by_what_is_left(left_percent: float, met: bool) -> None:
+    (found,) = room_light_verdicts(exposed(5.4, left_percent))
+    assert found.met == met
+    assert found.value == left_percent
+    assert "mean of three frames" in found.what
+
+
+def test_room_light_that_averaging_does_not_lessen_is_judged_as_it_is() -> None:
+    (found,) = room_light_verdicts(exposed(5.4, 6.0))
+    assert found.value == 5.4
 
 
 def test_room_light_of_which_exposures_hold_whole_periods_is_no_matter() -> None:

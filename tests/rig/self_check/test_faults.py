@@ -128,6 +128,8 @@ def test_a_projector_out_of_focus_is_seen_before_a_session() -> None:
     checked = Checked(("blur_px = 0.5", "blur_px = 3.0"), only=["view"])
     assert not checked.row("sharpness").met
     assert "focus" in checked.row("sharpness").advice
+    assert checked.row("lit pixels that have a projector pixel").met  # by wider stripes, as in a session
+    assert "focus the projector" in checked.row("stripes of the code, wider than usual").advice
 
 
 @pytest.mark.parametrize(("tone", "gamma"), [('"srgb"', 2.03), ("2.2", 2.2)])

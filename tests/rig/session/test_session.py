@@ -352,3 +352,22 @@ def test_a_session_goes_on_after_the_machine_was_started_again(tmp_path: Path, t
         assert session.last_clock_s == pytest.approx(12.0, abs=0.1)
         assert step.frame_names == ["before", "after"]
         assert [event["name"] for event in session.frame_log()] == ["before", "after"]
+
+
+def test_a_result_that_cannot_be_read_is_not_called_one_that_was_never_measured(
+    tmp_path: Path, tiny_profile: Profile
+) -> None:
+    with Session.open(tmp_path / "s", tiny_profile) as session:
+        session.write_metrics({"third": "of a calibration"})
+        with pytest.raises(SessionError, match="nothing was compared yet"):
+            session.read_metrics(Fit)
+        session.step("compare").finish()
+        with pytest.raises(SessionError, match=r"not as this version writes it: third: .* run `rig run"):
+            session.read_metrics(Fit)
+        file = tmp_path / "s" / "metrics.json"
+        file.unlink()
+        with pytest.raises(SessionError, match="is missing"):
+            session.read_metrics(Fit)
+        file.mkdir()
+        with pytest.raises(SessionError, match="cannot be read: Is a directory"):
+            session.read_metrics(Fit)

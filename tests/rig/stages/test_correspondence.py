@@ -15,6 +15,7 @@ from rig.stages.correspondence import _as_light
 from rig.stages.photograph import frame_name
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.stripes.reading import has_inverses, read_code
+from rig.stages.stripes.showing import blaming_focus
 
 if TYPE_CHECKING:
     from tests.rig.conftest import Finished
@@ -82,3 +83,19 @@ def test_a_stale_frame_of_a_session_is_refused_by_name(finished: "Finished") -> 
 
 def test_the_report_knows_every_reason() -> None:
     assert [reason.name.lower().replace("_", " ") for reason in PixelReason] == list(REASONS)
+
+
+def test_what_geometry_is_refused_for_behind_a_blur_names_the_focus_first() -> None:
+    error = CalibrationError("the surface is not flat")
+    error.add_note("a note")
+    with pytest.raises(CalibrationError, match=r"^the picture is out of focus: .*3 times .* is not flat") as told:
+        with blaming_focus(3):
+            raise error
+    assert told.value.__notes__ == ["a note"]
+
+
+def test_what_geometry_is_refused_for_in_focus_is_left_as_it_is() -> None:
+    error = CalibrationError("the surface is not flat")
+    with pytest.raises(CalibrationError) as told, blaming_focus(1):
+        raise error
+    assert told.value is error

@@ -57,3 +57,14 @@ def test_between_three_whites_the_lamp_changes_evenly_from_one_to_the_next() -> 
         [0.98, 0.99, 1.0, 1.005, 1.01]
     )
     assert lamp.at(41.0) == 1.0
+
+
+def test_of_drift_that_is_taken_out_no_more_is_left_than_changed_between_two_looks() -> None:
+    """A jump just after the first look is the worst: the line knows nothing of it there."""
+    lamp = LampRecord(times_s=(10.0, 20.0, 40.0), shares=(0.98, 1.0, 1.01))
+    jumped = 1.0
+    assert lamp.left == pytest.approx(jumped - lamp.at(10.0))
+
+
+def test_what_nobody_looked_at_says_nothing_of_what_is_left() -> None:
+    assert LampRecord(times_s=(0.0, 0.0), shares=(1.0, 1.0)).left is None

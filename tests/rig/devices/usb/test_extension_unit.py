@@ -4,6 +4,7 @@ import ctypes
 import errno
 import os
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from uuid import UUID
 
@@ -11,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from rig.devices.clock import VirtualClock
 from rig.devices.usb.extension_unit import (
     UVCIOC_CTRL_QUERY,
     ExtensionUnit,
@@ -201,6 +203,33 @@ def test_a_node_that_does_not_open_is_named(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(DeviceForbidden, match="you may not open it"):
         with vendor_controls(node, GUID, tmp_path):
             pass
+
+
+def test_a_camera_that_was_just_plugged_in_may_be_busy_for_a_moment(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plug(tmp_path)
+    clock, opened, asked = VirtualClock(), os.open, []
+    node = tmp_path / "video0"
+    node.touch()
+
+    def busy_until(end_s: float) -> Callable[[Path, int], int]:
+        def answer(path: Path, flags: int) -> int:
+            asked.append(clock.now_s())
+            if clock.now_s() < end_s:
+                raise OSError(errno.EBUSY, "Device or resource busy")
+            return opened(path, flags)
+
+        return answer
+
+    monkeypatch.setattr("os.open", busy_until(0.5))
+    with vendor_controls(node, GUID, tmp_path, clock):
+        assert asked[-1] >= 0.5
+    monkeypatch.setattr("os.open", busy_until(60.0))
+    with pytest.raises(DeviceBusy, match="another program holds the camera"):
+        with vendor_controls(node, GUID, tmp_path, clock):
+            pass
+    assert asked[-1] < 4.0, "it is not waited for longer than two seconds"
 
 
 def test_another_kind_of_file_is_no_cameras_node(tmp_path: Path) -> None:

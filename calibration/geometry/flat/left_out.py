@@ -1,0 +1,68 @@
+"""A wall that a fit leaves out: a fit is no better for not looking at what contradicts it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.arrays import BoolArray, FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.bundle_residual import rays_of
+from calibration.geometry.epipolar import UNDISTORTIONS
+from calibration.geometry.plane_bundle import BundleSolution, transfer_of
+from calibration.geometry.planes import INLIER_PX, ViewedPoints, segment_planes
+from calibration.geometry.support import bending_planes, explained_within_px, plane_errors_px, side_by_side
+from calibration.geometry.triangulation import triangulate
+
+MOST_LEFT_OUT = 0.1
+"""Share of the points that furniture has at most; a flat piece with more is a wall."""
+_APART = 3.0
+"""Times the limit within which a plane explains a point: what is further off lies on none."""
+
+
+def check_none_left_out(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> None:
+    """Refuse a fit beside whose planes a flat wall stands that it says nothing of.
+
+    Lenses and angles that are wrong may be uncontradicted by what is left of the points.
+
+    Parameters
+    ----------
+    solution : BundleSolution
+        A fit.
+    x1, x2 : (N, 2)
+        Corresponding pixels of camera and projector. [px]
+
+    Raises
+    ------
+    CalibrationError
+        With the wall's share of the points, and where it is.
+    """
+    if 1 - solution.share <= MOST_LEFT_OUT:
+        return
+    errors = plane_errors_px(solution, x1, x2).min(axis=0)
+    left = np.flatnonzero(errors > _APART * explained_within_px(errors))
+    own = _flat_piece(solution, x1[left], x2[left])
+    share = side_by_side(x1[left], own) / len(x1) if own.any() else 0.0
+    if share > MOST_LEFT_OUT:
+        x, y = np.median(x1[left][own], axis=0)
+        raise CalibrationError(
+            f"{100 * share:.0f} % of the points, around camera pixel ({x:.0f}, {y:.0f}), lie on a flat wall that does "
+            f"not go with the others, the limit is {100 * MOST_LEFT_OUT:.0f} %: it leans or stands askew, or hfov_deg "
+            "of a device is wrong. Check hfov_deg; if it is right, set right_angles = false, or aim at walls that are "
+            "square"
+        )
+
+
+def _flat_piece(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> BoolArray:
+    """(N,) points of the largest flat piece; none where that is but the tangent of a surface that bends."""
+    none = np.zeros(len(x1), dtype=bool)
+    found = triangulate(x1, x2, *solution.devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
+    seen = ViewedPoints(found.points_m, rays_of(solution.camera, x1), x1, x2)
+    planes = segment_planes(seen, transfer_of(solution.projector), found.in_front)[:1]
+    if not len(planes):
+        return none
+    piece = solution.with_planes(planes)
+    error = plane_errors_px(piece, x1, x2)[0]
+    near = error < _APART * INLIER_PX
+    if bending_planes(piece, x1[near], x2[near])[0]:
+        return none
+    return np.asarray(error < explained_within_px(error[near]))

@@ -1,0 +1,104 @@
+"""What is tried when the most promising fit is contradicted: fewer planes, other starts, a plane that stands askew."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+from calibration.errors import CalibrationError
+from calibration.geometry.contradictions import hold_against_all
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.plane_bundle import BundleSolution
+from calibration.geometry.plane_search import found_anew, let_askew, without_tangents
+
+_BETTER = 0.9
+"""Of what the first fit left over, what another one may leave."""
+_GROWN = 2
+"""Times that planes are found anew: the second time with lenses that a wall more has fixed."""
+
+
+def uncontradicted_rival(
+    x1: FloatArray,
+    x2: FloatArray,
+    first: BundleSolution,
+    others: Iterable[BundleSolution],
+    *,
+    nominal: NominalIntrinsics,
+    weight: FloatArray,
+) -> BundleSolution | None:
+    """Find a fit that nothing contradicts, after the first one was contradicted.
+
+    In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
+    others, where they leave less over; these without their tangents; the first with small planes askew.
+
+    Parameters
+    ----------
+    x1, x2 : (N, 2)
+        Corresponding pixels. [px]
+    first : BundleSolution
+        The contradicted fit.
+    others : iterable of BundleSolution
+        From other starts.
+    nominal : NominalIntrinsics
+        Of both lenses.
+    weight : (N,)
+        Of each point.
+
+    Returns
+    -------
+    BundleSolution or None
+        None if something contradicts all of them.
+    """
+    rivals = _Rivals(x1, x2, nominal, weight)
+    flat = rivals.without_tangents(first)
+    most_left = _BETTER * _unexplained(flat or first)
+    tried: list[BundleSolution] = []
+    return (
+        rivals.held([flat] if flat is not None else [])
+        or rivals.held(rivals.grown(flat), most_left)
+        or rivals.held(_kept(others, tried), most_left)
+        # A screen's tangent may have spoiled the first fit's lenses, and with them the choice of what is a tangent.
+        or rivals.held((fewer for one in tried if (fewer := rivals.without_tangents(one)) is not None), most_left)
+        or rivals.held(let_askew(x1, x2, first, nominal, weight=weight))
+    )
+
+
+class _Rivals:
+    """The points, and what fits to them are held against."""
+
+    def __init__(self, x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, weight: FloatArray) -> None:
+        self._points, self._nominal, self._weight = (x1, x2), nominal, weight
+
+    def without_tangents(self, fit: BundleSolution) -> BundleSolution | None:
+        return without_tangents(*self._points, fit, self._nominal, weight=self._weight)
+
+    def grown(self, fit: BundleSolution | None) -> Iterator[BundleSolution]:
+        """Yield fits with the planes that a fit's own lenses show, and with those that the next ones show."""
+        for _ in range(_GROWN):
+            fit = None if fit is None else found_anew(*self._points, fit, self._nominal, weight=self._weight)
+            if fit is not None:
+                yield fit
+
+    def held(self, some: Iterable[BundleSolution], most_left: float = np.inf) -> BundleSolution | None:
+        """Return the first of some fits that nothing contradicts, of those that leave no more than so much over."""
+        for bundle in some:
+            if _unexplained(bundle) <= most_left:
+                with suppress(CalibrationError):
+                    return hold_against_all(*self._points, bundle, self._nominal, weight=self._weight)
+        return None
+
+
+def _kept(some: Iterable[BundleSolution], tried: list[BundleSolution]) -> Iterator[BundleSolution]:
+    """Yield fits, and keep them for a second look."""
+    for bundle in some:
+        tried.append(bundle)
+        yield bundle
+
+
+def _unexplained(bundle: BundleSolution) -> float:
+    """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
+    own = bundle.fit.cost / len(bundle.used)
+    return bundle.share * own + (1 - bundle.share)

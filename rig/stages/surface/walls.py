@@ -1,0 +1,125 @@
+"""The walls of a measured room in patches that are finer where something stands.
+
+Light changes from one side of it to the other, and a patch that reaches under it is neither.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from sim.geometry.scene import Scene
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.intp]
+
+_FINEST = 0.125
+"""Of a patch's size, where something touches a wall. In the simulated `l-room` what global light of white leaves
+unexplained falls from 6.9 % to 2.5 % with it."""
+_NEAR = 0.35
+"""Of its own size, within which a patch that has something before it is cut: then none that is touched stays large, and
+neighbours differ by about a factor of two."""
+_MOST_PATCHES = 2500
+"""Of walls: where so much stands that there would be more, the finest are twice as large."""
+_NEIGHBOURS = 8
+"""Points about a patch's middle, among which the nearest to the patch is looked for."""
+
+
+@dataclass(frozen=True, eq=False)
+class WallPatches:
+    """Rectangles of a room's walls."""
+
+    vertices_m: FloatArray
+    """(P, 4, 3) corners, wall after wall."""
+    region: IntArray
+    """(P,) number of each one's wall."""
+
+    def only(self, chosen: NDArray[np.bool_]) -> WallPatches:
+        """Return some of them."""
+        return WallPatches(self.vertices_m[chosen], self.region[chosen])
+
+
+def finer_where(walls: Scene, points_m: FloatArray, most: int = _MOST_PATCHES) -> WallPatches:
+    """Return a room's walls in patches that are the finer, the nearer something stands.
+
+    Parameters
+    ----------
+    walls : Scene
+        In even patches, along the axes.
+    points_m : (N, 3) array
+        On what stands, about as near to each other as the finest patches are wide. [m]
+    most : int
+        Patches that there may be; rather than more, the finest are larger.
+
+    Returns
+    -------
+    WallPatches
+    """
+    even = WallPatches(walls.vertices, walls.region)
+    if not len(points_m):
+        return even
+    tree, size_m = KDTree(points_m), float(_sizes(even.vertices_m).max())
+    finest = _FINEST
+    while True:
+        found = _cut(even, tree, finest * size_m)
+        if len(found.region) <= max(most, len(even.region)):
+            order = np.argsort(found.region, kind="stable")
+            return WallPatches(found.vertices_m[order], found.region[order])
+        finest *= 2
+
+
+def finest_m(walls: Scene) -> float:
+    """Return how small the patches of a room's walls may become. [m]."""
+    return _FINEST * float(_sizes(walls.vertices).max())
+
+
+def _cut(patches: WallPatches, tree: KDTree, finest_m: float) -> WallPatches:
+    """Quarter patches that something stands near, until they are as small as wanted."""
+    done: list[WallPatches] = []
+    while len(patches.region):
+        size = _sizes(patches.vertices_m)
+        cut = (size >= 2 * finest_m * (1 - 1e-6)) & (_distance_m(patches.vertices_m, tree) < _NEAR * size)
+        done.append(patches.only(~cut))
+        patches = _quarters(patches.only(cut))
+    vertices, region = zip(*((one.vertices_m, one.region) for one in done), strict=True)
+    return WallPatches(np.concatenate(vertices), np.concatenate(region))
+
+
+def _sizes(vertices_m: FloatArray) -> FloatArray:
+    """(P,) longest side. [m]."""
+    return np.asarray(np.ptp(vertices_m, axis=1).max(axis=1))
+
+
+def _distance_m(vertices_m: FloatArray, tree: KDTree) -> FloatArray:
+    """(P,) from rectangles along the axes to the nearest of the points. [m]."""
+    middle, half = vertices_m.mean(axis=1), np.ptp(vertices_m, axis=1) / 2
+    _, index = tree.query(middle, k=min(_NEIGHBOURS, tree.n))
+    near = tree.data[index.reshape(len(middle), -1)]
+    beyond = np.maximum(np.abs(near - middle[:, None]) - half[:, None], 0.0)
+    return np.asarray(np.linalg.norm(beyond, axis=2).min(axis=1))
+
+
+def _quarters(patches: WallPatches) -> WallPatches:
+    a, b, c, d = np.moveaxis(patches.vertices_m, 1, 0)
+    ab, bc, cd, da, middle = (a + b) / 2, (b + c) / 2, (c + d) / 2, (d + a) / 2, (a + c) / 2
+    corners = ((a, ab, middle, da), (ab, b, bc, middle), (middle, bc, c, cd), (da, middle, cd, d))
+    return WallPatches(
+        np.concatenate([np.stack(each, axis=1) for each in corners]), np.tile(patches.region, len(corners))
+    )
+
+
+def points_on(vertices_m: FloatArray, triangles: IntArray, spacing_m: float) -> FloatArray:
+    """Return (N, 3) points all over triangles, in rows no further from each other than wanted. [m]."""
+    found = [np.zeros((0, 3))]
+    for a, b, c in vertices_m[triangles]:
+        parts = max(
+            1, int(np.ceil(max(np.linalg.norm(b - a), np.linalg.norm(c - a), np.linalg.norm(c - b)) / spacing_m))
+        )
+        first, second = np.meshgrid(np.arange(parts + 1), np.arange(parts + 1))
+        inside = first + second <= parts
+        s, t = (each[inside, None] / parts for each in (first, second))
+        found.append(a + s * (b - a) + t * (c - a))
+    return np.concatenate(found)

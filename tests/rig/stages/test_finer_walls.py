@@ -1,0 +1,91 @@
+"""Walls have finer patches where something touches them, and nowhere else; what nobody saw is taken by its light."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rig.stages.light.choice import FittedRoom, better_explained
+from rig.stages.surface.scene import scene_of
+from rig.stages.surface.standing import StandingRecord
+from rig.stages.surface.walls import finer_where, finest_m, points_on
+from sim.scenes.gridded import room
+
+WALLS = room((4.0, 4.0, 2.0), 0.5)
+FOOT_M = np.array([[1.0, 1.3, 0.0], [3.0, 1.3, 0.0], [1.0, 1.3, 1.0]])
+"""A sheet that stands on the floor, apart from all walls."""
+
+
+def sizes(patches):
+    return np.ptp(patches.vertices_m, axis=1).max(axis=1)
+
+
+def areas(patches):
+    a, b, c, d = np.moveaxis(patches.vertices_m, 1, 0)
+    return np.linalg.norm(np.cross(c - a, d - b), axis=1) / 2
+
+
+def test_patches_are_fine_along_what_stands_on_a_wall_and_as_they_were_elsewhere():
+    found = finer_where(WALLS, points_on(FOOT_M, np.array([[0, 1, 2]]), finest_m(WALLS)))
+    on_line = (found.region == 0) & (found.vertices_m[:, :, 1].min(axis=1) <= 1.3)
+    on_line &= (found.vertices_m[:, :, 1].max(axis=1) >= 1.3) & (np.abs(found.vertices_m[:, :, 0].mean(axis=1) - 2) < 1)
+    assert sizes(found)[on_line].max() == pytest.approx(0.5 / 8)
+    assert (sizes(found)[found.region > 0] == 0.5).all(), "no other wall is near"
+    assert sizes(found)[found.region == 0].max() == 0.5
+
+
+def test_finer_patches_fill_each_wall():
+    found = finer_where(WALLS, FOOT_M)
+    assert np.bincount(found.region, areas(found)) == pytest.approx(np.bincount(WALLS.region, WALLS.areas))
+    assert (np.diff(found.region) >= 0).all(), "wall after wall"
+
+
+def test_rather_than_too_many_patches_they_are_larger():
+    points = points_on(FOOT_M, np.array([[0, 1, 2]]), finest_m(WALLS))
+    few = finer_where(WALLS, points, most=WALLS.n_patches + 60)
+    assert WALLS.n_patches < len(few.region) <= WALLS.n_patches + 60
+    assert sizes(few).min() > sizes(finer_where(WALLS, points)).min()
+
+
+def test_nothing_that_stands_leaves_walls_as_they_are():
+    assert (finer_where(WALLS, np.zeros((0, 3))).vertices_m == WALLS.vertices).all()
+
+
+def test_points_on_triangles_are_as_close_as_was_asked_for():
+    points = points_on(FOOT_M, np.array([[0, 1, 2]]), 0.1)
+    assert {tuple(row) for row in FOOT_M} <= {tuple(row) for row in points}
+    apart = np.linalg.norm(points[:, None] - points, axis=2) + 9 * np.eye(len(points))
+    assert apart.min(axis=1).max() <= 0.1 + 1e-9
+
+
+def test_a_session_of_an_older_version_keeps_the_patches_that_its_reflectances_are_of():
+    surface = SimpleNamespace(size_m=(4.0, 4.0, 2.0), faces=("floor", "ceiling", "x0", "x1", "y0", "y1"))
+    old = StandingRecord(
+        vertices_m=tuple(map(tuple, FOOT_M.tolist())),
+        triangles=((0, 1, 2),),
+        part=(0,),
+        flat=(True,),
+        sigma_m=(0.0,) * 3,
+        share_of_image=0.1,
+        share_left_out=0.0,
+    )
+    counts = [
+        scene_of(SimpleNamespace(surface=surface), 0.5, standing).n_patches - 2
+        for standing in (old, replace(old, finer_walls=True))
+    ]
+    assert counts[0] == WALLS.n_patches < counts[1]
+
+
+@pytest.mark.parametrize(("unexplained", "taken"), [(0.03, True), (0.045, False), (0.06, False)])
+def test_what_nobody_saw_is_taken_only_where_light_is_clearly_better_explained(unexplained, taken):
+    nothing = SimpleNamespace()
+    seen = FittedRoom(standing=None, geometry=nothing, gains=[], vignetting=nothing, fits=[_fit(0.048)])
+    more = replace(seen, fits=[_fit(unexplained)])
+    assert (better_explained(seen, more) is more) == taken
+
+
+def _fit(global_rms):
+    return SimpleNamespace(global_rms=global_rms)
