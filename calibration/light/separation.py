@@ -22,6 +22,8 @@ LEAST_MODULATION = 0.05
 """Of the pattern's rms change over its shifts, 0.5 without blur: below, direct light rests on its noise."""
 _PASSES = 2
 """A place that is 0.3 px off (beside the corners of a room) is found to 0.03 px in the first."""
+_LEAST_SUM = 1e-12
+"""A sum of squared changes of light below this is none: a millionth of a pixel's light."""
 _MOST_SHIFT_PX = 0.6
 _WIDER, _MOST_CHANGE, _OF_TYPICAL = 2.0, 0.01, 0.2
 """No lens's blur is a Gaussian: light whose share would change by more than the second, had the blur so many times its
@@ -211,18 +213,23 @@ def _slope_of_light(light: FloatArray, pictures: Sequence[TwoLevelPicture], seen
     )
     ss, xx, yy, sx, sy, xy = (np.einsum("kn,kn->n", a, b) for a, b in ((s, s), (x, x), (y, y), (s, x), (s, y), (x, y)))
     sl, xl, yl = (np.einsum("kn,kn->n", a, centred) for a in (s, x, y))
-    determinant = np.maximum(xx * yy - xy * xy, 1e-12)
+    determinant = np.maximum(xx * yy - xy * xy, _LEAST_SUM)
     # What of s the slopes cannot stand for, and its share of the light.
     u, v = (yy * sx - xy * sy) / determinant, (xx * sy - xy * sx) / determinant
-    own = np.maximum(ss - u * sx - v * sy, 1e-12)
+    own = np.maximum(ss - u * sx - v * sy, _LEAST_SUM)
     direct = (sl - u * xl - v * yl) / own
     a, b = (yy * xl - xy * yl) / determinant, (xx * yl - xy * xl) / determinant
     left = np.einsum("kn,kn->n", centred, centred) - a * xl - b * yl - direct**2 * own
     scatter = np.maximum(left, 0) / np.maximum(count - 4, 1)
     safe = np.where(np.abs(direct) > 0, direct, np.inf)
-    # Weights are not those of noise: what has a small weight adds less noise than its part of the sums.
-    noise = [np.einsum("kn,kn,kn->n", weight, each, each) / total**2 for each, total in ((x, xx), (y, yy))]
-    place = np.minimum(scatter * (noise[0] + noise[1]) / (2 * safe**2), _MOST_SHIFT_PX**2)
+    # Weights are not those of noise: what has a small weight adds less noise than its part of the sums. Where the
+    # pattern does not change along an axis, its frames know nothing of the place along it.
+    told = np.minimum(xx, yy) > _LEAST_SUM
+    noise = sum(
+        np.einsum("kn,kn,kn->n", weight, each, each) / np.where(told, total, 1) ** 2
+        for each, total in ((x, xx), (y, yy))
+    )
+    place = np.where(told, np.minimum(scatter * noise / (2 * safe**2), _MOST_SHIFT_PX**2), _MOST_SHIFT_PX**2)
     return np.stack([direct, scatter / own, np.sqrt(own / count), place, a / safe - u, b / safe - v])
 
 

@@ -177,3 +177,21 @@ def test_the_stated_variance_of_places_is_that_of_their_errors() -> None:
     inner = slice(20, -20), slice(20, -20)
     errors = (found.projector_xy_px - true.xy)[inner] / np.sqrt(found.place_variance_px2[inner])[..., None]
     assert 0.7 < 1.4826 * np.median(np.abs(errors)) < 1.4
+
+
+def test_a_place_far_from_every_edge_of_the_checks_is_said_to_be_unknown() -> None:
+    true = scene(defocus_px=0.3)
+    large = [pattern.codes for pattern in checker_patterns(PROJECTOR, size_px=32, shifts=9)]
+    rng = np.random.default_rng(13)
+    frames = [true.photograph(codes, rng) for codes in large]
+    found = separate_by_pattern(frames, large, true.correspondence(), white=true.white.astype(np.float32))
+    assert found.projector_xy_px is not None
+    assert found.place_variance_px2 is not None
+    to_edge = np.empty_like(true.xy)
+    for axis in (0, 1):
+        changes = np.any([np.diff(codes.astype(int), axis=1 - axis).any(axis=axis) for codes in large], axis=0)
+        edges_px = np.flatnonzero(changes) + 0.5
+        to_edge[..., axis] = np.abs(true.xy[..., axis, None] - edges_px).min(axis=-1)
+    far, near = to_edge.max(axis=-1) > 4, to_edge.max(axis=-1) < 0.5
+    assert np.isfinite(found.place_variance_px2).all()
+    assert found.place_variance_px2[far].min() > 100 * np.median(found.place_variance_px2[near])
