@@ -142,7 +142,7 @@ def main() -> int:
     _need_programs()
     no_kernel = _prepare_kernel()
     _compile()
-    chosen = [known[name] for name in given.suites] or list(SUITES)
+    chosen = [known[name] for name in dict.fromkeys(given.suites)] or list(SUITES)
     results = Path(tempfile.mkdtemp(prefix="device-lab-"))
     began_s = time.monotonic()
     with ThreadPoolExecutor((os.cpu_count() or 1) + ONE_MORE) as executor:

@@ -15,13 +15,14 @@ from rig.devices.usb.find import FoundUsbDevice, find_usb_devices
 from rig.devices.usb.handle import libusb, open_usb_device
 from rig.devices.usb.hid import LibusbTransport, find_hid_device, hidraw_node, open_hid
 from rig.devices.usb.reset import reset_usb_device
+from rig.devices.v4l2.node import Node
 from rig.emulated.usbip.attach import Attachment, attach
 from rig.emulated.uvc.camera import UvcCamera
 from rig.emulated.uvc.descriptors import EXTENSION_GUID
 from rig.errors import DeviceBusy, DeviceForbidden, DeviceLost, SettingRefused
 from tests.device_lab.guest.rights import as_nobody
 from tests.device_lab.programs import output_of
-from tests.device_lab.waiting import wait_until
+from tests.device_lab.waiting import GENEROUS_S, wait_until
 from tests.rig.devices.lightcrafter.emulated_controller import LightCrafterEmulation
 from tests.rig.devices.lightcrafter.emulated_usb import LightCrafterUsb
 from tests.rig.emulated.numbered_pictures import PatternSource
@@ -140,6 +141,8 @@ def test_a_reset_enumerates_a_hung_camera_anew_and_it_streams_again(camera: UvcC
     after = reset_usb_device(before)
     assert (after.serial, after.bus_path) == ("LAB1", before.bus_path)
     wait_until(lambda: video_node(after).exists(), "the video node")
+    with Node(video_node(after), patience_s=GENEROUS_S):
+        pass  # it opens: for a moment after it was plugged in, a camera's node is busy
     stream = ("--stream-mmap=2", "--stream-count=3", "--stream-to=/dev/null")
     output_of("v4l2-ctl", "-d", video_node(after), *stream)
 
