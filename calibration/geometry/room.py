@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -208,10 +209,21 @@ def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
     slanted = [k for k, axis in enumerate(stereo.axes) if axis < 0 and _share(stereo, k) > MOST_SLANTED]
     if len(set(stereo.axes) - {-1}) > 1 and not slanted:
         return stereo
+    pairs = list(combinations(range(len(stereo.planes)), 2))[:_PAIRS_NAMED]
+    degrees, sigmas = _angles(stereo, pairs)
+    tolerance = np.maximum(SIGMAS * sigmas, MOST_OFF_SQUARE_DEG)
+    may_be_square = (np.abs((degrees + 45) % 90 - 45) < tolerance).all() and (np.abs(degrees - 90) < tolerance).any()
+    told = f"{len(stereo.axes)} planes were found: {_in_words(pairs, degrees, sigmas)}"
+    if may_be_square:
+        raise CalibrationError(
+            f"a session needs a box, and whether the walls make one is not known: {told}; right angles are within "
+            "these uncertainties. If they are square, say so (right_angles = true); if not, move the camera away from "
+            "the projector, show more of each wall, or give both devices a lens file (rig lenses)"
+        )
     raise CalibrationError(
-        f"a session needs a box, and the {len(stereo.axes)} planes that were found make none: {_angles(stereo)}; all "
-        f"have to stand at right angles to within {MOST_OFF_SQUARE_DEG:g} degrees. This version models boxes only: aim "
-        "at a corner of the room whose walls, or wall and floor, are square"
+        f"a session needs a box, and the walls make none: {told}; all have to stand at right angles to within "
+        f'{MOST_OFF_SQUARE_DEG:g} degrees. For walls at other angles set kind = "free" in [surface]; or aim at a '
+        "corner of the room whose walls, or wall and floor, are square"
     )
 
 
@@ -220,20 +232,24 @@ def _share(stereo: StereoCalibration, plane: int) -> float:
     return float((stereo.explained.plane == plane).mean()) if len(stereo.explained.plane) else 0.0
 
 
-def _angles(stereo: StereoCalibration) -> str:
-    """In words, with standard deviations."""
-    pairs = list(combinations(range(len(stereo.planes)), 2))[:_PAIRS_NAMED]
-    if not pairs:
-        return "it stands alone"
+def _angles(stereo: StereoCalibration, pairs: Sequence[tuple[int, int]]) -> tuple[FloatArray, FloatArray]:
+    """Angles between pairs of planes, and their standard deviations. [degrees]."""
 
     def degrees(calibration: StereoCalibration) -> FloatArray:
         normals = calibration.planes / np.linalg.norm(calibration.planes, axis=1, keepdims=True)
         return np.array([180 - np.degrees(np.arccos(np.clip(normals[a] @ normals[b], -1, 1))) for a, b in pairs])
 
-    values, sigmas = degrees(stereo), stereo.sigmas_of(degrees)
+    if not pairs:
+        return np.zeros(0), np.zeros(0)
+    return degrees(stereo), np.asarray(stereo.sigmas_of(degrees))
+
+
+def _in_words(pairs: Sequence[tuple[int, int]], degrees: FloatArray, sigmas: FloatArray) -> str:
+    if not pairs:
+        return "it stands alone"
     named = [
         f"{a + 1} and {b + 1} at {v:.1f} +- {s:.1f}" if s < _OPEN_DEG else f"{a + 1} and {b + 1} at any angle"
-        for (a, b), v, s in zip(pairs, values, sigmas, strict=True)
+        for (a, b), v, s in zip(pairs, degrees, sigmas, strict=True)
     ]
     return f"walls {', '.join(named)} degrees"
 

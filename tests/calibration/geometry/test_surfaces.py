@@ -1,6 +1,7 @@
 """Planes found in points, and the room made of them."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -144,6 +145,23 @@ def test_free_planes_at_other_angles_make_no_room_and_their_angles_are_told(room
     slanted = pair.planes[0] * np.cos(np.radians(20)) + pair.planes[1] * np.sin(np.radians(20))
     with pytest.raises(CalibrationError, match=r"walls 1 and 2 at \d+\.\d .* degrees.*right angles"):
         room_from_stereo(replace(pair, axes=(-1, -1), planes=np.stack([slanted, pair.planes[1]])), SIZE_M)
+
+
+@pytest.mark.parametrize(("sigma_deg", "said"), [(3.0, "is not known.*right_angles = true"), (0.1, 'kind = "free"')])
+def test_angles_that_are_known_badly_are_not_called_those_of_another_shape(room, sigma_deg, said):
+    pair = replace(true_pair(room, ("x1", "y1")), axes=(-1, -1))
+
+    def leaning(degrees):
+        turned = pair.planes[0] * np.cos(np.radians(degrees)) + pair.planes[1] * np.sin(np.radians(degrees))
+        return np.stack([turned, pair.planes[1]])
+
+    def scene(unknowns):
+        axes = SimpleNamespace(directions=pair.room_axes)
+        return SimpleNamespace(camera=pair.camera, projector=pair.projector, planes=leaning(unknowns[0]), axes=axes)
+
+    fitted = SimpleNamespace(scene=scene, unknowns=np.array([4.0]), covariance=np.array([[sigma_deg**2]]))
+    with pytest.raises(CalibrationError, match=said):
+        room_from_stereo(replace(pair, planes=leaning(4.0), uncertainty=fitted), SIZE_M)
 
 
 def test_a_wall_that_leans_is_not_left_out_of_the_room_without_a_word(room):
