@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,8 @@ _BRIGHT, _MOST_GLARE = 0.99, 1.3
 random rooms, 2.1 in one whose camera saw the wall beside the projector."""
 _POWERS, _TELLING = (0.3, 4.0), 0.02
 """Of tone curves; levels that differ by less than 2 % tell nothing."""
+_MOST_LEFT = 0.05
+"""Of white's light: a display's afterglow and room light that swells leave less; a frame too early leaves half."""
 _LEAST_SIGNAL = 0.01
 """White has to be brighter than black by this share of full scale, or there is nothing to measure."""
 
@@ -143,4 +146,30 @@ def refuse_darkness(white: Frame, black: Frame, *, full_scale_dn: float, exposur
         raise CalibrationError(
             f"projector white is only {difference:.1f} dn brighter than black at {exposure_s:.4g} s, the limit is "
             f"{limit:.0f} dn: no light of the projector reaches the camera. Look at lens caps, aim and room light."
+        )
+
+
+def refuse_lateness(black: Sequence[Frame], white: Frame) -> None:
+    """Refuse photographs that show the picture before the one that was on.
+
+    Parameters
+    ----------
+    black : (N of) (H, W, C)
+        Digital numbers of frames of projector black, in the order in which they were taken, the first after white.
+    white : (H, W, C)
+        A frame of projector white at the same exposure.
+
+    Raises
+    ------
+    CalibrationError
+        If the first is brighter than all others by more than 5 % of what white adds to them.
+    """
+    first, *others = (float(frame.mean(dtype=np.float64)) for frame in black)
+    light = float(white.mean(dtype=np.float64)) - float(np.median(others))
+    left = first - max(others)
+    if light > 0 and left > _MOST_LEFT * light:
+        raise CalibrationError(
+            f"the first photograph of black after white still has {100 * left / light:.0f} % of white's light, those "
+            f"after it have not; the limit is {100 * _MOST_LEFT:g} %: photographs show the picture before the one that "
+            "was on. Raise projector.latency_s; `rig check` measures it, and --apply writes it into the profile"
         )

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from calibration import CalibrationError
-from calibration.radiometry.exposure import ExposureAim, brightest_share, next_exposure, refuse_darkness
+from calibration.radiometry.exposure import (
+    ExposureAim,
+    brightest_share,
+    next_exposure,
+    refuse_darkness,
+    refuse_lateness,
+)
 from calibration.radiometry.linearity import fit_linearity
 
 AIM = ExposureAim(share=0.85, accepted=(0.76, 0.9))
@@ -61,6 +67,14 @@ def test_a_projector_whose_light_does_not_arrive_is_refused() -> None:
     with pytest.raises(CalibrationError, match=r"only 10\.0 dn brighter.*the limit is 41 dn"):
         refuse_darkness(black + 10, black, full_scale_dn=4095, exposure_s=0.01)
     refuse_darkness(black + 100, black, full_scale_dn=4095, exposure_s=0.01)
+
+
+def test_photographs_that_show_the_picture_before_are_refused_by_their_black() -> None:
+    black = [np.full((20, 20, 1), 64 + swell, np.uint16) for swell in (3, 0, 1, 3)]
+    white = np.full((20, 20, 1), 1064, np.uint16)
+    refuse_lateness(black, white)
+    with pytest.raises(CalibrationError, match=r"still has 50 % of white's light.*Raise projector\.latency_s"):
+        refuse_lateness([black[0] + 500, *black[1:]], white)
 
 
 def test_a_straight_line_has_no_residual_and_a_known_slope() -> None:

@@ -10,10 +10,11 @@ import pytest
 
 from calibration.structured_light.patterns import flat
 from rig.capture.rig import Rig, open_rig
-from rig.errors import UsageError
+from rig.errors import CalibrationFailed, UsageError
 from rig.files.exr import write_exr
 from rig.files.pictures import write_png
-from rig.profile.schema import Profile
+from rig.profile.schema import Profile, load_profile
+from rig.run import script as verbs
 from rig.run.plan import plan_session
 from rig.run.request import SessionRequest
 from rig.run.session import opened_session
@@ -22,6 +23,19 @@ from rig.stages.photograph import ExposureBracket, frame_name, photograph
 from rig.stages.target import check_strategies, load_target
 from rig.terminal import TerminalProgress, print_table
 from sim.compensation import STRATEGIES
+
+# Photographs of another picture than the one that was on
+
+
+@pytest.mark.parametrize("frames", [1, 2])
+def test_a_camera_that_is_later_than_its_profile_says_is_refused_with_that_cause(tmp_path: Path, frames: int) -> None:
+    text = Path("hw_profiles/ci-tiny.toml").read_text("utf-8").replace("cell_size_m = 0.2", "cell_size_m = 0.6")
+    late = tmp_path / "late.toml"
+    late.write_text(text.replace("stale_frame_rate = 0.02", f"pipeline_frames = {frames}"), "utf-8")
+    with open_rig(load_profile(late)) as rig, Session.open(tmp_path / "session", rig.profile) as session:
+        with pytest.raises(CalibrationFailed, match=r"the picture before.*Raise projector\.latency_s; `rig check`"):
+            verbs.calibrate(rig, session)
+
 
 # Targets
 
