@@ -45,7 +45,8 @@ def print_table(title: str, columns: Sequence[str], rows: Iterable[Sequence[obje
     """Print a table on stdout, numbers to the right, words to the left; as wide as the terminal at most.
 
     Where the columns do not fit beside each other even with their words below each other, the later ones follow in a
-    table of their own, with the first column repeated.
+    table of their own, with the columns repeated that name a row: the first, and the second where the first alone does
+    not tell rows apart.
 
     Parameters
     ----------
@@ -71,20 +72,28 @@ def _column(cells: Sequence[str], *, is_first: bool) -> _Column:
 
 
 def _groups(columns: Sequence[_Column], width: int) -> list[list[_Column]]:
-    """Columns that fit beside each other, the first one in each group."""
-    first, *others = columns
-    groups, left = [[first]], _left(first, width)
+    """Columns that fit beside each other, those that name a row in each group."""
+    names, others = _names(columns)
+    groups, left = [list(names)], _left(names, width)
     for column in others:
-        if column.least + _BETWEEN > left and len(groups[-1]) > 1:
-            groups.append([first])
-            left = _left(first, width)
+        if column.least + _BETWEEN > left and len(groups[-1]) > len(names):
+            groups.append(list(names))
+            left = _left(names, width)
         groups[-1].append(column)
         left -= column.least + _BETWEEN
     return groups
 
 
-def _left(first: _Column, width: int) -> int:
-    return width - _FRAME - first.least
+def _names(columns: Sequence[_Column]) -> tuple[Sequence[_Column], Sequence[_Column]]:
+    """The columns that name a row, and the others."""
+    first = columns[0].cells[1:]
+    alike = "" in first or len(set(first)) < len(first)
+    count = 2 if alike and len(columns) > 2 else 1
+    return columns[:count], columns[count:]
+
+
+def _left(names: Sequence[_Column], width: int) -> int:
+    return width - _FRAME + _BETWEEN - sum(column.least + _BETWEEN for column in names)
 
 
 def _widths(columns: Sequence[_Column], width: int) -> list[int]:

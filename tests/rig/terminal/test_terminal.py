@@ -37,6 +37,17 @@ def test_a_table_is_never_wider_than_the_terminal_and_breaks_no_number(
     assert out.count("a-strategy-called-1") == out.count("┌")
 
 
+def test_a_row_keeps_both_its_names_where_the_first_alone_does_not_tell_rows_apart(
+    monkeypatch: pytest.MonkeyPatch, capsys: Capture
+) -> None:
+    monkeypatch.setenv("COLUMNS", "48")
+    rows = [("latency", "display", 0.0531, "≤ 0.06", "s", "ok"), ("", "jitter", 0.4243, "≤ 1", "refreshes", "OUTSIDE")]
+    print_table("self-test", ("part", "what", "value", "limit", "unit", "status"), rows)
+    out = capsys.readouterr().out
+    assert out.count("┌") == 2
+    assert re.search(r"jitter\W+refreshes\W+OUTSIDE", out)
+
+
 def test_a_table_of_words_folds_at_words(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     monkeypatch.setenv("COLUMNS", "60")
     text = "look at the report's error pictures: what is not a wall of the room is not in the model"
