@@ -190,8 +190,9 @@ def out_of_focus(times: int) -> str:
     if times == 1:
         return ""
     return (
-        f"the picture is out of focus: its stripes could only be read {times} times as wide, and places are that much "
-        "rougher; focus the projector on the walls, then the camera"
+        f"the picture is out of focus for its code: the stripes could only be read {times} times as wide, and places "
+        'are that much rougher; focus the projector on the walls, then the camera; code = "long-run" has stripes that '
+        "bear more blur than those of xor-02 or xor-04"
     )
 
 
