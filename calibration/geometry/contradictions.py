@@ -213,6 +213,8 @@ def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArra
     sigmas = normal_deviate(gain, len(free.fit.z) - len(held.fit.z))
     if sigmas <= SIGMAS:
         return
+    if _is_one_data_sheet(held):
+        check_data_sheets(held, np.sqrt(np.diag(held.covariance)))
     on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()
     across = [(a, b) for a, b in combinations(on_axes, 2) if held.axes.of_plane[a] != held.axes.of_plane[b]]
     free = refit(free.error, free, variance)
@@ -222,6 +224,12 @@ def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArra
         f"{sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it is right "
         "and the walls are not square, set right_angles = false"
     )
+
+
+def _is_one_data_sheet(held: BundleSolution) -> bool:
+    """Tell whether one lens alone contradicts its data sheet: walls that are not square make both too long or short."""
+    off = np.abs(held.fit.z[[CAMERA.start, PROJECTOR.start]] - 1) / FOCAL_SIGMA
+    return bool(off.max() > SIGMAS and off.min() < _TELLING)
 
 
 def _told(angle: Angle) -> str:

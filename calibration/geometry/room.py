@@ -222,8 +222,8 @@ def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
         )
     raise CalibrationError(
         f"a session needs a box, and the walls make none: {told}; all have to stand at right angles to within "
-        f'{MOST_OFF_SQUARE_DEG:g} degrees. For walls at other angles set kind = "free" in [surface]; or aim at a '
-        "corner of the room whose walls, or wall and floor, are square"
+        f"{MOST_OFF_SQUARE_DEG:g} degrees. The walls of a session make a box, whatever stands in it: aim at a corner "
+        "of the room whose walls, or wall and floor, are square"
     )
 
 

@@ -102,6 +102,13 @@ def test_data_sheets_ten_percent_off_do_no_harm(room):
     assert np.median(surface_errors_m(room, pair)) < 0.003
 
 
+@pytest.mark.parametrize(("device", "hfov_deg"), [("camera", 120.0), ("projector", 75.0)])
+def test_one_wrong_data_sheet_is_named_and_not_the_walls_angles(room, device, hfov_deg):
+    wrong = room.changed(**{f"{device}_hfov_deg": hfov_deg})
+    with pytest.raises(CalibrationError, match=rf"^the {device}'s focal length comes out .* Check hfov_deg"):
+        calibrated(wrong)
+
+
 @pytest.mark.parametrize("principal_point_px", [(508.0, 700.0), (620.0, 384.0)])
 def test_a_shifted_projector_lens_is_found(room, principal_point_px):
     shifted = room.changed(projector={"principal_point_px": principal_point_px})

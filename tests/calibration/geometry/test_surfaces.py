@@ -147,7 +147,7 @@ def test_free_planes_at_other_angles_make_no_room_and_their_angles_are_told(room
         room_from_stereo(replace(pair, axes=(-1, -1), planes=np.stack([slanted, pair.planes[1]])), SIZE_M)
 
 
-@pytest.mark.parametrize(("sigma_deg", "said"), [(3.0, "is not known.*right_angles = true"), (0.1, 'kind = "free"')])
+@pytest.mark.parametrize(("sigma_deg", "said"), [(3.0, "is not known.*right_angles = true"), (0.1, "aim at a corner")])
 def test_angles_that_are_known_badly_are_not_called_those_of_another_shape(room, sigma_deg, said):
     pair = replace(true_pair(room, ("x1", "y1")), axes=(-1, -1))
 
