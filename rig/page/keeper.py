@@ -18,7 +18,7 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 8.0
 _STEADY_S = 60.0
 """A process that ran for so long begins with the first pause again."""
 _SPARE_AFTER_S = 2.0
-"""After its start, once it shows: the next process gets ready beside it, so that only devices are left to open when this one ends."""
+"""After its start, once it shows: the next process gets ready beside it, so that only devices are left to be opened."""
 _LOOK_S = 0.5
 _PHASES = {"showing": "running", "waiting": "waiting", "off": "off"}
 """By what the keeper within the process says it does."""

@@ -114,6 +114,7 @@ def test_dial_lens_and_battery_are_named(
     ("code", "kind", "remedy"),
     [
         (-115, DeviceError, "card is full"),
+        (-3, DeviceError, "card is full"),
         (-110, DeviceError, "it is busy"),
         (-112, DeviceError, "manual focus"),
         (-53, DeviceBusy, "another program has it"),
