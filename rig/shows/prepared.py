@@ -15,8 +15,8 @@ from rig.terminal import OnStep, silent
 
 Stamps = frozenset[tuple[str, int, int]]
 """Path, time of the last change in ns, and size of each file that a plan was made of."""
-_NEVER_READ = frozenset({"lock", "journal.jsonl", "report.html"})
-"""In a session's folder: they change, or are written, without a change of what was measured."""
+_NEVER_READ = frozenset({"lock", "journal.jsonl", "report.html", "session.json"})
+"""In a session's folder: they are written whenever it is opened, without a change of what was measured."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
