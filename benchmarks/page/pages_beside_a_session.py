@@ -4,8 +4,8 @@
 
 `rig serve` runs a session on the emulated GigE camera, which is triggered over its real protocol and goes by the
 machine's clock; it is stopped when its Gray code is photographed. Rounds without and with pages take turns; three of
-the eight pages read nothing. What is counted is in the session's journal: when each exposure began, and frames that were
-refused. Nothing but `rig virtual --kind gige` may be at the address of loopback meanwhile.
+the eight pages read nothing. What is counted is in the session's journal: when each exposure began; and frames that
+were refused. Nothing but `rig virtual --kind gige` may be at the address of loopback meanwhile.
 """
 
 from __future__ import annotations
