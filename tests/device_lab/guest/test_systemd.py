@@ -6,8 +6,9 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,7 @@ ROOT = Path(__file__).parents[3]
 UNITS = Path("/run/systemd/system")
 SYSTEMD = "/usr/lib/systemd/systemd"
 RIG = f"{sys.executable} -m rig"
+Systemctl = Callable[..., str]
 SHOW = 'profile = "ci-tiny"\nstrategy = "none"\n'
 
 
@@ -52,9 +54,9 @@ DOCUMENTED = [
 ]
 
 
-@pytest.fixture(scope="module", autouse=True)
-def systemd() -> Iterator[None]:
-    """systemd as the first process of a container, with the machine's own control groups."""
+@pytest.fixture(scope="module")
+def systemctl() -> Iterator[Systemctl]:
+    """Orders to a systemd that is the first process of a container, with the machine's own control groups."""
     UNITS.mkdir(parents=True, exist_ok=True)
     output_of("mount", "-t", "cgroup2", "none", "/sys/fs/cgroup")
     with Path("/etc/passwd").open("a", encoding="ascii") as users:
@@ -66,17 +68,18 @@ def systemd() -> Iterator[None]:
     environment = {"container": "lab", "PATH": os.environ["PATH"]}
     with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as process:
         wait_until(lambda: Path("/run/systemd/private").exists())
-        yield
-        process.kill()
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text(encoding="ascii")
+        yield partial(output_of, "nsenter", "-t", children.split()[0], "-p", "-m", "systemctl")
+        os.kill(int(children.split()[0]), signal.SIGKILL)
 
 
-def told(unit: str, what: str) -> str:
-    return output_of("systemctl", "show", "--value", "-p", what, unit).strip()
+def told(systemctl: Systemctl, unit: str, what: str) -> str:
+    return systemctl("show", "--value", "-p", what, unit).strip()
 
 
 @pytest.mark.parametrize("documented", DOCUMENTED, ids=lambda one: one.page)
 def test_a_show_is_begun_again_when_it_is_killed_ends_when_told_and_is_left_when_its_file_is_wrong(
-    documented: Documented,
+    documented: Documented, systemctl: Systemctl
 ) -> None:
     unit = f"test-{documented.show}.service"
     (documented.folder / "shows").mkdir(parents=True)
@@ -86,18 +89,21 @@ def test_a_show_is_begun_again_when_it_is_killed_ends_when_told_and_is_left_when
         shutil.chown(path, "show", "show")
     (UNITS / unit).write_text(documented.text)
     output_of("systemd-analyze", "verify", str(UNITS / unit))
-    output_of("systemctl", "daemon-reload")
-    output_of("systemctl", "start", unit)
+    systemctl("daemon-reload")
+    systemctl("start", unit)
     wait_until(documented.log.exists)
     assert documented.log.owner() == "show"
-    first = told(unit, "MainPID")
-    output_of("systemctl", "kill", "--kill-whom=main", f"--signal={signal.SIGKILL.name}", unit)
-    wait_until(lambda: told(unit, "NRestarts") == "1" and told(unit, "MainPID") not in ("0", first))
+    first = told(systemctl, unit, "MainPID")
+    systemctl("kill", "--kill-whom=main", f"--signal={signal.SIGKILL.name}", unit)
+    wait_until(
+        lambda: told(systemctl, unit, "NRestarts") == "1" and told(systemctl, unit, "MainPID") not in ("0", first),
+        poll_s=0.5,
+    )
     documented.log.unlink()
     wait_until(documented.log.exists)
-    output_of("systemctl", "stop", unit)
-    assert (told(unit, "ActiveState"), told(unit, "Result")) == ("inactive", "success")
+    systemctl("stop", unit)
+    assert (told(systemctl, unit, "ActiveState"), told(systemctl, unit, "Result")) == ("inactive", "success")
     file.write_text("profile = ")
-    output_of("systemctl", "start", unit)
-    wait_until(lambda: told(unit, "ActiveState") in ("failed", "inactive"))
-    assert told(unit, "ExecMainStatus") == "2"
+    systemctl("start", unit)
+    wait_until(lambda: told(systemctl, unit, "ActiveState") in ("failed", "inactive"), poll_s=0.5)
+    assert told(systemctl, unit, "ExecMainStatus") == "2"
