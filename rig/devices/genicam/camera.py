@@ -378,7 +378,7 @@ class GenicamCamera:
         opened = self._opened
         if opened is None or opened.packet_bytes is None:
             return ()
-        return transport_advice(self._name, opened.packet_bytes, opened.stream.counters())
+        return transport_advice(self.device_id, opened.packet_bytes, opened.stream.counters())
 
 
 def from_profile(settings: CameraSettings, clock: Clock) -> GenicamCamera:
