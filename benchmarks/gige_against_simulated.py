@@ -9,6 +9,7 @@ noise is drawn by time. What the two simulated sessions differ by is noise: the 
 
 from __future__ import annotations
 
+import re
 import sys
 import tempfile
 import threading
@@ -88,9 +89,10 @@ def differences(first: Maps, second: Maps) -> dict[str, float]:
 
 def main() -> int:
     text = PROFILE.read_text(encoding="utf-8").replace('output = "emulated-gige"', f'output = "{OUTPUT}"')
-    simulated = text.replace('driver = "genicam"', 'driver = "simulated"').replace(
-        'driver = "virtual"', 'driver = "simulated"'
+    simulated = re.sub(
+        r"^(device_id|pixel_format|output|trigger) = .*\n|^\[camera.options\]\n", "", text, flags=re.MULTILINE
     )
+    simulated = re.sub('driver = "(genicam|virtual)"', 'driver = "simulated"', simulated)
     with tempfile.TemporaryDirectory() as folder:
         gige = over_gige(Path(folder), text)
         first, second = (
