@@ -71,7 +71,7 @@ class Region:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GainState(Record):
+class CameraGain(Record):
     """The camera's gain, as it says itself."""
 
     value: float
@@ -94,7 +94,7 @@ class PreviewState(Record):
     height_px: int
     full_scale_dn: int
     frame_rate_hz: float
-    gain: GainState | None = None
+    gain: CameraGain | None = None
     """None where the camera has none that could be set."""
 
 
@@ -152,7 +152,7 @@ class Preview:
         self._codes: Codes = picture_named(settings.picture, profile, fit=True)
         self._picture = settings.picture
         self._exposure_s = 0.0
-        self._gain: GainState | None = None
+        self._gain: CameraGain | None = None
         self.region = Region()
         """What is shown; may be changed between two frames."""
         self.is_watched = True
@@ -222,11 +222,11 @@ class Preview:
         self._means.clear()
         self._previous = None
 
-    def _gain_now(self) -> GainState | None:
+    def _gain_now(self) -> CameraGain | None:
         control = gain_control_of(self._rig.camera)
         if control is None:
             return None
-        return GainState(**control.now()._asdict(), profile_lines=control.profile_lines())
+        return CameraGain(**control.now()._asdict(), profile_lines=control.profile_lines())
 
     def next_frame(self) -> SeenFrame:
         """Wait for the camera's next frame, and make it small. Raises DeviceError when the camera stays away."""

@@ -46,7 +46,7 @@ class StillOptions(Table):
     """By gphoto2's names (``iso = "100"``), set when it is opened, and read back."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _OpenedStill:
     """Everything that exists while the camera is open."""
 
@@ -145,7 +145,7 @@ class StillCamera:
             speeds = self._speeds(port)
             shown = seconds(port.value(SHUTTER_SPEED) or "")
             exposure_s = min(speeds.values()) if shown is None else shown
-            self._opened = _OpenedStill(port, speeds, exposure_s, still_gain(port))
+            self._opened = _OpenedStill(port=port, speeds=speeds, exposure_s=exposure_s, gain=still_gain(port))
             undo.pop_all()
 
     def _check_state(self, port: StillPort) -> None:
