@@ -16,7 +16,7 @@ from rig.by_hand.pictures import picture_named
 from rig.capture.events import Event
 from rig.capture.rig import Rig
 from rig.devices.drivers import make_devices
-from rig.devices.protocols import Codes, RawFrame
+from rig.devices.protocols import Codes, RawFrame, gain_control_of
 from rig.errors import CaptureTimeout, DeviceLost, UsageError
 from rig.files.pictures import srgb_of_linear
 from rig.profile.schema import Profile
@@ -71,6 +71,19 @@ class Region:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CameraGain(Record):
+    """The camera's gain, as it says itself."""
+
+    value: float
+    least: float
+    most: float
+    unit: str
+    """dB, ISO, or steps of the camera's own."""
+    profile_lines: str
+    """With which sessions have it: they go by their profile."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PreviewState(Record):
     """What the devices really do."""
 
@@ -81,6 +94,8 @@ class PreviewState(Record):
     height_px: int
     full_scale_dn: int
     frame_rate_hz: float
+    gain: CameraGain | None = None
+    """None where the camera has none that could be set."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,6 +152,7 @@ class Preview:
         self._codes: Codes = picture_named(settings.picture, profile, fit=True)
         self._picture = settings.picture
         self._exposure_s = 0.0
+        self._gain: CameraGain | None = None
         self.region = Region()
         """What is shown; may be changed between two frames."""
         self.is_watched = True
@@ -154,6 +170,7 @@ class Preview:
         self._rig.open()
         try:
             self._table = _codes_of_numbers(self._rig.camera.full_scale_dn)
+            self._gain = self._gain_now()
             self.expose(self._settings.exposure_s or self._rig.profile.camera.exposure_s)
             self._first()
         except BaseException:
@@ -184,6 +201,7 @@ class Preview:
             height_px=height,
             full_scale_dn=camera.full_scale_dn,
             frame_rate_hz=self._rig.profile.camera.frame_rate_hz,
+            gain=self._gain,
         )
 
     def show(self, picture: str) -> None:
@@ -196,6 +214,19 @@ class Preview:
         """Set the exposure; :attr:`state` tells what the camera made of it. Raises SettingRefused."""
         self._exposure_s = self._rig.set_exposure(exposure_s)
         self._means.clear()
+
+    def amplify(self, value: float) -> None:
+        """Set the gain; :attr:`state` tells what the camera made of it. Raises SettingRefused."""
+        self._rig.set_gain(value)
+        self._gain = self._gain_now()
+        self._means.clear()
+        self._previous = None
+
+    def _gain_now(self) -> CameraGain | None:
+        control = gain_control_of(self._rig.camera)
+        if control is None:
+            return None
+        return CameraGain(**control.now()._asdict(), profile_lines=control.profile_lines())
 
     def next_frame(self) -> SeenFrame:
         """Wait for the camera's next frame, and make it small. Raises DeviceError when the camera stays away."""

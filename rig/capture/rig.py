@@ -21,7 +21,7 @@ from rig.capture.projection import Projection
 from rig.capture.recovery import Gone, Openable, Recovery, close_quietly
 from rig.capture.tended_camera import TendedCamera
 from rig.devices.drivers import make_devices
-from rig.devices.protocols import Camera, Clock, Codes, Projector, RawFrame
+from rig.devices.protocols import Camera, Clock, Codes, Gain, Projector, RawFrame
 from rig.devices.refusals import check_codes
 from rig.errors import CaptureTimeout, DeviceError, UsageError
 from rig.profile.schema import Profile
@@ -176,6 +176,15 @@ class Rig:
         tended = self._tended[_chosen("camera", self.cameras, camera)]
         with self._lock:
             return self._recovering(lambda: tended.set_exposure(exposure_s))
+
+    def set_gain(self, value: float, *, camera: str | None = None) -> Gain:
+        """Ask for a gain until the rig is closed, and return what the camera did.
+
+        Raises SettingRefused outside its range or without one, and as :meth:`set_exposure` does.
+        """
+        tended = self._tended[_chosen("camera", self.cameras, camera)]
+        with self._lock:
+            return self._recovering(lambda: tended.set_gain(value))
 
     def shoot(
         self,

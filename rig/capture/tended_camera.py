@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from rig.capture.events import EventLog
 from rig.capture.recovery import close_quietly, talking_to
-from rig.devices.protocols import Camera, Clock, RawFrame, Resettable
+from rig.devices.protocols import Camera, Clock, Gain, RawFrame, Resettable, gain_control_of
 from rig.devices.refusals import check_exposure
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceForbidden, SettingRefused
 from rig.profile.tables import CameraProfile, CaptureTiming
@@ -50,6 +50,7 @@ class TendedCamera:
         self._is_live = settings.driver != "replay"
         self._asked_s: float | None = None
         self._exposure_s: float | None = None
+        self._gain: float | None = None
         self._validator = FrameValidator(
             device.shape, device.full_scale_dn, 1 / settings.frame_rate_hz, live=self._is_live
         )
@@ -66,7 +67,7 @@ class TendedCamera:
 
     def forget(self) -> None:
         """It is closed: its exposure is not set any more."""
-        self._asked_s = self._exposure_s = None
+        self._asked_s = self._exposure_s = self._gain = None
 
     def set_exposure(self, exposure_s: float) -> float:
         """Ask for an exposure, and return the one the camera chose. Raises SettingRefused outside its range."""
@@ -76,14 +77,26 @@ class TendedCamera:
         self._asked_s, self._exposure_s = exposure_s, chosen_s
         return chosen_s
 
+    def set_gain(self, value: float) -> Gain:
+        """Ask for a gain, and return what the camera did. Raises SettingRefused outside its range, or without one."""
+        with talking_to(self.device):
+            control = gain_control_of(self.device)
+            if control is None:
+                raise SettingRefused(f"{self.label} has no gain that could be set; change its exposure")
+            gain = control.change(value)
+        self._gain = gain.value
+        return gain
+
     def expose(self, exposure_s: float | None) -> None:
         """Set an exposure unless it is set already; None leaves it."""
         if exposure_s is not None and exposure_s not in (self._asked_s, self._exposure_s):
             self.set_exposure(exposure_s)
 
     def restore(self) -> None:
-        """After it was opened again: the exposure as it was, and a new count of its frames."""
+        """After it was opened again: gain and exposure as they were, and a new count of its frames."""
         self.forget_count()
+        if self._gain is not None and (control := gain_control_of(self.device)) is not None:
+            control.change(self._gain)
         if self._exposure_s is None:
             return
         chosen_s = self.device.set_exposure(self._exposure_s)

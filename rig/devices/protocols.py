@@ -139,6 +139,46 @@ class Advising(Protocol):
         ...
 
 
+class Gain(NamedTuple):
+    """A camera's amplification, in its own numbers."""
+
+    value: float
+    least: float
+    most: float
+    unit: str
+    """dB, ISO, or steps of the camera's own."""
+
+
+class GainControl(Protocol):
+    """The gain of an open camera, for looking: sessions have the one that their profile says."""
+
+    def now(self) -> Gain:
+        """Read it from the camera. Raises DeviceLost."""
+        ...
+
+    def change(self, value: float) -> Gain:
+        """Ask for a gain; returns what the camera did. Raises SettingRefused outside its range, DeviceLost."""
+        ...
+
+    def profile_lines(self) -> str:
+        """Return what a profile has to say so that sessions have the gain of now."""
+        ...
+
+
+@runtime_checkable
+class Amplifying(Protocol):
+    """A camera that may have a gain."""
+
+    def gain_control(self) -> GainControl | None:
+        """Return the control; None where the camera has none, or is closed. Closing leaves the gain as it was."""
+        ...
+
+
+def gain_control_of(camera: object) -> GainControl | None:
+    """Return the control of a camera's gain; None where there is none."""
+    return camera.gain_control() if isinstance(camera, Amplifying) else None
+
+
 @runtime_checkable
 class Watched(Protocol):
     """A projector that notices when its picture is not on screen any more."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.radiometry.mosaic import MosaicPattern
-from rig.devices.protocols import Codes, ExposureRange
+from rig.devices.protocols import Codes, ExposureRange, Gain
 from rig.errors import ProfileError, SettingRefused
 
 
@@ -30,3 +30,11 @@ def check_exposure(exposure_s: float, range_s: tuple[float, float], whose: str =
     possible = ExposureRange(*range_s)
     if not possible.holds(exposure_s):
         raise SettingRefused(f"exposure {exposure_s:.6g} s is outside {whose} {possible} s")
+
+
+def check_gain(value: float, gain: Gain) -> None:
+    """Refuse a gain that a camera does not have. Raises SettingRefused."""
+    if not gain.least <= value <= gain.most:
+        raise SettingRefused(
+            f"gain {value:.6g} is outside the camera's {gain.least:g} … {gain.most:g} {gain.unit}; give one within it"
+        )

@@ -88,9 +88,9 @@ class RoomSource:
 
     def _frame(self, light: Float32Array, request: FrameRequest) -> bytes:
         settings = self._world.settings.camera
-        gained = light * np.float32(request.gain)
         full_scale = full_scale_dn(request.fourcc)
-        pixels = sensor_response(settings, gained, request.exposure_s, full_scale, noise=self._fresh_noise())
+        noise = self._fresh_noise()
+        pixels = sensor_response(settings, light, request.exposure_s, full_scale, noise=noise, gain=request.gain)
         return encoded(_sized(pixels, request), request.fourcc)
 
 

@@ -64,7 +64,7 @@ class WorldView:
         full_scale_dn
             The largest digital number.
         gain
-            Factor of the light.
+            Factor of what the sensor counted.
         black_dn
             On top of the sensor's own black level.
         gamma
@@ -81,5 +81,5 @@ class WorldView:
         if gamma != 1.0:
             update["tone"] = gamma
         noise = self._random.standard_normal(light.shape, dtype=np.float32)
-        light *= np.float32(gain)
-        return sensor_response(settings.model_copy(update=update), light, exposure_s, full_scale_dn, noise=noise)
+        changed = settings.model_copy(update=update)
+        return sensor_response(changed, light, exposure_s, full_scale_dn, noise=noise, gain=gain)

@@ -196,6 +196,8 @@ class ListedBusCamera(Record):
     """Maker and model."""
     address: str
     """On the network, or of the USB port."""
+    error: str | None = None
+    """Why it could not be asked what it can do."""
     profile: tuple[str, ...]
     """Lines to paste."""
 

@@ -274,14 +274,46 @@ def _bus_cameras(finders: Finders, problems: list[str]) -> tuple[ListedBusCamera
     genicam = _asked("GigE and USB3 cameras", finders.genicam, problems)
     stills = _asked("still cameras", finders.stills, problems)
     return (
-        *(_bus_camera("genicam", one.device_id, f"{one.vendor} {one.model}", one.address) for one in genicam),
-        *(_bus_camera("gphoto2", one.port, one.model, one.port) for one in stills),
+        *(_genicam_camera(one, finders) for one in genicam),
+        *(_still(one) for one in stills),
     )
 
 
-def _bus_camera(driver: str, device_id: str, name: str, address: str) -> ListedBusCamera:
-    lines = _toml_lines("camera", {"driver": driver, "device_id": device_id})
-    return ListedBusCamera(driver=driver, device_id=device_id, name=name, address=address, profile=lines)
+def _genicam_camera(found: FoundGenicam, finders: Finders) -> ListedBusCamera:
+    """With what the camera says of itself; the first pixel format that is understood is the best one."""
+    from rig.devices.genicam.formats import PIXEL_FORMATS
+
+    able, error = None, None
+    try:
+        able = finders.describe_genicam(found)
+    except (RigError, OSError) as problem:
+        error = str(problem)
+    keys: dict[str, object] = {"driver": "genicam", "device_id": found.device_id}
+    if able is not None:
+        best = next((PIXEL_FORMATS[name] for name in able.pixel_formats), None)
+        keys |= {
+            "pixel_format": best and best.name,
+            "width_px": able.width_px,
+            "height_px": able.height_px,
+            "channels": best and (3 if best.mosaic else best.numbers),
+            "mosaic": best and best.mosaic,
+            "bit_depth": best and best.depth,
+            "frame_rate_hz": able.frame_rate_hz,
+            "exposure_range_s": able.exposure_range_s,
+        }
+    return ListedBusCamera(
+        driver="genicam",
+        device_id=found.device_id,
+        name=f"{found.vendor} {found.model}",
+        address=found.address,
+        error=error,
+        profile=_toml_lines("camera", keys),
+    )
+
+
+def _still(found: FoundStill) -> ListedBusCamera:
+    lines = _toml_lines("camera", {"driver": "gphoto2", "device_id": found.port})
+    return ListedBusCamera(driver="gphoto2", device_id=found.port, name=found.model, address=found.port, profile=lines)
 
 
 def _output(found: FoundOutput, outputs: Sequence[FoundOutput], finders: Finders) -> ListedOutput:

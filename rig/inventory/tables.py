@@ -125,6 +125,9 @@ def _print_remarks(result: DeviceList) -> None:
             print(f"{one.name}: {warning}")
         if isinstance(one, ListedCamera) and one.known_as:
             print(f"{one.name}: facts of {one.known_as} are in hw_profiles/cameras")
+    for camera in result.bus_cameras:
+        if camera.error:
+            print(f"{camera.name}: {camera.error}")
     for problem in result.problems:
         print(problem)
 

@@ -17,6 +17,8 @@ _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.25, 8.0
 """Before the first new process, and before any: doubled in between. A show is back within 10 s of what hindered it."""
 _STEADY_S = 60.0
 """A process that ran for so long begins with the first pause again."""
+_SPARE_AFTER_S = 2.0
+"""After its start, once it shows: the next process gets ready beside it, so that only devices are left to be opened."""
 _LOOK_S = 0.5
 _PHASES = {"showing": "running", "waiting": "waiting", "off": "off"}
 """By what the keeper within the process says it does."""
@@ -34,6 +36,8 @@ class KeeperStatus(Record):
     """Times that it began again, by itself or by a new process."""
     error: str = ""
     """Why it ended last."""
+    has_spare: bool = False
+    """Whether a second process is ready to take the place of the one that shows."""
 
     @property
     def is_well(self) -> bool:
@@ -83,6 +87,7 @@ class ProcessKeeper:
         if self._task is not None:
             self._task.cancel()
             await asyncio.wait([self._task])
+        await self._workplace.holder.spare.drop()
 
     async def _run(self) -> None:
         while True:
@@ -96,17 +101,22 @@ class ProcessKeeper:
         kept = {} if self._job is None else self._job.kept
         again = max(int(str(kept.get("runs", 1))) - 1, 0) + max(self._processes - 1, 0)
         error = self._error or str(kept.get("last_failure", ""))
-        return KeeperStatus(name=self._name, phase=phase, restarts=again, error=error)
+        spare = self._workplace.holder.spare.is_ready
+        return KeeperStatus(name=self._name, phase=phase, restarts=again, error=error, has_spare=spare)
 
     async def _step(self) -> str:
         """Start the process when that is due, and return what the show does."""
         job, now_s = self._job, self._clock.now_s()
         if self._is_let_go:
+            await self._workplace.holder.spare.drop()
             return "let go"
         if job is not None and job.is_running:
             if now_s - self._begun_s > _STEADY_S:
                 self._pause_s = _FIRST_PAUSE_S
-            return _PHASES.get(str(job.kept.get("phase")), "running")
+            phase = _PHASES.get(str(job.kept.get("phase")), "running")
+            if job.kept and phase != "waiting" and now_s - self._begun_s > _SPARE_AFTER_S:
+                await self._workplace.prepare_spare("keep", KeepJob(show=self._name))
+            return phase
         if job is not None:
             self._job = None
             self._wait(job.error or f"it ended ({job.phase})")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rig.by_hand.pictures import PATTERNS, SPOTS
-from rig.errors import SessionError, UsageError
+from rig.errors import RigError, SessionError, UsageError
 from rig.live.plan import LiveRequest, check_request
 from rig.page.jobs.holder import Job, JobHolder
 from rig.page.jobs.requests import AnyJob, CheckJob, KeepJob, LookJob, RecheckJob, RunJob, ShowJob, StrategiesJob
@@ -39,6 +40,11 @@ class Workplace:
         """Begin a job. Raises what :func:`prepared` raises, RigBusy."""
         work = prepared(job, self.folders)
         return await self.holder.start(kind, title_of(job), job.as_json(), work.as_json())
+
+    async def prepare_spare(self, kind: str, job: AnyJob) -> None:
+        """Let a second process get ready for a job that is at work; what :func:`prepared` refuses needs none."""
+        with suppress(RigError):
+            await self.holder.spare.prepare(kind, prepared(job, self.folders).as_json())
 
 
 def prepared(job: AnyJob, folders: Folders) -> AnyJob:

@@ -229,7 +229,18 @@ def _frame_text(session: Session, n_notes: int) -> str:
     n_frames = len({event["file"] for event in session.frame_log() if event["event"] == "frame"})
     cut = f" The first {_MAX_EVENTS} are shown." if n_notes > _MAX_EVENTS else ""
     frames, events = counted(n_frames, "frame"), counted(n_notes, "event")
-    return f"{frames}, {events} (stale or lost frames, retries).{cut}"
+    return f"{frames}, {events} (stale or lost frames, retries).{cut}{_association(session)}"
+
+
+def _association(session: Session) -> str:
+    """How photographs without time stamps were told to belong to their pictures, by camera; empty where none are."""
+    waiting = [camera.name for camera in session.profile.cameras if camera.driver == "gphoto2"]
+    if not waiting:
+        return ""
+    return (
+        f" Photographs of {', '.join(waiting)} have no time stamps: they belong to their pictures by waiting. The "
+        "shutter was released when the picture had been on screen for the projector's latency, by the rig's clock."
+    )
 
 
 def _provenance(session: Session, target: ShownTarget | None) -> str:

@@ -13,15 +13,16 @@ from pathlib import Path
 
 from rig.devices.clock import SystemClock
 from rig.errors import SessionError
-from rig.live.plan import LivePlan, plan_live
+from rig.live.plan import LivePlan
 from rig.live.run import OnStatus, run_live
 from rig.live.show.controls import NoRemote, RemoteControl
 from rig.live.watcher import ShowWatcher
 from rig.shows.disk import keep_within
 from rig.shows.keeper import KeeperState, KeptShow, ShowKeeper
 from rig.shows.lamp import KeptLamp, control_of, lamp_file
+from rig.shows.prepared import PreparedShow, prepare_show
 from rig.shows.remote import Desk, OscListener, Remote
-from rig.shows.saved import LogSettings, SavedShow, load_show, request_of
+from rig.shows.saved import LogSettings, SavedShow
 from rig.terminal import OnStep, silent
 from rig.terminal.signals import EndSignals
 
@@ -45,7 +46,12 @@ _NOBODY = Operator()
 
 
 def keep_show(
-    name: str, on_step: OnStep = silent, on_status: OnStatus = lambda _: None, operator: Operator = _NOBODY
+    name: str,
+    on_step: OnStep = silent,
+    on_status: OnStatus = lambda _: None,
+    *,
+    operator: Operator = _NOBODY,
+    prepared: PreparedShow | None = None,
 ) -> KeptShow:
     """Run a saved show until somebody ends it; the projector is black whenever it is not shown.
 
@@ -59,6 +65,8 @@ def keep_show(
         Told a line for a person twice a second.
     operator
         Who follows it and orders from elsewhere.
+    prepared
+        The same show as it was prepared before: used where no file of it has changed since.
 
     Returns
     -------
@@ -69,8 +77,9 @@ def keep_show(
     UsageError, ProfileError, SessionError
         It cannot begin.
     """
-    show, path = load_show(name)
-    plan = plan_live(request_of(show, path), on_step)
+    if prepared is None or not prepared.is_current():
+        prepared = prepare_show(name, on_step)
+    show, path, plan = prepared.show, prepared.path, prepared.plan
     with ExitStack() as stack:
         stack.enter_context(_logging(path.with_suffix(".log"), show.log))
         remote = Remote()

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from rig.capture.rig import Rig
-from rig.devices.protocols import Camera
+from rig.devices.protocols import Camera, gain_control_of
 from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 
 Show = Callable[[str], float]
+AMPLIFYING = ("simulated", "genicam", "v4l2")
+"""Drivers whose test cameras have a gain; the virtual still camera has no sensitivities."""
 
 
 class TestCamera:
@@ -89,6 +91,34 @@ class TestCamera:
         assert frames[0].exposure_s == frames[1].exposure_s == chosen_s
         assert frames[0].started_s >= settled_s
         assert frames[1].sequence > frames[0].sequence
+
+    def test_a_gain_brightens_the_picture_is_told_as_it_is_and_gone_when_it_was_closed(
+        self, rig: Rig, show: Show
+    ) -> None:
+        control = gain_control_of(rig.camera)
+        assert (control is not None) == (rig.profile.camera.driver in AMPLIFYING)
+        if control is None:
+            with pytest.raises(SettingRefused, match="has no gain"):
+                rig.set_gain(1.0)
+            return
+        before = control.now()
+        assert before.least <= before.value < before.most
+        rig.camera.set_exposure(rig.camera.exposure_range_s[0])
+        dim = rig.camera.capture(after_s=show("white"), timeout_s=5.0)
+        after = rig.set_gain(before.value + 0.2 * (before.most - before.value))
+        assert after == control.now()
+        assert f"{after.value:g}" in control.profile_lines() or rig.profile.camera.driver == "simulated"
+        bright = rig.camera.capture(after_s=rig.clock.now_s(), timeout_s=5.0)
+        assert bright.pixels.mean() > 1.02 * dim.pixels.mean()
+        for value in (before.least - 1, before.most + 1, float("nan")):
+            with pytest.raises(SettingRefused, match="outside"):
+                rig.set_gain(value)
+        rig.camera.close()
+        assert gain_control_of(rig.camera) is None
+        rig.camera.open()
+        again = gain_control_of(rig.camera)
+        assert again is not None
+        assert again.now() == before
 
     def test_a_frame_says_how_many_were_lost_before_it(self, rig: Rig, show: Show) -> None:
         assert rig.camera.capture(after_s=show("white"), timeout_s=5.0).lost >= 0

@@ -17,6 +17,7 @@ from rig.devices.genicam.aravis import AravisError, aravis
 from rig.devices.genicam.clock_map import ClockMap, TriggerAnswers
 from rig.devices.genicam.features import Feature, Features
 from rig.devices.genicam.formats import PIXEL_FORMATS, GenicamFormat, Pixels, pixel_format
+from rig.devices.genicam.gain import GAIN, GenicamGain
 from rig.devices.genicam.settings import GenicamOptions, options_of
 from rig.devices.genicam.setup import (
     MICROSECONDS,
@@ -229,9 +230,21 @@ class GenicamCamera:
                 )
             chosen_s = opened.features.set_number(opened.exposure, exposure_s * MICROSECONDS) / MICROSECONDS
             if abs(chosen_s - opened.exposure_s) > _STEP * opened.exposure_s:
-                queued_s = 0.0 if self._is_triggered else _QUEUED_PERIODS * max(self._period_s, opened.exposure_s)
-                opened.exposure_s, opened.valid_from_s = chosen_s, self._clock.now_s() + queued_s
+                self._from_now(opened)
+                opened.exposure_s = chosen_s
             return opened.exposure_s
+
+    def _from_now(self, opened: _OpenGenicam) -> None:
+        """Frames that began before have other settings."""
+        queued_s = 0.0 if self._is_triggered else _QUEUED_PERIODS * max(self._period_s, opened.exposure_s)
+        opened.valid_from_s = self._clock.now_s() + queued_s
+
+    def gain_control(self) -> GenicamGain | None:
+        """Its gain, while it is open; it is opened with the profile's, or the least."""
+        opened = self._opened
+        if opened is None or not opened.features.has(GAIN):
+            return None
+        return GenicamGain(opened.features, opened.held, lambda: self._from_now(opened))
 
     def capture(self, *, after_s: float, timeout_s: float) -> RawFrame:
         """Return the first complete frame whose exposure began at or after ``after_s``.
@@ -365,7 +378,7 @@ class GenicamCamera:
         opened = self._opened
         if opened is None or opened.packet_bytes is None:
             return ()
-        return transport_advice(self._name, opened.packet_bytes, opened.stream.counters())
+        return transport_advice(self.device_id, opened.packet_bytes, opened.stream.counters())
 
 
 def from_profile(settings: CameraSettings, clock: Clock) -> GenicamCamera:

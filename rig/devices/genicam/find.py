@@ -74,6 +74,14 @@ def is_address(device_id: str) -> bool:
     return True
 
 
+def is_loopback(device_id: str) -> bool:
+    """Tell whether a camera is on this machine's own network, where no packet is too small."""
+    try:
+        return ipaddress.ip_address(opened_by(device_id)).is_loopback
+    except (ValueError, DeviceLost):
+        return False
+
+
 def opened_by(device_id: str) -> str:
     """Return what Aravis opens a camera by. Raises DeviceLost when there is none, or several."""
     if is_address(device_id):

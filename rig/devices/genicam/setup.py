@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from rig.devices.genicam.aravis import AravisError, aravis
 from rig.devices.genicam.features import EXPOSURES, Feature, Features, manual
-from rig.devices.genicam.find import is_address, opened_by, why_silent
+from rig.devices.genicam.find import is_address, is_loopback, opened_by, why_silent
 from rig.devices.genicam.formats import GenicamFormat
 from rig.devices.genicam.settings import GenicamOptions
 from rig.devices.genicam.stream import SOCKET_BUFFER_BYTES, StreamCounters, socket_buffer_limit
@@ -165,10 +165,10 @@ def set_packets(camera: int, wishes: GenicamWishes) -> int:
     return called("arv_camera_gv_get_packet_size", camera, wishes.name)
 
 
-def transport_advice(name: str, packet_bytes: int, counters: StreamCounters) -> tuple[str, ...]:
+def transport_advice(device_id: str, packet_bytes: int, counters: StreamCounters) -> tuple[str, ...]:
     """Return what the network lacks, a sentence each, with the setting to change."""
     found, limit = [], socket_buffer_limit()
-    if packet_bytes <= _SMALL_PACKET:
+    if packet_bytes <= _SMALL_PACKET and not is_loopback(device_id):
         found.append(f"packets have {packet_bytes} bytes, larger ones cost less: ip link set DEVICE mtu 9000")
     if limit is not None and limit < SOCKET_BUFFER_BYTES:
         found.append(
@@ -181,4 +181,4 @@ def transport_advice(name: str, packet_bytes: int, counters: StreamCounters) -> 
             f"{counters.missing_packets} packets were missing, {counters.resent_packets} were sent again: "
             "give it a network card and a cable of its own"
         )
-    return tuple(f"{name}: {line}" for line in found)
+    return tuple(f"camera {device_id}: {line}" for line in found)

@@ -18,6 +18,7 @@ from pydantic import Field, ValidationError
 
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
+from rig.devices.gphoto2.gain import StillGain, still_gain
 from rig.devices.gphoto2.pictures import WantedPicture, from_jpeg, from_raw
 from rig.devices.gphoto2.port import StillPort
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
@@ -45,7 +46,7 @@ class StillOptions(Table):
     """By gphoto2's names (``iso = "100"``), set when it is opened, and read back."""
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, kw_only=True)
 class _OpenedStill:
     """Everything that exists while the camera is open."""
 
@@ -53,6 +54,8 @@ class _OpenedStill:
     speeds: dict[str, float]
     """Exposure of each step that is within the profile's range. [s]"""
     exposure_s: float
+    gain: StillGain | None
+    """None where it offers no sensitivities."""
     delays_s: list[float] = field(default_factory=list)
     """From the command to the picture, less the exposure: mirror, shutter, and the way of the file."""
 
@@ -141,7 +144,8 @@ class StillCamera:
                 port.hold(setting, value)
             speeds = self._speeds(port)
             shown = seconds(port.value(SHUTTER_SPEED) or "")
-            self._opened = _OpenedStill(port, speeds, min(speeds.values()) if shown is None else shown)
+            exposure_s = min(speeds.values()) if shown is None else shown
+            self._opened = _OpenedStill(port=port, speeds=speeds, exposure_s=exposure_s, gain=still_gain(port))
             undo.pop_all()
 
     def _check_state(self, port: StillPort) -> None:
@@ -185,7 +189,13 @@ class StillCamera:
         """Let it go; any number of times, from any state."""
         opened, self._opened = self._opened, None
         if opened is not None:
+            if opened.gain is not None:
+                opened.gain.put_back()
             opened.port.close()
+
+    def gain_control(self) -> StillGain | None:
+        """Its sensitivity, while it is open; closing it puts back what was there."""
+        return None if self._opened is None else self._opened.gain
 
     def set_exposure(self, exposure_s: float) -> float:
         """Choose the step that is nearest in its logarithm, and return its exposure.

@@ -17,12 +17,14 @@ VIRTUAL = "virtual:"
 """Begin of the id of a virtual camera: its folder follows."""
 SHUTTER, CARD = "shutter", "card"
 """In the folder of a virtual camera: the socket that is told of an exposure, and the folder of its one picture."""
-_BUSY, _NO_SPACE, _CLAIMED, _ERROR = -110, -115, -53, -112
+_BUSY, _NO_SPACE, _CLAIMED, _ERROR, _NO_MEMORY = -110, -115, -53, -112, -3
 _GONE = frozenset({-7, -52, -105, -35, -34})
 """Of gphoto2-result.h and gphoto2-port-result.h: input or output, no device, no such model, lost device."""
+_FULL = "its card is full: empty it, or set it to keep no copy"
 _MEANINGS: Mapping[int, tuple[type[DeviceError], str]] = {
     _BUSY: (DeviceError, "it is busy: wait until its lamp is off, close its menus"),
-    _NO_SPACE: (DeviceError, "its card is full: empty it, or set it to keep no copy"),
+    _NO_SPACE: (DeviceError, _FULL),
+    _NO_MEMORY: (DeviceError, _FULL),  # what the library makes of a camera's StoreFull
     _CLAIMED: (DeviceBusy, "another program has it: close file managers (gio mount -s gphoto2), then try again"),
     _ERROR: (
         DeviceError,
@@ -33,6 +35,8 @@ _MEANINGS: Mapping[int, tuple[type[DeviceError], str]] = {
     -2: (SettingRefused, "it takes no such value"),
 }
 _LONGEST_EXPOSURE_S = 120.0
+_VIRTUAL_CARD = 20
+"""Pictures before a virtual camera is opened anew: after 26 its port says that the card is full, deleted or not."""
 
 
 def library() -> ModuleType:
@@ -72,6 +76,7 @@ class StillPort:
     def __init__(self, device_id: str, name: str):
         self._name, self._library = name, library()
         self._folder = Path(device_id.removeprefix(VIRTUAL)) if device_id.startswith(VIRTUAL) else None
+        self._pictures, self._held = 0, dict[str, str]()
         with named(name, "opening it"), self._surroundings():
             self._camera = self._found(device_id)
         if self._folder is None and device_id and not device_id.startswith("usb:"):
@@ -137,10 +142,14 @@ class StillPort:
             raise SettingRefused(
                 f"{self._name}: {setting} was set to {value}, the camera has {got}; it offers {offered}"
             )
+        self._held[setting] = value
 
     def release(self, exposure_s: float) -> bytes:
         """Release the shutter, fetch the picture's file, and delete it on the camera."""
+        if self._folder is not None and self._pictures >= _VIRTUAL_CARD:
+            self._change_virtual_card()
         self._tell_shutter(exposure_s)
+        self._pictures += 1
         with named(self._name, "releasing the shutter"):
             path = self._camera.capture(self._library.GP_CAPTURE_IMAGE)
             file = self._camera.file_get(path.folder, path.name, self._library.GP_FILE_TYPE_NORMAL)
@@ -148,6 +157,16 @@ class StillPort:
         with suppress(self._library.GPhoto2Error):  # it may have kept none
             self._camera.file_delete(path.folder, path.name)
         return data
+
+    def _change_virtual_card(self) -> None:
+        """Load the virtual port anew, which counts pictures and never forgets those that were deleted."""
+        self.close()
+        del self._camera  # with the last camera goes the port, and its count
+        self._pictures = 0
+        with named(self._name, "opening it again"), self._surroundings():
+            self._camera = self._found("")
+        for setting, value in list(self._held.items()):
+            self.hold(setting, value)
 
     def _tell_shutter(self, exposure_s: float) -> None:
         """A virtual camera has a file, and no shutter: who emulates it exposes, and answers when the file is there."""

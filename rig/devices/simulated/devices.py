@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.radiometry.mosaic import Mosaic
-from rig.devices.protocols import Clock, Codes, ExposureRange, RawFrame, Shown
-from rig.devices.refusals import check_codes, check_exposure
+from rig.devices.protocols import Clock, Codes, ExposureRange, Gain, RawFrame, Shown
+from rig.devices.refusals import check_codes, check_exposure, check_gain
 from rig.devices.simulated.faults import FrameFaults, end_of, first_in, random_at
 from rig.devices.simulated.pair import Float32Array, SeenLight, SimulatedPair
 from rig.devices.simulated.settings import Interval, SimulatedCameraSettings
@@ -131,6 +131,37 @@ class _Source:
         return share * light + (1 - share) * self.ambient()
 
 
+_MOST_GAIN_DB = 24.0
+"""As many industrial cameras have."""
+_GAIN_STEP_DB = 0.1
+
+
+class SimulatedGain:
+    """The gain of a simulated camera, in steps of 0.1 dB: after the sensor's noise, before the converter clips."""
+
+    def __init__(self) -> None:
+        self.db = 0.0
+
+    @property
+    def factor(self) -> float:
+        """Of the digital numbers above black."""
+        return float(10 ** (self.db / 20))
+
+    def now(self) -> Gain:
+        """What it is."""
+        return Gain(self.db, 0.0, _MOST_GAIN_DB, "dB")
+
+    def change(self, value: float) -> Gain:
+        """Choose the nearest step. Raises SettingRefused."""
+        check_gain(value, self.now())
+        self.db = round(round(value / _GAIN_STEP_DB) * _GAIN_STEP_DB, 6)
+        return self.now()
+
+    def profile_lines(self) -> str:
+        """Say that no profile keeps it."""
+        return "a simulated camera measures with a gain of 0 dB, always"
+
+
 class SimulatedCamera:
     """Photographs the world: exposure, lens, shot and read noise, response, quantisation, late or lost frames.
 
@@ -169,6 +200,7 @@ class SimulatedCamera:
         self._earlier_exposure_s, self._set_s = self._exposure_s, -math.inf
         self._opened_s: float | None = None
         self._sequence = 0
+        self._gain = SimulatedGain()
         self._faults = FrameFaults(self.world.settings.camera, self.world.settings.seed, self._period_s)
         self._sources = [_Source(*one) for one in ((bands, projector), *others)]
 
@@ -194,10 +226,15 @@ class SimulatedCamera:
             _refuse_unplugged("camera", self.world.settings.camera.unplugged_s, now_s, now_s)
             self._opened_s = now_s
             self._exposure_s = self._earlier_exposure_s = self._exposure_range_s.shortest_s
+            self._gain = SimulatedGain()
 
     def close(self) -> None:
         """Let go."""
         self._opened_s = None
+
+    def gain_control(self) -> SimulatedGain | None:
+        """Its gain, while it is open."""
+        return None if self._opened_s is None else self._gain
 
     def set_exposure(self, exposure_s: float) -> float:
         """Choose the nearest multiple of 10 µs."""
@@ -269,7 +306,8 @@ class SimulatedCamera:
             light = np.asarray(self._mosaic.seen(light), np.float32)
         random = random_at(self.world.settings.seed, 3, start_s)
         noise = random.standard_normal(light.shape, dtype=np.float32)
-        levels = sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise)
+        gain = self._gain.factor
+        levels = sensor_response(settings, light, exposure_s, self.full_scale_dn, noise=noise, gain=gain)
         return levels if settings.jpeg_quality is None else through_jpeg(levels, settings.jpeg_quality)
 
     def _check_open(self) -> float:
@@ -293,15 +331,21 @@ def _lit_share(picture: LitPicture, starts_s: FloatArray, ends_s: FloatArray) ->
 
 
 def sensor_response(
-    camera: SimulatedCameraSettings, light: Float32Array, exposure_s: float, full_scale_dn: int, *, noise: Float32Array
+    camera: SimulatedCameraSettings,
+    light: Float32Array,
+    exposure_s: float,
+    full_scale_dn: int,
+    *,
+    noise: Float32Array,
+    gain: float = 1.0,
 ) -> NDArray[np.uint16]:
-    """Digital numbers of a light image: electrons, shot and read noise, compression, black level, clip.
+    """Digital numbers of a light image: electrons, shot and read noise, gain, compression, black level, clip.
 
-    ``noise`` is standard normal, in the shape of the light.
+    ``noise`` is standard normal, in the shape of the light. A gain amplifies what the sensor counted, noise and all.
     """
     electrons = light * np.float32(camera.sensitivity_e_per_s * exposure_s)
     electrons += noise * np.sqrt(np.maximum(electrons, 0) + np.float32(camera.read_noise_e**2))
-    y = np.clip(electrons / np.float32(camera.full_well_e), -0.05, 1.0)
+    y = np.clip(electrons * np.float32(gain / camera.full_well_e), -0.05, 1.0)
     y *= (1 + camera.compression) / (1 + camera.compression * y)
     y = toned(y, camera.tone)
     digital = camera.black_level_dn + (full_scale_dn - camera.black_level_dn) * y

@@ -16,6 +16,7 @@ from rig.devices.v4l2.describe import ControlAbility
 from rig.devices.v4l2.find import FoundCamera, find_camera
 from rig.devices.v4l2.formats import layout_of, mosaic_of_format, pixel_format
 from rig.devices.v4l2.frames import Frames, FrameSearch
+from rig.devices.v4l2.gain import V4l2Gain, gain_of
 from rig.devices.v4l2.node import STALLED, Node
 from rig.devices.v4l2.settling import UNMEASURED_FRAMES, Settling
 from rig.devices.v4l2.setup import (
@@ -59,6 +60,8 @@ class _Opened:
     """The frames were seen to follow the exposure."""
     slowest_frames: int = UNMEASURED_FRAMES
     """How many frames a new exposure took to be seen, at most."""
+    gain: V4l2Gain | None = None
+    """Once somebody asked for it."""
     proven_exposure_s: float = 0.0
     """The longest one whose frames were seen to come as far apart as it is long."""
 
@@ -193,6 +196,8 @@ class V4l2Camera:
         """Stop streaming and let the node go; any number of times, from any state."""
         opened, self._opened = self._opened, None
         if opened is not None:
+            if opened.gain is not None:
+                opened.gain.put_back()
             opened.undo.close()
 
     def reset(self) -> None:
@@ -204,6 +209,20 @@ class V4l2Camera:
         from rig.devices.usb.reset import reset_usb_device
 
         reset_usb_device(found.usb_port)
+
+    def gain_control(self) -> V4l2Gain | None:
+        """Its gain, while it is open; closing it puts back what was there."""
+        opened = self._opened
+        if opened is None:
+            return None
+
+        def changed() -> None:
+            late_s = opened.slowest_frames * max(opened.period_s, opened.exposure_s)
+            opened.valid_from_s = self._clock.now_s() + late_s
+
+        if opened.gain is None:
+            opened.gain = gain_of(opened.node, opened.settings, changed)
+        return opened.gain
 
     def set_exposure(self, exposure_s: float) -> float:
         """Set the nearest exposure, and wait until the frames show it, under the scene that is there.

@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
-import os
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
@@ -14,17 +12,16 @@ from dataclasses import dataclass, field
 
 from rig.errors import RigError
 from rig.page.jobs.latest import LatestFrame
-from rig.page.jobs.wire import LONGEST_LINE, PARTS
+from rig.page.jobs.process import keep_lines, next_message, started
+from rig.page.jobs.spare import Spare
 from rig.page.server.news import News
-from rig.records import Json, JsonObject
+from rig.records import JsonObject
 
 _PATIENCE_S = 20.0
 """For a job that was asked to end: a photograph at the longest exposure, and black on the projector."""
 _LAST_PATIENCE_S = 5.0
 _MOST_FAULTS = 100
 _ERROR_LINES = 30
-
-Message = tuple[str, JsonObject, list[bytes]]
 
 
 class RigBusy(RigError):
@@ -98,6 +95,8 @@ class JobHolder:
         """The newest picture of the job."""
         self.job: Job | None = None
         """The one that is at work, or the last one; None before the first."""
+        self.spare = Spare()
+        """A process that is ready for the same work, where somebody asked for one."""
         self._news = news
         self._process: asyncio.subprocess.Process | None = None
         self._numbers = 0
@@ -133,7 +132,7 @@ class JobHolder:
             raise RigBusy(f"the rig is at work: {at}; stop that first, or wait for its end")
         self._is_starting = True
         try:
-            self._process = await _started(kind, work)
+            self._process = await self.spare.take(kind, work) or await started(kind, work)
         finally:
             self._is_starting = False
         self._numbers += 1
@@ -172,9 +171,9 @@ class JobHolder:
         if process.stdout is None or process.stderr is None:
             raise RuntimeError("a job's process has no streams")
         said: deque[str] = deque(maxlen=_ERROR_LINES)
-        errors = asyncio.create_task(_keep(process.stderr, said))
+        errors = asyncio.create_task(keep_lines(process.stderr, said))
         try:
-            while (message := await _message(process.stdout)) is not None:
+            while (message := await next_message(process.stdout)) is not None:
                 self._take(job, *message)
         finally:
             with contextlib.suppress(ConnectionError, RuntimeError):
@@ -235,12 +234,12 @@ async def ask(kind: str, asked: JsonObject | None = None, timeout_s: float = 60.
     RigError
         It could not, or took too long.
     """
-    process = await _started(kind, asked or {})
+    process = await started(kind, asked or {})
     if process.stdout is None:
         raise RuntimeError("a job's process has no streams")
     try:
         async with asyncio.timeout(timeout_s):
-            while (message := await _message(process.stdout)) is not None:
+            while (message := await next_message(process.stdout)) is not None:
                 what, content, _ = message
                 if what == "failed":
                     raise RigError(str(content["error"]))
@@ -253,40 +252,6 @@ async def ask(kind: str, asked: JsonObject | None = None, timeout_s: float = 60.
             process.kill()
         await process.wait()
     raise RigError(f"{kind}: its process ended without an answer; look on the command line")
-
-
-async def _started(kind: str, work: JsonObject) -> asyncio.subprocess.Process:
-    command = (sys.executable, "-m", "rig.page.jobs.worker")
-    pipe = asyncio.subprocess.PIPE
-    process = await asyncio.create_subprocess_exec(
-        *command, stdin=pipe, stdout=pipe, stderr=pipe, limit=LONGEST_LINE, env=dict(os.environ), start_new_session=True
-    )
-    if process.stdin is None:
-        raise RuntimeError("a job's process has no standard input")
-    process.stdin.write(json.dumps({"kind": kind, "job": work}).encode() + b"\n")
-    return process
-
-
-async def _message(stream: asyncio.StreamReader) -> Message | None:
-    """The next message; None at the end, also at one that breaks off."""
-    line = await stream.readline()
-    if not line.endswith(b"\n"):
-        return None
-    found: Json = json.loads(line)
-    if not isinstance(found, dict):
-        raise ValueError("a job told something that is no object")
-    sizes, what = found.pop(PARTS), str(found.pop("what"))
-    try:
-        pieces = [await stream.readexactly(size) for size in sizes if isinstance(size, int)]  # type: ignore[union-attr]
-    except asyncio.IncompleteReadError:
-        return None
-    return what, found, pieces
-
-
-async def _keep(stream: asyncio.StreamReader, said: deque[str]) -> None:
-    """Keep the last lines of what a job prints."""
-    while part := await stream.read(1 << 16):
-        said.extend(line for line in part.decode(errors="replace").splitlines() if line.strip())
 
 
 async def _ended(task: asyncio.Task[None], timeout_s: float) -> bool:

@@ -40,6 +40,8 @@ def _obey(order: JsonObject, preview: Preview, wire: Wire) -> None:
                 preview.show(str(order.get("picture", "")))
             case "exposure":
                 preview.expose(_number(order.get("exposure_s")))
+            case "gain":
+                preview.amplify(_number(order.get("value")))
             case "region":
                 preview.region = _region(order)
             case "watched":

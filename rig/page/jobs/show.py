@@ -20,6 +20,7 @@ from rig.page.jobs.requests import KeepJob, ShowJob
 from rig.page.jobs.wire import Wire
 from rig.records import JsonObject, Record
 from rig.shows.keeper import KeeperState
+from rig.shows.prepared import PreparedShow
 from rig.shows.run import Operator, keep_show
 from rig.terminal import OnStep
 
@@ -174,8 +175,11 @@ def show_on(job: ShowJob, wire: Wire, on_step: OnStep) -> JsonObject:
     return run_live(plan, remote=page, watcher=page).as_json()
 
 
-def keep_on(job: KeepJob, wire: Wire, on_step: OnStep) -> JsonObject:
-    """Keep a saved show until the page ends it; returns what `rig live --show --json` prints."""
+def keep_on(job: KeepJob, wire: Wire, on_step: OnStep, prepared: PreparedShow | None = None) -> JsonObject:
+    """Keep a saved show until the page ends it; returns what `rig live --show --json` prints.
+
+    What was prepared before is used if it is still what the files say.
+    """
     page = PageRemote(wire)
 
     def told(state: KeeperState) -> None:
@@ -183,4 +187,4 @@ def keep_on(job: KeepJob, wire: Wire, on_step: OnStep) -> JsonObject:
         on_step({"showing": "show"}.get(state.phase, state.phase), 0, 0)
 
     operator = Operator(remote=page, watcher=page, on_state=told)
-    return keep_show(job.show, on_step, operator=operator).as_json()
+    return keep_show(job.show, on_step, operator=operator, prepared=prepared).as_json()

@@ -44,13 +44,19 @@ class Wire:
         # Unbuffered: a thread that waits for orders holds no lock that the end of the process would need.
         return cls(os.fdopen(os.dup(0), "rb", buffering=0), messages)
 
-    def first(self) -> JsonObject:
-        """Wait for the first order, which says what the job is, and listen for others from then on."""
-        found: Json = json.loads(self._orders.readline())
+    def first(self) -> JsonObject | None:
+        """Wait for an order that says what the job is, before :meth:`listen`; None when there will be none."""
+        line = self._orders.readline()
+        if not line:
+            return None
+        found: Json = json.loads(line)
         if not isinstance(found, dict):
             raise ValueError("the first order is no object")
-        threading.Thread(target=self._listen, name="orders", daemon=True).start()
         return found
+
+    def listen(self) -> None:
+        """Hear other orders from now on."""
+        threading.Thread(target=self._listen, name="orders", daemon=True).start()
 
     def orders(self) -> list[JsonObject]:
         """Return what was ordered since the last call."""

@@ -6,11 +6,17 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rig.errors import RigError
 from rig.page.jobs.requests import AnyJob, CheckJob, KeepJob, LookJob, RecheckJob, RunJob, ShowJob, StrategiesJob
+from rig.page.jobs.spare import KIND as SPARE
+from rig.page.jobs.spare_work import prepared_beside
 from rig.page.jobs.wire import Wire, interrupt_this_process
 from rig.records import JsonObject, read_record
+
+if TYPE_CHECKING:
+    from rig.shows.prepared import PreparedShow
 
 _PROGRESS_S = 0.1
 """Between two messages about the same step: nobody reads faster."""
@@ -81,11 +87,11 @@ def _show(job: ShowJob, wire: Wire) -> JsonObject:
     return show_on(job, wire, _ToldProgress(wire))
 
 
-def _keep(job: KeepJob, wire: Wire) -> JsonObject:
+def _keep(job: KeepJob, wire: Wire, prepared: PreparedShow | None = None) -> JsonObject:
     from rig.page.jobs.show import keep_on
 
     wire.on_stop = interrupt_this_process
-    return keep_on(job, wire, _ToldProgress(wire))
+    return keep_on(job, wire, _ToldProgress(wire), prepared)
 
 
 def _recheck(job: RecheckJob, wire: Wire) -> JsonObject:
@@ -116,8 +122,10 @@ def _new_profile(asked: JsonObject) -> JsonObject:
     return write_profile(request).as_json()
 
 
-def _done(kind: str, asked: JsonObject, wire: Wire) -> JsonObject:
+def _done(kind: str, asked: JsonObject, wire: Wire, prepared: PreparedShow | None) -> JsonObject:
     """Do a job of a kind, and return its result."""
+    if kind == "keep":
+        return _keep(read_record(KeepJob, asked), wire, prepared)
     if kind == "devices":
         return _devices()
     if kind == "profile":
@@ -128,7 +136,6 @@ def _done(kind: str, asked: JsonObject, wire: Wire) -> JsonObject:
         "check": (CheckJob, _check),
         "look": (LookJob, _look),
         "show": (ShowJob, _show),
-        "keep": (KeepJob, _keep),
         "recheck": (RecheckJob, _recheck),
     }
     record, function = work[kind]
@@ -137,12 +144,34 @@ def _done(kind: str, asked: JsonObject, wire: Wire) -> JsonObject:
 
 def work(wire: Wire) -> int:
     """Do what the first order says, and return the status with which `rig` would end."""
+    try:
+        kind, asked = _order(wire)
+        prepared = None
+        if kind == SPARE:
+            prepared = prepared_beside(str(asked["show"]))
+            wire.tell("ready", {})
+            kind, asked = _order(wire)
+    except EOFError:  # the server ended, or needs no spare any more
+        return 0
+    wire.listen()
+    return _ended_with(kind, asked, wire, prepared)
+
+
+def _order(wire: Wire) -> tuple[str, JsonObject]:
+    """What the job is. Raises EOFError when nobody will say."""
     first = wire.first()
+    if first is None:
+        raise EOFError
     kind, asked = first["kind"], first["job"]
     if not isinstance(kind, str) or not isinstance(asked, dict):
         raise ValueError("an order is a kind and a job")
+    return kind, asked
+
+
+def _ended_with(kind: str, asked: JsonObject, wire: Wire, prepared: PreparedShow | None) -> int:
+    """Do a job, tell how it ended, and return the status for that."""
     try:
-        result = _done(kind, asked, wire)
+        result = _done(kind, asked, wire, prepared)
     except RigError as error:
         notes = [str(note) for note in getattr(error, "__notes__", ())]
         wire.tell("failed", {"error": str(error), "kind": type(error).__name__, "notes": list(notes)})

@@ -64,6 +64,11 @@ def test_a_view_tells_what_the_camera_does(tiny_profile: Profile) -> None:
         with pytest.raises(SettingRefused):
             preview.expose(99.0)
         assert preview.state.exposure_s == 0.00123
+        preview.amplify(6.04)
+        assert preview.state.gain is not None
+        assert (preview.state.gain.value, preview.state.gain.unit) == (6.0, "dB")  # its steps are 0.1 dB
+        with pytest.raises(SettingRefused, match="outside"):
+            preview.amplify(-1.0)
         preview.is_watched = False
         assert preview.next_frame().jpeg == b""
         with pytest.raises(UsageError):

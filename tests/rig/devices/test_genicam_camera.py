@@ -183,10 +183,11 @@ def test_a_missing_library_is_named_with_its_package(monkeypatch: pytest.MonkeyP
 def test_small_packets_and_buffers_are_told_with_the_setting(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.devices.genicam.setup.socket_buffer_limit", lambda: 212992)
     fine = StreamCounters(complete=100, failed=0, underruns=0, resent_packets=0, missing_packets=0)
-    packets, buffer = transport_advice("camera", 1400, fine)
+    packets, buffer = transport_advice("192.168.7.9", 1400, fine)
+    assert transport_advice("127.0.0.1", 1400, fine) == (buffer.replace("192.168.7.9", "127.0.0.1"),)
     assert "mtu 9000" in packets
     assert "sysctl -w net.core.rmem_max=8388608" in buffer
-    assert "7 of 107 frames" in transport_advice("camera", 9000, replace(fine, failed=7))[-1]
+    assert "7 of 107 frames" in transport_advice("192.168.7.9", 9000, replace(fine, failed=7))[-1]
 
 
 def test_what_it_can_do_is_asked_of_the_camera(gige: GigeRig) -> None:

@@ -33,7 +33,11 @@ class FakePort:
         return self.now.get(setting)
 
     def choices(self, setting: str) -> list[str]:
-        known = {"shutterspeed": SPEEDS, "imagequality": ["JPEG Fine", "NEF+Fine", "NEF (Raw)"]}
+        known = {
+            "shutterspeed": SPEEDS,
+            "iso": ["Auto", "100", "200", "6400"],
+            "imagequality": ["JPEG Fine", "NEF+Fine", "NEF (Raw)"],
+        }
         return known.get(setting, [])
 
     def hold(self, setting: str, value: str) -> None:
@@ -93,6 +97,20 @@ def test_the_nearest_step_is_taken_and_said(monkeypatch: pytest.MonkeyPatch) -> 
         camera.capture(after_s=0.0, timeout_s=0.5)
 
 
+def test_sensitivity_goes_by_the_camera_s_steps_and_is_put_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = opened(monkeypatch, {})
+    gain = camera.gain_control()
+    assert gain is not None
+    assert gain.now() == (100.0, 100.0, 6400.0, "ISO")
+    assert gain.change(1500.0).value == 6400.0  # nearer than 200 by a ratio
+    assert gain.profile_lines() == '[camera.options.settings] iso = "6400"'
+    with pytest.raises(SettingRefused, match="100 … 6400 ISO"):
+        gain.change(50.0)
+    camera.close()
+    assert gain.now().value == 100.0
+    assert camera.gain_control() is None
+
+
 @pytest.mark.parametrize(
     ("settings", "remedy"),
     [
@@ -114,6 +132,7 @@ def test_dial_lens_and_battery_are_named(
     ("code", "kind", "remedy"),
     [
         (-115, DeviceError, "card is full"),
+        (-3, DeviceError, "card is full"),
         (-110, DeviceError, "it is busy"),
         (-112, DeviceError, "manual focus"),
         (-53, DeviceBusy, "another program has it"),

@@ -1,13 +1,16 @@
 """The verb that serves virtual cameras, and the camera's faults as typed."""
 
 import io
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rig.capture.rig import open_rig
+from rig.devices.gphoto2.camera import SHUTTER_SPEED, seconds
 from rig.devices.gphoto2.find import FoundStill, describe_still
+from rig.devices.gphoto2.port import StillPort
 from rig.emulated.virtual import COMMANDS, obey, run_virtual
 from rig.errors import DeviceError, ProfileError
 from tests.gige import gige_rig, needs_aravis, plugged
@@ -46,6 +49,19 @@ def test_raw_files_of_a_virtual_camera_are_its_sensors_numbers(tmp_path: Path) -
     able = describe_still(FoundStill("Nikon DSC D750", f"virtual:{tmp_path}"))
     assert able.exposure_range_s is not None
     assert able.exposure_range_s.shortest_s < 0.005 < able.exposure_range_s.longest_s
+
+
+@needs_gphoto2
+def test_a_virtual_camera_takes_more_pictures_than_its_card_ever_holds(tmp_path: Path) -> None:
+    """Its port counts to 26, and says that the card is full whatever was deleted; settings outlast that."""
+    still = still_rig(tmp_path)
+    with still.camera, closing(StillPort(f"virtual:{tmp_path}", "the camera")) as port:
+        shown = port.value(SHUTTER_SPEED)
+        slower = next(one for one in port.choices(SHUTTER_SPEED) if one != shown and (seconds(one) or 9) < 0.5)
+        port.hold(SHUTTER_SPEED, slower)
+        assert all(port.release(1e-3) for _ in range(27))
+        assert port.value(SHUTTER_SPEED) == slower
+    assert still.camera.pictures == 28
 
 
 @needs_gphoto2

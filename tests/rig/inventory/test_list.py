@@ -9,11 +9,13 @@ from typing import Any
 
 import pytest
 
+from rig.devices.genicam.describe import GenicamAbilities
 from rig.devices.genicam.find import FoundGenicam
 from rig.devices.gphoto2.find import FoundStill
 from rig.devices.kms.master import master_is_free
+from rig.devices.protocols import ExposureRange
 from rig.devices.v4l2.controls import exposure_range_of
-from rig.errors import DeviceError, DeviceForbidden, UsageError
+from rig.errors import DeviceBusy, DeviceError, DeviceForbidden, UsageError
 from rig.inventory.choose import best_camera_mode, best_output_mode, fixed_controls
 from rig.inventory.list import THIS_MACHINE, Finders, list_devices
 from rig.inventory.tables import print_devices
@@ -267,8 +269,40 @@ def test_industrial_and_still_cameras_are_listed_with_their_lines() -> None:
         aravis_id="Basler-22334455",
     )
     still = FoundStill("Nikon DSC D750", "usb:001,004")
-    found = list_devices(finders=finders(genicam=lambda: (gige,), stills=lambda: (still,)))
+    able = GenicamAbilities(
+        pixel_formats=("BayerRG12", "BayerRG8"),
+        width_px=1280,
+        height_px=960,
+        frame_rate_hz=41.5,
+        exposure_range_s=ExposureRange(1e-5, 2.0),
+    )
+    asked = finders(genicam=lambda: (gige,), stills=lambda: (still,), describe_genicam=lambda _: able)
+    found = list_devices(finders=asked)
     assert [one.device_id for one in found.bus_cameras] == ["gige-22334455", "usb:001,004"]
-    assert 'driver = "genicam"' in found.bus_cameras[0].profile
+    settings = tomllib.loads("\n".join(found.bus_cameras[0].profile))["camera"][0]
+    assert settings == {
+        "name": "camera",
+        "driver": "genicam",
+        "device_id": "gige-22334455",
+        "pixel_format": "BayerRG12",
+        "width_px": 1280,
+        "height_px": 960,
+        "channels": 3,
+        "mosaic": "RGGB",
+        "bit_depth": 12,
+        "frame_rate_hz": 41.5,
+        "exposure_range_s": [1e-5, 2.0],
+    }
     assert 'device_id = "usb:001,004"' in found.bus_cameras[1].profile
-    assert list_devices("192.168.7.9", finders(genicam=lambda: (gige,))).bus_cameras == (found.bus_cameras[0],)
+    assert list_devices("192.168.7.9", asked).bus_cameras == (found.bus_cameras[0],)
+
+
+def test_an_industrial_camera_that_another_program_holds_is_listed_with_why() -> None:
+    gige = FoundGenicam(device_id="gige-1", vendor="A", model="B", serial="1", address="192.168.7.9", aravis_id="A-1")
+
+    def busy(_: FoundGenicam) -> GenicamAbilities:
+        raise DeviceBusy("camera gige-1 is controlled by another program; close that")
+
+    (listed,) = list_devices(finders=finders(genicam=lambda: (gige,), describe_genicam=busy)).bus_cameras
+    assert listed.error == "camera gige-1 is controlled by another program; close that"
+    assert 'device_id = "gige-1"' in listed.profile

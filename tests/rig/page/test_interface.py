@@ -198,6 +198,12 @@ def test_a_program_looks_without_a_browser(served: Served) -> None:
     served.post("/api/lease", {"do": "release"})
 
 
+def processes_of(served: Served) -> list[int]:
+    """Those that the server started, the oldest first."""
+    children = Path(f"/proc/{served.process.pid}/task/{served.process.pid}/children").read_text(encoding="ascii")
+    return [int(each) for each in children.split()]
+
+
 def test_a_show_whose_process_is_killed_is_begun_again_until_somebody_stops_it(served: Served) -> None:
     show = {"profile": "ci-tiny", "sources": ["pattern"], "strategy": "none"}
     assert httpx.put(f"{served.address}api/shows/a", json=show, headers=ME).status_code == 200
@@ -205,14 +211,17 @@ def test_a_show_whose_process_is_killed_is_begun_again_until_somebody_stops_it(s
     first = served.until(lambda job: job.get("kind") == "keep" and job["state"].get("frames", 0) > 0)["number"]
     health = served.get("/health").json()
     assert (health["ok"], health["show"]["name"], health["show"]["phase"]) == (True, "a", "running")
-    children = Path(f"/proc/{served.process.pid}/task/{served.process.pid}/children").read_text(encoding="ascii")
-    os.kill(int(children), signal.SIGKILL)
+    served.until(lambda _: served.get("/health").json()["show"]["has_spare"])
+    showing, spare = processes_of(served)
+    os.kill(showing, signal.SIGKILL)
     served.until(lambda job: job["phase"] == "failed")
     served.until(lambda job: job["number"] > first and job["state"].get("frames", 0) > 0)
+    assert processes_of(served)[0] == spare  # it had everything but the devices
     assert served.get("/api/shows").json()["keeper"]["restarts"] == 1
     stopped = served.post("/api/job/stop").json()
     assert stopped["phase"] == "done"
     assert stopped["result"]["ended_by"] in ("quit", "signal")
+    served.until(lambda _: not processes_of(served))
     assert served.get("/api/shows").json()["shows"] == ["a"]
     assert served.get("/api/shows/a").json()["lamp_h"] > 0
     assert httpx.request("DELETE", f"{served.address}api/shows/a", json={}, headers=ME).status_code == 200

@@ -4,6 +4,7 @@ import itertools
 import json
 import logging
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -24,10 +25,12 @@ from rig.live.show.controls import Controls
 from rig.shows.disk import keep_within
 from rig.shows.keeper import ShowKeeper
 from rig.shows.lamp import KeptLamp
+from rig.shows.prepared import prepare_show
 from rig.shows.remote import Desk, OscListener, Remote
 from rig.shows.run import keep_show
 from rig.shows.saved import load_show, request_of
 from rig.shows.timetable import Timetable
+from tests.rig.conftest import Finished
 from tests.rig.devices.network.pjlink_emulator import EmulatedProjector, served
 
 ROOT = Path(__file__).parents[3]
@@ -283,6 +286,24 @@ def test_a_saved_show_runs_until_a_signal_obeys_commands_and_writes_its_log(tmp_
     assert json.loads((tmp_path / "show.lamp.json").read_text())["lit_s"] > 0
     assert list((tmp_path / "kept").glob("*/journal.jsonl"))
     assert logging.getLogger("rig.shows").handlers == []
+
+
+@pytest.mark.parametrize("changed", ["show.toml", "lab.toml", "session/maps/new.exr", "session/rechecks/001/x"])
+def test_what_was_prepared_is_used_only_while_its_files_are_as_they_were(
+    tmp_path: Path, finished: Finished, changed: str
+) -> None:
+    shutil.copytree(finished.folder, tmp_path / "session")
+    shutil.copy(ROOT / "hw_profiles" / "ci-tiny.toml", tmp_path / "lab.toml")
+    show = tmp_path / "show.toml"
+    show.write_text('session = "session"\nprofile = "lab.toml"\n')
+    prepared = prepare_show(str(show))
+    assert prepared.plan.compensators
+    assert prepared.is_current()
+    path = tmp_path / changed
+    path.parent.mkdir(parents=True, exist_ok=True)
+    before = path.read_text() if path.exists() else ""
+    path.write_text(before + "\n")
+    assert prepared.is_current() == changed.endswith("001/x")  # a look that is no session takes no place
 
 
 def test_what_an_operator_set_stays_when_the_show_begins_again() -> None:

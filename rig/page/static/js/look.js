@@ -22,6 +22,10 @@ export const lookView = (main) => {
   const patterns = h("div", { class: "patterns" });
   const exposure = h("output", { class: "grow" });
   const slider = h("input", { type: "range", min: 0, max: 1000, "aria-label": "Exposure", oninput: () => expose(exposureAt(slider.value / 1000)) });
+  const gain = h("output", { class: "grow" });
+  const gainSlider = h("input", { type: "range", min: 0, max: 1000, "aria-label": "Gain", oninput: () => { const { least, most } = known.state.gain; amplify(least + ((most - least) * gainSlider.value) / 1000); } });
+  const gainKept = h("p", { class: "soft" });
+  const gainCard = h("div", { class: "card", id: "gain", hidden: true }, h("h2", {}, "Gain"), h("div", { class: "exposure" }, button("−", () => stepGain(-1), "icon", { "aria-label": "Less gain" }), gainSlider, button("+", () => stepGain(1), "icon", { "aria-label": "More gain" })), h("p", {}, "The camera does ", gain), gainKept);
   const linked = h("div", { class: "linked", hidden: true });
   const about = h("p", { class: "soft" });
   const begin = button("Look", () => toggle(), "main", { id: "look" });
@@ -68,6 +72,15 @@ export const lookView = (main) => {
     keep({ exposure: wanted, exposureOf: profile.value });
     clearTimeout(waiting);
     waiting = setTimeout(() => order({ do: "exposure", exposure_s: wanted }), 120);
+  };
+  const amplify = (value) => {
+    clearTimeout(waiting);
+    waiting = setTimeout(() => order({ do: "gain", value }), 120);
+  };
+  const stepGain = (by) => {
+    const { value, least, most, unit } = known.state.gain;
+    const next = unit === "ISO" ? value * 2 ** by : value + by * (unit === "dB" ? 1 : Math.max(1, (most - least) / 50));
+    amplify(Math.min(Math.max(next, least), most));
   };
   const show = (name) => {
     keep({ picture: name });
@@ -154,9 +167,16 @@ export const lookView = (main) => {
       if (document.activeElement !== slider) slider.value = 1000 * shareOf(state.exposure_s);
     }
     slider.disabled = !isOn;
+    gainCard.hidden = !state?.gain;
+    if (state?.gain) {
+      const { value, least, most, unit, profile_lines } = state.gain;
+      gain.textContent = `${number(value, 4)} ${unit}`;
+      gainKept.textContent = `Until you stop looking. Sessions have their profile's: ${profile_lines}.`;
+      if (document.activeElement !== gainSlider) gainSlider.value = (1000 * (value - least)) / Math.max(most - least, 1e-9);
+    }
     hint.hidden = isOn && facts !== null;
     hint.textContent = isOn ? "The rig is opened; the first picture comes." : isRunning() ? `The rig is at work: ${known.job.title}.` : "Choose a profile and press Look: the projector shows the picture, and you see what the camera sees.";
-    about.textContent = state?.width_px ? `${state.width_px} × ${state.height_px} px, ${number(state.frame_rate_hz)} Hz, levels to ${state.full_scale_dn}, exposure ${number(1000 * state.exposure_range_s[0])} to ${number(1000 * state.exposure_range_s[1])} ms. Gain stays as the profile says.` : "";
+    about.textContent = state?.width_px ? `${state.width_px} × ${state.height_px} px, ${number(state.frame_rate_hz)} Hz, levels to ${state.full_scale_dn}, exposure ${number(1000 * state.exposure_range_s[0])} to ${number(1000 * state.exposure_range_s[1])} ms.${state.gain ? "" : " Its gain stays as the profile says."}` : "";
     if (!isOn) facts = null;
   };
 
@@ -209,6 +229,7 @@ export const lookView = (main) => {
       h("div", { class: "card" }, field("Profile", profile), h("div", { class: "row" }, begin), about),
       h("div", { class: "card" }, h("h2", {}, "Projector"), patterns, field("Your own picture", own)),
       h("div", { class: "card" }, h("h2", {}, "Exposure"), h("div", { class: "exposure" }, button("−", () => expose(known.state.exposure_s / STOP), "icon", { "aria-label": "Shorter by a third of a stop" }), slider, button("+", () => expose(known.state.exposure_s * STOP), "icon", { "aria-label": "Longer by a third of a stop" })), h("p", {}, "The camera does ", exposure)),
+      gainCard,
       h("div", { class: "card" }, h("h2", {}, "Levels"), histogram, h("h3", {}, "Sharpness: turn the lens until it is highest"), trend),
       h("div", { class: "card" }, h("h2", {}, "Camera and projector linked"), field("By the map of", link, "Point at the camera's view: the ring shows which projector pixel lights it."), linked))));
   paintExtras();

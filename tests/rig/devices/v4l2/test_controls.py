@@ -9,6 +9,7 @@ from rig.devices.clock import VirtualClock
 from rig.devices.v4l2 import abi
 from rig.devices.v4l2.controls import Setting, apply_settings, changed_settings, offer_settings, plan_settings
 from rig.devices.v4l2.describe import ControlAbility, control_name, list_controls
+from rig.devices.v4l2.gain import gain_of
 from rig.devices.v4l2.node import Node
 from rig.devices.v4l2.setup import hold_controls
 from rig.errors import DeviceError, SettingRefused
@@ -225,3 +226,26 @@ def test_read_only_controls_cannot_be_set(flags: tuple[str, ...], refused: bool)
         name="gain", id=GAIN, kind="integer", minimum=0, maximum=1, step=1, default=0, value=0, menu={}, flags=flags
     )
     assert control.is_settable is not refused
+
+
+def test_a_gain_is_the_camera_s_own_held_while_one_looks_and_put_back(node: TableNode) -> None:
+    node.table[GAIN] = ("Gain", INTEGER, 0, 100, 8, 0)
+    held, changes = settings(node, gain=16), []
+    apply_settings(node, held)
+    gain = gain_of(node, held, lambda: changes.append(1))
+    assert gain is not None
+    assert gain.now() == (16, 0, 100, "steps")
+    assert gain.change(51).value == 48  # the nearest step
+    assert gain.change(100).value == 96  # the last one
+    assert gain.profile_lines() == "[camera.controls] gain = 96"
+    assert changed_settings(node, held) == []  # it is what the camera is held to
+    with pytest.raises(SettingRefused, match="outside the camera's 0 … 100 steps"):
+        gain.change(101)
+    gain.put_back()
+    assert node.values[GAIN] == 16
+    assert len(changes) == 3
+    node.deaf.add(GAIN)
+    with pytest.raises(SettingRefused, match="asked for 48"):
+        gain.change(48)
+    del node.table[GAIN]
+    assert gain_of(node, held, lambda: None) is None
