@@ -14,6 +14,7 @@ from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.plane_search import MOST_SLANTED
 from calibration.geometry.planes import orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
+from calibration.geometry.support import before_others
 
 FACES = ("x0", "x1", "y0", "y1", "floor", "ceiling")
 """Two faces an axis: the one at 0, the one at the room's size."""
@@ -122,7 +123,7 @@ def room_from_stereo(
 def _wall_alone(stereo: StereoCalibration) -> RoomBox:
     """One face with a margin around what is lit and seen; the depth of the box reaches behind the rearmost device."""
     frame = _wall_directions(stereo)
-    points = _lit_points(stereo) @ frame.T
+    points = lit_points(stereo) @ frame.T
     low, high = points.min(axis=0), points.max(axis=0)
     margin = _WALL_MARGIN * (high - low)
     devices = np.stack([frame @ stereo.camera.position_m, frame @ stereo.projector.position_m])
@@ -149,10 +150,11 @@ def _wall_directions(stereo: StereoCalibration) -> FloatArray:
     return np.stack([off, np.cross(up, off), up])
 
 
-def _lit_points(stereo: StereoCalibration) -> FloatArray:
-    """(M, 3) what the correspondences on the only plane light."""
+def lit_points(stereo: StereoCalibration) -> FloatArray:
+    """(M, 3) what the explained correspondences light."""
     origin, rays = stereo.projector.position_m, world_rays(stereo.projector, stereo.explained.projector_xy_px)
-    along = (1 - stereo.planes[0] @ origin) / (rays @ stereo.planes[0])
+    planes = stereo.planes[stereo.explained.plane]
+    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
     return np.asarray(origin + along[:, None] * rays)
 
 
@@ -205,7 +207,12 @@ def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
         found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
         stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
-    slanted = [k for k, axis in enumerate(stereo.axes) if axis < 0 and _share(stereo, k) > MOST_SLANTED]
+    free_standing = before_others(stereo.planes, lit_points(stereo), stereo.explained.plane)
+    slanted = [
+        k
+        for k, axis in enumerate(stereo.axes)
+        if axis < 0 and _share(stereo, k) > MOST_SLANTED and not free_standing[k]
+    ]
     if len(set(stereo.axes) - {-1}) > 1 and not slanted:
         return stereo
     raise CalibrationError(
