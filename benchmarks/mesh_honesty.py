@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/mesh_honesty.py 30 3 500 3000
     .venv/bin/python benchmarks/mesh_honesty.py 30 3 500 3000 16 26    # of the thirty only these
 
-Arguments: scenes, tolerance [% of white], fewest and most facets, and which scenes. Seconds are processor time of plan and
-of solution.
+Arguments: scenes, tolerance [% of white], fewest and most facets, and which scenes. Seconds are processor time of plan
+and of solution.
 """
 
 import sys

@@ -15,7 +15,7 @@ from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalI
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
 from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
-from calibration.geometry.support import bending_planes, free_standing_planes, standing_planes
+from calibration.geometry.support import LEAST_BEHIND, bending_planes, shares_behind_planes, standing_planes
 from calibration.geometry.triangulation import triangulate
 
 _FEW, _SOME = 4000, 3000
@@ -142,16 +142,18 @@ def found_anew(
 def let_askew(
     x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray, before: bool
 ) -> Iterator[BundleSolution]:
-    """Yield fits in which one plane stands as it likes that was held at right angles: the one with least points first.
+    """Yield fits in which one plane stands as it likes that was held at right angles.
 
     A chest whose front is some degrees off a wall's passes for one of the room's planes, and so does a panel, with lenses
     that make it square. Only planes that have another one on their axis are let go: `before` those that stand before
-    others, however large, else those that are small enough for furniture.
+    others, however large, that with most behind it first; else those that are small enough for furniture, the smallest
+    first.
     """
     points = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
     of_plane = fit.axes.of_plane
-    may_go = free_standing_planes(fit, x1, x2) if before else points <= MOST_SLANTED
-    for k in np.argsort(points):
+    behind = shares_behind_planes(fit, x1, x2) if before else -points
+    may_go = behind >= (LEAST_BEHIND if before else -MOST_SLANTED)
+    for k in np.argsort(-behind):
         alone = of_plane[k] < 0 or (of_plane == of_plane[k]).sum() < 2
         if alone or not may_go[k]:
             continue

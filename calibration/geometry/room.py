@@ -14,7 +14,7 @@ from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.plane_search import MOST_SLANTED
 from calibration.geometry.planes import orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
-from calibration.geometry.support import before_others
+from calibration.geometry.support import LEAST_BEHIND, shares_behind
 
 FACES = ("x0", "x1", "y0", "y1", "floor", "ceiling")
 """Two faces an axis: the one at 0, the one at the room's size."""
@@ -207,11 +207,11 @@ def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
         found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
         stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
-    free_standing = before_others(stereo.planes, lit_points(stereo), stereo.explained.plane)
+    behind = shares_behind(stereo.planes, lit_points(stereo), stereo.explained.plane)
     slanted = [
         k
         for k, axis in enumerate(stereo.axes)
-        if axis < 0 and _share(stereo, k) > MOST_SLANTED and not free_standing[k]
+        if axis < 0 and _share(stereo, k) > MOST_SLANTED and behind[k] < LEAST_BEHIND
     ]
     if len(set(stereo.axes) - {-1}) > 1 and not slanted:
         return stereo

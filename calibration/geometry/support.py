@@ -20,6 +20,8 @@ _LEAST_SHARE, _LEAST_POINTS = 0.02, 30
 """Of the points, and points, that only this plane explains, side by side; less is furniture, noise, or a phantom."""
 _WIDER, _MOST_GROWTH = 3.0, 1.35
 """Times the limit, and the points that a wall may explain more then: 1.2 at most of those of simulated rooms."""
+LEAST_BEHIND = 0.02
+"""Share of the points behind a plane from which on it is no wall: as many as make a wall themselves."""
 _BEYOND = 0.05
 """Of the distance to a plane: what is seen so much further away is behind it, whatever a bent lens makes of edges."""
 _POINTS_A_CELL = 4.0
@@ -90,8 +92,8 @@ def bending_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolAr
     return np.asarray(near > _MOST_GROWTH * close)
 
 
-def free_standing_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolArray:
-    """Find the planes that stand in the room: behind each of them points of others are seen, past its edge.
+def shares_behind_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """Tell how much of what only one plane explains is seen behind each of the others, past its edge.
 
     Behind the wall of a box there is nothing. Lenses that are wrong bend a scene nearly as a projective map does, which
     keeps points on their side of a plane.
@@ -105,19 +107,20 @@ def free_standing_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> 
 
     Returns
     -------
-    (K,) bool
+    (K,)
+        From :data:`LEAST_BEHIND` on a plane stands in the room.
     """
     plane, point = np.nonzero(exclusive_points(plane_errors_px(scene, x1, x2)))
     rays = rays_of(scene.camera, x1[point])
     points = rays / (rays * scene.planes[plane]).sum(axis=1, keepdims=True)
-    return before_others(scene.planes, points, plane)
+    return shares_behind(scene.planes, points, plane)
 
 
-def before_others(planes: FloatArray, points: FloatArray, plane_of: IntArray) -> BoolArray:
-    """(K,) planes (K, 3) with some of the points (N, 3) clearly behind them that lie on others, as plane_of (N,) says."""
+def shares_behind(planes: FloatArray, points: FloatArray, plane_of: IntArray) -> FloatArray:
+    """(K,) share of the points (N, 3) clearly behind each plane (K, 3) that lie on others, as plane_of (N,) says."""
     beyond = points @ planes.T > 1 + _BEYOND
     beyond &= plane_of[:, None] != np.arange(len(planes))
-    return np.asarray(beyond.sum(axis=0) >= max(_LEAST_SHARE * len(points), _LEAST_POINTS))
+    return np.asarray(beyond.sum(axis=0) / max(len(points), 1))
 
 
 def explained_within_px(best_px: FloatArray) -> float:
