@@ -37,8 +37,8 @@ the lenses ten times as tightly. With lenses as free as at the end, a square cor
 degrees in one of twenty small rigs, and no right angle was found in it any more; from 0.2 to 20, two of three starts
 came within 10."""
 MOST_SLANTED = 0.1
-"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out, as is any plane
-behind which others are seen."""
+"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out, as is any
+plane behind which others are seen."""
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
@@ -144,8 +144,8 @@ def let_askew(
 ) -> Iterator[BundleSolution]:
     """Yield fits in which one plane stands as it likes that was held at right angles.
 
-    A chest whose front is some degrees off a wall's passes for one of the room's planes, and so does a panel, with lenses
-    that make it square. Only planes that have another one on their axis are let go: `before` those that stand before
+    A chest whose front is some degrees off a wall's passes for one of the room's planes, and so does a panel, with
+    lenses that make it square. Only planes that have another one on their axis are let go: `before` those that stand before
     others, however large, that with most behind it first; else those that are small enough for furniture, the smallest
     first.
     """

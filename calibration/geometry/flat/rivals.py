@@ -31,9 +31,9 @@ def uncontradicted_rival(
 ) -> BundleSolution | None:
     """Find a fit that nothing contradicts, after the first one was contradicted.
 
-    In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the first
-    with a plane askew that stands before others; the others, where they leave less over; these without their tangents;
-    the first with small planes askew.
+    In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
+    first with a plane askew that stands before others; the others, where they leave less over; these without their
+    tangents; the first with small planes askew.
 
     Parameters
     ----------

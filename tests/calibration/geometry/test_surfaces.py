@@ -160,7 +160,7 @@ PANEL_AT_M, PANEL_TURN_DEG = (3.1, 3.1, 1.2), 30.0
 
 
 def with_panel(room, pair, half_width_m):
-    """The walls x1, y1 and floor, and a panel before them, each with a third or a fourth of the pixels that it is lit by."""
+    """The walls x1, y1 and floor, and a panel before them, each with a fourth of the pixels that light them."""
     turn, at = room.camera.rotation, np.array(room.camera.position_m)
     angle = np.radians(PANEL_TURN_DEG)
     normal, along = np.array([np.sin(angle), np.cos(angle), 0.0]), np.array([np.cos(angle), -np.sin(angle), 0.0])
