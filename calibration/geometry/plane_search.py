@@ -145,9 +145,9 @@ def let_askew(
     """Yield fits in which one plane stands as it likes that was held at right angles.
 
     A chest whose front is some degrees off a wall's passes for one of the room's planes, and so does a panel, with
-    lenses that make it square. Only planes that have another one on their axis are let go: `before` those that stand before
-    others, however large, that with most behind it first; else those that are small enough for furniture, the smallest
-    first.
+    lenses that make it square. Only planes that have another one on their axis are let go: `before` those that stand
+    before others, however large, that with most behind it first; else those that are small enough for furniture, the
+    smallest first.
     """
     points = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
     of_plane = fit.axes.of_plane
