@@ -61,6 +61,7 @@ def room_from_stereo(
     closed: bool = True,
     *,
     lens_height_m: float | None = None,
+    with_things: bool = False,
 ) -> RoomBox:
     """Turn the planes of a scaled calibration into a room.
 
@@ -80,6 +81,8 @@ def room_from_stereo(
         All six faces are there, seen or not.
     lens_height_m : float, optional
         Of the projector's lens above a floor that nobody sees, by tape measure. [m]
+    with_things : bool
+        What stands in the room is modelled, too: a plane behind which others are seen may be as large as it is.
 
     Returns
     -------
@@ -93,7 +96,7 @@ def room_from_stereo(
     """
     if len(stereo.planes) == 1 and not closed:
         return _wall_alone(stereo)
-    stereo = _on_axes(stereo)
+    stereo = _on_axes(stereo, with_things=with_things)
     on_axis = [k for k, axis in enumerate(stereo.axes) if axis >= 0]
     frame = _room_directions(stereo)
     low, high, seen = _extents(stereo, frame)
@@ -202,23 +205,21 @@ def check_against_tape(
             )
 
 
-def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
+def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibration:
     """The same calibration, with axes where free planes stand at right angles; refuses what makes no box."""
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
         found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
         stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
     behind = shares_behind(stereo.planes, lit_points(stereo), stereo.explained.plane)
-    slanted = [
-        k
-        for k, axis in enumerate(stereo.axes)
-        if axis < 0 and _share(stereo, k) > MOST_SLANTED and behind[k] < LEAST_BEHIND
-    ]
-    if len(set(stereo.axes) - {-1}) > 1 and not slanted:
+    slanted = np.array([axis < 0 and _share(stereo, k) > MOST_SLANTED for k, axis in enumerate(stereo.axes)])
+    things = slanted & (behind >= LEAST_BEHIND)
+    if len(set(stereo.axes) - {-1}) > 1 and not (slanted & ~(things & with_things)).any():
         return stereo
+    told = '. What stands before a wall is modelled with [surface] kind = "free"' if things.any() else ""
     raise CalibrationError(
         f"a session needs a box, and the {len(stereo.axes)} planes that were found make none: {_angles(stereo)}; all "
         f"have to stand at right angles to within {MOST_OFF_SQUARE_DEG:g} degrees. This version models boxes only: aim "
-        "at a corner of the room whose walls, or wall and floor, are square"
+        f"at a corner of the room whose walls, or wall and floor, are square{told}"
     )
 
 

@@ -179,9 +179,15 @@ def test_a_panel_behind_which_walls_are_seen_is_furniture_however_large(room):
     behind = shares_behind(pair.planes, lit_points(pair), pair.explained.plane)
     assert (behind[:3] == 0).all(), "behind walls there is nothing"
     assert behind[3] > LEAST_BEHIND
-    box = room_from_stereo(pair, SIZE_M)
+    box = room_from_stereo(pair, SIZE_M, with_things=True)
     assert box.size_m == pytest.approx(SIZE_M)
     assert box.camera.position_m == pytest.approx(room.camera.position_m)
+
+
+def test_a_large_panel_is_not_left_out_of_a_model_of_walls_alone(room):
+    pair = with_panel(room, true_pair(room, ("x1", "y1", "floor")), half_width_m=0.7)
+    with pytest.raises(CalibrationError, match=r'modelled with \[surface\] kind = "free"'):
+        room_from_stereo(pair, SIZE_M)
 
 
 def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_both(room):
