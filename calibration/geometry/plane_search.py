@@ -15,7 +15,7 @@ from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalI
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
 from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
-from calibration.geometry.support import bending_planes, standing_planes
+from calibration.geometry.support import LEAST_BEHIND, bending_planes, shares_behind_planes, standing_planes
 from calibration.geometry.triangulation import triangulate
 
 _FEW, _SOME = 4000, 3000
@@ -37,7 +37,8 @@ the lenses ten times as tightly. With lenses as free as at the end, a square cor
 degrees in one of twenty small rigs, and no right angle was found in it any more; from 0.2 to 20, two of three starts
 came within 10."""
 MOST_SLANTED = 0.1
-"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out."""
+"""Share of the points on a plane that is none of a box's: less is furniture, which the model leaves out, as is any
+plane behind which others are seen."""
 _GUESSED_LIMIT_DEG, _FITTED_LIMIT_DEG = 25.0, 3.0
 """How far a plane may stand from its axis, before and after the lenses are known."""
 
@@ -139,18 +140,22 @@ def found_anew(
 
 
 def let_askew(
-    x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray
+    x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray, before: bool
 ) -> Iterator[BundleSolution]:
-    """Yield fits in which one plane stands as it likes that was held at right angles: the one with least points first.
+    """Yield fits in which one plane stands as it likes that was held at right angles.
 
-    A chest whose front is some degrees off a wall's passes for one of the room's planes. Only planes that have another
-    one on their axis are let go, and that are small enough for furniture.
+    A chest whose front is some degrees off a wall's passes for one of the room's planes, and so does a panel, with
+    lenses that make it square. Only planes that have another one on their axis are let go: `before` those that stand
+    before others, however large, that with most behind it first; else those that are small enough for furniture, the
+    smallest first.
     """
     points = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
     of_plane = fit.axes.of_plane
-    for k in np.argsort(points):
+    behind = shares_behind_planes(fit, x1, x2) if before else -points
+    may_go = behind >= (LEAST_BEHIND if before else -MOST_SLANTED)
+    for k in np.argsort(-behind):
         alone = of_plane[k] < 0 or (of_plane == of_plane[k]).sum() < 2
-        if alone or points[k] > MOST_SLANTED:
+        if alone or not may_go[k]:
             continue
         axes = Axes(fit.axes.directions, np.where(np.arange(len(points)) == k, -1, of_plane))
         rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)

@@ -15,6 +15,7 @@ from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.plane_search import MOST_SLANTED
 from calibration.geometry.planes import orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
+from calibration.geometry.support import LEAST_BEHIND, shares_behind
 
 FACES = ("x0", "x1", "y0", "y1", "floor", "ceiling")
 """Two faces an axis: the one at 0, the one at the room's size."""
@@ -24,6 +25,7 @@ _UNKNOWN_SIZE_M = 4.0
 """Of a room along an axis of which nothing was seen or measured: a usual room's."""
 MOST_OFF_SQUARE_DEG = 2.0
 """How far planes that were fitted without right angles may stand from a box's: 7 cm at the end of a wall of 2 m."""
+_STANDING = '. What stands before a wall is modelled with [surface] kind = "free"'
 _PAIRS_NAMED = 6
 _OPEN_DEG = 90.0
 """Standard deviation from which on an angle is not known at all."""
@@ -61,6 +63,7 @@ def room_from_stereo(
     closed: bool = True,
     *,
     lens_height_m: float | None = None,
+    with_things: bool = False,
 ) -> RoomBox:
     """Turn the planes of a scaled calibration into a room.
 
@@ -80,6 +83,8 @@ def room_from_stereo(
         All six faces are there, seen or not.
     lens_height_m : float, optional
         Of the projector's lens above a floor that nobody sees, by tape measure. [m]
+    with_things : bool
+        What stands in the room is modelled, too: a plane behind which others are seen may be as large as it is.
 
     Returns
     -------
@@ -93,7 +98,7 @@ def room_from_stereo(
     """
     if len(stereo.planes) == 1 and not closed:
         return _wall_alone(stereo)
-    stereo = _on_axes(stereo)
+    stereo = _on_axes(stereo, with_things=with_things)
     on_axis = [k for k, axis in enumerate(stereo.axes) if axis >= 0]
     frame = _room_directions(stereo)
     low, high, seen = _extents(stereo, frame)
@@ -123,7 +128,7 @@ def room_from_stereo(
 def _wall_alone(stereo: StereoCalibration) -> RoomBox:
     """One face with a margin around what is lit and seen; the depth of the box reaches behind the rearmost device."""
     frame = _wall_directions(stereo)
-    points = _lit_points(stereo) @ frame.T
+    points = lit_points(stereo) @ frame.T
     low, high = points.min(axis=0), points.max(axis=0)
     margin = _WALL_MARGIN * (high - low)
     devices = np.stack([frame @ stereo.camera.position_m, frame @ stereo.projector.position_m])
@@ -150,10 +155,11 @@ def _wall_directions(stereo: StereoCalibration) -> FloatArray:
     return np.stack([off, np.cross(up, off), up])
 
 
-def _lit_points(stereo: StereoCalibration) -> FloatArray:
-    """(M, 3) what the correspondences on the only plane light."""
+def lit_points(stereo: StereoCalibration) -> FloatArray:
+    """(M, 3) what the explained correspondences light."""
     origin, rays = stereo.projector.position_m, world_rays(stereo.projector, stereo.explained.projector_xy_px)
-    along = (1 - stereo.planes[0] @ origin) / (rays @ stereo.planes[0])
+    planes = stereo.planes[stereo.explained.plane]
+    along = (1 - planes @ origin) / (rays * planes).sum(axis=1)
     return np.asarray(origin + along[:, None] * rays)
 
 
@@ -201,26 +207,32 @@ def check_against_tape(
             )
 
 
-def _on_axes(stereo: StereoCalibration) -> StereoCalibration:
+def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibration:
     """The same calibration, with axes where free planes stand at right angles; refuses what makes no box."""
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
         found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
         stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
-    slanted = [k for k, axis in enumerate(stereo.axes) if axis < 0 and _share(stereo, k) > MOST_SLANTED]
-    if len(set(stereo.axes) - {-1}) > 1 and not slanted:
+    behind = shares_behind(stereo.planes, lit_points(stereo), stereo.explained.plane)
+    slanted = np.array([axis < 0 and _share(stereo, k) > MOST_SLANTED for k, axis in enumerate(stereo.axes)])
+    things = slanted & (behind >= LEAST_BEHIND)
+    if len(set(stereo.axes) - {-1}) > 1 and not (slanted & ~(things & with_things)).any():
         return stereo
+    raise CalibrationError(_no_box(stereo) + (_STANDING if things.any() else ""))
+
+
+def _no_box(stereo: StereoCalibration) -> str:
+    """Why planes make no box, or may make one and are not known to."""
     pairs = list(combinations(range(len(stereo.planes)), 2))[:_PAIRS_NAMED]
     degrees, sigmas = _angles(stereo, pairs)
     tolerance = np.maximum(SIGMAS * sigmas, MOST_OFF_SQUARE_DEG)
-    may_be_square = (np.abs((degrees + 45) % 90 - 45) < tolerance).all() and (np.abs(degrees - 90) < tolerance).any()
     told = f"{len(stereo.axes)} planes were found: {_in_words(pairs, degrees, sigmas)}"
-    if may_be_square:
-        raise CalibrationError(
+    if (np.abs((degrees + 45) % 90 - 45) < tolerance).all() and (np.abs(degrees - 90) < tolerance).any():
+        return (
             f"a session needs a box, and whether the walls make one is not known: {told}; right angles are within "
             "these uncertainties. If they are square, say so (right_angles = true); if not, move the camera away from "
             "the projector, show more of each wall, or give both devices a lens file (rig lenses)"
         )
-    raise CalibrationError(
+    return (
         f"a session needs a box, and the walls make none: {told}; all have to stand at right angles to within "
         f"{MOST_OFF_SQUARE_DEG:g} degrees. The walls of a session make a box, whatever stands in it: aim at a corner "
         "of the room whose walls, or wall and floor, are square"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from calibration.arrays import BoolArray, FloatArray
+from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.plane_bundle import BundleSolution, transfer_of
@@ -20,6 +20,10 @@ _LEAST_SHARE, _LEAST_POINTS = 0.02, 30
 """Of the points, and points, that only this plane explains, side by side; less is furniture, noise, or a phantom."""
 _WIDER, _MOST_GROWTH = 3.0, 1.35
 """Times the limit, and the points that a wall may explain more then: 1.2 at most of those of simulated rooms."""
+LEAST_BEHIND = 0.02
+"""Share of the points behind a plane from which on it is no wall: as many as make a wall themselves."""
+_BEYOND = 0.05
+"""Of the distance to a plane: what is seen so much further away is behind it, whatever a bent lens makes of edges."""
 _POINTS_A_CELL = 4.0
 _LEAST_KNOWN = 0.2
 """Of the points: where fewer belong to one plane only, planes say nothing of what lies among what."""
@@ -86,6 +90,37 @@ def bending_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolAr
     limit_px = explained_within_px(errors.min(axis=0))
     close, near = ((errors < times * limit_px).sum(axis=1) for times in (1, _WIDER))
     return np.asarray(near > _MOST_GROWTH * close)
+
+
+def shares_behind_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """Tell how much of what only one plane explains is seen behind each of the others, past its edge.
+
+    Behind the wall of a box there is nothing. Lenses that are wrong bend a scene nearly as a projective map does, which
+    keeps points on their side of a plane.
+
+    Parameters
+    ----------
+    scene : PlanarScene
+        K planes.
+    x1, x2 : (N, 2)
+        Corresponding pixels of camera and projector. [px]
+
+    Returns
+    -------
+    (K,)
+        From :data:`LEAST_BEHIND` on a plane stands in the room.
+    """
+    plane, point = np.nonzero(exclusive_points(plane_errors_px(scene, x1, x2)))
+    rays = rays_of(scene.camera, x1[point])
+    points = rays / (rays * scene.planes[plane]).sum(axis=1, keepdims=True)
+    return shares_behind(scene.planes, points, plane)
+
+
+def shares_behind(planes: FloatArray, points: FloatArray, plane_of: IntArray) -> FloatArray:
+    """(K,) share of the points (N, 3) clearly behind each plane (K, 3) that lie on others, as plane_of (N,) says."""
+    beyond = points @ planes.T > 1 + _BEYOND
+    beyond &= plane_of[:, None] != np.arange(len(planes))
+    return np.asarray(beyond.sum(axis=0) / max(len(points), 1))
 
 
 def explained_within_px(best_px: FloatArray) -> float:

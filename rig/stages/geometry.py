@@ -285,7 +285,9 @@ def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.flo
         size_m = (size_m[0] * longer[1], size_m[1] * longer[2], size_m[2] * longer[3])
     height_m = profile.room.lens_height_m
     height_m = None if height_m is None else height_m * longer[4]
-    return _ScaledRoom(pair, room_from_stereo(pair, size_m, profile.room.closed, lens_height_m=height_m))
+    things = profile.surface.kind in ("free", "file")
+    box = room_from_stereo(pair, size_m, profile.room.closed, lens_height_m=height_m, with_things=things)
+    return _ScaledRoom(pair, box)
 
 
 def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:

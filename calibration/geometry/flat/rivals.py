@@ -32,7 +32,8 @@ def uncontradicted_rival(
     """Find a fit that nothing contradicts, after the first one was contradicted.
 
     In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
-    others, where they leave less over; these without their tangents; the first with small planes askew.
+    first with a plane askew that stands before others; the others, where they leave less over; these without their
+    tangents; the first with small planes askew.
 
     Parameters
     ----------
@@ -59,10 +60,12 @@ def uncontradicted_rival(
     return (
         rivals.held([flat] if flat is not None else [])
         or rivals.held(rivals.grown(flat), most_left)
+        # One that stands before others is furniture, however large.
+        or rivals.held(rivals.askew(first, before=True), most_left)
         or rivals.held(_kept(others, tried), most_left)
         # A screen's tangent may have spoiled the first fit's lenses, and with them the choice of what is a tangent.
         or rivals.held((fewer for one in tried if (fewer := rivals.without_tangents(one)) is not None), most_left)
-        or rivals.held(let_askew(x1, x2, first, nominal, weight=weight))
+        or rivals.held(rivals.askew(first, before=False))
     )
 
 
@@ -81,6 +84,9 @@ class _Rivals:
             fit = None if fit is None else found_anew(*self._points, fit, self._nominal, weight=self._weight)
             if fit is not None:
                 yield fit
+
+    def askew(self, fit: BundleSolution, *, before: bool) -> Iterator[BundleSolution]:
+        return let_askew(*self._points, fit, self._nominal, weight=self._weight, before=before)
 
     def held(self, some: Iterable[BundleSolution], most_left: float = np.inf) -> BundleSolution | None:
         """Return the first of some fits that nothing contradicts, of those that leave no more than so much over."""

@@ -16,8 +16,9 @@ from calibration.geometry.planes import (
     orthogonal_axes,
     segment_planes,
 )
-from calibration.geometry.room import check_against_tape, room_from_stereo
+from calibration.geometry.room import check_against_tape, lit_points, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration
+from calibration.geometry.support import LEAST_BEHIND, shares_behind
 
 SIZE_M = (4.8, 4.8, 2.4)
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
@@ -171,6 +172,40 @@ def test_a_wall_that_leans_is_not_left_out_of_the_room_without_a_word(room):
     slanted = replace(pair, axes=(-1, 1, 2), planes=np.stack([leaning, *pair.planes[1:]]), explained=seen)
     with pytest.raises(CalibrationError, match="a session needs a box"):
         room_from_stereo(slanted, SIZE_M)
+
+
+PANEL_AT_M, PANEL_TURN_DEG = (3.1, 3.1, 1.2), 30.0
+
+
+def with_panel(room, pair, half_width_m):
+    """The walls x1, y1 and floor, and a panel before them, each with a fourth of the pixels that light them."""
+    turn, at = room.camera.rotation, np.array(room.camera.position_m)
+    angle = np.radians(PANEL_TURN_DEG)
+    normal, along = np.array([np.sin(angle), np.cos(angle), 0.0]), np.array([np.cos(angle), -np.sin(angle), 0.0])
+    panel = turn @ normal / (normal @ (np.array(PANEL_AT_M) - at))
+    s, t = (grid.ravel() for grid in np.meshgrid(np.linspace(-1, 1, 9), np.linspace(-1, 1, 9)))
+    on_panel = np.array(PANEL_AT_M) + half_width_m * s[:, None] * along + 0.8 * t[:, None] * np.array([0.0, 0.0, 1.0])
+    x1 = np.stack([np.full_like(s, 4.8), 3.6 + 1.1 * s, 1.2 + t], axis=1)
+    points = [x1, x1[:, [1, 0, 2]], np.stack([3.6 + s, 3.6 + t, np.zeros_like(s)], axis=1), on_panel]
+    pixels = np.concatenate([room.projector.image_of(where)[0] for where in points])
+    seen = ExplainedPixels(projector_xy_px=pixels, plane=np.repeat(np.arange(4), len(s)))
+    return replace(pair, axes=(*pair.axes, -1), planes=np.vstack([pair.planes, panel]), explained=seen)
+
+
+def test_a_panel_behind_which_walls_are_seen_is_furniture_however_large(room):
+    pair = with_panel(room, true_pair(room, ("x1", "y1", "floor")), half_width_m=0.7)
+    behind = shares_behind(pair.planes, lit_points(pair), pair.explained.plane)
+    assert (behind[:3] == 0).all(), "behind walls there is nothing"
+    assert behind[3] > LEAST_BEHIND
+    box = room_from_stereo(pair, SIZE_M, with_things=True)
+    assert box.size_m == pytest.approx(SIZE_M)
+    assert box.camera.position_m == pytest.approx(room.camera.position_m)
+
+
+def test_a_large_panel_is_not_left_out_of_a_model_of_walls_alone(room):
+    pair = with_panel(room, true_pair(room, ("x1", "y1", "floor")), half_width_m=0.7)
+    with pytest.raises(CalibrationError, match=r'modelled with \[surface\] kind = "free"'):
+        room_from_stereo(pair, SIZE_M)
 
 
 def test_a_length_by_tape_that_contradicts_what_was_measured_is_refused_with_both(room):
