@@ -1,0 +1,27 @@
+"""The native kernel, calibration/kernel: arrays are contiguous, outputs are filled in place, threads are the caller's."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from numpy import uint8, uint16
+from numpy.typing import NDArray
+
+def instruction_set() -> str: ...
+def best_instruction_set() -> str: ...
+def instruction_sets() -> list[str]: ...
+def set_instruction_set(name: str) -> None: ...
+def read_words(
+    lit: Sequence[NDArray[Any]],
+    other: Sequence[NDArray[Any]],
+    limit: NDArray[Any],
+    wide: int,
+    black: NDArray[Any] | None,
+    sure_share: float,
+    saturation: NDArray[Any] | None,
+    table: NDArray[uint16],
+    first: int,
+    end: int,
+    twice: NDArray[uint16],
+    reason: NDArray[uint8],
+) -> None:
+    """Read one axis of a binary code: calibration/kernel/words.hpp. All pictures are uint8, uint16 or float32."""
