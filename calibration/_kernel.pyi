@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from numpy import uint8, uint16
+from numpy import float32, uint8, uint16
 from numpy.typing import NDArray
 
 def instruction_set() -> str: ...
@@ -25,3 +25,14 @@ def read_words(
     reason: NDArray[uint8],
 ) -> None:
     """Read one axis of a binary code: calibration/kernel/words.hpp. All pictures are uint8, uint16 or float32."""
+
+def read_beats(
+    frames: Sequence[NDArray[Any]],
+    noise: NDArray[float32],
+    numbers: NDArray[float32],
+    position: NDArray[float32],
+    sigma: NDArray[float32],
+    misfit: NDArray[float32],
+    ambiguous: NDArray[uint8],
+) -> None:
+    """Read one axis of three sinusoids: calibration/kernel/beats.hpp. Frames are uint8, uint16 or float32."""

@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "arrays.hpp"
+#include "beats.hpp"
 #include "bind_instruction_set.hpp"
 #include "words.hpp"
 
@@ -56,6 +57,33 @@ void bind_read_words(nb::module_ &m) {
           nb::arg("first"), nb::arg("end"), nb::arg("twice").noconvert(), nb::arg("reason").noconvert());
 }
 
+// numbers: slow, fast, range, three periods, three weights, sigma, mean period, most apart (beats.hpp).
+template <class T>
+void read_beats_of(const Pictures<T> &frames, const In<float, 1> &noise, const In<float, 1> &numbers,
+                   const Out<float, 2> &position, const Out<float, 2> &sigma, const Out<float, 2> &misfit,
+                   const Out<std::uint8_t, 2> &ambiguous) {
+    const std::size_t pixels = position.size();
+    const auto starting = starts<T>(frames, pixels);
+    if (starting.size() != FREQUENCIES * STEPS || numbers.size() != 12)
+        throw std::invalid_argument("twelve frames and twelve numbers");
+    if (sigma.size() != pixels || misfit.size() != pixels || ambiguous.size() != pixels ||
+        (noise.size() != pixels && noise.size() != 1))
+        throw std::invalid_argument("pictures of several sizes");
+    const float *k = numbers.data();
+    const Beats<T> work{starting.data(), noise.data(), noise.size() == 1, k[0], k[1], k[2], {k[3], k[4], k[5]},
+                        {k[6], k[7], k[8]}, k[9], k[10], k[11], position.data(), sigma.data(), misfit.data(),
+                        ambiguous.data(), static_cast<std::int64_t>(pixels)};
+    nb::gil_scoped_release free;
+    KERNEL_CALL(read_beats(work));
+}
+
+template <class T>
+void bind_read_beats(nb::module_ &m) {
+    m.def("read_beats", &read_beats_of<T>, nb::arg("frames").noconvert(), nb::arg("noise").noconvert(),
+          nb::arg("numbers").noconvert(), nb::arg("position").noconvert(), nb::arg("sigma").noconvert(),
+          nb::arg("misfit").noconvert(), nb::arg("ambiguous").noconvert());
+}
+
 }  // namespace
 
 NB_MODULE(_kernel, m) {
@@ -63,4 +91,7 @@ NB_MODULE(_kernel, m) {
     bind_read_words<std::uint8_t>(m);
     bind_read_words<std::uint16_t>(m);
     bind_read_words<float>(m);
+    bind_read_beats<std::uint8_t>(m);
+    bind_read_beats<std::uint16_t>(m);
+    bind_read_beats<float>(m);
 }

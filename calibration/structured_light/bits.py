@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from calibration import _kernel
 from calibration.arrays import Frame
 from calibration.structured_light.frames import (
-    WHOLE,
     Limit,
     common_kind,
     limit_of_kind,
@@ -96,16 +95,16 @@ class BitPairs:
         _kernel.read_words(
             [frame[rows] for frame in self.lit],
             [frame[rows] for frame in self.other],
-            np.ascontiguousarray(part(self.limit, rows)).reshape(-1),
-            self.wide,
-            None if self.black is None else self.black[rows],
-            SURE_SHARE,
-            self.saturation,
-            self.table,
-            self.first,
-            self.end,
-            twice,
-            reason,
+            limit=np.ascontiguousarray(part(self.limit, rows)).reshape(-1),
+            wide=self.wide,
+            black=None if self.black is None else self.black[rows],
+            sure_share=SURE_SHARE,
+            saturation=self.saturation,
+            table=self.table,
+            first=self.first,
+            end=self.end,
+            twice=twice,
+            reason=reason,
         )
 
 
