@@ -1,4 +1,4 @@
-"""The native kernel, calibration/kernel: arrays are contiguous, outputs are filled in place, threads are the caller's."""
+"""The native kernel, calibration/kernel: arrays are contiguous, outputs filled in place, threads the caller's."""
 
 from collections.abc import Sequence
 from typing import Any
