@@ -44,7 +44,7 @@ check-tools:
 	@command -v $${CXX:-c++} >/dev/null \
 	  || { echo "missing: a C++ compiler (Debian, Ubuntu: apt-get install g++)" >&2; exit 2; }
 
-$(READY): pyproject.toml CMakeLists.txt $(wildcard sim/kernel/*.?pp sim/kernel/*/*.?pp) | check-tools
+$(READY): pyproject.toml CMakeLists.txt $(wildcard native/*.?pp $(foreach p,sim calibration,$(p)/kernel/*.?pp $(p)/kernel/*/*.?pp)) | check-tools
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade "pip>=25.1"
 	$(BIN)/python -m pip install --quiet --editable . --group dev

@@ -42,7 +42,8 @@ def sources() -> list[Path]:
 
 
 def kernel_sources() -> list[Path]:
-    return sorted((ROOT / "sim" / "kernel").rglob("*.?pp"))
+    folders = (ROOT / "native", ROOT / "sim" / "kernel", ROOT / "calibration" / "kernel")
+    return sorted(path for folder in folders for path in folder.rglob("*.?pp"))
 
 
 def name_of(path: Path) -> str:

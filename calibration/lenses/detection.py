@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.arrays import FloatArray, Frame, IntArray
 from calibration.lenses.boards import Board
 from calibration.lenses.chessboards.cut_boards import is_of_larger_board, largest_part, seen_part
+from calibration.lenses.circles import find_circles, why_other_circles
 
 _SEARCHED_PX = 1600
 """Longer side in which a board is looked for; its corners are then refined in the whole picture."""
@@ -22,6 +23,7 @@ _SATURATED_SHARE = 0.2
 """Of the pixels within the board, at full scale: bright squares then spill over their corners."""
 _FLAT_DN = 8.0
 """Of 255 between a board's dark and bright squares: less is no board, or no light."""
+CIRCLES = ("circles", "asymmetric-circles")
 _LEAST_OTHER = 20
 """Corners below which a board of another size is chance."""
 
@@ -71,6 +73,8 @@ def detect_board(picture: Frame, board: Board, full_scale_dn: float) -> Detectio
     square = _square_px(ids, xy, board)
     edge, dark, bright = _edge(picture, xy, square)
     problem = _quality(picture, xy, full_scale_dn=full_scale_dn, square_px=square, edge_px=edge)
+    if not problem and board.kind in CIRCLES:
+        problem = why_other_circles(shown, board, xy)
     if not problem and (bright - dark) < _FLAT_DN / 255 * full_scale_dn:
         problem = f"the board's squares differ by {bright - dark:.0f} dn only: light it, or expose longer"
     return Detection(ids=ids, xy_px=xy, problem=problem, edge_px=edge, square_px=square, bright_dn=bright)
@@ -105,7 +109,7 @@ def _corners(shown: NDArray[np.uint8], board: Board) -> tuple[IntArray, FloatArr
         return _charuco(shown, board)
     factor = max(1, -(-max(shown.shape) // _SEARCHED_PX))
     small = shown if factor == 1 else _smaller(shown, factor)
-    found = _chessboard(small, board) if board.kind == "chessboard" else _circles(small, board)
+    found = _chessboard(small, board) if board.kind == "chessboard" else find_circles(small, board)
     ids = np.arange(len(found))
     if board.kind == "chessboard" and len(found):
         if is_of_larger_board(small, found.reshape(board.rows, board.columns, 2)):
@@ -153,25 +157,6 @@ def _refined(shown: NDArray[np.uint8], xy: FloatArray, square_px: float) -> Floa
     return points_of(cv2.cornerSubPix(shown, start, winSize=(half, half), zeroZone=(-1, -1), criteria=criteria))
 
 
-def _circles(shown: NDArray[np.uint8], board: Board) -> FloatArray:
-    kind = "CALIB_CB_ASYMMETRIC_GRID" if board.kind == "asymmetric-circles" else "CALIB_CB_SYMMETRIC_GRID"
-    for extra in ((), ("CALIB_CB_CLUSTERING",)):
-        for image in (shown, 255 - shown):
-            found, centres = cv2.findCirclesGrid(
-                image, (board.columns, board.rows), flags=flag(kind, *extra), blobDetector=_blobs(shown.shape)
-            )
-            if found:
-                return points_of(centres)
-    return NOTHING.xy_px
-
-
-def _blobs(shape: tuple[int, ...]) -> Any:
-    settings = cv2.SimpleBlobDetector_Params()  # type: ignore[attr-defined]
-    settings.minArea, settings.maxArea = 12.0, shape[0] * shape[1] / 50.0
-    settings.minDistBetweenBlobs = 4.0
-    return cv2.SimpleBlobDetector_create(settings)  # type: ignore[attr-defined]
-
-
 def _charuco(shown: NDArray[np.uint8], board: Board) -> tuple[IntArray, FloatArray]:
     corners, ids, _, _ = cv2.aruco.CharucoDetector(board.charuco()).detectBoard(shown)
     xy = points_of(corners)
@@ -203,6 +188,10 @@ def _why_not(shown: NDArray[np.uint8], board: Board, corners: int) -> str:
         return _why_no_charuco(shown, board, corners)
     if board.kind != "chessboard" and len(_corners(np.ascontiguousarray(shown[:, ::-1]), board)[0]):
         return "is mirrored: give the photograph as the camera took it"
+    if board.kind in CIRCLES and not _is_blurred(shown):
+        other_circles = why_other_circles(shown, board, NOTHING.xy_px)
+        if other_circles:
+            return other_circles
     other = _other_size(shown, board)
     if other is not None:
         cut = ", or show all of the board: part of it may lie outside the picture"

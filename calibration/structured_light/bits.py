@@ -3,91 +3,113 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.arrays import BoolArray, Frame
-from calibration.structured_light.frames import WHOLE, Clipping, part
+from calibration import _kernel
+from calibration.arrays import Frame
+from calibration.structured_light.frames import (
+    Limit,
+    common_kind,
+    limit_of_kind,
+    of_kind,
+    part,
+    saturation_of_kind,
+)
 from calibration.structured_light.gray import Words
 
-_BYTE = 8
+OWN_LIGHT_BITS = 3
+"""Next finer than wide stripes, with which both frames put the same light on other walls."""
+SURE_SHARE = 0.85
+"""Of the light that fine stripes say is a pixel's own: they, too, light other walls unevenly by a few per cent."""
+_ANY = 2**16 - 1
+"""Beyond twice any position: codes have at most 14 bits."""
 
 
-def read_positions(
-    pairs: Sequence[tuple[Frame, Frame]],
-    limit: NDArray[Any],
-    table: Words,
-    *,
-    rows: slice,
-    clipping: Clipping | None = None,
-) -> tuple[NDArray[np.uint16], BoolArray]:
-    """Twice the positions that some rows show, and the pixels that some bit leaves open.
+@dataclass(frozen=True, eq=False, slots=True, kw_only=True)
+class BitPairs:
+    """The photographs of one axis, all of one kind and contiguous, as the kernel takes them."""
 
-    One open bit is no harm if both its values give neighbouring positions: the pixel lies on the border
-    between them, and that border is its position.
+    lit: tuple[Frame, ...]
+    """Of each bit, the most significant first. (H, W) uint8, uint16 or float32 [dn]"""
+    other: tuple[Frame, ...]
+    """Which the first one is brighter than, where the bit is 1."""
+    limit: NDArray[Any]
+    """() or (H, W): a bit of which the two differ by less is open."""
+    table: Words
+    """Position of each word."""
+    black: Frame | None
+    """Given where wide stripes have to be told by the pixel's own light."""
+    wide: int
+    """Bits of wide stripes."""
+    saturation: NDArray[Any] | None
+    """(1,) values from here on are clipped."""
+    first: int
+    end: int
+    """Twice the positions that the projector shows."""
 
-    Parameters
-    ----------
-    pairs : sequence of two (H, W)
-        Of each bit, the most significant first: its frame, and the one that it has to be brighter than. [dn]
-    limit : () or (H, W)
-        A bit of which the two differ by less is open; a number of the frames' kind. [dn]
-    table : (words,)
-        The position of each word.
-    rows : slice
-    clipping : Clipping, optional
-        In which the clipped pixels of these rows are noted.
-    """
-    word, open_bits = _words(pairs, limit, rows, clipping)
-    twice = (table + table).take(word, mode="clip")
-    weak = open_bits != 0
-    borders = np.flatnonzero(weak & ((open_bits & (open_bits - np.uint16(1))) == 0))
-    words = word.ravel()[borders]
-    here, there = table[words], table[words ^ open_bits.ravel()[borders]]
-    twice.ravel()[borders] = here + there
-    weak.ravel()[borders] = np.abs(here.astype(np.int32) - there) > 1
-    return twice, np.asarray(weak)
+    @classmethod
+    def of(
+        cls,
+        pairs: Sequence[tuple[Frame, Frame]],
+        limit: Limit,
+        table: Words,
+        *,
+        black: Frame | None = None,
+        wide: int = 0,
+        saturation: float | None = None,
+        bounds: tuple[int, int] = (0, _ANY),
+    ) -> BitPairs:
+        """Prepare to read an axis; limit and saturation are numbers that its frames can be held against."""
+        is_told = black is not None and wide > 0 and len(pairs) >= wide + OWN_LIGHT_BITS
+        kind = common_kind([frame for pair in pairs for frame in pair])
+        return cls(
+            lit=tuple(of_kind(lit, kind) for lit, _ in pairs),
+            other=tuple(of_kind(other, kind) for _, other in pairs),
+            limit=limit_of_kind(limit, kind),
+            table=table,
+            black=of_kind(black, kind) if black is not None and is_told else None,
+            wide=wide,
+            saturation=saturation_of_kind(saturation, kind),
+            first=bounds[0],
+            end=bounds[1],
+        )
+
+    def read(self, rows: slice, twice: NDArray[np.uint16], reason: NDArray[np.uint8]) -> None:
+        """Find twice the positions that some rows show, and why pixels have none; of several reasons the lowest.
+
+        One open bit is no harm if both its values give neighbouring positions: the pixel lies on the border
+        between them, and that border is its position. ``calibration.reference.words`` is the definition.
+
+        Parameters
+        ----------
+        rows : slice
+        twice : (rows, W)
+            To be filled.
+        reason : (rows, W)
+            PixelReason codes, of what is known already; to be changed.
+        """
+        _kernel.read_words(
+            [frame[rows] for frame in self.lit],
+            [frame[rows] for frame in self.other],
+            limit=np.ascontiguousarray(part(self.limit, rows)).reshape(-1),
+            wide=self.wide,
+            black=None if self.black is None else self.black[rows],
+            sure_share=SURE_SHARE,
+            saturation=self.saturation,
+            table=self.table,
+            first=self.first,
+            end=self.end,
+            twice=twice,
+            reason=reason,
+        )
 
 
-def _words(
-    pairs: Sequence[tuple[Frame, Frame]], limit: NDArray[Any], rows: slice, clipping: Clipping | None
-) -> tuple[NDArray[np.uint16], NDArray[np.uint16]]:
-    """Words whose bits say which pictures are brighter than their others, and words of the bits that are open.
-
-    Bits are gathered in bytes, of which more fit into the cache than of words. On the way clipped pixels are noted:
-    later, their frames would have to come from the memory again.
-    """
-    shape = pairs[0][0][rows].shape
-    gathered = np.zeros((2, 2, *shape), dtype=np.uint8)  # high and low byte: bits, and bits that are open
-    flags, limit_here = np.empty((2, *shape), dtype=bool), part(limit, rows)
-    brighter, open_ = flags
-    apart = np.empty(shape, dtype=pairs[0][0].dtype)
-    for nth, (lit, other) in enumerate(pairs):
-        a, b = lit[rows], other[rows]
-        np.greater(a, b, out=brighter)
-        np.less(difference(a, b, apart), limit_here, out=open_)
-        byte = gathered[int(nth >= len(pairs) - _BYTE)]
-        np.add(byte, byte, out=byte)  # several times quicker than a shift
-        np.bitwise_or(byte, flags.view(np.uint8), out=byte)
-        if clipping is not None:
-            clipping.note(a, rows)
-            clipping.note(b, rows)
-    high, low = gathered
-    return _joined(high[0], low[0]), _joined(high[1], low[1])
-
-
-def _joined(high: NDArray[np.uint8], low: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """(H, W) words of two bytes."""
-    return np.asarray(cv2.merge([low, high]).reshape(*low.shape, 2).view("<u2")[..., 0], dtype=np.uint16)
-
-
-def difference(lit: Frame, other: Frame, out: Frame | None = None) -> Frame:
-    """Return by how much two frames differ, in the frames' own kind where they are whole numbers: then in `out`."""
-    if lit.dtype.char in WHOLE and other.dtype.char == lit.dtype.char:
-        return cv2.absdiff(lit, other, out)
+def difference(lit: Frame, other: Frame) -> Frame:
+    """Return by how much two frames differ, in single precision."""
     return np.asarray(np.abs(lit.astype(np.float32) - other))
 
 

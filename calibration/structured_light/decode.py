@@ -13,14 +13,12 @@ from numpy.typing import NDArray
 
 from calibration.arrays import BoolArray, Frame
 from calibration.errors import CalibrationError
-from calibration.structured_light.bits import difference, middle, read_positions
+from calibration.structured_light.bits import BitPairs, middle
 from calibration.structured_light.correspondence import ROUNDING_PX, Correspondence, PixelReason
 from calibration.structured_light.frames import (
-    Clipping,
     Limit,
     extreme,
     is_dark,
-    limit_of_kind,
     mark,
     part,
     refuse_unequal,
@@ -29,7 +27,6 @@ from calibration.structured_light.gray import (
     BOTH_AXES,
     Axis,
     CodeName,
-    Words,
     bits_for,
     pattern_name,
     positions,
@@ -38,11 +35,8 @@ from calibration.structured_light.gray import (
 from calibration.structured_light.neighbours import isolated
 from calibration.structured_light.strips import for_each_strip
 
-_WIDE_BITS, _OWN_LIGHT_BITS = 5, 3
-"""The coarsest bits, whose stripes are wider than a thirtieth of the picture and light different parts of a room; and
-the next finer ones, with which both frames put the same light on other walls."""
-_SURE_SHARE = 0.85
-"""Of the light that fine stripes say is a pixel's own: they, too, light other walls unevenly by a few per cent."""
+_WIDE_BITS = 5
+"""The coarsest ones, whose stripes are wider than a thirtieth of the picture and light different parts of a room."""
 _LEAST_WIDE_BIT = 3
 """Of small pictures: finer stripes are as wide as blur."""
 
@@ -114,13 +108,13 @@ def decode_gray(
             bit_limit=bit_limit,
             threshold=threshold,
             black=dark if own_light else None,
+            saturation=saturation,
         )
         for axis in axes
     ]
     reason = np.empty((height, width), dtype=np.uint8)
     flats = _Flats(bright=bright, dark=dark, contrast_limit=np.asarray(contrast_limit))
-    clipping = Clipping.of(saturation, reason.shape)
-    for_each_strip(partial(_read_strip, read, flats=flats, clipping=clipping, reason=reason), reason.shape)
+    for_each_strip(partial(_read_strip, read, flats=flats, reason=reason), reason.shape)
     lonely = isolated([each.twice for each in read], reason == 0, 2 * isolation_px / 2**finest_bit)
     reason[lonely & (reason == PixelReason.VALID)] = PixelReason.ISOLATED
     return _correspondence(read, reason, projector_shape)
@@ -166,6 +160,12 @@ class _Bits:
         """Names of the pictures, the most significant bit first."""
         return [pattern_name(self.code, self.axis, bit) for bit in reversed(range(self.finest, self.count))]
 
+    @property
+    def bounds(self) -> tuple[int, int]:
+        """Twice the first position that the projector shows, and twice the one behind the last, in finest stripes."""
+        step, end = 1 << self.finest, self.first_code + self.size
+        return -(-2 * self.first_code // step), -(-2 * end // step)
+
     def pairs(self, frames: Mapping[str, Frame], threshold: Frame | None) -> list[tuple[Frame, Frame]]:
         """Return each picture's frame, and the frame that it has to be brighter than."""
         missing = [name for name in self.names if name not in frames]
@@ -188,15 +188,9 @@ class _AxisReading:
     """One axis while it is read, some rows at a time."""
 
     bits: _Bits
-    pairs: list[tuple[Frame, Frame]]
-    limit: NDArray[Any]
-    """Of the difference of a pair, as a number of the frames' kind."""
-    table: Words
-    """Position of each word of the bits that were shown."""
+    pairs: BitPairs
     twice: NDArray[np.uint16]
     """(H, W) twice the position, in steps of the finest bit: a whole number on borders, too."""
-    black: Frame | None
-    """Given where wide stripes have to be told by the pixel's own light."""
 
     @classmethod
     def of(
@@ -207,44 +201,23 @@ class _AxisReading:
         bit_limit: Limit,
         threshold: Frame | None,
         black: Frame | None,
+        saturation: float | None,
     ) -> _AxisReading:
-        """Prepare to read an axis."""
-        pairs = bits.pairs(frames, threshold)
-        return cls(
-            bits=bits,
-            pairs=pairs,
-            limit=limit_of_kind(bit_limit, pairs[0][0].dtype),
-            table=positions(bits.code, bits.count - bits.finest),
-            twice=np.empty(pairs[0][0].shape, dtype=np.uint16),
+        """Prepare to read an axis; with `black`, wide stripes are told by the pixel's own light."""
+        pairs = BitPairs.of(
+            bits.pairs(frames, threshold),
+            bit_limit,
+            positions(bits.code, bits.count - bits.finest),
             black=black,
+            wide=bits.count - max(bits.count - _WIDE_BITS, _LEAST_WIDE_BIT),
+            saturation=saturation,
+            bounds=bits.bounds,
         )
+        return cls(bits=bits, pairs=pairs, twice=np.empty(pairs.lit[0].shape, dtype=np.uint16))
 
-    def read(self, rows: slice, clipping: Clipping | None) -> BoolArray:
-        """Find the positions of some rows, and the pixels that some bit leaves open; note what is clipped."""
-        self.twice[rows], weak = read_positions(self.pairs, self.limit, self.table, rows=rows, clipping=clipping)
-        return weak if self.black is None else weak | self._outshone(rows, self.black[rows])
-
-    def _outshone(self, rows: slice, black: Frame) -> BoolArray:
-        """Tell which pixels of some rows get more light from elsewhere than from the projector in a coarse bit."""
-        n_wide = self.bits.count - max(self.bits.count - _WIDE_BITS, _LEAST_WIDE_BIT)
-        wide, fine = self.pairs[: max(n_wide, 0)], self.pairs[n_wide : n_wide + _OWN_LIGHT_BITS]
-        if not wide or len(fine) < _OWN_LIGHT_BITS:
-            return np.zeros(black.shape, dtype=bool)
-        own = _middle_one(*(difference(lit[rows], other[rows]) for lit, other in fine)).astype(np.float32)
-        own *= np.float32(_SURE_SHARE)
-        own += black.astype(np.float32)
-        darker = np.empty_like(wide[0][0][rows])
-        most = np.minimum(wide[0][0][rows], wide[0][1][rows])
-        for lit, other in wide[1:]:
-            np.maximum(most, np.minimum(lit[rows], other[rows], out=darker, casting="unsafe"), out=most)
-        return np.asarray(most.astype(np.float32) >= own)
-
-    def outside(self, rows: slice) -> BoolArray:
-        """Tell which pixels of some rows have a code that the projector does not show."""
-        step, twice = 1 << self.bits.finest, self.twice[rows]
-        first, end = self.bits.first_code, self.bits.first_code + self.bits.size
-        beyond = np.asarray(twice >= -(-2 * end // step))
-        return beyond | (twice < -(-2 * first // step)) if first else beyond
+    def read(self, rows: slice, reason: NDArray[np.uint8]) -> None:
+        """Find the positions of some rows, and say why pixels have none."""
+        self.pairs.read(rows, self.twice[rows], reason)
 
     def coordinate_px(self, rows: slice) -> NDArray[np.float32]:
         """Projector coordinates of some rows: of the middle of the finest stripe, where bits are left out."""
@@ -253,13 +226,6 @@ class _AxisReading:
         found *= step / 2
         found += (step - 1) / 2 - np.float32(self.bits.first_code)
         return np.minimum(found, np.float32(self.bits.size - 1)) if self.bits.finest else found
-
-
-def _middle_one(a: Frame, b: Frame, c: Frame) -> Frame:
-    """(rows, W) the middle one of three values, in the place of the first."""
-    low = np.minimum(a, b)
-    np.minimum(np.maximum(a, b, out=a), c, out=a)
-    return np.maximum(a, low, out=a)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -275,24 +241,12 @@ class _Flats:
         return is_dark(self.bright[rows], self.dark[rows], part(self.contrast_limit, rows))
 
 
-def _read_strip(
-    read: Sequence[_AxisReading],
-    rows: slice,
-    *,
-    flats: _Flats,
-    clipping: Clipping | None,
-    reason: NDArray[np.uint8],
-) -> None:
-    """Read some rows of all axes, and say why pixels have no position; the last reason that fits counts."""
+def _read_strip(read: Sequence[_AxisReading], rows: slice, *, flats: _Flats, reason: NDArray[np.uint8]) -> None:
+    """Read some rows of all axes, and say why pixels have no position; that they are dark counts most."""
     here = reason[rows]
     here[...] = PixelReason.VALID
-    weak = [axis.read(rows, clipping) for axis in read]
     for axis in read:
-        mark(here, PixelReason.OUT_OF_RANGE, axis.outside(rows))
-    for each in weak:
-        mark(here, PixelReason.UNCERTAIN_BIT, each)
-    if clipping is not None:
-        mark(here, PixelReason.SATURATED, clipping.found[rows])
+        axis.read(rows, here)
     mark(here, PixelReason.DARK, flats.dark_in(rows))
 
 

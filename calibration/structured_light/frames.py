@@ -110,6 +110,26 @@ def limit_of_kind(limit: Limit, kind: np.dtype[Any]) -> NDArray[Any]:
     return np.asarray(np.clip(np.ceil(limit), 0, most), dtype=kind)
 
 
+def common_kind(frames: Sequence[Frame]) -> np.dtype[Any]:
+    """Return the kind in which frames are compared: 8 or 16 bits where all are so, single precision else."""
+    kinds = {frame.dtype for frame in frames}
+    kind = kinds.pop()
+    return kind if not kinds and kind.char in WHOLE and kind.isnative else np.dtype(np.float32)
+
+
+def of_kind(frame: Frame, kind: np.dtype[Any]) -> Frame:
+    """(H, W) a frame as contiguous numbers of a kind: itself where it is that already."""
+    return np.ascontiguousarray(frame, dtype=kind)
+
+
+def saturation_of_kind(saturation: float | None, kind: np.dtype[Any]) -> NDArray[Any] | None:
+    """(1,) least clipped value, as a number of a kind; None where no value is known to be clipped."""
+    if saturation is None or kind.char not in WHOLE:
+        return None if saturation is None else np.array([saturation], dtype=kind)
+    least = np.ceil(saturation)
+    return np.array([max(least, 0)], dtype=kind) if least <= np.iinfo(kind).max else None
+
+
 def is_dark(white: Frame, black: Frame, limit: NDArray[Any]) -> BoolArray:
     """(H, W) pixels whose white is above black by less than the limit."""
     if limit.ndim == 0 and white.dtype.char in WHOLE and black.dtype.char == white.dtype.char:

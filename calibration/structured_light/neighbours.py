@@ -123,8 +123,11 @@ def widen_at_border(sigma_px: Float32Array, xy_px: Float32Array, projector_shape
     projector_shape : (height, width)
     """
     for k, size_px in enumerate(reversed(projector_shape)):
-        coordinate = xy_px[..., k]
-        with np.errstate(invalid="ignore"):
-            near = np.abs(coordinate - (size_px - 1) / 2) > (size_px - 1) / 2 - _BORDER_PX
-        here = sigma_px[..., k]
-        here[near] = np.hypot(here[near], np.float32(_BORDER_SIGMA_PX))
+        widen_axis_at_border(sigma_px[..., k], xy_px[..., k], size_px)
+
+
+def widen_axis_at_border(sigma_px: Float32Array, coordinate_px: Float32Array, size_px: int) -> None:
+    """Do the same for one axis, of which the projector has so many pixels."""
+    with np.errstate(invalid="ignore"):
+        near = np.abs(coordinate_px - np.float32((size_px - 1) / 2)) > (size_px - 1) / 2 - _BORDER_PX
+    sigma_px[near] = np.hypot(sigma_px[near], np.float32(_BORDER_SIGMA_PX))

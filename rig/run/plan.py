@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 from rig.errors import SessionError
@@ -48,8 +48,10 @@ class SessionPlan:
         """Which steps are done, and about how many frames each takes; looks at the session when it is first asked."""
         done = set() if self.session is None else self._done(self.session)
         n_strategies = 0 if self.showing is None else len(self.showing.strategies)
+        measured = self.session if {"exposure", "response"} <= done else None
+        count = partial(frames_of, profile=self.profile, n_strategies=n_strategies, measured=measured)
         return tuple(
-            PlannedStep(step=each.name, done=each.name in done, frames=frames_of(each, self.profile, n_strategies))
+            PlannedStep(step=each.name, done=each.name in done, frames=count(each))
             for each in steps_up_to(self.verb, self.profile)
         )
 

@@ -45,6 +45,9 @@ class ShootingStep(StepDefinition):
     shoot: Callable[[Rig, Session, Step, OnStep], None]
     frames: Callable[[Profile], int]
     frames_per_strategy: Callable[[Profile], int] = lambda _: 0
+    extra_frames: Callable[[Session, int], int] = lambda _session, _strategies: 0
+    """How many more a session takes, with so many strategies, whose steps `exposure` and `response` are done: they tell
+    how noisy photographs are, and whether room light swells."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,6 +113,7 @@ STEPS: tuple[AnyStep, ...] = (
         settings=separation.separation_settings,
         shoot=separation.separate_light,
         frames=separation.separation_frames,
+        extra_frames=separation.extra_frames,
     ),
     ComputingStep(
         name="model",
@@ -142,6 +146,7 @@ STEPS: tuple[AnyStep, ...] = (
         shoot=comparison.project_and_photograph,
         frames=comparison.held_out_frames,
         frames_per_strategy=comparison.frames_per_picture,
+        extra_frames=comparison.extra_frames,
     ),
     ComputingStep(
         name="compare",
@@ -185,8 +190,9 @@ def required(showing: CompensationRequest | None) -> CompensationRequest:
     return showing
 
 
-def frames_of(definition: AnyStep, profile: Profile, n_strategies: int) -> int:
-    """Return about how many frames a step takes."""
+def frames_of(definition: AnyStep, profile: Profile, n_strategies: int, measured: Session | None = None) -> int:
+    """Return about how many frames a step takes; `measured` is a session whose noise and room light are known."""
     if not isinstance(definition, ShootingStep):
         return 0
-    return definition.frames(profile) + n_strategies * definition.frames_per_strategy(profile)
+    extra = 0 if measured is None else definition.extra_frames(measured, n_strategies)
+    return definition.frames(profile) + n_strategies * definition.frames_per_strategy(profile) + extra

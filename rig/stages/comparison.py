@@ -96,6 +96,12 @@ def held_out_frames(profile: Profile) -> int:
     return (_HELD_OUT + N_WHITES) * frames_per_picture(profile)
 
 
+def extra_frames(session: Session, n_strategies: int) -> int:
+    """Return how many more noise and room light ask for than a profile says."""
+    more = comparing_bracket(session).frames_per_pattern - frames_per_picture(session.profile)
+    return (n_strategies + _HELD_OUT + N_WHITES) * more
+
+
 def project_and_photograph(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `project`: show every compensation image and the held-out pictures, and photograph them.
 

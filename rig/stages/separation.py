@@ -95,6 +95,12 @@ def separation_frames(profile: Profile) -> int:
     return (WHITES + profile.patterns.checker_shifts + 1) * len(profile.patterns.exposures)
 
 
+def extra_frames(session: Session, _: int) -> int:
+    """Return how many more noise and room light ask for than a profile says."""
+    checks = (session.profile.patterns.checker_shifts + 1) * measuring_bracket(session, repeats=1).frames_per_pattern
+    return white_bracket(session).frames_per_pattern + checks - separation_frames(session.profile)
+
+
 def separate_light(rig: Rig, session: Session, step: Step, on_step: OnStep) -> None:
     """Step `separation`: photograph white and the checkers, and split white into direct and global light."""
     shape, blur_px = rig.projector.shape, _blur_of_stripes(session)

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.arrays import Frame
-from calibration.structured_light.bits import middle, read_positions
-from calibration.structured_light.correspondence import Correspondence
-from calibration.structured_light.frames import frames_of, limit_of_kind, noise_dn, part
-from calibration.structured_light.gray import BOTH_AXES, Axis, Words, across, bits_for, positions, size_along, words
+from calibration.structured_light.bits import BitPairs, middle
+from calibration.structured_light.correspondence import Correspondence, PixelReason
+from calibration.structured_light.frames import frames_of, noise_dn, part
+from calibration.structured_light.gray import BOTH_AXES, Axis, across, bits_for, positions, size_along, words
 from calibration.structured_light.patterns import WHITE, Pattern
 from calibration.structured_light.phase.sinusoids import (
     PERIOD_PX,
@@ -135,10 +134,10 @@ class GrayPhaseCode:
             bits = self._bits(projector_shape, axis)
             read[axis] = _GrayPhaseAxis(
                 period_px=self.period_px,
-                pairs=tuple((own[name], mean) for name in self._bit_names(axis, bits)),
+                pairs=BitPairs.of(
+                    [(own[name], mean) for name in self._bit_names(axis, bits)], least, positions("long-run", bits)
+                ),
                 phases=tuple(own[name] for name in self._phase_names(axis)),
-                table=positions("long-run", bits),
-                bit_limit=limit_of_kind(least, mean.dtype),
                 noise_dn=noise_dn(noise_limit),
             )
         return decode_phases(
@@ -165,15 +164,15 @@ class GrayPhaseCode:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _GrayPhaseAxis:
     period_px: float
-    pairs: tuple[tuple[Frame, Frame], ...]
+    pairs: BitPairs
     phases: tuple[Frame, ...]
-    table: Words
-    bit_limit: NDArray[Any]
     noise_dn: NDArray[np.float32]
 
     def read(self, rows: slice) -> PhaseReading:
         """Find the coordinates of some rows."""
-        twice, weak = read_positions(self.pairs, self.bit_limit, self.table, rows=rows)
+        shape = self.phases[0][rows].shape
+        twice, reason = np.empty(shape, dtype=np.uint16), np.zeros(shape, dtype=np.uint8)
+        self.pairs.read(rows, twice, reason)
         half_px = self.period_px / 2
         middle_px = twice * np.float32(half_px / 2) + np.float32((half_px - 1) / 2)
         cycles, twice_amplitude = phase(self.phases, rows)
@@ -189,5 +188,5 @@ class _GrayPhaseAxis:
             sigma_px=sigma,
             misfit=np.asarray(left**2 / (4 * noise**2 + np.float32(1e-6)), dtype=np.float32),
             ambiguous=np.abs(counted - about) > _MOST_OFF,
-            uncertain_bit=weak,
+            uncertain_bit=np.asarray(reason != PixelReason.VALID),
         )

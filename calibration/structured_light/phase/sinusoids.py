@@ -14,7 +14,7 @@ from calibration.arrays import BoolArray, Codes, Float32Array, Frame
 from calibration.structured_light.correspondence import Correspondence, PixelReason
 from calibration.structured_light.frames import Clipping, is_dark, mark, part
 from calibration.structured_light.gray import BOTH_AXES, Axis, across, size_along
-from calibration.structured_light.neighbours import isolated, widen_at_border
+from calibration.structured_light.neighbours import isolated, widen_axis_at_border
 from calibration.structured_light.strips import for_each_strip
 
 PERIOD_PX = 16.0
@@ -159,12 +159,22 @@ class _Planes:
         """Standard deviations of some rows, larger where the frames around have more left than noise."""
         around = slice(max(rows.start - _REACH_PX, 0), rows.stop + _REACH_PX)
         inner = slice(rows.start - around.start, rows.stop - around.start)
-        weight, window = valid[around].astype(np.float32), (2 * _REACH_PX + 1,) * 2
-        left = self.misfit[around].copy()
-        np.copyto(left, np.float32(0), where=~valid[around])
-        total, count = (cv2.boxFilter(each, -1, window, normalize=False)[inner] for each in (left, weight))
-        variance = np.maximum(total / np.maximum(count, 1), 1) * self.sigma_px[rows] ** 2
-        return np.asarray(np.sqrt(variance + np.float32(_LEAST_SIGMA_PX**2)))
+        variance = _mean_around(self.misfit[around], valid[around])[inner]
+        np.maximum(variance, 1, out=variance)
+        variance *= self.sigma_px[rows]
+        variance *= self.sigma_px[rows]
+        variance += np.float32(_LEAST_SIGMA_PX**2)
+        return np.sqrt(variance, out=variance)
+
+
+def _mean_around(values: Float32Array, valid: BoolArray) -> Float32Array:
+    """Mean of what is valid in a window around each pixel; 0 where nothing is."""
+    window = (2 * _REACH_PX + 1,) * 2
+    if valid.all():
+        return np.asarray(cv2.blur(values, window), dtype=np.float32)
+    total = cv2.boxFilter(np.where(valid, values, np.float32(0)), -1, window, normalize=False)
+    count = cv2.boxFilter(valid.view(np.uint8), -1, window, normalize=False)
+    return np.asarray(total / np.maximum(count, 1).astype(np.float32), dtype=np.float32)
 
 
 def _joined(
@@ -177,10 +187,14 @@ def _joined(
     def join(rows: slice) -> None:
         for k, axis in enumerate(BOTH_AXES):
             plane = planes.get(axis)
-            xy[rows, :, k] = np.nan if plane is None else plane.position_px[rows]
-            sigma[rows, :, k] = np.nan if plane is None else plane.widened(rows, valid)
-        widen_at_border(sigma[rows], xy[rows], projector_shape)
-        xy[rows][~valid[rows]] = np.nan
+            if plane is None:
+                xy[rows, :, k] = sigma[rows, :, k] = np.nan
+                continue
+            position, spread = plane.position_px[rows], plane.widened(rows, valid)
+            widen_axis_at_border(spread, position, plane.size_px)
+            xy[rows, :, k], sigma[rows, :, k] = position, spread
+        if not valid[rows].all():
+            xy[rows][~valid[rows]] = np.nan
 
     for_each_strip(join, reason.shape, _STRIP_PIXELS)
     return Correspondence(xy, reason, projector_shape, sigma)

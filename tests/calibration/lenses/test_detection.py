@@ -1,5 +1,7 @@
 """Boards in pictures: corners where they are, and pictures that cannot be used named with their fault."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -13,6 +15,9 @@ from tests.calibration.lenses.board_world import BOARD, CAMERA, Stand, photograp
 CHARUCO = Board(kind="charuco", columns=9, rows=7, square_m=0.03, marker_m=0.022)
 CIRCLES = Board(kind="circles", columns=8, rows=6, square_m=0.03)
 ASYMMETRIC = Board(kind="asymmetric-circles", columns=4, rows=11, square_m=0.02)
+
+
+EVEN = Board(kind="asymmetric-circles", columns=5, rows=8, square_m=0.018)
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +40,28 @@ def test_corners_are_where_the_lens_has_them(board: Board) -> None:
     wanted = project_points(CAMERA, places)
     nearest = np.linalg.norm(found.xy_px[:, None] - wanted[None], axis=2).min(axis=1)
     assert np.sqrt((nearest**2).mean()) < 0.15  # a chessboard may be numbered from its other end
+
+
+@pytest.mark.parametrize("board", [BOARD, CIRCLES, ASYMMETRIC, EVEN], ids=lambda board: f"{board.kind}-{board.rows}")
+def test_corners_are_numbered_as_the_board_or_a_turn_of_it(board: Board) -> None:
+    found = detect_board(photograph(stand(truth(1, board=board), 0, printed(board))), board, 255)
+    to_picture, _ = cv2.findHomography(board.points_m, found.xy_px)
+    pictured = cv2.perspectiveTransform(board.points_m.reshape(-1, 1, 2), to_picture).reshape(-1, 2)
+    assert np.abs(pictured - found.xy_px).max() < 2.0  # what the lens bends
+    assert np.linalg.det(to_picture) > 0
+
+
+@pytest.mark.parametrize("board", [CIRCLES, EVEN], ids=lambda board: board.kind)
+@pytest.mark.parametrize(("columns", "rows"), [(-1, 0), (0, -1), (-1, -2), (1, 0), (0, 2)])
+def test_circles_of_another_board_are_named(board: Board, columns: int, rows: int) -> None:
+    picture = photograph(stand(truth(1, board=board), 0, printed(board)))
+    said = replace(board, columns=board.columns + columns, rows=board.rows + rows)
+    assert "correct [board] columns and rows" in detect_board(picture, said, 255).problem
+
+
+def test_a_mirrored_board_of_circles_is_named_where_its_mirror_image_is_another_board() -> None:
+    picture = photograph(stand(truth(1, board=EVEN), 0, printed(EVEN)))
+    assert "is mirrored" in detect_board(np.ascontiguousarray(picture[:, ::-1]), EVEN, 255).problem
 
 
 def test_a_charuco_board_may_be_cut_by_the_edge_of_the_picture(charuco: Stand) -> None:
