@@ -89,7 +89,7 @@ class ReflectanceFit:
 
 
 def arriving_light(fit: ReflectanceFit, irradiance: FloatArray, form_factors: FloatArray) -> FloatArray:
-    """Return (P,) indirect irradiance of white on each patch by a fit, of e (P,) and F (P, P). [camera unit]"""
+    """Return (P,) indirect irradiance of white on each patch by a fit, of e (P,) and F (P, P), in the camera's unit."""
     rho = fit.reflectance
     radiosity = np.linalg.solve(np.eye(len(rho)) - rho[:, None] * form_factors, rho * fit.flux * irradiance)
     return np.asarray(form_factors @ radiosity)

@@ -187,7 +187,9 @@ def _of_white(
     ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE), 1.0)
     whole = direct_of_white + ratio * modelled
     beside = known & (whole > 0) & walls.beside_edges(face, lit & (border > WHOLE_WHITE))
-    kept = np.where(beside, np.clip(light.white / np.where(beside, whole, 1.0), 1 / _MOST_RESCALED, _MOST_RESCALED), 1.0)
+    kept = np.where(
+        beside, np.clip(light.white / np.where(beside, whole, 1.0), 1 / _MOST_RESCALED, _MOST_RESCALED), 1.0
+    )
     return scene_model.light.direct_gain * kept, ratio
 
 

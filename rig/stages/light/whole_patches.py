@@ -117,7 +117,7 @@ def with_unseen_parts(fit: ReflectanceFit, found: WholePatches, wall: NDArray[np
 
 
 def _others(seen: SeenPatches) -> BoolArray:
-    """Pixels that see one wall, away from its edges and from the border of the projector's picture, and did not tell."""
+    """(N,) pixels away from edges of walls and from the border of the projector's picture that did not tell."""
     shape, patch = seen.camera.lens.shape, seen.hits.hits.patch
     reached = (seen.irradiance > 0).reshape(shape).astype(np.uint8)
     window = np.ones((_BORDER_PX, _BORDER_PX), np.uint8)
@@ -127,7 +127,7 @@ def _others(seen: SeenPatches) -> BoolArray:
 
 
 def _areas(seen: SeenPatches) -> FloatArray:
-    """(N,) area on the wall that each pixel sees. [m²]"""
+    """(N,) area on the wall that each pixel sees, in m²."""
     rays = seen.hits.points_m - seen.camera.pose.position_m
     distance = np.linalg.norm(rays, axis=1)
     normals = seen.scene.normals[np.maximum(seen.hits.hits.patch, 0)]
