@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.light import faces as walls
 from calibration.light.open_wall import ANOTHER_PICTURE
-from calibration.light.reflectance import ReflectanceFit
+from calibration.light.reflectance import ReflectanceFit, ReflectanceSource
 from calibration.light.vignetting import Vignetting
 from rig.files.channels import bands_of, image_of, layers
 from rig.profile.schema import Profile
@@ -204,6 +204,7 @@ def _band_model(fit: ReflectanceFit, light: BandLight, lit: BoolArray) -> BandMo
         global_share_mean=float((light.global_[lit] / np.maximum(light.white[lit], 1e-9)).mean()),
         returned_share=fit.returned_share,
         lit_part=() if fit.lit_part is None else tuple(fit.lit_part.tolist()),
+        reflectance_sigma=float(np.sqrt(np.mean(fit.sigma[fit.source == ReflectanceSource.DIRECT] ** 2))),
     )
 
 

@@ -32,7 +32,7 @@ class BandModel(Record):
     lit_part: tuple[float, ...] = ()
     """Reflectance of each patch's lit part over the whole patch's; (): all alike."""
     reflectance_sigma: float = 0.0
-    """Standard deviation of the reflectance of patches that are lit and seen, root mean square by area."""
+    """Standard deviation of the reflectance of patches that are lit and seen, root mean square; 0 in older sessions."""
 
 
 @dataclass(frozen=True, kw_only=True)
