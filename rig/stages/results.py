@@ -98,7 +98,7 @@ class ModelResult(Record):
     reflectance_mean: ByBand
     """Weighted by area."""
     reflectance_sigma: ByBand = 0.0
-    """Standard deviation of a patch that is lit and seen, root mean square: what all share, and what is its own. 0 in older sessions."""
+    """Standard deviation of a patch that is lit and seen, root mean square; 0 in older sessions."""
     patches_lit_and_seen: int
     patches_seen_in_global_light: int
     patches_unseen: int

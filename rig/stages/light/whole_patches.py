@@ -134,7 +134,7 @@ def _areas(seen: SeenPatches) -> FloatArray:
     cosine = np.abs(np.einsum("nk,nk->n", rays, normals)) / distance
     solid = solid_angles(seen.camera.lens, seen.camera.lens.pixel_grid())
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.nan_to_num(solid * distance**2 / cosine, nan=0.0, posinf=0.0)
+        return np.asarray(np.nan_to_num(solid * distance**2 / cosine, nan=0.0, posinf=0.0))
 
 
 def _sums(
@@ -143,4 +143,4 @@ def _sums(
     """(P,) sums over each patch's chosen pixels of values by area, and of the area."""
     index, weight = patch[chosen], area[chosen]
     total = np.bincount(index, values[chosen] * weight, minlength=n_patches)
-    return total, np.bincount(index, weight, minlength=n_patches)
+    return np.asarray(total, np.float64), np.asarray(np.bincount(index, weight, minlength=n_patches), np.float64)
