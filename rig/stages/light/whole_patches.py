@@ -92,7 +92,7 @@ def whole_patches(seen: SeenPatches, per_lit: FloatArray, fit: ReflectanceFit, a
     own = fit.flux * np.clip(seen.white / np.where(light > 0, light, 1.0), LEAST_REFLECTANCE, MOST_REFLECTANCE)
     area = _areas(seen)
     (lit_sum, lit_area), (other_sum, other_area) = (
-        _sums(values, area, patch, chosen, scene.n_patches)
+        _sums(values, area, patch, chosen=chosen, n_patches=scene.n_patches)
         for values, chosen in ((seen.direct, seen.told), (own, other))
     )
     known = np.isfinite(per_lit)
@@ -138,7 +138,7 @@ def _areas(seen: SeenPatches) -> FloatArray:
 
 
 def _sums(
-    values: FloatArray, area: FloatArray, patch: NDArray[np.integer], chosen: BoolArray, n_patches: int
+    values: FloatArray, area: FloatArray, patch: NDArray[np.integer], *, chosen: BoolArray, n_patches: int
 ) -> tuple[FloatArray, FloatArray]:
     """(P,) sums over each patch's chosen pixels of values by area, and of the area."""
     index, weight = patch[chosen], area[chosen]
