@@ -15,7 +15,7 @@ from calibration.arrays import FloatArray, IntArray
 from calibration.geometry.bundle_residual import LandingError, landed, rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene, priors_of, scene_of, unknowns_of
 from calibration.geometry.epipolar import NominalIntrinsics
-from calibration.geometry.noise import common_covariance, covariance
+from calibration.geometry.noise import common_covariance, covariance, shared_error_px
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import Axes, Transfer, assign_planes
 from calibration.geometry.robust_fit import Fit, Priors, robust_fit
@@ -28,8 +28,6 @@ _LEAST_POINTS = 200
 """Correspondences for some forty unknowns."""
 _LEAST_SCALE_PX = 0.3
 """Of the robust fit: twice the noise of a sub-pixel correspondence."""
-_COMMON_PX = 0.01
-"""By which all of a wall's coordinates are off together (blur on a slanting wall is lopsided), on forty random rigs."""
 _REFIT = 20
 """Iterations of a fit that begins near its end."""
 _NOWHERE_PX = -1e6
@@ -56,7 +54,8 @@ class BundleSolution(PlanarScene):
     def covariance(self) -> FloatArray:
         """(n, n) of the unknowns: from noise, from what all points of a wall are off together, from the bend."""
         noise = covariance(self.fit, self.fit.priors.weight) + self.bend
-        return noise + common_covariance(self.fit, self.fit_label, self.error.weight, _COMMON_PX)
+        shared_px = shared_error_px(self.fit, self.error.x1, self.fit_label)
+        return noise + common_covariance(self.fit, self.fit_label, self.error.weight, shared_px)
 
     @property
     def share(self) -> float:

@@ -33,6 +33,13 @@ def away_from_edges(face: NDArray[np.integer]) -> BoolArray:
     return np.asarray(cv2.dilate(numbers, window) == cv2.erode(numbers, window))
 
 
+def beside_edges(face: NDArray[np.integer], whole: BoolArray) -> BoolArray:
+    """Return (H, W) pixels as near to an edge of a wall, or to pixels that are not `whole`, as the lens mixes light."""
+    window = np.ones((2 * EDGE_PX + 1,) * 2, dtype=np.uint8)
+    near = cv2.erode(whole.astype(np.uint8), window, borderValue=1) == 0
+    return np.asarray(near | ~away_from_edges(face))
+
+
 def on_model_of(lit: BoolArray, on_model: BoolArray) -> BoolArray:
     """Return the lit pixels (H, W) that see in the model what their code says; a model with few of them is refused.
 

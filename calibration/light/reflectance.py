@@ -84,6 +84,15 @@ class ReflectanceFit:
     """As `global_rms`, but patches that are far off count less: what most of them leave."""
     returned_share: float = 0.0
     """Of a lone wall's mean radiosity, what arrives at it again, evenly, from surfaces that the model has not."""
+    lit_part: FloatArray | None = None
+    """(P,) reflectance of each patch's lit part over the whole patch's; None: all alike."""
+
+
+def arriving_light(fit: ReflectanceFit, irradiance: FloatArray, form_factors: FloatArray) -> FloatArray:
+    """Return (P,) indirect irradiance of white on each patch by a fit, of e (P,) and F (P, P), in the camera's unit."""
+    rho = fit.reflectance
+    radiosity = np.linalg.solve(np.eye(len(rho)) - rho[:, None] * form_factors, rho * fit.flux * irradiance)
+    return np.asarray(form_factors @ radiosity)
 
 
 def estimate_reflectance(

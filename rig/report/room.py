@@ -17,7 +17,8 @@ def geometry_text(geometry: GeometryResult, model: ModelResult) -> str:
     room_size = " × ".join(f"{length:.3f}" for length in geometry.room_size_m)
     return (
         f"Baseline {1000 * geometry.baseline_m:.0f} mm. Room {room_size} m; seen: {', '.join(geometry.faces_seen)}. "
-        f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}. "
+        f"{model.patches} patches, mean reflectance {_numbers(model.reflectance_mean)}; of one that is lit and "
+        f"seen is known up to {_numbers(model.reflectance_sigma)} (one standard deviation). "
         f"{geometry.room_notes}{_standing_words(model)}{_placed_words(model)}{_learned_words(model)}"
         f"{_colour_words(model)}"
     )

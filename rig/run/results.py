@@ -124,6 +124,7 @@ def _model(session: Session) -> ModelResult:
     return ModelResult(
         patches=len(source),
         reflectance_mean=_by_band([float(np.average(band.reflectance, weights=areas)) for band in record.bands]),
+        reflectance_sigma=_by_band([band.reflectance_sigma for band in record.bands]),
         patches_lit_and_seen=int((source == 0).sum()),
         patches_seen_in_global_light=int((source == 1).sum()),
         patches_unseen=int((source == 2).sum()),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration.light import faces as walls
 from calibration.light.open_wall import ANOTHER_PICTURE
-from calibration.light.reflectance import ReflectanceFit
+from calibration.light.reflectance import ReflectanceFit, ReflectanceSource
 from calibration.light.vignetting import Vignetting
 from rig.files.channels import bands_of, image_of, layers
 from rig.profile.schema import Profile
@@ -24,6 +24,7 @@ from rig.stages.light.between_patches import with_even_return
 from rig.stages.light.choice import SplitLight, better_explained, fitted_room
 from rig.stages.light.fit import (
     LEAST_PIXELS,
+    WHOLE_WHITE,
     BandLight,
     BareRoom,
     bare_room,
@@ -56,6 +57,8 @@ from rig.terminal import OnStep
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+_MOST_RESCALED = 3.0
+"""Factor by which light beside an edge may differ from what its neighbours let expect."""
 _LEAST_WHITE_SHARE = 0.3
 """Of a white picture, seen by a pixel beside its border: with less, its direct light is not extrapolated."""
 
@@ -103,7 +106,8 @@ def model_settings(session: Session) -> JsonObject:
         "global_gain": "of white",
         "blur": "of both lenses",
         "vignetting": "told apart by what lenses usually do",
-        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light", "inside"],
+        "unseen": ["by wall", walls.EDGE_PX, "flux bears a misfit", "placed by light", "inside", "parts of patches"],
+        "edges": "white as measured",
     }
 
 
@@ -134,7 +138,8 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
     fluxes = [fit.flux for fit in fits]
     models = _scene_models(session, fitted.geometry, zip(band_models, fluxes, strict=True), gains)
-    ratios = [_global_gain(scene_model, light, lit) for scene_model, light in zip(models, bands, strict=True)]
+    of_white = [_of_white(scene_model, one, lit, border) for scene_model, one in zip(models, bands, strict=True)]
+    gains, ratios = [gain for gain, _ in of_white], [ratio for _, ratio in of_white]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
     record = _record(session.profile, fitted.vignetting, fits, bands=band_models, lit=lit)
@@ -167,13 +172,25 @@ def _placed(session: Session, seen: SeenInWhite, on_step: OnStep) -> tuple[Place
     return place_unseen_walls(record, axes, box.patch_size_m, seen=seen, on_step=on_step)
 
 
-def _global_gain(scene_model: SceneModel, light: BandLight, lit: BoolArray) -> FloatArray:
-    """(H, W) global light of white as measured over as modelled, smoothed; 1 where not lit."""
+def _of_white(
+    scene_model: SceneModel, light: BandLight, lit: BoolArray, border: NDArray[np.float32]
+) -> tuple[FloatArray, FloatArray]:
+    """(H, W) direct gain, and global light of white as measured over as modelled, smoothed; 1 where not lit.
+
+    Beside edges of walls and the picture's border, shares of neighbours tell little of a pixel, and what the blur makes
+    of a place is uncertain: there both parts of its light are such that white comes out as it was measured.
+    """
     direct_of_white, modelled = _simulated_white(scene_model)
     face = face_of_pixels(scene_model.camera_hits, lit.shape)
     known = lit & (modelled > 0)
     ratio = np.where(known, (light.white - direct_of_white) / np.where(known, modelled, 1.0), 1.0)
-    return np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE), 1.0)
+    ratio = np.where(lit, walls.smoothed_along_faces(ratio, lit, face, SMOOTHING_SHARE), 1.0)
+    whole = direct_of_white + ratio * modelled
+    beside = known & (whole > 0) & walls.beside_edges(face, lit & (border > WHOLE_WHITE))
+    kept = np.where(
+        beside, np.clip(light.white / np.where(beside, whole, 1.0), 1 / _MOST_RESCALED, _MOST_RESCALED), 1.0
+    )
+    return scene_model.light.direct_gain * kept, ratio
 
 
 def _band_model(fit: ReflectanceFit, light: BandLight, lit: BoolArray) -> BandModel:
@@ -186,6 +203,8 @@ def _band_model(fit: ReflectanceFit, light: BandLight, lit: BoolArray) -> BandMo
         white_median=float(np.median(light.white[lit])),
         global_share_mean=float((light.global_[lit] / np.maximum(light.white[lit], 1e-9)).mean()),
         returned_share=fit.returned_share,
+        lit_part=() if fit.lit_part is None else tuple(fit.lit_part.tolist()),
+        reflectance_sigma=float(np.sqrt(np.mean(fit.sigma[fit.source == ReflectanceSource.DIRECT] ** 2))),
     )
 
 
@@ -243,7 +262,7 @@ def _scene_models(
             scene=scene.with_reflectance(np.array(band.reflectance)),
             form_factors=with_even_return(factors, band.returned_share),
             cameras={pair.camera: PosedCamera(geometry.camera, geometry.camera_hits)},
-            projectors={pair.projector: replace(projector, flux=flux)},
+            projectors={pair.projector: replace(projector, flux=flux, lit_part=np.array(band.lit_part or 1.0))},
             measured={pair: MeasuredLight(gain, xy_px, variance_px2=variance)},
             walls=faces,
         )

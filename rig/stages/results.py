@@ -97,6 +97,8 @@ class ModelResult(Record):
     patches: int
     reflectance_mean: ByBand
     """Weighted by area."""
+    reflectance_sigma: ByBand = 0.0
+    """Standard deviation of a patch that is lit and seen, root mean square; 0 in older sessions."""
     patches_lit_and_seen: int
     patches_seen_in_global_light: int
     patches_unseen: int

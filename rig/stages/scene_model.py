@@ -141,6 +141,8 @@ class PosedProjector:
     """(P, n pixels) of :func:`unit_emission`."""
     blur_variance_px2: FloatArray | None = None
     """(height, width) of its own lens, at its pixels; None: no blur."""
+    lit_part: FloatArray | float = 1.0
+    """(P,) reflectance of each patch's lit part over the whole patch's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -386,7 +388,8 @@ def _transport(
 ) -> LightTransport:
     chosen = np.flatnonzero(active)
     projector, scene = only(scene_model.projectors), scene_model.scene
-    emission = diags_array(scene.reflectance * projector.flux) @ projector.unit_emission[:, chosen]
+    lit = scene.reflectance * projector.lit_part * projector.flux
+    emission = diags_array(lit) @ projector.unit_emission[:, chosen]
     radiosity = Radiosity(scene_model.form_factors, scene.reflectance, solver="repeated")
     patch, xy_px = projector.hits.hits.patch[chosen], projector.device.lens.pixel_grid()[chosen]
     blur = None if variance_px2 is None else PictureBlur(variance_px2=variance_px2, chosen=active)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import cv2
 import numpy as np
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.light import faces as walls
 from calibration.light.open_wall import estimate_open_wall
-from calibration.light.reflectance import ReflectanceFit, estimate_reflectance
+from calibration.light.reflectance import ReflectanceFit, arriving_light, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
 from rig.stages.correspondence import only
 from rig.stages.geometry import GeometryRecord, Point
 from rig.stages.light.between_patches import seen_from
+from rig.stages.light.whole_patches import SeenPatches, whole_patches, with_unseen_parts
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE
 from rig.stages.scene_model import (
     MOST_OFF_PX,
@@ -32,6 +33,7 @@ from rig.stages.surface.scene import AnyScene, factors_of, scene_of
 from rig.stages.surface.standing import StandingRecord
 from sim.form_factors import FormFactors
 from sim.geometry.optics import Pose, project
+from sim.geometry.scene import Scene
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -42,7 +44,7 @@ NO_SHIFT: Shift = (0.0, 0.0, 0.0)
 _LEAST_DIRECT = 0.05
 _LEAST_IN_A_BAND = 0.005
 """A pixel is lit when its direct light is above this share of the median of the lit, and in each band above that."""
-_ALL_OF_WHITE = 0.9995
+WHOLE_WHITE = 0.9995
 """Share of white from which on a pixel tells its patch's reflectance: on random rigs those with 0.97 to 0.995 of it had
 3 to 6 % too little direct light, for the blur at the border is known to a few percent of itself."""
 _NO_LIGHT = 1e-9
@@ -170,7 +172,7 @@ def pixels_that_tell(
     """
     on_model = walls.on_model_of(lit, on_the_model(room, projector_xy_px))
     face = face_of_pixels(room.camera_hits, lit.shape)
-    return np.asarray(on_model & walls.away_from_edges(face) & (border > _ALL_OF_WHITE))
+    return np.asarray(on_model & walls.away_from_edges(face) & (border > WHOLE_WHITE))
 
 
 def fit_lenses(geometry: BareRoom, gain: FloatArray, lit: BoolArray) -> Vignetting:
@@ -209,14 +211,30 @@ def fit_reflectance(
     irradiance = np.asarray(unit_emission(scene, projector) @ np.ones(projector.lens.n_pixels))
     if not scene.region.any():
         return estimate_open_wall(per_lit, per_global, irradiance, scene.areas)
-    return estimate_reflectance(
-        per_lit,
-        per_global,
-        irradiance,
-        geometry.form_factors.matrix,
+    solve = partial(
+        estimate_reflectance,
+        global_light=per_global,
+        form_factors=geometry.form_factors.matrix,
         wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
     )
+    fit = solve(per_lit, irradiance=irradiance)
+    if not isinstance(scene, Scene):
+        return fit
+    seen = SeenPatches(
+        scene=scene,
+        camera=geometry.camera,
+        hits=geometry.camera_hits,
+        told=lit_flat,
+        direct=direct,
+        share=np.clip(light.direct.ravel() / np.maximum(light.white.ravel(), _NO_LIGHT), 0.0, 1.0),
+        white=light.white.ravel() / brightness,
+        irradiance=e,
+    )
+    found = whole_patches(seen, per_lit, fit, arriving_light(fit, irradiance, geometry.form_factors.matrix))
+    # What a patch sends out of the projector's light, its lit part reflects; of all other light, the whole of it.
+    whole = solve(found.whole, irradiance=irradiance * found.lit_part)
+    return with_unseen_parts(whole, found, scene.region)
 
 
 def _needed_pixels(scene: AnyScene, least_pixels: int) -> NDArray[np.intp]:
