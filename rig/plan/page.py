@@ -39,7 +39,7 @@ HEADS = ("wanted", "seen without compensation", "seen with the optimum, bounded"
 
 
 @dataclass(frozen=True)
-class ShownPicture:
+class PlannedView:
     """A picture and what stands below it."""
 
     head: str
@@ -52,7 +52,7 @@ class PictureSection:
 
     title: str
     text: str
-    images: tuple[ShownPicture, ...]
+    images: tuple[PlannedView, ...]
     """Four of each projector."""
     strategies: TextTable
     unreached: TextTable | None
@@ -148,7 +148,7 @@ def _section(computed: ComputedPlan, shown: PictureInRoom) -> PictureSection:
     )
 
 
-def _row(computed: ComputedPlan, shown: PictureInRoom, index: int) -> list[ShownPicture]:
+def _row(computed: ComputedPlan, shown: PictureInRoom, index: int) -> list[PlannedView]:
     """One projector's view of a picture: wanted, seen without and with the optimum, missed."""
     view, part = computed.lit.views[index], computed.lit.joined.parts[index]
     name, scale = shown.record.name, WHITE / computed.request.show.white_cdm2
@@ -164,4 +164,4 @@ def _row(computed: ComputedPlan, shown: PictureInRoom, index: int) -> list[Shown
     missed = (shown.seen_cdm2["bounded"] - shown.wanted_cdm2)[part] * scale
     missed = np.where(seen.ravel(), missed, 0.0).reshape(shape)
     made.append(pictures.picture(pictures.signed_error(missed, seen), f"{where}{name}: what bounded misses", 480))
-    return [ShownPicture(f"{where}{head}", image) for head, image in zip(HEADS, made, strict=True)]
+    return [PlannedView(f"{where}{head}", image) for head, image in zip(HEADS, made, strict=True)]
