@@ -44,7 +44,7 @@ def main() -> int:
     request = request.model_copy(update={"room": request.room.model_copy(update={"patch_m": given.patch_m})})
     started = time.process_time()
     lit = lit_room(request, given.width)
-    ours = lit.luminance(np.ones(lit.lens.n_pixels))
+    ours = lit.luminance(np.ones(lit.n_pixels))
     our_s, started = time.process_time() - started, time.process_time()
     theirs = rendered(mitsuba, lit, given.spp)
     print(f"plan {our_s:.2f} s, Mitsuba {mitsuba.__version__} {time.process_time() - started:.0f} s of processor time")
@@ -77,11 +77,11 @@ def rendered(mi, lit: LitRoom, spp: int) -> np.ndarray:
 def illuminance_at_1_m(mi, lit: LitRoom) -> float:
     """What a picture of ones makes of a matte screen at 1 m, seen at its middle. [lx]"""
     content = scene_with_projector(mi, lit, 1.0, 2)
-    right, down, ahead = lit.pose.rotation
-    columns = np.stack([9 * right, 9 * down, -ahead, lit.pose.position_m + ahead], axis=1)
+    right, down, ahead = lit.views[0].pose.rotation
+    columns = np.stack([9 * right, 9 * down, -ahead, lit.views[0].pose.position_m + ahead], axis=1)
     content["screen"] = matte(mi, columns, 0.5)
-    seen = pixels_of(mi, content, 64).reshape(lit.lens.shape)
-    rows, columns = (slice(n // 2 - 2, n // 2 + 2) for n in lit.lens.shape)
+    seen = pixels_of(mi, content, 64).reshape(lit.views[0].lens.shape)
+    rows, columns = (slice(n // 2 - 2, n // 2 + 2) for n in lit.views[0].lens.shape)
     return float(np.pi * seen[rows, columns].mean() / 0.5)
 
 
@@ -94,11 +94,11 @@ def matte(mi, columns: np.ndarray, rho: float) -> dict:
 
 def scene_with_projector(mi, lit: LitRoom, level: float, depth: int) -> dict:
     """Projector and sensor in one place, nothing else."""
-    lens, pose = lit.lens, lit.pose
+    lens, pose = lit.views[0].lens, lit.views[0].pose
     ahead = pose.position_m + pose.rotation[2]
     transform = mi.ScalarTransform4f
     view = {
-        "fov": lit.numbers.hfov_deg,
+        "fov": lit.views[0].numbers.hfov_deg,
         "to_world": transform().look_at(origin=pose.position_m.tolist(), target=ahead.tolist(), up=[0, 0, 1]),
     }
     picture = np.full((*lens.shape, 3), level, dtype=np.float32)

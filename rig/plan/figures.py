@@ -18,6 +18,7 @@ from rig.plan.compute import ComputedPlan
 from rig.plan.light import LitRoom
 from rig.plan.measures import white_of_patches
 from rig.plan.people import meets_person, people_of
+from rig.plan.projectors.view import ProjectorView
 from rig.report.figures import style
 from rig.report.pictures import png_figure
 from sim.geometry.optics import Pose, rays_at
@@ -27,6 +28,8 @@ from sim.geometry.surface import Surface
 FloatArray = NDArray[np.float64]
 
 _INK, _SOFT, _PROJECTOR, _VIEWER, _PERSON = "#1d2330", "#5d6678", "#c4561c", "#2557a7", "#7a4fb0"
+_PROJECTORS = _PROJECTOR, "#1f8a70", "#a3297a", "#8a6d00"
+"""The first four of several, then from the start."""
 LIGHT = "inferno"
 ELEVATION_DEG = 27.0
 _RIM = 24
@@ -34,18 +37,13 @@ _RIM = 24
 
 
 def plan_view(computed: ComputedPlan) -> str:
-    """Return the room from above: walls, picture, projector, viewers, people and their shadows."""
+    """Return the room from above: walls, pictures, projectors, viewers, people and their shadows."""
     lit, request = computed.lit, computed.request
     figure = Figure(figsize=(7.4, 6.4))
     axes = figure.add_subplot()
     _outline(axes, lit.room.surface)
-    rim = _rim_points(lit)
-    _picture_dots(axes, computed)
-    axes.plot(*np.vstack([rim, rim[:1]])[:, :2].T, color=_PROJECTOR, lw=0.8, label="edge of the picture")
-    lens = lit.pose.position_m
-    for corner in rim[::_RIM]:
-        axes.plot([lens[0], corner[0]], [lens[1], corner[1]], color=_PROJECTOR, lw=0.7, ls="--")
-    axes.plot(*lens[:2], "s", color=_PROJECTOR, ms=8, label=f"projector, {lens[2]:.2f} m up")
+    for view in lit.views:
+        _projector_from_above(axes, computed, view)
     for person in people_of(request):
         axes.add_patch(Circle(person.at_m, person.radius_m, color=_PERSON, alpha=0.5, lw=0))
         axes.annotate(
@@ -70,20 +68,36 @@ def plan_view(computed: ComputedPlan) -> str:
     return png_figure(figure)
 
 
-def _picture_dots(axes: Axes, computed: ComputedPlan) -> None:
-    """Draw where some of the picture's pixels end, orange, and what people keep from there, violet."""
-    lit = computed.lit
-    kept = lit.lit & (np.arange(lit.lens.n_pixels) % 7 == 0)
-    points = lit.pose.position_m + np.where(lit.lit, lit.hits.distance, 0.0)[:, None] * lit.rays
-    axes.plot(*points[kept][:, :2].T, ".", color=_PROJECTOR, ms=2, alpha=0.25, mew=0)
-    floor_m = float(lit.room.surface.vertices[:, :, 2].min())
+def _projector_from_above(axes: Axes, computed: ComputedPlan, view: ProjectorView) -> None:
+    """Draw a projector, the edge of its picture, and where its pixels end."""
+    rim, lens, colour = _rim_points(view), view.pose.position_m, colour_of(computed.lit, view)
+    _picture_dots(axes, computed, view, colour)
+    which = "" if len(computed.lit.views) == 1 else f" {view.numbers.name}"
+    edge = "edge of the picture" if not which else None
+    axes.plot(*np.vstack([rim, rim[:1]])[:, :2].T, color=colour, lw=0.8, label=edge)
+    for corner in rim[::_RIM]:
+        axes.plot([lens[0], corner[0]], [lens[1], corner[1]], color=colour, lw=0.7, ls="--")
+    axes.plot(*lens[:2], "s", color=colour, ms=8, label=f"projector{which}, {lens[2]:.2f} m up")
+
+
+def _picture_dots(axes: Axes, computed: ComputedPlan, view: ProjectorView, colour: str) -> None:
+    """Draw where some of a picture's pixels end, and what people keep from there, violet."""
+    kept = view.lit & (np.arange(view.lens.n_pixels) % 7 == 0)
+    points = view.points_m
+    axes.plot(*points[kept][:, :2].T, ".", color=colour, ms=2, alpha=0.25, mew=0)
+    floor_m = float(view.surface.vertices[:, :, 2].min())
     for person in people_of(computed.request):
-        shadow = kept & meets_person(lit, person, floor_m)[1]
+        shadow = kept & meets_person(view, person, floor_m)[1]
         axes.plot(*points[shadow][:, :2].T, ".", color=_PERSON, ms=2.4, mew=0)
 
 
+def colour_of(lit: LitRoom, view: ProjectorView) -> str:
+    """Return the colour of a projector in figures."""
+    return _PROJECTORS[lit.views.index(view) % len(_PROJECTORS)]
+
+
 def light_view(computed: ComputedPlan) -> str:
-    """Return the luminance of white on all surfaces, seen from behind the projector, from above and from below."""
+    """Return the luminance of white on all surfaces, from above and from below, from behind the first projector."""
     lit = computed.lit
     white = white_of_patches(lit)
     figure = Figure(figsize=(12.4, 5.2))
@@ -102,12 +116,13 @@ def light_view(computed: ComputedPlan) -> str:
 def _draw_light(axes: Axes3D, computed: ComputedPlan, colours: FloatArray, elevation_deg: float) -> None:
     lit = computed.lit
     surface = lit.room.surface
-    facing = draw_patches(axes, surface, colours, (elevation_deg, azimuth_behind(lit.pose)))
-    lens, rim = lit.pose.position_m, _rim_points(lit)
-    axes.plot(*np.vstack([rim, rim[:1]]).T, color="#35c0ff", lw=1.3, zorder=9)
-    for corner in rim[::_RIM]:
-        axes.plot(*np.stack([lens, corner]).T, color="#35c0ff", lw=0.7, ls="--", zorder=9)
-    axes.scatter(*lens, color=_PROJECTOR, s=42, marker="s", zorder=11, depthshade=False)
+    facing = draw_patches(axes, surface, colours, (elevation_deg, azimuth_behind(lit.views[0].pose)))
+    for view in lit.views:
+        lens, rim = view.pose.position_m, _rim_points(view)
+        axes.plot(*np.vstack([rim, rim[:1]]).T, color="#35c0ff", lw=1.3, zorder=9)
+        for corner in rim[::_RIM]:
+            axes.plot(*np.stack([lens, corner]).T, color="#35c0ff", lw=0.7, ls="--", zorder=9)
+        axes.scatter(*lens, color=colour_of(lit, view), s=42, marker="s", zorder=11, depthshade=False)
     floor_m = float(surface.vertices[:, :, 2].min())
     for person in people_of(computed.request):
         foot = np.array([*person.at_m, floor_m])
@@ -175,17 +190,17 @@ def _direction(azimuth_deg: float, elevation_deg: float) -> FloatArray:
     return np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
 
 
-def _rim_points(lit: LitRoom) -> FloatArray:
+def _rim_points(view: ProjectorView) -> FloatArray:
     """(4 * _RIM, 3) where the picture's edge meets the room; rays that meet nothing end 3 m away."""
-    right, low = lit.lens.width_px - 0.5, lit.lens.height_px - 0.5
+    right, low = view.lens.width_px - 0.5, view.lens.height_px - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])
     along = np.arange(_RIM)[:, None] / _RIM
     ends = zip(corners, np.roll(corners, -1, axis=0), strict=True)
     edge = np.concatenate([a + along * (b - a) for a, b in ends])
-    rays = rays_at(lit.lens, lit.pose, edge)
-    hits = trace(lit.room.surface, lit.pose.position_m, rays)
+    rays = rays_at(view.lens, view.pose, edge)
+    hits = trace(view.surface, view.pose.position_m, rays)
     reach = np.where(np.isfinite(hits.distance), hits.distance, 3.0)
-    return np.asarray(lit.pose.position_m + reach[:, None] * rays)
+    return np.asarray(view.pose.position_m + reach[:, None] * rays)
 
 
 def _outline(axes: Axes, surface: Surface) -> None:

@@ -34,22 +34,21 @@ def weighted_mean(values: FloatArray, weights: FloatArray) -> float:
 
 def px_per_m(lit: LitRoom) -> FloatArray:
     """Return (n,) the projector's own pixels a metre at each computed pixel; 0 where it meets no surface."""
-    numbers = lit.numbers
-    finer = numbers.width_px * numbers.height_px / lit.lens.n_pixels
-    area = lit.footprints_m2
-    return np.sqrt(np.divide(finer, area, out=np.zeros_like(area), where=area > 0))
+    finer = lit.joined.spread([one.finer for one in lit.views])
+    area = np.concatenate([one.footprints_m2 for one in lit.views])
+    return np.asarray(np.sqrt(np.divide(finer, area, out=np.zeros_like(area), where=area > 0)))
 
 
 def surface_lights(lit: LitRoom) -> tuple[SurfaceLight, ...]:
     """Return each surface's light while the projector shows white."""
     room = lit.room
-    n = lit.lens.n_pixels
-    direct, indirect = (room.mean(lux) for lux in lit.patch_lux(np.ones(n)))
+    n = lit.n_pixels
+    direct, indirect = (room.mean(lux) for lux in lit.patch_lux(1.0))
     own = room.own_exitance
     ambient = room.mean((lit.ambient_exitance - own) / room.surface.reflectance)
     of_patch = white_of_patches(lit), black_of_patches(lit)
     seen = np.stack([lit.luminance(np.ones(n)), lit.luminance(np.full(n, lit.black)), px_per_m(lit)])
-    global_ = lit.from_units(np.asarray(lit.transport.global_ @ np.ones(n)))
+    global_ = lit.from_units(np.asarray(lit.transport.global_ @ lit.even(1.0)))
     of_pixel = np.where(lit.lit, room.shape.surface_of[lit.hits.patch], -1)
     lights = []
     for k, name in enumerate(room.shape.names):
@@ -95,21 +94,21 @@ def black_of_patches(lit: LitRoom) -> FloatArray:
 
 
 def _of_patches(lit: LitRoom, level: float) -> FloatArray:
-    B = lit.transport.radiosity_of(np.full(lit.lens.n_pixels, level))[1]
+    B = lit.transport.radiosity_of(lit.even(level))[1]
     return np.asarray((B * lit.lux_per_unit + lit.ambient_exitance) / np.pi)
 
 
 def contrast_steps(lit: LitRoom) -> ContrastSteps:
     """Return what interreflection, the projector's black and the room's light leave of its contrast."""
-    n, seen = lit.lens.n_pixels, lit.lit
-    white = checker(lit.lens.shape).ravel() & seen
-    black = ~checker(lit.lens.shape).ravel() & seen
+    n, seen = lit.n_pixels, lit.lit
+    share = lit.pictures(lambda shape: checker(shape).astype(np.float64))
+    white, black = (share > 0.5) & seen, (share <= 0.5) & seen
     area = lit.footprints_m2
     full = [weighted_mean(lit.luminance(np.full(n, level)), area) for level in (1.0, lit.black)]
-    shown = lit.luminance(np.where(checker(lit.lens.shape).ravel(), 1.0, lit.black))
+    shown = lit.luminance(lit.black + (1 - lit.black) * share)
     dark = shown - lit.ambient_cdm2
     return ContrastSteps(
-        projector=lit.numbers.contrast,
+        projector=min(one.numbers.contrast for one in lit.views),
         full_in_room=full[0] / max(full[1], 1e-12),
         checker_dark_room=_ratio(dark, white * area, black * area),
         checker_in_room=_ratio(shown, white * area, black * area),
@@ -129,10 +128,10 @@ def checker(shape: tuple[int, int]) -> BoolArray:
 
 def totals(lit: LitRoom, wanted_white_cdm2: float) -> PlanTotals:
     """Return the whole room in few numbers."""
-    n, seen = lit.lens.n_pixels, lit.lit
+    n, seen = lit.n_pixels, lit.lit
     area = lit.footprints_m2[seen]
     white = lit.luminance(np.ones(n))[seen]
-    global_ = lit.from_units(np.asarray(lit.transport.global_ @ np.ones(n)))[seen]
+    global_ = lit.from_units(np.asarray(lit.transport.global_ @ lit.even(1.0)))[seen]
     projected = white - lit.ambient_cdm2[seen]
     surface = lit.room.surface
     mean = weighted_mean(white, area)
@@ -145,7 +144,8 @@ def totals(lit: LitRoom, wanted_white_cdm2: float) -> PlanTotals:
         reached_share=float(area[white >= wanted_white_cdm2].sum() / area.sum()),
         uniformity=quantile(white, area, LEAST) / max(mean, 1e-12),
         global_share=_share(global_, projected, area),
-        indirect_lux=weighted_mean(lit.patch_lux(np.ones(n))[1], surface.areas),
+        indirect_lux=weighted_mean(lit.patch_lux(1.0)[1], surface.areas),
         px_per_m=quantile(px_per_m(lit)[seen], area, 0.5),
         paint_cost=float(sum(lit.room.areas_m2[k] * lit.room.paints[k].cost for k in walls)),
+        projector_cost=sum(one.numbers.cost for one in lit.views),
     )

@@ -11,6 +11,7 @@ import numpy as np
 from rig.files.atomic import write_bytes
 from rig.plan.compute import ComputedPlan
 from rig.plan.figures import light_view, plan_view
+from rig.plan.projectors.numbers import ProjectorNumbers
 from rig.plan.records import PlanResult
 from rig.plan.search.page import DesignsSection, designs_section
 from rig.plan.shown import WHITE, PictureInRoom
@@ -34,14 +35,25 @@ SHOWN = ("none", "bounded")
 """Strategies whose pictures are shown."""
 
 
+HEADS = ("wanted", "seen without compensation", "seen with the optimum, bounded", "what the optimum misses")
+
+
+@dataclass(frozen=True)
+class PlannedView:
+    """A picture and what stands below it."""
+
+    head: str
+    image: EmbeddedPicture
+
+
 @dataclass(frozen=True, kw_only=True)
 class PictureSection:
     """One picture on the page."""
 
     title: str
     text: str
-    heads: tuple[str, ...]
-    images: tuple[EmbeddedPicture, ...]
+    images: tuple[PlannedView, ...]
+    """Four of each projector."""
     strategies: TextTable
     unreached: TextTable | None
 
@@ -82,12 +94,9 @@ def plan_page(computed: ComputedPlan) -> PlanPage:
     result = computed.result
     reached = result.totals.reached_share
     met = reached >= REACHED
-    numbers = result.projector
     return PlanPage(
         title=f"Plan of {result.name}",
-        subtitle=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC; {numbers.name}: {numbers.lumens:g} lm, contrast "
-        f"{numbers.contrast:g}, {numbers.width_px} x {numbers.height_px} px, throw ratio {numbers.throw_ratio:.3g} "
-        f"({numbers.hfov_deg:.0f} degrees wide).",
+        subtitle=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC; {'; '.join(_in_short(one) for one in result.projectors)}.",
         met=met,
         word="Bright enough" if met else "Too dark in places",
         verdict=f"White is at least {result.totals.wanted_white_cdm2:g} cd/m² on {100 * reached:.0f} % of the picture",
@@ -103,8 +112,15 @@ def plan_page(computed: ComputedPlan) -> PlanPage:
         shadows=shadow_table(result) if result.shadows else None,
         paints=paint_table(result),
         designs=None if result.search is None else designs_section(result.search),
-        footer="Matte surfaces, one reflectance for all colours, a projector whose pixels all send the same light. "
+        footer="Matte surfaces, one reflectance for all colours, projectors whose pixels all send the same light. "
         f"{result.patches} patches, pictures of {result.pixels[0]} x {result.pixels[1]} px; nothing was measured.",
+    )
+
+
+def _in_short(numbers: ProjectorNumbers) -> str:
+    return (
+        f"{numbers.name}: {numbers.lumens:g} lm, contrast {numbers.contrast:g}, {numbers.width_px} x "
+        f"{numbers.height_px} px, throw ratio {numbers.throw_ratio:.3g} ({numbers.hfov_deg:.0f} degrees wide)"
     )
 
 
@@ -121,23 +137,31 @@ def _headline(result: PlanResult) -> tuple[Headline, ...]:
 
 def _section(computed: ComputedPlan, shown: PictureInRoom) -> PictureSection:
     record, white = shown.record, computed.request.show.white_cdm2
-    shape, seen = computed.lit.lens.shape, computed.lit.lit.reshape(computed.lit.lens.shape)
-    levels = {"wanted": shown.wanted_cdm2, **{one: shown.seen_cdm2[one] for one in SHOWN}}
-    images = [
-        pictures.picture(
-            pictures.photograph((values * WHITE / white).reshape(shape), seen), f"{record.name}: {name}", 480
-        )
-        for name, values in levels.items()
-    ]
-    missed = (shown.seen_cdm2["bounded"] - shown.wanted_cdm2) * WHITE / white
-    missed = np.where(seen.ravel(), missed, 0.0).reshape(shape)
-    images.append(pictures.picture(pictures.signed_error(missed, seen), f"{record.name}: what bounded misses", 480))
+    rows = [_row(computed, shown, k) for k in range(len(computed.lit.views))]
     return PictureSection(
         title=f"Picture: {record.name}",
         text=f"White is wanted at {white:g} cd/m²; the picture's mean is {record.wanted_mean_cdm2:.3g} cd/m². "
         f"Uncompensated, {100 * record.global_share:.0f} % of its light come from other walls.",
-        heads=("wanted", "seen without compensation", "seen with the optimum, bounded", "what the optimum misses"),
-        images=tuple(images),
+        images=tuple(image for row in rows for image in row),
         strategies=strategy_table(record),
         unreached=unreached_table(record) if record.unreached else None,
     )
+
+
+def _row(computed: ComputedPlan, shown: PictureInRoom, index: int) -> list[PlannedView]:
+    """One projector's view of a picture: wanted, seen without and with the optimum, missed."""
+    view, part = computed.lit.views[index], computed.lit.joined.parts[index]
+    name, scale = shown.record.name, WHITE / computed.request.show.white_cdm2
+    where = "" if len(computed.lit.views) == 1 else f"{view.numbers.name}: "
+    shape, seen = view.lens.shape, view.lit.reshape(view.lens.shape)
+    levels = {"wanted": shown.wanted_cdm2, **{one: shown.seen_cdm2[one] for one in SHOWN}}
+    made = [
+        pictures.picture(
+            pictures.photograph((values[part] * scale).reshape(shape), seen), f"{where}{name}: {word}", 480
+        )
+        for word, values in levels.items()
+    ]
+    missed = (shown.seen_cdm2["bounded"] - shown.wanted_cdm2)[part] * scale
+    missed = np.where(seen.ravel(), missed, 0.0).reshape(shape)
+    made.append(pictures.picture(pictures.signed_error(missed, seen), f"{where}{name}: what bounded misses", 480))
+    return [PlannedView(f"{where}{head}", image) for head, image in zip(HEADS, made, strict=True)]

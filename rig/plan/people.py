@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.plan.light import LitRoom
 from rig.plan.measures import LEAST, quantile, weighted_mean
+from rig.plan.projectors.view import ProjectorView
 from rig.plan.records import ShadowOf, ViewerSight
 from rig.plan.request import PlannedPerson, PlannedViewer, PlanRequest
 from rig.plan.shown import WHITE, PictureInRoom
@@ -38,11 +39,12 @@ def shadow_of(lit: LitRoom, person: PlannedPerson) -> ShadowOf:
     Raises
     ------
     UsageError
-        For a person outside of the room, or around the projector.
+        For a person outside of the room, or around a projector.
     """
     floor_m = float(lit.room.surface.vertices[:, :, 2].min())
     _check_place(lit, person, floor_m)
-    height_m, is_met = meets_person(lit, person, floor_m)
+    met = [meets_person(view, person, floor_m) for view in lit.views]
+    height_m, is_met = (np.concatenate(parts) for parts in zip(*met, strict=True))
     shadowed = is_met & lit.lit
     surface_of = lit.room.shape.surface_of[lit.hits.patch]
     area = np.bincount(surface_of[shadowed], lit.footprints_m2[shadowed], len(lit.room.shape.names))
@@ -62,15 +64,20 @@ def _check_place(lit: LitRoom, person: PlannedPerson, floor_m: float) -> None:
             f"person {person.name}: {list(person.at_m)} m is outside of the room, x {low[0]:g} ... {high[0]:g} and "
             f"y {low[1]:g} ... {high[1]:g} m; move them inside"
         )
-    lens = lit.pose.position_m
-    if np.hypot(*(lens[:2] - at)) <= person.radius_m and lens[2] < floor_m + person.height_m:
-        raise UsageError(f"person {person.name}: stands where the projector is; move one of them")
+    for view in lit.views:
+        lens = view.pose.position_m
+        if np.hypot(*(lens[:2] - at)) <= person.radius_m and lens[2] < floor_m + person.height_m:
+            raise UsageError(f"person {person.name}: stands where {_the(lit, view)} is; move one of them")
 
 
-def meets_person(lit: LitRoom, person: PlannedPerson, floor_m: float) -> tuple[FloatArray, BoolArray]:
-    """Return (n,) height at which each ray meets the person's cylinder [m], and whether it does before the surface."""
-    start = lit.pose.position_m - np.array([*person.at_m, floor_m])
-    ray = lit.rays
+def _the(lit: LitRoom, view: ProjectorView) -> str:
+    return "the projector" if len(lit.views) == 1 else f"projector {view.numbers.name}"
+
+
+def meets_person(view: ProjectorView, person: PlannedPerson, floor_m: float) -> tuple[FloatArray, BoolArray]:
+    """Return (n,) height at which each ray of a projector meets a person [m], and whether it does."""
+    start = view.pose.position_m - np.array([*person.at_m, floor_m])
+    ray = view.rays
     a = (ray[:, :2] ** 2).sum(axis=1)
     b = ray[:, :2] @ start[:2]
     c = float(start[:2] @ start[:2]) - person.radius_m**2
@@ -83,7 +90,7 @@ def meets_person(lit: LitRoom, person: PlannedPerson, floor_m: float) -> tuple[F
     on_side = (root > 0) & (side > 0) & (at_side >= 0) & (at_side <= person.height_m)
     on_top = over_top & (top > 0)
     first = np.minimum(np.where(on_side, side, np.inf), np.where(on_top, top, np.inf))
-    is_met = first < np.where(lit.lit, lit.hits.distance, np.inf)
+    is_met = first < np.where(view.lit, view.hits.distance, np.inf)
     height = np.where(is_met, start[2] + np.where(is_met, first, 0.0) * ray[:, 2], 0.0)
     return height + floor_m, np.asarray(is_met)
 
@@ -103,7 +110,7 @@ def sight_of(lit: LitRoom, viewer: PlannedViewer, shown: PictureInRoom, white_cd
         That is wanted. [cd/m²]
     """
     seen = lit.lit
-    points = lit.pose.position_m + lit.hits.distance[seen, None] * lit.rays[seen]
+    points = lit.joined.points_m[seen]
     to_eye = np.asarray(viewer.eye_m) - points
     distance = np.linalg.norm(to_eye, axis=1)
     cosine = np.einsum("nk,nk->n", to_eye, lit.room.surface.normals[lit.hits.patch[seen]]) / distance
@@ -113,9 +120,9 @@ def sight_of(lit: LitRoom, viewer: PlannedViewer, shown: PictureInRoom, white_cd
         eyes = np.broadcast_to(np.asarray(viewer.eye_m, dtype=np.float64), points.shape)
         free &= ~blocked(lit.room.surface, np.ascontiguousarray(eyes), points + 1e-6 * to_eye)
     solid_angle = np.where(free, area * np.maximum(cosine, 0.0) / distance**2, 0.0)
-    finer = lit.numbers.width_px * lit.numbers.height_px / lit.lens.n_pixels
+    finer = lit.joined.spread([one.finer for one in lit.views])[seen] / lit.joined.times_lit[seen]
     density = np.pi / 180 * np.sqrt(finer / np.maximum(solid_angle, 1e-12))
-    white = lit.luminance(np.ones(lit.lens.n_pixels))[seen]
+    white = lit.luminance(np.ones(lit.n_pixels))[seen]
     wanted = shown.wanted_cdm2[seen]
     error = np.abs(shown.seen_cdm2["bounded"][seen] - wanted) * (WHITE / white_cdm2)
     return ViewerSight(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rig.plan.paints import ChosenPaint
-from rig.plan.projector import ProjectorNumbers
+from rig.plan.projectors.numbers import ProjectorNumbers
 from rig.plan.search.records import SearchResult
 from rig.records import Record
 
@@ -46,7 +46,7 @@ class ContrastSteps(Record):
     """From the projector's own contrast to what is left of it in the room, by area."""
 
     projector: float
-    """Full white over full black, the projector alone."""
+    """Full white over full black, the projector alone; of several the least."""
     full_in_room: float
     """The same in the room, its light included."""
     checker_dark_room: float
@@ -159,6 +159,7 @@ class PlanTotals(Record):
     """Median over the picture's area."""
     paint_cost: float
     """Area times cost of the paints, openings left out."""
+    projector_cost: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,10 +167,10 @@ class PlanResult(Record):
     """What a room will be like."""
 
     name: str
-    projector: ProjectorNumbers
+    projectors: tuple[ProjectorNumbers, ...]
     patches: int
     pixels: tuple[int, int]
-    """Columns and rows of the pictures computed."""
+    """Columns and rows of the first projector's pictures, as computed."""
     totals: PlanTotals
     contrast: ContrastSteps
     surfaces: tuple[SurfaceLight, ...]

@@ -18,7 +18,7 @@ def remarks_on(result: PlanResult, request: PlanRequest) -> PlanResult:
     return replace(
         result,
         remarks=(
-            *result.projector.said,
+            *dict.fromkeys(said for one in result.projectors for said in one.said),
             *_brightness(result),
             *_contrast(result),
             *_worth(result),

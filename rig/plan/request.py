@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from rig.errors import ProfileError
-from rig.files.toml import Table, check_model, read_model
+from rig.files.toml import Table, check_model, entry_place, parse_toml
 from rig.plan.search.request import SearchTable
 from rig.records import JsonObject
 
@@ -78,8 +78,10 @@ class RoomLight(Table):
 
 
 class PlannedProjector(Table):
-    """``[projector]``: a model of hw_profiles/projectors, numbers, or both; numbers go first."""
+    """``[[projector]]``: a model of hw_profiles/projectors, numbers, or both; numbers go first."""
 
+    name: Text | None = None
+    """What tables and figures call it where there are several."""
     model: Text | None = None
     throw_ratio: Positive | None = None
     """Distance over picture width."""
@@ -96,6 +98,8 @@ class PlannedProjector(Table):
     look_at_m: Point
     """A point on the optical axis. [m]"""
     roll_deg: float = 0.0
+    cost: NotNegative = 0.0
+    """In the currency of the paints."""
 
 
 class PlannedViewer(Table):
@@ -139,11 +143,25 @@ class PlanRequest(Table):
     named_paint: tuple[NamedPaint, ...] = ()
     opening: tuple[Opening, ...] = ()
     room_light: RoomLight = RoomLight()
-    projector: PlannedProjector
+    projector: Annotated[tuple[PlannedProjector, ...], Field(min_length=1)]
+    """``[projector]`` is a list of one."""
+    projectors_used: Annotated[int, Field(ge=1)] | None = None
+    """Only so many of them, from the first; None: all. A search may ask how many are worth it."""
     viewer: tuple[PlannedViewer, ...] = ()
     person: tuple[PlannedPerson, ...] = ()
     show: WantedPictures
     search: SearchTable | None = None
+
+    @property
+    def projectors(self) -> tuple[PlannedProjector, ...]:
+        """Those that are used."""
+        return self.projector[: self.projectors_used]
+
+    def place_of(self, index: int) -> str:
+        """Return what messages call a projector's table: by its name or number, where there are several."""
+        if len(self.projector) == 1:
+            return "projector"
+        return f"projector.{self.projector[index].name or index + 1}"
 
     def as_json(self) -> JsonObject:
         """Return all that differs from nothing, as ``ROOM.toml`` has it.
@@ -178,7 +196,8 @@ def load_room(path: Path) -> PlanRequest:
         raw = path.read_bytes()
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}; give a room file (TOML)") from error
-    request = read_model(PlanRequest, raw, path, _cross_checks)
+    data = _with_list(parse_toml(raw, path))
+    request = check_model(PlanRequest, data, path, _cross_checks(data))
     return _with_whole_paths(request, path.parent)
 
 
@@ -197,21 +216,27 @@ def request_of(data: dict[str, Any], folder: Path | None = None) -> PlanRequest:
     ProfileError
         A line for each thing that is wrong with it.
     """
-    request = check_model(PlanRequest, data, Path("room"), _cross_checks(data))
+    whole = _with_list(data)
+    request = check_model(PlanRequest, whole, Path("room"), _cross_checks(whole))
     return request if folder is None else _with_whole_paths(request, folder)
+
+
+def _with_list(data: dict[str, Any]) -> dict[str, Any]:
+    """The same with one projector as a list of one."""
+    one = data.get("projector")
+    return {**data, "projector": [one]} if isinstance(one, dict) else data
 
 
 def _cross_checks(data: dict[str, Any]) -> list[str]:
     """What no single table shows."""
     problems = []
-    room, light, projector, show = (_table(data, key) for key in ("room", "room_light", "projector", "show"))
+    room, light, show = (_table(data, key) for key in ("room", "room_light", "show"))
     kinds = [key for key in ("size_m", "scene", "mesh") if key in room]
     if len(kinds) != 1:
         problems.append(f"room: {' and '.join(kinds) or 'nothing'} given; give one of size_m, scene, mesh")
     if "lux" in light and "lamp_lm" in light:
         problems.append("room_light: lux and lamp_lm say the same thing; give what you measured, or what you install")
-    if "lumens" not in projector and "model" not in projector:
-        problems.append("projector.lumens: missing; give the lumens of white, or a model of hw_profiles/projectors")
+    problems += _projector_problems(data)
     if show and "white_cdm2" not in show:
         problems.append(
             "show.white_cdm2: missing; say how bright white shall look: 48 as in a cinema, 10 ... 20 where "
@@ -219,6 +244,26 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
         )
     if "opening" in data and "size_m" not in room:
         problems.append("opening: known in a box only (room.size_m); a mesh brings its own windows")
+    return problems
+
+
+def _projector_problems(data: dict[str, Any]) -> list[str]:
+    """What is wrong with the projectors beside each other."""
+    given = data.get("projector")
+    tables = [one for one in given if isinstance(one, dict)] if isinstance(given, list) else []
+    problems = [
+        f"projector{entry_place(tables, k)}.lumens: missing; give the lumens of white, or a model of "
+        "hw_profiles/projectors"
+        for k, one in enumerate(tables)
+        if "lumens" not in one and "model" not in one
+    ]
+    names = [str(one["name"]) for one in tables if "name" in one]
+    problems += [
+        f"projector.{name}.name: is there twice; give each its own" for name in set(names) if names.count(name) > 1
+    ]
+    used = data.get("projectors_used")
+    if isinstance(used, int) and used > len(tables) > 0:
+        problems.append(f"projectors_used: {used}, but there are {len(tables)}; give no more, or describe the others")
     return problems
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -111,12 +111,12 @@ def picture_in_room(lit: LitRoom, name: str, white_cdm2: float, strategies: tupl
     strategies
         From :func:`checked_strategies`.
     """
-    share = picture_levels(name, lit.lens.shape).ravel() / WHITE
+    share = lit.pictures(partial(picture_levels, name)) / WHITE
     wanted = np.where(lit.lit, share * white_cdm2, 0.0)
     # A pixel that meets nothing cannot be seen: it is wanted to be as it is.
     target = np.where(lit.lit, lit.to_units(wanted), 0.0)
     solved = {one: solve(lit, one, target) for one in strategies}
-    seen = {one: lit.from_units(found.predicted) + lit.ambient_cdm2 for one, found in solved.items()}
+    seen = {one: lit.from_units(found.predicted) + lit.unstoppable_cdm2 for one, found in solved.items()}
     outcomes = tuple(
         _outcome(lit, one, solved[one], missed_cdm2=seen[one] - wanted, white_cdm2=white_cdm2) for one in strategies
     )

@@ -11,7 +11,7 @@ from rig.terminal import print_table, say
 def print_plan(result: PlanResult, page: str | None) -> None:
     """Print a plan's tables, what they mean, and where the page is."""
     for title, table in (
-        ("Surfaces, projector white", surface_table(result)),
+        ("Surfaces, white shown", surface_table(result)),
         ("Contrast", contrast_table(result)),
         *((f"Picture {one.name}, errors in grey levels", strategy_table(one)) for one in result.pictures),
     ):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -36,11 +37,13 @@ class SweepChart:
 
 def charts_of(columns: Columns, wishes: StudyPage) -> list[SweepChart]:
     """Return a chart a figure, with a panel a parameter; line: median, band: from the 10 % to the 90 % quantile."""
-    numbers = {name: found for name, cells in columns.figures.items() if (found := numbers_of(cells)) is not None}
-    shown = wishes.figures or tuple(numbers)[:_MOST_FIGURES]
+    asked = [name for name in wishes.figures or columns.figures if name in columns.figures]
+    numbers = ((name, numbers_of(columns.figures[name])) for name in asked)  # one at a time: most are not drawn
+    known = ((name, found) for name, found in numbers if found is not None)
+    shown = islice(known, len(wishes.figures) or _MOST_FIGURES)
     against = wishes.against or columns.varied()[:_MOST_PARAMETERS]
     places = {name: _places(columns.inputs[name]) for name in against}
-    return [_chart(name, numbers[name], places) for name in shown if name in numbers and places]
+    return [_chart(name, values, places) for name, values in shown] if places else []
 
 
 @dataclass(frozen=True, eq=False)

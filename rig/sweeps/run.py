@@ -16,7 +16,7 @@ from rig.sweeps.columns import Columns, columns_of, spreads_of
 from rig.sweeps.design import count_of, settings_of
 from rig.sweeps.drive import PointEnd, drive
 from rig.sweeps.executors import ExecutorChoice, opened
-from rig.sweeps.folder import PAGE, TABLE, SweepFolder, is_complete
+from rig.sweeps.folder import PAGE, TABLE, SweepFolder, is_complete, no_collections
 from rig.sweeps.records import PointLine, StudyPoint, SweepResult, point_id
 from rig.sweeps.study import MOST_POINTS, StudyTable, read_study
 from rig.sweeps.subjects import Subject, subject_of
@@ -136,10 +136,12 @@ def sweep(
 
 def _swept(request: SweepRequest, on_step: OnStep) -> tuple[SweepResult, Columns]:
     started_s = time.perf_counter()
-    plan = _planned(request)
+    with no_collections():
+        plan = _planned(request)
     with SweepFolder(request.folder or Path("runs") / request.study.stem) as folder:
         changed = folder.keep_study(plan.text)
-        known = folder.lines()
+        with no_collections():
+            known = folder.lines()
         to_do = [point for name, point in plan.points.items() if _is_open(known.get(name), request.retry)]
         warnings = [*_about_the_study(plan, known, changed=changed)]
         if to_do:

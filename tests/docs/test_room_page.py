@@ -16,7 +16,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[named_paint]]": request.NamedPaint,
     "[[opening]]": request.Opening,
     "[room_light]": request.RoomLight,
-    "[projector]": request.PlannedProjector,
+    "[[projector]]": request.PlannedProjector,
     "[[viewer]]": request.PlannedViewer,
     "[[person]]": request.PlannedPerson,
     "[show]": request.WantedPictures,

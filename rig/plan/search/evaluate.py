@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -46,7 +47,8 @@ class DesignSpace:
     def depth_m(self, values: Mapping[str, float | str]) -> float:
         """Return how far a projector stands within keep-out boxes or outside of a box-shaped room. [m]."""
         request = with_values(self.request, values)
-        at, size = np.array(request.projector.position_m), np.array(request.room.size_m or (np.inf,) * 3)
+        at = np.array([one.position_m for one in request.projectors])
+        size = np.array(request.room.size_m or (np.inf,) * 3)
         outside = float(np.maximum(np.maximum(-at, at - size), 0.0).max()) if request.room.size_m else 0.0
         return max(outside, keep_out_depth(request, self.search.keep_out))
 
@@ -77,7 +79,7 @@ def with_values(request: PlanRequest, values: Mapping[str, float | str]) -> Plan
 
 
 def _put(data: JsonObject, key: str, value: float | str) -> None:
-    *way, last = key.split(".")
+    *way, last = _way(data, key)
     place: Json = data
     for part in way:
         place = _inside(place, part, key)
@@ -89,11 +91,31 @@ def _put(data: JsonObject, key: str, value: float | str) -> None:
         raise UsageError(f"search.free: {key!r} leads nowhere in the room file")
 
 
+def _way(data: JsonObject, key: str) -> list[str]:
+    """The words of a key; of the only projector, its number may be left out."""
+    words = key.split(".")
+    tables = data.get(words[0])
+    alone = isinstance(tables, list) and len(tables) == 1 and isinstance(tables[0], dict)
+    return [words[0], "1", *words[1:]] if alone and words[1:2] != ["1"] else words
+
+
+def _entry(place: list[Json], part: str, key: str) -> Json:
+    """An entry of a list: a table by its name or its number from 1 on, as messages have it; else as an index."""
+    tables = [one for one in place if isinstance(one, dict)]
+    named = [one for one in tables if one.get("name") == part]
+    if named or not tables:
+        return named[0] if named else place[_index(place, part, key)]
+    if not part.isdigit() or not 1 <= int(part) <= len(tables):
+        there = ", ".join(str(one.get("name", k)) for k, one in enumerate(tables, 1))
+        raise UsageError(f"search.free: {key!r}: {part!r} is none of {there}")
+    return tables[int(part) - 1]
+
+
 def _inside(place: Json, part: str, key: str) -> Json:
     if isinstance(place, dict) and part in place:
         return place[part]
     if isinstance(place, list):
-        return place[_index(place, part, key)]
+        return _entry(place, part, key)
     there = ", ".join(place) if isinstance(place, dict) else "nothing below"
     raise UsageError(f"search.free: {key!r}: there is no {part!r} in the room file; there are {there}")
 
@@ -107,7 +129,7 @@ def _index(place: list[Json], part: str, key: str) -> int:
 
 def value_at(request: PlanRequest, key: str) -> float | str | None:
     """Return what a request has in the place of a key; None where it says nothing."""
-    *way, last = key.split(".")
+    *way, last = _way(request.as_json(), key)
     place: Json = request.as_json()
     for part in way:
         place = _inside(place, part, key)
@@ -118,9 +140,9 @@ def value_at(request: PlanRequest, key: str) -> float | str | None:
 
 
 def keep_out_depth(request: PlanRequest, boxes: tuple[KeepOut, ...]) -> float:
-    """Return how deep the projector stands in a keep-out box, 0 outside of all. [m]."""
-    at = np.array(request.projector.position_m)
-    depths = [float(np.minimum(at - box.low_m, np.array(box.high_m) - at).min()) for box in boxes]
+    """Return how deep a projector stands in a keep-out box, 0 where none is in any. [m]."""
+    at = np.array([one.position_m for one in request.projectors])
+    depths = [float(np.minimum(at - box.low_m, np.array(box.high_m) - at).min(axis=1).max()) for box in boxes]
     return max([0.0, *depths])
 
 
@@ -135,6 +157,9 @@ def check_search(request: PlanRequest, search: SearchTable) -> None:
     checked_strategies((search.strategy,))
     if "paint_cost" in names and not any(paint.cost for paint in request.named_paint):
         raise UsageError("search.goal: paint_cost, but no [[named_paint]] has a cost; give some of them one")
+    priced = [paint.cost for paint in request.named_paint] + [one.cost for one in request.projector]
+    if "cost" in names and not any(priced):
+        raise UsageError("search.goal: cost, but no projector and no [[named_paint]] has one; give some of them one")
     for box in search.keep_out:
         if not all(low < high for low, high in zip(box.low_m, box.high_m, strict=True)):
             raise UsageError(f"search.keep_out {box.name}: low_m must be below high_m along x, y and z")
@@ -172,6 +197,7 @@ def _totals(lit: LitRoom, request: PlanRequest, _search: SearchTable) -> dict[st
         "global_share": all_.global_share,
         "density": all_.px_per_m,
         "paint_cost": all_.paint_cost,
+        "cost": all_.paint_cost + all_.projector_cost,
     }
 
 
@@ -184,16 +210,16 @@ def _errors(lit: LitRoom, request: PlanRequest, search: SearchTable) -> dict[str
     white, area = request.show.white_cdm2, lit.footprints_m2
     errors, missed = [], []
     for name in request.show.pictures:
-        wanted = np.where(lit.lit, picture_levels(name, lit.lens.shape).ravel() * white / WHITE, 0.0)
+        wanted = np.where(lit.lit, lit.pictures(partial(picture_levels, name)) * white / WHITE, 0.0)
         found = solve(lit, search.strategy, np.where(lit.lit, lit.to_units(wanted), 0.0))
-        off = np.abs(lit.from_units(found.predicted) + lit.ambient_cdm2 - wanted)
+        off = np.abs(lit.from_units(found.predicted) + lit.unstoppable_cdm2 - wanted)
         errors.append(float(off[lit.lit].mean()) * WHITE / white)
         missed.append(float(area[off > VISIBLE * white].sum() / area.sum()))
     return {"error": float(np.mean(errors)), "unreached": float(np.mean(missed))}
 
 
 _MEASURES: Mapping[str, Callable[[LitRoom, PlanRequest, SearchTable], dict[str, float]]] = {
-    **dict.fromkeys(("brightness", "coverage", "global_share", "density", "paint_cost"), _totals),
+    **dict.fromkeys(("brightness", "coverage", "global_share", "density", "paint_cost", "cost"), _totals),
     "contrast": _contrast,
     "error": _errors,
     "unreached": _errors,

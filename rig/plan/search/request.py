@@ -8,7 +8,9 @@ from pydantic import Field
 
 from rig.files.toml import Table
 
-Measure = Literal["error", "brightness", "coverage", "contrast", "global_share", "density", "paint_cost", "unreached"]
+Measure = Literal[
+    "error", "brightness", "coverage", "contrast", "global_share", "density", "paint_cost", "cost", "unreached"
+]
 Text = Annotated[str, Field(min_length=1)]
 Point = tuple[float, float, float]
 
@@ -20,7 +22,7 @@ class FreeParameter(Table):
     """Its place in the room file: ``projector.position_m.0``, ``paint.walls``."""
     low: float | None = None
     high: float | None = None
-    choices: tuple[float | str, ...] = ()
+    choices: tuple[int | float | str, ...] = ()
 
 
 class SearchGoal(Table):

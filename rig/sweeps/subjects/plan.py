@@ -17,7 +17,7 @@ from rig.sweeps.subjects.base_file import digest_of, figures_of, text_with
 if TYPE_CHECKING:
     from rig.plan.request import PlanRequest
 
-_NOT_FIGURES = ("projector", "pixels", "remarks", "search")
+_NOT_FIGURES = ("projectors", "pixels", "remarks", "search")
 
 
 class PlanSubject:

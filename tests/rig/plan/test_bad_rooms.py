@@ -71,7 +71,7 @@ def test_a_file_that_says_too_little_or_too_much_is_refused_in_words(change: dic
 
 
 def test_a_file_that_is_not_there_names_the_rooms_that_are(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="lecture-room, paper-room, where-to-stand"):
+    with pytest.raises(UsageError, match="lecture-room, paper-room, three-walls, where-to-stand"):
         room_file(tmp_path / "room.toml")
     with pytest.raises(RigError, match="cannot be read"):
         load_room(tmp_path)

@@ -89,7 +89,7 @@ def test_brightness_that_no_projector_of_this_room_has_is_told_with_its_place() 
 def test_a_lens_shift_of_half_a_picture_puts_its_lower_edge_on_the_axis() -> None:
     low = {"position_m": [1.8, 2.4, 0.5], "look_at_m": [4.8, 2.4, 0.5]}
     lit = lit_room(room(projector={**FACING, **low, "lens_shift": [0.0, 0.5]}))
-    heights = lit.pose.position_m[2] + lit.hits.distance * lit.rays[:, 2]
+    heights = lit.views[0].pose.position_m[2] + lit.hits.distance * lit.views[0].rays[:, 2]
     pitch = 2.0 / 64
     assert heights.min() == pytest.approx(0.5 + pitch / 2)
     assert heights.max() == pytest.approx(0.5 + 1.5 - pitch / 2)

@@ -31,7 +31,7 @@ def test_the_page_needs_no_other_file_and_shows_room_pictures_and_tables(here: P
     page = (here / "plan.html").read_text(encoding="utf-8")
     assert page.count("data:image/png;base64,") == 7  # two figures of the room, the front, and four pictures
     assert "http" not in page.replace("http://www.w3.org", "")
-    heads = ("The room", "Surfaces, projector white", "Contrast", "the guest", "What this plan says", "best designs")
+    heads = ("The room", "Surfaces, white shown", "Contrast", "the guest", "What this plan says", "best designs")
     assert [words for words in heads if words not in page] == []
 
 
@@ -47,7 +47,7 @@ def test_json_has_what_the_record_has_and_the_page_takes_the_rooms_name(
 def test_the_terminal_shows_tables_and_sentences(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["plan", "lecture-room", "--no-search", "--report", "lecture.html"]) == 0
     shown = capsys.readouterr().out
-    assert "Surfaces, projector white" in shown
+    assert "Surfaces, white shown" in shown
     assert "speaker stands in the picture" in shown
     assert "page: lecture.html" in shown
 

@@ -39,14 +39,14 @@ def test_the_cost_of_paint_is_area_times_price_without_openings() -> None:
 
 
 def test_numbers_of_a_model_are_quoted_and_those_of_the_file_go_first() -> None:
-    numbers = plan_room(room(projector=CITED)).projector
+    numbers = plan_room(room(projector=CITED)).projectors[0]
     assert (numbers.lumens, numbers.contrast, numbers.width_px) == (3800.0, 1000.0, 1920)
     assert numbers.throw_ratio == pytest.approx(1.118 / 2.214)
     said = " ".join(numbers.said)
     assert "listed light output of 3,800 lumens" in said
     assert "claims; measured ones are mostly lower" in said
     assert "contrast 1000: nobody has measured it, this is a guess" in said
-    given = plan_room(room(projector={**CITED, "lumens": 2500, "contrast": 500})).projector
+    given = plan_room(room(projector={**CITED, "lumens": 2500, "contrast": 500})).projectors[0]
     assert (given.lumens, given.contrast) == (2500.0, 500.0)
     assert not any("lm:" in text for text in given.said)
 
@@ -57,5 +57,5 @@ CITED = {"model": "GT1080HDR", "position_m": [1.2, 1.2, 1.2], "look_at_m": [2.2,
 def test_a_measured_contrast_is_believed_before_a_claimed_one() -> None:
     asked = projector(model="LG PF1000U")
     asked = {key: value for key, value in asked.items() if key not in ("contrast", "lumens")}
-    numbers = plan_room(room(projector=asked)).projector
+    numbers = plan_room(room(projector=asked)).projectors[0]
     assert (numbers.contrast, numbers.lumens) == (381.0, 1021.0)

@@ -102,9 +102,9 @@ def test_paint_without_prices_has_no_cost_to_make_small() -> None:
 
 def test_values_are_put_in_by_their_place_in_the_file() -> None:
     changed = with_values(room(), {"projector.position_m.y": 2.0, "paint.floor": 0.2, "projector.lens_shift.1": 0.1})
-    assert changed.projector.position_m == (1.2, 2.0, 1.2)
+    assert changed.projector[0].position_m == (1.2, 2.0, 1.2)
     assert changed.paint == {"all": 0.7, "floor": 0.2}
-    assert changed.projector.lens_shift == (0.0, 0.1)
+    assert changed.projector[0].lens_shift == (0.0, 0.1)
 
 
 def test_a_plan_without_a_search_says_nothing_of_one() -> None:

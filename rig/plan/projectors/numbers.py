@@ -32,6 +32,7 @@ class ProjectorNumbers(Record):
     height_px: int
     hfov_deg: float
     """Angle between the picture's left and right edge, without shift. [degrees]"""
+    cost: float
     said: tuple[str, ...]
     """Where each number that the room file does not give comes from."""
 
@@ -45,30 +46,41 @@ class ProjectorNumbers(Record):
         return Lens(width_px=width_px, height_px=height_px, focal_px=(focal_px, focal_px), principal_point_px=principal)
 
 
-def projector_numbers(asked: PlannedProjector) -> ProjectorNumbers:
+def projector_numbers(asked: PlannedProjector, place: str = "projector") -> ProjectorNumbers:
     """Return the numbers of a projector.
+
+    Parameters
+    ----------
+    asked
+        Of the room file.
+    place
+        What messages call its table: ``projector``, or ``projector.left`` of several.
 
     Raises
     ------
     UsageError
         For a number that nobody gives, an unknown model, or a lens that cannot be.
     """
-    facts, name = ProjectorFacts(), "projector"
+    facts, name = ProjectorFacts(), place.removeprefix("projector.")
     if asked.model is not None:
         try:
             file = by_model(asked.model, known_projectors())
         except ProfileError as error:
-            raise UsageError(f"projector.model: {error}") from error
+            raise UsageError(f"{place}.model: {error}") from error
         facts, name = file.facts, f"{file.maker} {file.model}"
     said: list[str] = []
-    throw_ratio = asked.throw_ratio or _throw_ratio(facts, name, said)
-    width_px = asked.width_px or _cited("width_px", facts.width_px, name, said)
-    height_px = asked.height_px or _cited("height_px", facts.height_px, name, said)
-    lumens = asked.lumens or _lumens(facts, name, said)
+    try:
+        throw_ratio = asked.throw_ratio or _throw_ratio(facts, name, said)
+        width_px = asked.width_px or _cited("width_px", facts.width_px, name, said)
+        height_px = asked.height_px or _cited("height_px", facts.height_px, name, said)
+        lumens = asked.lumens or _lumens(facts, name, said)
+    except _NobodySays as error:
+        whose = "no model is named" if asked.model is None else f"no document that we know says it of {name}"
+        raise UsageError(f"{place}.{error.key}: missing, and {whose}; give {error.what}") from error
     contrast = asked.contrast or _contrast(facts, name, said)
-    _check_lens(throw_ratio, asked.lens_shift)
+    _check_lens(place, throw_ratio, asked.lens_shift)
     return ProjectorNumbers(
-        name=name,
+        name=f"{place.removeprefix('projector.')}, {name}" if asked.name and asked.model else name,
         throw_ratio=throw_ratio,
         lens_shift=asked.lens_shift,
         lumens=lumens,
@@ -76,20 +88,29 @@ def projector_numbers(asked: PlannedProjector) -> ProjectorNumbers:
         width_px=int(width_px),
         height_px=int(height_px),
         hfov_deg=math.degrees(2 * math.atan(0.5 / throw_ratio)),
+        cost=asked.cost,
         said=tuple(said),
     )
 
 
-def _check_lens(throw_ratio: float, shift: tuple[float, float]) -> None:
+class _NobodySays(Exception):
+    """A number that neither file nor documents give."""
+
+    def __init__(self, key: str, what: str) -> None:
+        super().__init__(key)
+        self.key, self.what = key, what
+
+
+def _check_lens(place: str, throw_ratio: float, shift: tuple[float, float]) -> None:
     if not THROW[0] <= throw_ratio <= THROW[1]:
         angle = math.degrees(2 * math.atan(0.5 / throw_ratio))
         raise UsageError(
-            f"projector.throw_ratio: {throw_ratio:g} is a picture {angle:.1f} degrees wide; no lens does that "
+            f"{place}.throw_ratio: {throw_ratio:g} is a picture {angle:.1f} degrees wide; no lens does that "
             f"({THROW[0]:g} ... {THROW[1]:g}): it is the distance over the picture's width"
         )
     if max(abs(one) for one in shift) > MOST_SHIFT:
         raise UsageError(
-            f"projector.lens_shift: {list(shift)} is more than {MOST_SHIFT:g} picture sizes; give shares: 0.5 has the "
+            f"{place}.lens_shift: {list(shift)} is more than {MOST_SHIFT:g} picture sizes; give shares: 0.5 has the "
             "axis at the picture's edge"
         )
 
@@ -103,13 +124,13 @@ def _throw_ratio(facts: ProjectorFacts, name: str, said: list[str]) -> float:
         distance, width = facts.throw_example_m.value
         said.append(f"throw ratio {distance / width:.3g}: {name} ({facts.throw_example_m.quote})")
         return float(distance / width)
-    raise UsageError(_missing("throw_ratio", name, "the distance over the picture's width, from its data sheet"))
+    raise _NobodySays("throw_ratio", "the distance over the picture's width, from its data sheet")
 
 
 def _lumens(facts: ProjectorFacts, name: str, said: list[str]) -> float:
     fact, how = facts.measured_white_lm or facts.brightness_lm, "as measured"
     if fact is None:
-        raise UsageError(_missing("lumens", name, "those of white, from its data sheet or a review"))
+        raise _NobodySays("lumens", "those of white, from its data sheet or a review")
     if facts.measured_white_lm is None:
         how = "as its maker claims; measured ones are mostly lower"
     said.append(f"{fact.value:g} lm: {name}, {how} ({fact.quote})")
@@ -129,11 +150,6 @@ def _contrast(facts: ProjectorFacts, name: str, said: list[str]) -> float:
 
 def _cited(key: str, fact: Fact[int] | None, name: str, said: list[str]) -> int:
     if fact is None:
-        raise UsageError(_missing(key, name, "the picture's own size"))
+        raise _NobodySays(key, "the picture's own size")
     said.append(f"{key} {fact.value}: {name} ({fact.quote})")
     return fact.value
-
-
-def _missing(key: str, name: str, what: str) -> str:
-    whose = "no model is named" if name == "projector" else f"no document that we know says it of {name}"
-    return f"projector.{key}: missing, and {whose}; give {what}"
