@@ -58,7 +58,7 @@ def test_a_code_without_black_and_white_stripes_along_both_axes_tells_nothing() 
 
 
 @pytest.mark.parametrize(
-    ("blur_px", "side_px"), [(0.0, 8), (1.8, 8), (2.2, 12), (2.54, 14), (2.9, 16), (4.1, 22), (50.0, 48)]
+    ("blur_px", "side_px"), [(0.0, 8), (1.2, 8), (1.45, 12), (2.2, 18), (2.54, 20), (2.9, 22), (4.1, 32), (50.0, 48)]
 )
 def test_checks_grow_when_blur_makes_them_too_fine_and_stay_several_in_the_picture(
     blur_px: float, side_px: int
