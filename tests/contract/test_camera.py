@@ -13,6 +13,8 @@ from rig.errors import CaptureTimeout, DeviceLost, SettingRefused
 Show = Callable[[str], float]
 AMPLIFYING = ("simulated", "genicam", "v4l2")
 """Drivers whose test cameras have a gain; the virtual still camera has no sensitivities."""
+IGNORING = ("platform:vivid-000",)
+"""Test cameras that have a control named gain which their pictures do not follow."""
 
 
 class TestCamera:
@@ -103,13 +105,15 @@ class TestCamera:
             return
         before = control.now()
         assert before.least <= before.value < before.most
+        usual_s = rig.camera.set_exposure(0.04)
         rig.camera.set_exposure(rig.camera.exposure_range_s[0])
         dim = rig.camera.capture(after_s=show("white"), timeout_s=5.0)
         after = rig.set_gain(before.value + 0.2 * (before.most - before.value))
         assert after == control.now()
         assert f"{after.value:g}" in control.profile_lines() or rig.profile.camera.driver == "simulated"
         bright = rig.camera.capture(after_s=rig.clock.now_s(), timeout_s=5.0)
-        assert bright.pixels.mean() > 1.02 * dim.pixels.mean()
+        if rig.profile.camera.device_id not in IGNORING:
+            assert bright.pixels.mean() > 1.02 * dim.pixels.mean()
         for value in (before.least - 1, before.most + 1, float("nan")):
             with pytest.raises(SettingRefused, match="outside"):
                 rig.set_gain(value)
@@ -119,6 +123,7 @@ class TestCamera:
         again = gain_control_of(rig.camera)
         assert again is not None
         assert again.now() == before
+        assert rig.camera.set_exposure(usual_s) == usual_s
 
     def test_a_frame_says_how_many_were_lost_before_it(self, rig: Rig, show: Show) -> None:
         assert rig.camera.capture(after_s=show("white"), timeout_s=5.0).lost >= 0

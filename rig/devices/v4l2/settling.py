@@ -21,6 +21,14 @@ _HAPPENED = 0.3
 """Share of the linear change that has to be seen: a response curve with gamma 2.2 shows about a third to a half."""
 _MEASURABLE = 3.0
 """A change is measurable when the part that has to be seen is this many times what counts as steady."""
+_ABOVE_NOISE = 3.0
+"""What stands above black by fewer standard deviations of the noise is no light that an exposure would raise."""
+_DARKEST_SIGMAS = 2.33
+"""The darkest hundredth of normal noise lies so many standard deviations below its mean."""
+_LEAST_NOISE_DN = 0.5
+"""A whole number may be off by so much."""
+_QUIET_HALF = 0.62
+"""Mean of a squared normal deviate up to its 0.9 quantile: 1 - 2 * 1.645 * 0.1031 / 0.9, which an edge cannot raise."""
 UNMEASURED_FRAMES = 4
 """Where the change cannot be seen (darkness, saturation) so many frames have to be steady, or more."""
 
@@ -59,8 +67,9 @@ class Settling:
             self._usable[:] = True
         usable = sample[self._usable]
         self._before_dn = float(usable.mean())
-        black_dn = np.quantile(usable, _BLACK_SHARE)
-        light_dn = np.maximum(usable - black_dn, 0.0)
+        noise_dn = _noise_dn(sample)
+        black_dn = np.quantile(usable, _BLACK_SHARE) + _DARKEST_SIGMAS * noise_dn
+        light_dn = np.where(usable > black_dn + _ABOVE_NOISE * noise_dn, usable - black_dn, 0.0)
         self.expected_dn = float(np.minimum(black_dn + light_dn * self.ratio, self.full_scale_dn).mean())
 
     def add(self, pixels: NDArray[np.uint16]) -> bool:
@@ -93,3 +102,12 @@ class Settling:
 
     def _steady_dn(self, mean_dn: float) -> float:
         return max(_STEADY_SHARE * mean_dn, _STEADY_DN_OF_255 * self.full_scale_dn / 255)
+
+
+def _noise_dn(sample: NDArray[np.uint16]) -> float:
+    """Return the noise of the darker half, in dn: what pixels differ from the next of their row."""
+    across = np.diff(sample.astype(np.float64), axis=1)
+    darker = across[sample[:, :-1] <= np.median(sample)]
+    squares = np.square(darker) if darker.size else np.zeros(1)
+    usual = squares[squares <= np.quantile(squares, 0.9)].mean()
+    return max(float(np.sqrt(usual / (2 * _QUIET_HALF))), _LEAST_NOISE_DN)

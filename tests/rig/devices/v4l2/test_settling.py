@@ -79,3 +79,13 @@ def test_a_black_level_is_no_light_that_a_longer_exposure_would_raise() -> None:
     settling = Settling(before=np.rint(dark).astype(np.uint16), ratio=2.4, full_scale_dn=FULL)
     assert not settling.is_measurable
     assert [settling.add(np.rint(dark + 0.2).astype(np.uint16)) for _ in range(4)] == [False, False, False, True]
+
+
+@pytest.mark.parametrize("noise_dn", [0.3, 1.0, 8.0])
+def test_noise_of_a_dark_picture_is_no_light_that_a_longer_exposure_would_raise(noise_dn: float) -> None:
+    """167 times the exposure: half of all pixels stand above the darkest by noise alone."""
+    dark = [np.rint(np.random.default_rng(seed).normal(64.0, noise_dn, (128, 128, 1))) for seed in range(9)]
+    settling = Settling(before=dark[0].astype(np.uint16), ratio=167.0, full_scale_dn=FULL)
+    assert not settling.is_measurable
+    settled = [settling.add(frame.astype(np.uint16)) for frame in dark[1:]]
+    assert settled.index(True) == UNMEASURED_FRAMES - 1
