@@ -43,6 +43,7 @@ def rendered(template: str, page: object) -> str:
     """
     environment = Environment(autoescape=True, loader=FunctionLoader(_text_of), undefined=StrictUndefined)
     environment.globals["explain"] = _explained
+    environment.filters["number"] = _number
     return environment.get_template(template).render(_names_of(page))
 
 
@@ -52,6 +53,11 @@ def _names_of(page: object) -> Mapping[str, object]:
     if is_dataclass(page):
         return {field.name: getattr(page, field.name) for field in fields(page)}
     raise TypeError(f"a page is a record or a mapping, not {type(page).__name__}")
+
+
+def _number(value: float | None, form: str) -> str:
+    """A number as a format has it; a dash where there is none: not measured, or without a limit."""
+    return "–" if value is None else form % value
 
 
 def _explained(text: str) -> Markup:

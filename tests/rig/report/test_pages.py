@@ -12,9 +12,13 @@ import pytest
 
 from rig.cli.app import run_command
 from rig.plug_ins import names, own_strategies
+from rig.records import Verdict
 from rig.report.links import link_pages
+from rig.report.page import write_report
 from rig.report.terms import STRATEGIES, explanation
+from rig.run.results import session_result
 from rig.session import Session
+from rig.stages.stripes.showing import focus_verdicts
 from rig.strategies.recommendation import recommendation
 from rig.strategies.records import ClosedLoop, ComparedPicture, ComparisonResult, JudgedErrors, StrategyRow
 
@@ -79,6 +83,19 @@ def test_a_failed_limit_stands_in_the_verdict_with_what_to_do(finished: Finished
     assert "geometry: reprojection rms: 0." in verdict
     assert "(at most 0.02)" in verdict
     assert "nothing may move while it is calibrated" in verdict
+
+
+def test_a_number_to_know_and_one_that_could_not_be_measured_stand_among_the_limits(
+    finished: Finished, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "session")
+    unmeasured = Verdict(what="something else", value=None, limit=0.5, advice="look for it")
+    with Session.open(folder) as session:
+        result = session_result(session, None)
+        result = replace(result, limits=(*focus_verdicts(4), unmeasured, *result.limits))
+        text = text_of(write_report(session, result, lambda *_: None).read_text("utf-8"))
+    assert "stripes of the code, wider than usual 4 – times info" in text
+    assert "something else – 0.5 not measured look for it" in text
 
 
 def test_guesses_of_the_profile_are_named(finished: Finished, tmp_path: Path) -> None:
