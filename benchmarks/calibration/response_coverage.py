@@ -55,7 +55,7 @@ def calibrated(text: str, folder: Path) -> tuple[Profile, RadiometricCalibration
     path.write_text(text, encoding="utf-8")
     profile = Profile.parse(text.encode(), path)
     with one_error_tree(), open_rig(profile) as rig, Session.open(folder / "session", profile) as session:
-        for definition in steps_of("calibrate")[:2]:
+        for definition in steps_of("calibrate", profile)[:2]:
             if not isinstance(definition, ShootingStep):
                 raise TypeError(f"step {definition.name} does not photograph")
             step = session.step(definition.name, settings=definition.settings(session), needs=definition.needs)

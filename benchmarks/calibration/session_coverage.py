@@ -19,13 +19,14 @@ import numpy as np
 from geometry_coverage import Outcome, compared, report
 from response_coverage import judged
 
+from rig.devices.simulated.mesh.find import find_scene
 from rig.devices.simulated.optics import make_optics
 from rig.errors import RigError
 from rig.profile.schema import Profile
-from rig.run.results import SessionResult
 from rig.session import Session
 from rig.stages.geometry import load_geometry
 from rig.stages.radiometry import load_radiometric_calibration
+from rig.stages.results import SessionResult
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,10 @@ def judgement(folder: Path) -> Judgement:
         raise ValueError(f"{folder}: not a simulated rig")
     camera = make_optics(settings.camera, profile.camera.shape[:2])
     projector = make_optics(settings.projector, profile.projector.shape)
-    outcome = compared(folder.name, load_geometry(session), (camera, projector), np.array(settings.size_m))
+    # A mesh file has a size of its own, and `size_m` does not count there.
+    scene = find_scene(settings, folder.parent).triangles_m if settings.is_mesh_file else None
+    size_m = np.array(settings.size_m) if scene is None else np.ptp(scene.reshape(-1, 3), axis=0)
+    outcome = compared(folder.name, load_geometry(session), (camera, projector), size_m)
     response = judged(profile, load_radiometric_calibration(session))
     within = session.read_metrics(SessionResult).within_limits
     return Judgement(outcome, [float(score) for score in response.score], within)

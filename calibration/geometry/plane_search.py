@@ -14,7 +14,15 @@ from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalIntrinsics, fit_epipolar
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
-from calibration.geometry.planes import INLIER_PX, Axes, ViewedPoints, axis_hypotheses, orthogonal_axes, segment_planes
+from calibration.geometry.planes import (
+    INLIER_PX,
+    Axes,
+    ViewedPoints,
+    axis_hypotheses,
+    corner_axes,
+    orthogonal_axes,
+    segment_planes,
+)
 from calibration.geometry.support import LEAST_BEHIND, bending_planes, shares_behind_planes, standing_planes
 from calibration.geometry.triangulation import triangulate
 
@@ -178,11 +186,26 @@ def _planes_of(
 def _adjusted_twice(
     x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
 ) -> BundleSolution | None:
-    """Fit with lenses held, then let go, at right angles; find the planes again with these lenses, and fit again."""
+    """Fit with lenses held, then let go, at right angles; find the planes again with these lenses, and fit again.
+
+    Walls that may be a corner's or face each other are followed to the end in both ways: only there do they differ.
+    """
     held = _first_fit(x1, x2, start, nominal)
-    first = None if held is None else _let_go(x1, x2, held, nominal, right_angles=right_angles)
-    if first is None:
+    if held is None:
         return None
+    first = _let_go(x1, x2, held, nominal, right_angles=right_angles)
+    corners = corner_axes(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG)) if right_angles else []
+    rounds = Rounds(limits_px=(1.5,), iterations=12)
+    others = [adjust(x1, x2, held.with_planes(held.planes, axes), nominal, rounds=rounds) for axes in corners]
+    fits = [fit for fit in (first, *others) if fit is not None]
+    ends = [_found_again(x1, x2, fit, nominal, right_angles=right_angles) for fit in fits]
+    return _likeliest(ends, right_angles)
+
+
+def _found_again(
+    x1: FloatArray, x2: FloatArray, first: BundleSolution, nominal: NominalIntrinsics, *, right_angles: bool
+) -> BundleSolution:
+    """Find the planes again with the lenses of a fit, and fit again; the fit itself where that is worse."""
     planes = _planes_of(first.devices, x1, x2, _limit_after(first))
     if len(planes) < 2:
         return first

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 
@@ -41,6 +41,8 @@ _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
 _AGREED = 0.5
 """Share of them that have to lie on one wall."""
+_FACING = np.cos(np.radians(8.0))
+"""Cosine to which two planes may also be the walls of a corner: lenses as held at first showed one at 156 degrees."""
 _FAR_REACH_SHARE = 0.1
 """Further away, a spot that the camera does not see is taken for the wall of the nearest points only if all agree. From
 0.15 of the width on, a spot on a ceiling that nobody saw was once taken for the wall below it: all lengths 21 % off."""
@@ -312,3 +314,45 @@ def orthogonal_axes(planes: FloatArray, limit_deg: float = 25.0) -> Axes:
     nearest = alignment.argmax(axis=1)
     fits = alignment.max(axis=1) > np.cos(np.radians(limit_deg))
     return Axes(frame, np.where(fits, nearest, -1).astype(np.int64))
+
+
+def corner_axes(planes: FloatArray, axes: Axes) -> list[Axes]:
+    """List the axes in which two planes that face each other are the walls of a corner instead.
+
+    With lenses that are some degrees off, a corner opens up to walls that face each other: with a floor in the same
+    picture, a box's right angles then hold for both.
+
+    Parameters
+    ----------
+    planes : (K, 3)
+        As normal / offset, in the camera's frame.
+    axes : Axes
+        Of these planes, with both on one axis.
+
+    Returns
+    -------
+    list of Axes
+        One for each pair of them and each plane on another axis, which stays upright: the corner's edge runs along it,
+        and lies straight ahead between both walls.
+    """
+    normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
+    found = []
+    for (i, j), k in product(combinations(range(len(planes)), 2), range(len(planes))):
+        axis = axes.of_plane[i]
+        pair = axis >= 0 and axis == axes.of_plane[j] and -_FACING < normals[i] @ normals[j] < 0.0
+        if pair and axes.of_plane[k] not in (-1, axis):
+            found.append(_corner(normals, axes, (i, j), k))
+    return found
+
+
+def _corner(normals: FloatArray, axes: Axes, walls: tuple[int, int], floor: int) -> Axes:
+    """The frame in which two walls stand 45 degrees to both sides of straight ahead, and the floor's normal is up."""
+    upright = normals[floor]
+    between = normals[walls[0]] - normals[walls[1]]
+    aside = between - (between @ upright) * upright
+    aside /= np.linalg.norm(aside)
+    ahead = np.cross(upright, aside)
+    ahead *= np.sign(ahead[2]) or 1.0
+    of_plane = np.where((axes.of_plane >= 0) & (axes.of_plane == axes.of_plane[floor]), 2, -1)
+    of_plane[list(walls)] = 0, 1
+    return Axes(np.stack([aside + ahead, ahead - aside, np.sqrt(2.0) * upright]) / np.sqrt(2.0), of_plane)

@@ -1,8 +1,9 @@
 """A camera's response from frames of one still picture at several exposures, whatever its tone curve.
 
 Levels are predicted from light: level = S y(t_k (1 + e_k) L_n) + o, with y the curve of :mod:`.tone_curve`, t_k the
-exposure of frame k, L_n the light of a group of pixels, e_k a small change of all light in that frame (a lamp that
-flickers, an exposure that is not what the camera says) and o what is left of the black level. All are fitted together
+exposure of frame k, L_n the light of a group of pixels, e_k a small change of all light in that frame and o what is
+left of the black level. What changes is partly the same in all frames of an exposure (the camera's exposure is not what
+it says; room light that flickers in step with the projector), partly a frame's own (a lamp). All are fitted together
 to the means of groups, each with its own variance. How much a curve may bend, and how much light may change between
 frames, is taken from the frames themselves: of a few candidates the one counts under which they are most likely (the
 evidence, by Laplace's method). A straight sensor comes out straight, and a tone curve as bent as it is, each with a
@@ -16,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration.arrays import FloatArray
+from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
+from calibration.radiometry.light_change import ChangeSpread, likeliest_change
 from calibration.radiometry.light_groups import USABLE, LightGroups, grouped_by_light
 from calibration.radiometry.response import Response
 from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, tone_curve
@@ -30,11 +32,6 @@ _GAMMA_SPREAD = {True: 1e-3, False: 1.0}
 """Of log local gamma at black: 1 for a sensor (a finite slope there), anything for a power law."""
 _BLACK_SIGMA_DN = 0.05
 """Of the black level, where nothing else is said."""
-_LIGHT_CHANGE = (1e-4, 3e-3)
-"""Least, and first guess, of the standard deviation of a frame's change of light."""
-_SCATTER_OVER_STATED = 1.25
-"""By which errors scatter more than such a fit says: curves are no straight pieces between knots, and noise is not
-quite independent. From 24 straight and 20 toned random rigs (benchmarks/calibration/response_coverage.py)."""
 _USUAL_CHANGE = 0.01
 """Of light between frames: how probable larger ones are held to be falls by e with each step of this size."""
 _MOST_CHANGE = 0.10
@@ -214,16 +211,16 @@ def _start(groups: LightGroups) -> _State:
 
 def _solved(groups: LightGroups, candidate: _Candidate, start: _State, black_sigma: float) -> _Solution:
     """Least squares by Gauss-Newton; the change of light between frames is estimated on the way."""
-    state, change_sigma = start, _LIGHT_CHANGE[1]
+    exposure_of = np.unique(groups.log_time, return_inverse=True)[1]
+    state, changes = start, ChangeSpread()
     for _ in range(_ROUNDS):
-        precision = _prior(candidate, groups, black_sigma, change_sigma)
+        precision = _prior(candidate, changes.precision(exposure_of), black_sigma)
         normal = _normal_equations(groups, state)
         state, moved = _backtracked(groups, state, normal.step(precision, state.curve_part), precision)
-        change_sigma = _change_sigma(state, np.asarray(np.linalg.inv(normal.reduced + precision)))
+        changes = _light_change(state, np.asarray(np.linalg.inv(normal.reduced + precision)), exposure_of)
         if moved < _STILL:
             break
-    precision = _prior(candidate, groups, black_sigma, change_sigma)
-    return _judged(state, groups, precision, change_sigma)
+    return _judged(state, groups, _prior(candidate, changes.precision(exposure_of), black_sigma), changes.total)
 
 
 def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_sigma: float) -> _Solution:
@@ -246,13 +243,13 @@ def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_si
     )
 
 
-def _prior(candidate: _Candidate, groups: LightGroups, black_sigma: float, change_sigma: float) -> FloatArray:
+def _prior(candidate: _Candidate, of_changes: FloatArray, black_sigma: float) -> FloatArray:
     """(P, P) precision of all unknowns but light."""
-    j, f = len(KNOTS), len(groups.log_time)
+    j, f = len(KNOTS), len(of_changes)
     precision = np.zeros((j + 1 + f,) * 2)
     precision[:j, :j] = candidate.precision
     precision[j, j] = 1 / max(black_sigma, 1e-7) ** 2
-    precision[range(j + 1, j + 1 + f), range(j + 1, j + 1 + f)] = change_sigma**-2
+    precision[j + 1 :, j + 1 :] = of_changes
     return precision
 
 
@@ -331,17 +328,17 @@ def _cost(groups: LightGroups, state: _State, precision: FloatArray) -> float:
     return float(np.nansum(_residual(groups, state) ** 2 / groups.variance) + flat @ precision @ flat)
 
 
-def _change_sigma(state: _State, covariance: FloatArray) -> float:
-    """Of light between frames: what was found, and what may be there unfound (expectation maximisation)."""
-    unfound = np.diag(covariance)[len(KNOTS) + 1 :]
-    return float(max(np.sqrt(np.mean(state.change**2 + unfound)), _LIGHT_CHANGE[0]))
+def _light_change(state: _State, covariance: FloatArray, exposure_of: IntArray) -> ChangeSpread:
+    """What was found, and what may be there unfound."""
+    first = len(KNOTS) + 1
+    return likeliest_change(np.outer(state.change, state.change) + covariance[first:, first:], exposure_of)
 
 
 def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
     measured = groups.y[groups.usable]
     inside = (found.curve.y > measured.min()) & (found.curve.y < measured.max())
     gamma = float(np.median(found.curve.local_gamma[inside])) if inside.any() else 1.0
-    if not _GAMMAS[0] < gamma < _GAMMAS[1]:
+    if found.left <= _MOST_LEFT and not _GAMMAS[0] < gamma < _GAMMAS[1]:
         raise CalibrationError(
             f"camera response: levels rise with exposure as by a gamma of {gamma:.2g}, cameras have {_GAMMAS[0]:g} to "
             f"{_GAMMAS[1]:g}: the exposures that the camera tells are wrong, or its automatic exposure or gain is on; "
@@ -370,7 +367,6 @@ def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> 
     away = np.stack([one.curve.log_light - curve.log_light for one in found])
     variance = np.average(np.stack([_relative_variance(one) for one in found]) + away**2, axis=0, weights=odds)
     levels = full_scale_dn * (curve.y + black * (1 - curve.y))
-    variance *= _SCATTER_OVER_STATED**2
     return Response(levels, curve.light, best.left, curve.light * np.sqrt(variance))
 
 

@@ -6,6 +6,7 @@ import pytest
 from calibration.geometry import plane_search
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.pinhole import rotation_of, vector_of
+from calibration.geometry.planes import Axes, corner_axes
 from calibration.geometry.robust_fit import Priors, robust_fit
 from calibration.geometry.stereo import calibrate_stereo
 
@@ -96,3 +97,49 @@ def test_a_square_corner_is_found_square_from_the_first_start(room, monkeypatch,
     first = next(plane_search.candidates(x1[order], x2[order], nominal(small), right_angles=True))
     assert first.share_on_axes > 0.98
     assert len(set(first.axes.of_plane.tolist())) == 3
+
+
+def upright_walls(first_deg, second_deg):
+    """Planes of two upright walls, by the directions of their normals from straight ahead, and of a floor."""
+    across, ahead = np.sin(np.radians([first_deg, second_deg])), np.cos(np.radians([first_deg, second_deg]))
+    return np.vstack([np.column_stack([across, np.zeros(2), ahead]) / 3.0, [0.0, 0.8, 0.0]])
+
+
+def test_walls_that_nearly_face_each_other_may_be_a_corners():
+    """A rig's first fit saw its corner at 156 degrees, and explained all of it as a corridor, to 0.06 px."""
+    planes = upright_walls(78.0, -78.0)
+    seen = Axes(np.eye(3), np.array([0, 0, 1]))
+    (corner,) = corner_axes(planes, seen)
+    assert corner.of_plane.tolist() == [0, 1, 2]
+    assert corner.directions @ corner.directions.T == pytest.approx(np.eye(3), abs=1e-12)
+    straight = np.array([0.0, 0.0, 1.0])
+    assert corner.directions @ straight == pytest.approx([np.sqrt(0.5), np.sqrt(0.5), 0.0], abs=1e-12)
+    assert np.abs(corner.directions[2]) == pytest.approx([0, 1, 0])
+    for wall, direction in zip(planes[:2], corner.directions[:2], strict=True):
+        assert wall @ direction > 0.8 * np.linalg.norm(wall), "each wall turns by less than 37 degrees"
+
+
+@pytest.mark.parametrize(("first_deg", "second_deg"), [(89.0, -89.0), (78.0, 80.0)])
+def test_walls_that_face_each_other_or_stand_behind_each_other_are_no_corner(first_deg, second_deg):
+    assert corner_axes(upright_walls(first_deg, second_deg), Axes(np.eye(3), np.array([0, 0, 1]))) == []
+
+
+def test_without_a_third_wall_there_is_nothing_to_stand_a_corner_on():
+    assert corner_axes(upright_walls(78.0, -78.0)[:2], Axes(np.eye(3), np.array([0, 0]))) == []
+
+
+@pytest.mark.parametrize("faces", [("x0", "x1", "floor"), ("x0", "x1", "y1", "floor")])
+def test_a_corridor_stays_one(room, faces):
+    corridor = room.changed(
+        faces=faces,
+        camera={"position_m": (2.3, 0.6, 1.4), "look_at_m": (2.5, 4.0, 0.9), "focal_px": 400.0},
+        projector={"position_m": (1.9, 0.9, 1.2), "look_at_m": (2.2, 4.0, 0.7), "focal_px": 330.0},
+        camera_hfov_deg=116.0,
+        projector_hfov_deg=114.0,
+        outlier_share=0.0,
+        edge_bias_px=0.0,
+    )
+    pair = calibrate_stereo(*corridor.correspondences(5), nominal(corridor))
+    normals = pair.planes / np.linalg.norm(pair.planes, axis=1, keepdims=True)
+    assert (normals @ normals.T).min() == pytest.approx(-1.0, abs=1e-6), "two walls face each other"
+    assert focal_error(corridor, pair) < 0.03
