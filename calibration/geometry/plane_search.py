@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
@@ -34,6 +35,9 @@ _GOOD_SHARE = 0.9
 """A candidate that explains so much needs no rival."""
 _BETTER = 0.98
 """Planes found anew may lose so little and still be taken: they were found with better lenses."""
+_MUCH_LESS = 1 / 3
+"""Of what the squarest fit leaves over, what one with fewer walls square must leave at most to be its rival. A screen
+askew that was taken for a wall left 5.8 times as much as left askew (random world 114)."""
 _EPIPOLAR_MEDIANS, _MEDIANS, _LEAST_LIMIT_PX = 10.0, 5.0, 0.4
 """Where planes differ by few pixels of parallax, whole codes' limit would take two for one."""
 _ONE_AXIS = 0.5
@@ -57,8 +61,9 @@ def candidates(
     """Yield fits to go on from, the most promising first; the later ones are made only when they are asked for.
 
     First comes the first fit whose planes explain nearly all points, or the one that explains most. A fit may explain
-    all points and be wrong, and what holds it against the data sheets finds out: so the others follow, and then those
-    that begin with one device before the other.
+    all points and be wrong, and what holds it against the data sheets finds out: so the others follow, with those from
+    the same starts that take fewer planes for walls and leave much less over, and then those that begin with one device
+    before the other.
 
     Parameters
     ----------
@@ -80,13 +85,13 @@ def candidates(
         If flat walls explain less than half of the points in all of them.
     """
     fits = _fits(x1, x2, nominal, right_angles=right_angles, ahead=False)
-    tried: list[tuple[float, BundleSolution]] = []
-    for bundle in fits:
-        tried.append((_merit(bundle, right_angles), bundle))
-        if tried[-1][0] > _GOOD_SHARE:
+    tried: list[_Ends] = []
+    for ends in fits:
+        tried.append(ends)
+        if _merit(ends.squarest, right_angles) > _GOOD_SHARE:
             break
-    tried.sort(key=lambda entry: -entry[0])
-    best = tried[0][1] if tried else None
+    tried.sort(key=lambda ends: -_merit(ends.squarest, right_angles))
+    best = tried[0].squarest if tried else None
     if best is None or best.share < LEAST_INLIER_SHARE:
         raise CalibrationError(
             f"flat walls explain only {100 * (best.share if best else 0):.0f} % of the correspondences, the limit is "
@@ -94,13 +99,25 @@ def candidates(
             "in the profile are wrong; aim at bare, flat walls"
         )
     rest = chain(fits, _fits(x1, x2, nominal, right_angles=right_angles, ahead=True))
-    yield from (bundle for _, bundle in tried)
-    yield from (bundle for bundle in rest if _merit(bundle, right_angles) > LEAST_INLIER_SHARE)
+    yield from (ends.squarest for ends in tried)
+    yield from (ends.finer for ends in tried if ends.finer is not None)
+    others = chain.from_iterable((ends.squarest, ends.finer) for ends in rest)
+    yield from (fit for fit in others if fit is not None and _merit(fit, right_angles) > LEAST_INLIER_SHARE)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Ends:
+    """What one start of the devices has led to."""
+
+    squarest: BundleSolution
+    """Of fits that explain nearly as many points on walls at right angles as any, the one with least left over."""
+    finer: BundleSolution | None
+    """One that takes fewer planes for walls, and leaves much less over; None where there is none."""
 
 
 def _fits(
     x1: FloatArray, x2: FloatArray, nominal: NominalIntrinsics, *, right_angles: bool, ahead: bool
-) -> Iterator[BundleSolution]:
+) -> Iterator[_Ends]:
     """Fit the walls from one start of the devices after the other."""
     a, b = nominal.idealised(x1[:_FEW], x2[:_FEW])
     shares = COLUMN_SHARES if nominal.known.projector is None else COLUMN_SHARES[:1]
@@ -112,9 +129,9 @@ def _fits(
         free = Axes(np.eye(3), np.full(len(planes), -1))
         camera, projector = nominal.real(devices)
         start = PlanarScene(camera=camera, projector=projector, planes=planes, axes=free)
-        bundle = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
-        if bundle is not None:
-            yield bundle
+        ends = _adjusted_twice(x1[:_SOME], x2[:_SOME], start, nominal=nominal, right_angles=right_angles)
+        if ends is not None:
+            yield ends
 
 
 def without_tangents(
@@ -185,7 +202,7 @@ def _planes_of(
 
 def _adjusted_twice(
     x1: FloatArray, x2: FloatArray, start: PlanarScene, *, nominal: NominalIntrinsics, right_angles: bool
-) -> BundleSolution | None:
+) -> _Ends | None:
     """Fit with lenses held, then let go, at right angles; find the planes again with these lenses, and fit again.
 
     Walls that may be a corner's or face each other are followed to the end in both ways: only there do they differ.
@@ -193,13 +210,14 @@ def _adjusted_twice(
     held = _first_fit(x1, x2, start, nominal)
     if held is None:
         return None
-    first = _let_go(x1, x2, held, nominal, right_angles=right_angles)
+    guessed = _guesses(x1, x2, held, nominal, right_angles=right_angles)
     corners = corner_axes(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG)) if right_angles else []
     rounds = Rounds(limits_px=(1.5,), iterations=12)
     others = [adjust(x1, x2, held.with_planes(held.planes, axes), nominal, rounds=rounds) for axes in corners]
-    fits = [fit for fit in (first, *others) if fit is not None]
+    fits = [fit for fit in (_likeliest(guessed, right_angles), *others) if fit is not None]
     ends = [_found_again(x1, x2, fit, nominal, right_angles=right_angles) for fit in fits]
-    return _likeliest(ends, right_angles)
+    squarest = _likeliest(ends, right_angles)
+    return None if squarest is None else _Ends(squarest=squarest, finer=_finer(guessed, squarest))
 
 
 def _found_again(
@@ -214,21 +232,22 @@ def _found_again(
     second = _without_phantoms(x1, x2, again, nominal, rounds=Rounds(limits_px=(1.5, 1.0), iterations=8))
     if second is not None and right_angles and (second.axes.of_plane < 0).any():
         # Phantoms among the planes had turned the axes; without them the walls may be square.
-        second = max(second, _let_go(x1, x2, second, nominal, right_angles=True) or second, key=_squareness)
+        guessed = _guesses(x1, x2, second, nominal, right_angles=True)
+        second = max(second, _likeliest(guessed, True) or second, key=_squareness)
     if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
         return first
     return second
 
 
-def _let_go(
+def _guesses(
     x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics, *, right_angles: bool
-) -> BundleSolution | None:
+) -> list[BundleSolution]:
     """Fit with lenses as free as they are, the planes at right angles in each way that may be meant."""
     square = orthogonal_axes(start.planes, _GUESSED_LIMIT_DEG)
     guesses = axis_hypotheses(start.planes, square) if right_angles else [None]
     rounds = Rounds(limits_px=(1.5,), iterations=12)
     fits = [adjust(x1, x2, start.with_planes(start.planes, axes), nominal, rounds=rounds) for axes in guesses]
-    return _likeliest([fit for fit in fits if fit is not None], right_angles)
+    return [fit for fit in fits if fit is not None]
 
 
 def _first_fit(x1: FloatArray, x2: FloatArray, start: PlanarScene, nominal: NominalIntrinsics) -> BundleSolution | None:
@@ -263,7 +282,24 @@ def _likeliest(fits: Sequence[BundleSolution], right_angles: bool) -> BundleSolu
     """Of fits that explain nearly as many points as the best, the one with least left over, priors included."""
     most = max((_merit(fit, right_angles) for fit in fits), default=0.0)
     able = [fit for fit in fits if _merit(fit, right_angles) >= _BETTER * most]
-    return min(able, key=lambda fit: fit.fit.cost / len(fit.used), default=None)
+    return min(able, key=_left_over, default=None)
+
+
+def _finer(fits: Sequence[BundleSolution], squarest: BundleSolution) -> BundleSolution | None:
+    """Of fits that explain as many points as the squarest one, that with least left over, where it is much less."""
+    able = [fit for fit in fits if fit.share >= _BETTER * squarest.share and _axes_count(fit) > 1]
+    finest = min(able, key=_left_over, default=squarest)
+    return finest if _left_over(finest) < _MUCH_LESS * _left_over(squarest) else None
+
+
+def _left_over(fit: BundleSolution) -> float:
+    """Squares left over a point, priors included."""
+    return float(fit.fit.cost) / len(fit.used)
+
+
+def _axes_count(fit: BundleSolution) -> int:
+    """Directions along which it has walls at right angles."""
+    return len(set(fit.axes.of_plane.tolist()) - {-1})
 
 
 def _without_phantoms(
@@ -290,5 +326,4 @@ def _merit(bundle: BundleSolution, right_angles: bool) -> float:
     """Share of the points that it explains, on walls at right angles where these are promised."""
     if not right_angles:
         return bundle.share
-    axes = set(bundle.axes.of_plane.tolist()) - {-1}
-    return bundle.share_on_axes if len(axes) > 1 else _ONE_AXIS * bundle.share
+    return bundle.share_on_axes if _axes_count(bundle) > 1 else _ONE_AXIS * bundle.share

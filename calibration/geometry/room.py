@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from calibration.arrays import FloatArray
+from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import SIGMAS
 from calibration.geometry.pinhole import PinholeModel, world_rays
 from calibration.geometry.plane_search import MOST_SLANTED
-from calibration.geometry.planes import orthogonal_axes
+from calibration.geometry.planes import Axes, orthogonal_axes
 from calibration.geometry.stereo import StereoCalibration
 from calibration.geometry.support import LEAST_BEHIND, shares_behind
 
@@ -210,23 +210,46 @@ def check_against_tape(
 def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibration:
     """The same calibration, with axes where free planes stand at right angles; refuses what makes no box."""
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
-        found = orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG)
-        stereo = replace(stereo, axes=tuple(found.of_plane.tolist()), room_axes=found.directions)
+        stereo = _with_axes(stereo, orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG))
     behind = shares_behind(stereo.planes, lit_points(stereo), stereo.explained.plane)
-    slanted = np.array([axis < 0 and _share(stereo, k) > MOST_SLANTED for k, axis in enumerate(stereo.axes)])
-    things = slanted & (behind >= LEAST_BEHIND)
-    if len(set(stereo.axes) - {-1}) > 1 and not (slanted & ~(things & with_things)).any():
-        return stereo
+    things = _slanted(stereo) & (behind >= LEAST_BEHIND)
+    may_slant = behind >= LEAST_BEHIND if with_things else np.zeros(len(behind), dtype=bool)
+    for framed in (stereo, *_other_frames(stereo)):
+        if len(set(framed.axes) - {-1}) > 1 and not (_slanted(framed) & ~may_slant).any():
+            return framed
     raise CalibrationError(_no_box(stereo) + (_STANDING if things.any() else ""))
+
+
+def _with_axes(stereo: StereoCalibration, axes: Axes) -> StereoCalibration:
+    return replace(stereo, axes=tuple(axes.of_plane.tolist()), room_axes=axes.directions)
+
+
+def _slanted(stereo: StereoCalibration) -> BoolArray:
+    """(K,) planes with too many points for small furniture that are none of a box's."""
+    return np.array([axis < 0 and _share(stereo, k) > MOST_SLANTED for k, axis in enumerate(stereo.axes)], dtype=bool)
+
+
+def _other_frames(stereo: StereoCalibration) -> Iterator[StereoCalibration]:
+    """Yield the calibration with a box's axes along each slanted plane: a screen that was found first gave its own."""
+    for plane in np.flatnonzero(_slanted(stereo)):
+        order = np.concatenate([[plane], np.delete(np.arange(len(stereo.planes)), plane)])
+        found = orthogonal_axes(stereo.planes[order], MOST_OFF_SQUARE_DEG)
+        of_plane = np.empty_like(found.of_plane)
+        of_plane[order] = found.of_plane
+        yield _with_axes(stereo, Axes(found.directions, of_plane))
 
 
 def _no_box(stereo: StereoCalibration) -> str:
     """Why planes make no box, or may make one and are not known to."""
-    pairs = list(combinations(range(len(stereo.planes)), 2))[:_PAIRS_NAMED]
+    pairs = list(combinations(range(len(stereo.planes)), 2))
     degrees, sigmas = _angles(stereo, pairs)
+    off_square = np.abs((degrees + 45) % 90 - 45)
     tolerance = np.maximum(SIGMAS * sigmas, MOST_OFF_SQUARE_DEG)
-    told = f"{len(stereo.axes)} planes were found: {_in_words(pairs, degrees, sigmas)}"
-    if (np.abs((degrees + 45) % 90 - 45) < tolerance).all() and (np.abs(degrees - 90) < tolerance).any():
+    named = np.sort(np.argsort(-off_square, kind="stable")[:_PAIRS_NAMED])
+    told = (
+        f"{len(stereo.axes)} planes were found: {_in_words([pairs[k] for k in named], degrees[named], sigmas[named])}"
+    )
+    if (off_square < tolerance).all() and (np.abs(degrees - 90) < tolerance).any():
         return (
             f"a session needs a box, and whether the walls make one is not known: {told}; right angles are within "
             "these uncertainties. If they are square, say so (right_angles = true); if not, move the camera away from "
