@@ -211,13 +211,13 @@ def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibrati
     """The same calibration, with axes where free planes stand at right angles; refuses what makes no box."""
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:
         stereo = _with_axes(stereo, orthogonal_axes(stereo.planes, MOST_OFF_SQUARE_DEG))
-    behind = shares_behind(stereo.planes, lit_points(stereo), stereo.explained.plane)
-    things = _slanted(stereo) & (behind >= LEAST_BEHIND)
-    may_slant = behind >= LEAST_BEHIND if with_things else np.zeros(len(behind), dtype=bool)
-    for framed in (stereo, *_other_frames(stereo)):
-        if len(set(framed.axes) - {-1}) > 1 and not (_slanted(framed) & ~may_slant).any():
+    stands = shares_behind(stereo.planes, lit_points(stereo), stereo.explained.plane) >= LEAST_BEHIND
+    frames = [stereo, *_other_frames(stereo)]
+    for framed in frames:
+        if len(set(framed.axes) - {-1}) > 1 and not (_slanted(framed) & ~(stands & with_things)).any():
             return framed
-    raise CalibrationError(_no_box(stereo) + (_STANDING if things.any() else ""))
+    standing = any((_slanted(framed) & stands).any() for framed in frames)
+    raise CalibrationError(_no_box(stereo) + (_STANDING if standing else ""))
 
 
 def _with_axes(stereo: StereoCalibration, axes: Axes) -> StereoCalibration:
