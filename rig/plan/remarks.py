@@ -38,8 +38,8 @@ def _brightness(result: PlanResult) -> list[str]:
     more = wanted / max(all_.white_cdm2 * all_.uniformity, 1e-9)
     return [
         f"White reaches the {wanted:g} cd/m² that are wanted on {100 * all_.reached_share:.0f} % of the picture only "
-        f"(mean {all_.white_cdm2:.3g} cd/m²): try {more:.2g} times the lumens, brighter paint, a smaller picture, or less "
-        "wanted."
+        f"(mean {all_.white_cdm2:.3g} cd/m²): try {more:.2g} times the lumens, brighter paint, a smaller picture, or "
+        "less wanted."
     ]
 
 
