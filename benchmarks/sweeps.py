@@ -32,7 +32,7 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
 
 from rig.sweeps.design import settings_of  # noqa: E402
 from rig.sweeps.executors import ExecutorChoice  # noqa: E402
-from rig.sweeps.folder import POINTS, read_lines  # noqa: E402
+from rig.sweeps.folder import POINTS, read_lines, sealed  # noqa: E402
 from rig.sweeps.records import SweepResult  # noqa: E402
 from rig.sweeps.run import SweepRequest, run_sweep  # noqa: E402
 from rig.sweeps.study import read_study  # noqa: E402
@@ -190,12 +190,13 @@ def listed(study: Path, folder: Path) -> None:
     draw = random.Random(1)
     target = folder / "many"
     target.mkdir()
-    with (target / POINTS).open("w", encoding="utf-8") as file:
+    with (target / POINTS).open("wb") as file:
         for settings in settings_of(read_study(many)):
             inputs = subject.complete(settings, None)
             figures = {name: value * draw.uniform(0.5, 1.5) for name, value in line.figures.items()}
             changed = line.as_json() | {"inputs": inputs, "figures": figures}
-            file.write(json.dumps(changed | {"id": point_id("paper", line.version, inputs)}) + "\n")
+            changed["id"] = point_id("paper", line.version, inputs)
+            file.write(sealed(json.dumps(changed).encode()) + b"\n")
     for what in ("listed and plotted", "started again"):
         before, begun_s = children_s(), time.perf_counter()
         command = [sys.executable, "-m", "rig", "sweep", str(many), "--folder", str(target), "--json"]

@@ -59,7 +59,7 @@ def computed_plan(request: PlanRequest, on_step: OnStep = silent) -> ComputedPla
         on_step(f"picture {name}", k, total)
         pictures.append(picture_in_room(lit, name, show.white_cdm2, strategies))
     on_step("shadows and viewers", total - 1, total)
-    shadows = tuple(shadow_of(lit, person) for person in people_of(request))
+    shadows = tuple(shadow_of(lit, person) for person in people_of(request, lit))
     viewers = tuple(sight_of(lit, viewer, pictures[0], show.white_cdm2) for viewer in request.viewer)
     summary: PlanTotals = totals(lit, show.white_cdm2)
     result = PlanResult(

@@ -44,7 +44,7 @@ def plan_view(computed: ComputedPlan) -> str:
     _outline(axes, lit.room.surface)
     for view in lit.views:
         _projector_from_above(axes, computed, view)
-    for person in people_of(request):
+    for person in people_of(request, lit):
         axes.add_patch(Circle(person.at_m, person.radius_m, color=_PERSON, alpha=0.5, lw=0))
         axes.annotate(
             person.name,
@@ -86,7 +86,7 @@ def _picture_dots(axes: Axes, computed: ComputedPlan, view: ProjectorView, colou
     points = view.points_m
     axes.plot(*points[kept][:, :2].T, ".", color=colour, ms=2, alpha=0.25, mew=0)
     floor_m = float(view.surface.vertices[:, :, 2].min())
-    for person in people_of(computed.request):
+    for person in people_of(computed.request, computed.lit):
         shadow = kept & meets_person(view, person, floor_m)[1]
         axes.plot(*points[shadow][:, :2].T, ".", color=_PERSON, ms=2.4, mew=0)
 
@@ -124,7 +124,7 @@ def _draw_light(axes: Axes3D, computed: ComputedPlan, colours: FloatArray, eleva
             axes.plot(*np.stack([lens, corner]).T, color="#35c0ff", lw=0.7, ls="--", zorder=9)
         axes.scatter(*lens, color=colour_of(lit, view), s=42, marker="s", zorder=11, depthshade=False)
     floor_m = float(surface.vertices[:, :, 2].min())
-    for person in people_of(computed.request):
+    for person in people_of(computed.request, computed.lit):
         foot = np.array([*person.at_m, floor_m])
         axes.plot(
             *np.stack([foot, foot + np.array([0.0, 0.0, person.height_m])]).T, color=_PERSON, lw=5, alpha=0.8, zorder=10

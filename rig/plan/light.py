@@ -8,6 +8,7 @@ the luminance M / π [cd/m²].
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -31,6 +32,8 @@ from sim.light.transport_of_scene import area_emission, smooth_view
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
+LEAST_AIM_M = 0.01
+"""From a lens to the point that it is aimed at: nearer, its rounded digits say where the picture goes."""
 SUBSAMPLES = 2
 """A pixel is split into so many along each side for the light that lands on a patch."""
 
@@ -181,6 +184,8 @@ def _transport(room: PlannedRoom, joined: JoinedViews) -> LightTransport:
 
 def _pose(asked: PlannedProjector, place: str) -> Pose:
     try:
+        if math.dist(asked.position_m, asked.look_at_m) < LEAST_AIM_M:
+            raise SimulationError("the aim is at the lens")
         return Pose.look_at(asked.position_m, asked.look_at_m, roll_deg=asked.roll_deg)
     except SimulationError as error:
         raise ImpossiblePlace(

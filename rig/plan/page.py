@@ -141,7 +141,7 @@ def _section(computed: ComputedPlan, shown: PictureInRoom) -> PictureSection:
     return PictureSection(
         title=f"Picture: {record.name}",
         text=f"White is wanted at {white:g} cd/m²; the picture's mean is {record.wanted_mean_cdm2:.3g} cd/m². "
-        f"Uncompensated, {100 * record.global_share:.0f} % of its light come from other walls.",
+        f"Uncompensated, {100 * record.global_share:.0f} % of its light comes from other walls.",
         images=tuple(image for row in rows for image in row),
         strategies=strategy_table(record),
         unreached=unreached_table(record) if record.unreached else None,

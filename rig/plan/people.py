@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from rig.errors import UsageError
 from rig.plan.light import LitRoom
@@ -23,14 +24,33 @@ ABOVE_EYES_M = 0.12
 """From the eyes to the top of a head (DIN 33402-2: 0.11 ... 0.13 m)."""
 
 
-def people_of(request: PlanRequest) -> tuple[PlannedPerson, ...]:
-    """Return all who throw a shadow: people, and viewers who stand."""
-    standing = [
-        PlannedPerson(name=one.name, at_m=one.eye_m[:2], height_m=one.eye_m[2] + ABOVE_EYES_M)
-        for one in request.viewer
-        if one.stands
-    ]
+def people_of(request: PlanRequest, lit: LitRoom) -> tuple[PlannedPerson, ...]:
+    """Return all who throw a shadow: people, and viewers who stand.
+
+    Raises
+    ------
+    UsageError
+        For a viewer who stands and whose eyes are where no person's are.
+    """
+    floor_m = floor_of(lit)
+    standing = tuple(_standing(one, floor_m) for one in request.viewer if one.stands)
     return (*request.person, *standing)
+
+
+def _standing(viewer: PlannedViewer, floor_m: float) -> PlannedPerson:
+    height_m = viewer.eye_m[2] - floor_m + ABOVE_EYES_M
+    try:
+        return PlannedPerson(name=viewer.name, at_m=viewer.eye_m[:2], height_m=height_m)
+    except ValidationError as error:
+        raise UsageError(
+            f"viewer {viewer.name}: stands, with eyes {viewer.eye_m[2] - floor_m:g} m above the floor: a person of "
+            f"{height_m:.2f} m; people are 0.3 ... 2.8 m high. Correct eye_m, or leave stands out"
+        ) from error
+
+
+def floor_of(lit: LitRoom) -> float:
+    """Return how high the floor lies. [m]."""
+    return float(lit.room.surface.vertices[:, :, 2].min())
 
 
 def shadow_of(lit: LitRoom, person: PlannedPerson) -> ShadowOf:
@@ -41,7 +61,7 @@ def shadow_of(lit: LitRoom, person: PlannedPerson) -> ShadowOf:
     UsageError
         For a person outside of the room, or around a projector.
     """
-    floor_m = float(lit.room.surface.vertices[:, :, 2].min())
+    floor_m = floor_of(lit)
     _check_place(lit, person, floor_m)
     met = [meets_person(view, person, floor_m) for view in lit.views]
     height_m, is_met = (np.concatenate(parts) for parts in zip(*met, strict=True))
@@ -63,6 +83,11 @@ def _check_place(lit: LitRoom, person: PlannedPerson, floor_m: float) -> None:
         raise UsageError(
             f"person {person.name}: {list(person.at_m)} m is outside of the room, x {low[0]:g} ... {high[0]:g} and "
             f"y {low[1]:g} ... {high[1]:g} m; move them inside"
+        )
+    top_m = float(lit.room.surface.vertices[:, :, 2].max()) - floor_m
+    if person.height_m > top_m > 0:
+        raise UsageError(
+            f"person {person.name}: {person.height_m:g} m high in a room of {top_m:g} m; correct one of the two"
         )
     for view in lit.views:
         lens = view.pose.position_m

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeGuard
 
 from pydantic import Field
 
@@ -13,12 +13,20 @@ from rig.files.toml import Table, check_model, entry_place, parse_toml
 from rig.plan.search.request import SearchTable
 from rig.records import JsonObject
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
+Coordinate = Annotated[float, Field(ge=-1000, le=1000)]
+"""Of a place: no room reaches farther from its own corner. [m]"""
+Edge = Annotated[float, Field(ge=0.1, le=300)]
+"""Of a room: from a model of one to an exhibition hall. [m]"""
+Lumens = Annotated[float, Field(ge=1, le=200_000)]
+"""From a pocket projector to twice the largest of cinemas. [lm]"""
+Cost = Annotated[float, Field(ge=0, le=1e9)]
+PersonHeight = Annotated[float, Field(ge=0.3, le=2.8)]
+"""From a child that crawls to the tallest who ever stood (2.72 m). [m]"""
+Pixels = Annotated[int, Field(ge=16, le=16_384)]
 Share = Annotated[float, Field(ge=0.001, le=0.99)]
 """A reflectance: nothing on a wall is blacker than 0.001, and above 0.99 light would hardly fade."""
 Text = Annotated[str, Field(min_length=1)]
-Point = tuple[float, float, float]
+Point = tuple[Coordinate, Coordinate, Coordinate]
 Paint = float | str
 Unit = Literal["m", "cm", "mm", "in", "inch", "ft"]
 UpAxis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -28,7 +36,7 @@ BoxFace = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
 class RoomShape(Table):
     """``[room]``: a box by its size, a scene of the library, or a mesh file."""
 
-    size_m: tuple[Positive, Positive, Positive] | None = None
+    size_m: tuple[Edge, Edge, Edge] | None = None
     """Along x, y and z. [m]"""
     surfaces: tuple[BoxFace, ...] = ("floor", "ceiling", "x0", "x1", "y0", "y1")
     """Of a box, those that there are."""
@@ -38,7 +46,7 @@ class RoomShape(Table):
     """A mesh file; from the plan's folder."""
     unit: Unit | None = None
     up: UpAxis | None = None
-    patch_m: Positive = 0.4
+    patch_m: Annotated[float, Field(ge=0.02, le=10)] = 0.4
     """Wanted size of the patches. [m]"""
 
 
@@ -48,7 +56,7 @@ class NamedPaint(Table):
     name: Text
     reflectance: Share
     """Luminous: a colour card's LRV over 100."""
-    cost: NotNegative = 0.0
+    cost: Cost = 0.0
     """A square metre, in any currency."""
     source: str = ""
     """Who measured it."""
@@ -59,21 +67,21 @@ class Opening(Table):
 
     name: Text
     surface: BoxFace
-    from_m: tuple[NotNegative, NotNegative]
+    from_m: tuple[Coordinate, Coordinate]
     """Lower left corner seen from inside: along the wall, and up; on floor and ceiling along the face's axes. [m]"""
-    to_m: tuple[Positive, Positive]
+    to_m: tuple[Coordinate, Coordinate]
     """Upper right corner. [m]"""
     paint: Paint = "window-glass"
-    emits_cdm2: NotNegative = 0.0
-    """Its own luminance, the same in all directions. [cd/m²]"""
+    emits_cdm2: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Its own luminance, the same in all directions: sunlit clouds have 10,000. [cd/m²]"""
 
 
 class RoomLight(Table):
     """``[room_light]``: what shines beside projector and openings; one of the two."""
 
-    lux: NotNegative | None = None
-    """As a meter reads it on every surface while the projector is off, whatever the paint. [lx]"""
-    lamp_lm: NotNegative | None = None
+    lux: Annotated[float, Field(ge=0, le=200_000)] | None = None
+    """As a meter reads it on every surface with the projector off, whatever the paint; the sun makes 100,000. [lx]"""
+    lamp_lm: Annotated[float, Field(ge=0, le=1e7)] | None = None
     """Of lamps that shine alike on all surfaces; these pass it on, so that dark paint keeps the room dark. [lm]"""
 
 
@@ -83,22 +91,22 @@ class PlannedProjector(Table):
     name: Text | None = None
     """What tables and figures call it where there are several."""
     model: Text | None = None
-    throw_ratio: Positive | None = None
+    throw_ratio: Annotated[float, Field(gt=0)] | None = None
     """Distance over picture width."""
     lens_shift: tuple[float, float] = (0.0, 0.0)
     """Of the picture against the optical axis, to the right and up, in shares of its width and height."""
-    lumens: Positive | None = None
+    lumens: Lumens | None = None
     """Of full white. [lm]"""
-    contrast: Annotated[float, Field(gt=1)] | None = None
+    contrast: Annotated[float, Field(gt=1, le=1e7)] | None = None
     """Full white over full black, the projector alone."""
-    width_px: Annotated[int, Field(ge=16)] | None = None
-    height_px: Annotated[int, Field(ge=16)] | None = None
+    width_px: Pixels | None = None
+    height_px: Pixels | None = None
     position_m: Point
     """Of the lens. [m]"""
     look_at_m: Point
     """A point on the optical axis. [m]"""
-    roll_deg: float = 0.0
-    cost: NotNegative = 0.0
+    roll_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    cost: Cost = 0.0
     """In the currency of the paints."""
 
 
@@ -114,15 +122,15 @@ class PlannedPerson(Table):
     """``[[person]]``: somebody who stands in the room, a cylinder from the floor up."""
 
     name: Text
-    at_m: tuple[float, float]
-    height_m: Positive = 1.75
-    radius_m: Positive = 0.25
+    at_m: tuple[Coordinate, Coordinate]
+    height_m: PersonHeight = 1.75
+    radius_m: Annotated[float, Field(ge=0.05, le=1)] = 0.25
 
 
 class WantedPictures(Table):
     """``[show]``: what is wanted on the walls."""
 
-    white_cdm2: Positive
+    white_cdm2: Annotated[float, Field(ge=0.01, le=10_000)]
     """Luminance that the pictures' white shall have, whatever the paint. [cd/m²]"""
     pictures: Annotated[tuple[Text, ...], Field(min_length=1)] = ("outdoor", "indoor", "grey")
     """``outdoor``, ``indoor``, ``grey``, ``white``, ``checker``, ``grey:0.5``, or picture files."""
@@ -244,7 +252,37 @@ def _cross_checks(data: dict[str, Any]) -> list[str]:
         )
     if "opening" in data and "size_m" not in room:
         problems.append("opening: known in a box only (room.size_m); a mesh brings its own windows")
-    return problems
+    problems += [*_coarse(room), *_same_pictures(show)]
+    return problems + [line for key in ("named_paint", "viewer", "person") for line in _twice(data, key)]
+
+
+def _coarse(room: dict[str, Any]) -> list[str]:
+    """A patch that is larger than the room."""
+    size, patch_m = room.get("size_m"), room.get("patch_m")
+    numbers = isinstance(size, list) and all(type(one) in (int, float) for one in (*size, patch_m))
+    if not size or not numbers or patch_m <= max(size):
+        return []
+    return [f"room.patch_m: {patch_m:g} m is longer than the room ({max(size):g} m); give a tenth of it or less"]
+
+
+def _twice(data: dict[str, Any], key: str) -> list[str]:
+    """Names that two tables of a kind have: figures and messages could not tell them apart."""
+    given = data.get(key)
+    names = [str(one["name"]) for one in given if isinstance(one, dict) and "name" in one] if _is_list(given) else []
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    return [f"{key}.{name}.name: is there twice; give each its own" for name in twice]
+
+
+def _same_pictures(show: dict[str, Any]) -> list[str]:
+    """Pictures that figures could not tell apart: files of one name in two folders, or one picture twice."""
+    given = show.get("pictures")
+    names = [Path(one).name for one in given if isinstance(one, str)] if _is_list(given) else []
+    twice = [name for name in dict.fromkeys(names) if names.count(name) > 1]
+    return [f"show.pictures: {name} is there twice; leave one out, or give files other names" for name in twice]
+
+
+def _is_list(value: object) -> TypeGuard[list[Any]]:
+    return isinstance(value, list)
 
 
 def _projector_problems(data: dict[str, Any]) -> list[str]:
@@ -257,10 +295,7 @@ def _projector_problems(data: dict[str, Any]) -> list[str]:
         for k, one in enumerate(tables)
         if "lumens" not in one and "model" not in one
     ]
-    names = [str(one["name"]) for one in tables if "name" in one]
-    problems += [
-        f"projector.{name}.name: is there twice; give each its own" for name in set(names) if names.count(name) > 1
-    ]
+    problems += _twice(data, "projector")
     used = data.get("projectors_used")
     if isinstance(used, int) and used > len(tables) > 0:
         problems.append(f"projectors_used: {used}, but there are {len(tables)}; give no more, or describe the others")

@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
 
 MOST_PATCHES = 6000
-"""Whose dense form factors take 288 MB, and a plan some seconds."""
+"""Whose dense form factors take 288 MB, and a minute or two of processor time."""
 UPRIGHT = 0.5
 """Vertical part of a normal above which a surface is floor or ceiling."""
 _SCENES: Mapping[str, Callable[[float], Scene | Mesh]] = {
@@ -138,12 +138,17 @@ def _shape(asked: RoomShape, openings: tuple[Opening, ...]) -> tuple[BareShape, 
         shape = _by_kind(_SCENES[asked.scene](asked.patch_m))
     else:
         shape = _by_kind(_mesh(asked))
-    if shape.surface.n_patches > MOST_PATCHES:
+    _check_count(shape.surface.n_patches, asked)
+    return shape, form_factors(shape.surface)
+
+
+def _check_count(patches: int, asked: RoomShape) -> None:
+    """Raise UsageError for more patches than a plan takes."""
+    if patches > MOST_PATCHES:
         raise UsageError(
-            f"room: {shape.surface.n_patches} patches, a plan takes {MOST_PATCHES}; give a larger room.patch_m than "
+            f"room: {patches} patches, a plan takes {MOST_PATCHES}; give a larger room.patch_m than "
             f"{asked.patch_m:g}, or a simpler mesh (`rig simulate` computes fine ones)"
         )
-    return shape, form_factors(shape.surface)
 
 
 def _mesh(asked: RoomShape) -> Mesh:
@@ -168,6 +173,8 @@ def _by_kind(surface: Scene | Mesh) -> BareShape:
 
 
 def _box(asked: RoomShape, openings: tuple[Opening, ...]) -> BareShape:
+    x, y, z = asked.size_m or (0.0, 0.0, 0.0)
+    _check_count(round(2 * (x * y + y * z + z * x) * len(asked.surfaces) / 6 / asked.patch_m**2), asked)
     bare = room(asked.size_m or (0.0, 0.0, 0.0), asked.patch_m, reflectance=0.5, faces=asked.surfaces)
     for one in openings:
         _check_opening(one, bare, openings)

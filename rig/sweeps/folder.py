@@ -6,6 +6,7 @@ import gc
 import io
 import json
 import os
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +26,10 @@ _SYNC_S = 1.0
 """Power failures may cost so much; a lost process costs nothing that was written."""
 _FIELDS = frozenset(PointLine.__dataclass_fields__)
 _NEEDED = {"id", "subject", "version", "inputs", "status"}
+_STATUSES = ("done", "refused", "killed")
+_SEAL = b', "seal": "'
+"""Of a line, before eight digits of its CRC-32: a digit that a disk or an editor changed is noticed."""
+_SEALED = len(_SEAL) + len('01234567"}')
 
 
 @contextmanager
@@ -80,7 +85,7 @@ class SweepFolder:
         """Write a point's line; raises SessionError when the disk is full, and the file then is as before."""
         if self._points is None:
             self._points = AppendedFile(self.path / POINTS, _SYNC_S)
-        self._points.append_line(json.dumps(line.as_json(), allow_nan=False).encode() + b"\n")
+        self._points.append_line(sealed(json.dumps(line.as_json(), allow_nan=False).encode()) + b"\n")
 
     def add_arrays(self, point: str, arrays: Mapping[str, NDArray[np.generic]]) -> str:
         """Write a point's arrays and return the file's place in the folder; before its line, which names it."""
@@ -97,6 +102,18 @@ class SweepFolder:
         if before != text or not kept.is_file():
             write_bytes(kept, text)
         return before != text
+
+
+def sealed(text: bytes) -> bytes:
+    """Return a point's line, a JSON object, with its seal."""
+    return text[:-1] + _SEAL + b'%08x"}' % zlib.crc32(text[:-1])
+
+
+def _is_as_written(text: bytes) -> bool:
+    """Whether a line has its seal; lines of versions without seals (before 0.2) have none."""
+    if text[-_SEALED : len(_SEAL) - _SEALED] != _SEAL:
+        return True
+    return text[-_SEALED:] == sealed(text[:-_SEALED] + b"}")[-_SEALED:]
 
 
 def read_lines(folder: Path) -> Iterator[PointLine]:
@@ -121,9 +138,17 @@ def _line_of(text: bytes, path: Path, number: int) -> PointLine:
         values: Any = json.loads(text)
     except (ValueError, RecursionError) as error:
         raise _damaged(path, number) from error
-    if not isinstance(values, dict) or not _NEEDED <= values.keys() <= _FIELDS:
+    if not isinstance(values, dict) or not _is_as_written(text):
+        raise _damaged(path, number)
+    values.pop("seal", None)
+    if not _NEEDED <= values.keys() <= _FIELDS or not _is_line(values):
         raise _damaged(path, number)
     return PointLine(**values)
+
+
+def _is_line(values: Mapping[str, Any]) -> bool:
+    tables = isinstance(values["inputs"], dict) and isinstance(values.get("figures", {}), dict)
+    return tables and values["status"] in _STATUSES
 
 
 def _damaged(path: Path, number: int) -> SessionCorrupt:

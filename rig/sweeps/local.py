@@ -111,6 +111,8 @@ class _Worker:
             return
         with self._lock:
             self._calls.remove(call)
+        if not call.result.set_running_or_notify_cancel():
+            return  # taken back while it was computed: Ctrl-C
         if error is None:
             call.result.set_result(done.result())
         else:
@@ -126,7 +128,7 @@ class _Worker:
             lost = self._calls.popleft() if self._calls else None
             for call in tuple(self._calls):
                 self._give(call)
-        if lost is not None:
+        if lost is not None and lost.result.set_running_or_notify_cancel():
             lost.result.set_exception(WorkerLost("its process died"))
 
     def shutdown(self, wait_for_it: bool, cancel: bool) -> None:

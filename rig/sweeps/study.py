@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -109,13 +110,24 @@ def _named(data: Mapping[str, Any], tables: Mapping[str, Mapping[str, object]]) 
 def _empty_axes(grid: Mapping[str, object]) -> Iterator[str]:
     for name, values in flattened(grid).items():
         if isinstance(values, Mapping):
-            count = values["count"]
-            if not isinstance(count, int) or count < 1:
-                yield f"grid.{name}: count is {count!r}, should be at least 1"
+            yield from _bad_steps(f"grid.{name}", values)
         elif not isinstance(values, list):
             yield f"grid.{name}: is {values!r}, should be a list or {{from, to, count}}; one value belongs to [fixed]"
         elif not values:
             yield f"grid.{name}: is empty, so the study has no point; give values, or leave the parameter out"
+
+
+def _bad_steps(place: str, steps: Mapping[str, object]) -> Iterator[str]:
+    count = steps["count"]
+    if type(count) is not int or not 1 <= count <= MOST_POINTS:
+        yield f"{place}: count is {count!r}, should be 1 ... {MOST_POINTS}"
+    for key in ("from", "to"):
+        if not _is_number(steps[key]):
+            yield f"{place}: {key} is {steps[key]!r}, should be a number"
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _bad_ranges(cube: object) -> Iterator[str]:
@@ -125,6 +137,6 @@ def _bad_ranges(cube: object) -> Iterator[str]:
     if not ranges:
         yield "latin_hypercube.ranges: is empty; give parameter = [low, high]"
     for name, ends in flattened(ranges).items():
-        numbers = isinstance(ends, list) and len(ends) == 2 and all(type(end) in (int, float) for end in ends)
+        numbers = isinstance(ends, list) and len(ends) == 2 and all(map(_is_number, ends))
         if not numbers or not ends[0] < ends[1]:  # type: ignore[index]
             yield f"latin_hypercube.ranges.{name}: is {ends!r}, should be [low, high] with low below high"

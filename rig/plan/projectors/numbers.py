@@ -15,6 +15,8 @@ THROW = 0.1, 20.0
 """Throw ratios that lenses have; mirrors reach 0.19, long lenses 15."""
 MOST_SHIFT = 2.0
 """Of the picture's size; mirrors of ultra-short throw reach 1."""
+SHAPE = 0.2, 6.0
+"""Width over height of pictures that projectors make: 16:9 is 1.8, two of them side by side 3.6."""
 USUAL_CONTRAST = 1000.0
 """Full on to full off where nobody has measured one: a guess, and said to be one."""
 
@@ -79,6 +81,11 @@ def projector_numbers(asked: PlannedProjector, place: str = "projector") -> Proj
         raise UsageError(f"{place}.{error.key}: missing, and {whose}; give {error.what}") from error
     contrast = asked.contrast or _contrast(facts, name, said)
     _check_lens(place, throw_ratio, asked.lens_shift)
+    if not SHAPE[0] <= width_px / height_px <= SHAPE[1]:
+        raise UsageError(
+            f"{place}.width_px, height_px: a picture of {width_px} x {height_px} pixels is {width_px / height_px:.3g} "
+            f"times as wide as high; projectors have {SHAPE[0]:g} ... {SHAPE[1]:g}"
+        )
     return ProjectorNumbers(
         name=f"{place.removeprefix('projector.')}, {name}" if asked.name and asked.model else name,
         throw_ratio=throw_ratio,

@@ -150,6 +150,16 @@ def check_search(request: PlanRequest, search: SearchTable) -> None:
     """Raise UsageError for ranges that are none, unknown choices, goals that cannot be told."""
     for one in search.free:
         _check_free(request, one)
+    keys = [one.key for one in search.free]
+    for key in dict.fromkeys(keys):
+        if keys.count(key) > 1:
+            raise UsageError(f"search.free: {key} is there twice; give each key one range")
+    for goal in search.goal:
+        if goal.at_least is not None and goal.at_most is not None and goal.at_least > goal.at_most:
+            raise UsageError(
+                f"search.goal: {goal.measure} at least {goal.at_least:g} and at most {goal.at_most:g} exclude each "
+                "other; change one"
+            )
     names = [goal.measure for goal in search.goal]
     doubled = sorted({name for name in names if names.count(name) > 1})
     if doubled:

@@ -29,7 +29,7 @@ class SearchGoal(Table):
     """``[[search.goal]]``: a number of the result, better when it is smaller (or larger)."""
 
     measure: Measure
-    weight: Annotated[float, Field(gt=0)] = 1.0
+    weight: Annotated[float, Field(gt=0, le=1e6)] = 1.0
     """Beside the other goals, each over its spread."""
     at_least: float | None = None
     at_most: float | None = None

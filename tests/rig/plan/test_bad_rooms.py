@@ -42,7 +42,18 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"show": {"white_cdm2": 20, "pictures": ["nothing.png"]}}, r"'nothing.png' is neither a file nor one of outdoor"),
     ({"show": {"white_cdm2": 20, "pictures": ["grey:7"]}}, r"give a share of white, e.g. grey:0.5"),
     ({"show": {"white_cdm2": 20, "strategies": ["magic"]}}, r"unknown strategy magic; there are none, direct"),
+    (
+        {"projector": projector(height_px=16)},
+        r"a picture of \d+ x 16 pixels is .* as wide as high; projectors have",
+    ),
+    ({"projector": projector(look_at_m=[1.2, 1.2, 1.200001])}, r"the aim is at the lens"),
+    (
+        {"viewer": [{"name": "guest", "eye_m": [2, 2, 0.1], "stands": True}]},
+        r"viewer guest: stands.*person of 0.22 m",
+    ),
+    ({"person": [{"name": "guest", "at_m": [3, 1], "height_m": 2.5}]}, r"person guest: 2.5 m high in a room of 2.4 m"),
 ]
+TWO = [{"name": "one", "eye_m": [2, 2, 1.6]}, {"name": "one", "eye_m": [3, 2, 1.6]}]
 UNREADABLE: list[tuple[dict[str, Any], str]] = [
     ({"projector": NO_LUMENS}, r"projector.lumens: missing; give the lumens of white, or a model"),
     ({"show": {"pictures": ["grey"]}}, r"show.white_cdm2: missing; .* 48 as in a cinema"),
@@ -50,7 +61,21 @@ UNREADABLE: list[tuple[dict[str, Any], str]] = [
     ({"room_light": {"lux": 1, "lamp_lm": 1}}, r"room_light: lux and lamp_lm"),
     ({"room": {"scene": "corner"}, "opening": [WINDOW]}, r"opening: known in a box only"),
     ({"projector": projector(throwratio=1)}, r"projector.throwratio: unknown key; did you mean throw_ratio"),
-    ({"room": {"size_m": [0, 1, 1]}}, r"room.size_m.0: .*greater than 0"),
+    ({"room": {"size_m": [0, 1, 1]}}, r"room.size_m.0: is 0, should be greater than or equal to 0.1"),
+    ({"room": {"size_m": [4.8, 4.8, 2.4], "patch_m": 5}}, r"room.patch_m: 5 m is longer than the room \(4.8 m\)"),
+    ({"room": {"size_m": [4.8, 4.8, 2.4], "patch_m": 1e-9}}, r"room.patch_m: is 1e-09, should be .* 0.02"),
+    ({"projector": projector(lumens=1e9)}, r"projector.lumens: is 1000000000.0, should be less .* 200000"),
+    ({"projector": projector(width_px=10**9)}, r"projector.width_px: is 1000000000, should be less .* 16384"),
+    ({"projector": projector(position_m=[1e300, 1, 1])}, r"projector.position_m.0: is 1e\+300, should be less"),
+    ({"room_light": {"lux": 1e9}}, r"room_light.lux: .* 200000"),
+    ({"show": {"white_cdm2": 1e9}}, r"show.white_cdm2: .* 10000"),
+    ({"show": {"white_cdm2": 20, "pictures": ["a/x.png", "b/x.png"]}}, r"show.pictures: x.png is there twice"),
+    ({"person": [{"name": "giant", "at_m": [3, 1], "height_m": 50}]}, r"person.height_m: is 50, should be less .* 2.8"),
+    ({"viewer": TWO}, r"viewer.one.name: is there twice; give each its own"),
+    (
+        {"named_paint": [{"name": "w", "reflectance": 0.8}, {"name": "w", "reflectance": 0.4}]},
+        r"named_paint.w.name",
+    ),
 ]
 
 

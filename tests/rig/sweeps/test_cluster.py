@@ -70,3 +70,15 @@ def test_a_scheduler_that_does_not_answer_is_named_before_a_point_is_begun(monke
         opened(ExecutorChoice(scheduler="tcp://127.0.0.1:9"), 4),
     ):
         pass
+
+
+class OfAnotherVersion:
+    """A client whose scheduler is older than it."""
+
+    def get_versions(self):
+        return {place: {"packages": {"distributed": f"2025.{k}"}} for k, place in enumerate(("scheduler", "client"))}
+
+
+def test_a_scheduler_of_another_version_is_named_before_a_point_is_begun():
+    with pytest.raises(UsageError, match=r"tcp://there runs distributed 2025\.0, here is 2025\.1; install the same"):
+        cluster._check_scheduler(OfAnotherVersion(), "tcp://there")

@@ -4,6 +4,7 @@ import csv
 import errno
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -79,6 +80,19 @@ def test_a_damaged_line_is_named(swept, tmp_path):
     path.write_bytes(path.read_bytes().replace(b'"status"', b'"ststus"', 1))
     with pytest.raises(SessionCorrupt, match="line 1 is damaged"):
         swept()
+
+
+def test_a_digit_that_changed_in_a_finished_point_is_noticed_and_lines_without_seals_are_read(swept, tmp_path):
+    swept()
+    path = tmp_path / "points" / "points.jsonl"
+    data, before = path.read_bytes(), figures_of(tmp_path / "points")
+    place = data.index(b'"paper_mean": ') + len(b'"paper_mean": ')
+    path.write_bytes(data[:place] + b"9" + data[place + 1 :])
+    with pytest.raises(SessionCorrupt, match="line 1 is damaged; delete that line"):
+        swept()
+    path.write_bytes(re.sub(rb', "seal": "[0-9a-f]{8}"}', b"}", data))
+    assert figures_of(tmp_path / "points") == before
+    assert swept().computed_now == 0
 
 
 def test_a_disk_that_fills_up_costs_no_point_that_was_written(swept, tmp_path, monkeypatch):

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import wait
 from pathlib import Path
 
 import pytest
@@ -70,6 +71,16 @@ def test_workers_killed_by_signal_at_ten_moments_lose_no_point_and_repeat_none(p
 
 def test_a_call_that_fails_tells_how(processes):
     assert isinstance(processes.submit(divmod, 1, 0).exception(), ZeroDivisionError)
+
+
+def test_a_call_that_is_taken_back_while_it_is_computed_says_nothing(processes, caplog):
+    taken_back = processes.submit(sum, range(10_000_000))
+    assert taken_back.cancel()
+    assert processes.submit(pow, 2, 5).result() == 32
+    assert [processes.submit(pow, 2, k).result() for k in range(4)] == [1, 2, 4, 8]  # both have ended what they had
+    while any(worker.waiting() for worker in processes._workers):
+        wait([processes.submit(pow, 1, 1)])
+    assert caplog.text == ""
 
 
 class Dying:
