@@ -100,7 +100,7 @@ def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **
     options
         Of the strategy (:func:`measured_options`).
     """
-    return plug_ins.find_strategy(name).compensate(transport, wanted, **options)
+    return plug_ins.compensate(name, transport, wanted, **options)
 
 
 def compute_compensation(session: Session, step: Step, request: CompensationRequest, on_step: OnStep) -> None:
