@@ -51,8 +51,10 @@ class CompensationRecord(Record):
 
     @property
     def best(self) -> str:
-        """The strategy that stands for 'compensated'."""
-        return next(name for name in BEST_FIRST if name in self.strategies)
+        """The strategy that stands for 'compensated': where none of the three best was asked for, another, by any name."""
+        *best, direct, none = BEST_FIRST
+        others = [name for name in self.strategies if name not in BEST_FIRST]
+        return next((name for name in (*best, *others, direct) if name in self.strategies), none)
 
 
 def compensation_settings(request: CompensationRequest) -> JsonObject:
