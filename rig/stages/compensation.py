@@ -51,7 +51,7 @@ class CompensationRecord(Record):
 
     @property
     def best(self) -> str:
-        """The strategy that stands for 'compensated': where none of the three best was asked for, another, by any name."""
+        """The strategy that stands for 'compensated': another, by any name, where none of the three best was shown."""
         *best, direct, none = BEST_FIRST
         others = [name for name in self.strategies if name not in BEST_FIRST]
         return next((name for name in (*best, *others, direct) if name in self.strategies), none)
