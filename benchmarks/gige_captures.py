@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from rig.capture.rig import Rig, open_rig
 from rig.devices.clock import SystemClock
+from rig.devices.protocols import Advising
 from rig.devices.virtual.projector import VirtualDisplay
 from rig.emulated.gige.camera import EmulatedGigeCamera, GigeRequest, encoded
 from rig.emulated.gige.description import EmulatedSensor
@@ -178,7 +179,8 @@ def main(captures: int, seed: int, every: int) -> None:
             )
             print(f"{refused} captures refused; the camera made {camera.frames} frames")
             print(f"mischief: {dict(mischief.done)}; what the rig noted: {dict(events)}")
-            print(f"transport: {'; '.join(rig.camera.advice()) or 'nothing'}")
+            lacking = rig.camera.advice() if isinstance(rig.camera, Advising) else ()
+            print(f"transport: {'; '.join(lacking) or 'nothing'}")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,9 @@ brings along is described in the same way, so that one function finds, and one l
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping
+import traceback
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING, Literal, TypeVar
@@ -18,7 +20,9 @@ from rig.version import __version__
 
 if TYPE_CHECKING:
     from calibration import StructuredLightCode
-    from sim import Strategy
+    from sim import Compensation, Strategy
+    from sim.arrays import FloatArray
+    from sim.compensation import Transport
 
 Kind = Literal["camera driver", "projector driver", "strategy", "code"]
 GROUPS: Mapping[Kind, str] = {
@@ -151,18 +155,36 @@ def make(driver: PlugIn, settings: object, clock: object) -> object:
     function = load(driver)
     if not callable(function):
         raise wrong_type(driver, function, "a function of settings and clock")
-    try:
+    with blaming(driver):
         made: object = function(settings, clock)
-    except RigError:
+    return made
+
+
+@contextmanager
+def blaming(plug_in: PlugIn) -> Iterator[None]:
+    """Within, another package's code is at work: a mistake of its own is told with its name and the line.
+
+    Raises
+    ------
+    UsageError
+        It fails by a mistake of its own.
+    RigError, SimulationError
+        As it says.
+    """
+    from sim.errors import SimulationError
+
+    try:
+        yield
+    except (RigError, SimulationError, MemoryError):
         raise
     except Exception as error:
-        if driver.is_own:
+        if plug_in.is_own:
             raise
+        last = traceback.extract_tb(error.__traceback__)[-1]
         raise UsageError(
-            f"{driver.kind} {driver.name!r} of {driver.source} fails ({driver.value}): {type(error).__name__}: "
-            f"{error}; tell its author"
+            f"{plug_in.kind} {plug_in.name!r} of {plug_in.source} fails ({plug_in.value}): {type(error).__name__}: "
+            f"{error} (line {last.lineno} of {last.filename}); tell its author"
         ) from error
-    return made
 
 
 def made_by(
@@ -218,6 +240,21 @@ def find_strategy(name: str) -> Strategy:
     if not isinstance(found, Strategy) or found.name != name:
         raise wrong_type(plug_in, found, f"a sim.Strategy of the name {name!r}")
     return found
+
+
+def compensate(name: str, transport: Transport, wanted: FloatArray, **options: float) -> Compensation:
+    """Return what a strategy computes, of this program or of another package.
+
+    Raises
+    ------
+    UsageError
+        There is none of that name, or two; or another package's fails by a mistake of its own.
+    SimulationError
+        As of :func:`sim.compensate`.
+    """
+    strategy = find_strategy(name)
+    with blaming(choose("strategy", name, own_strategies())):
+        return strategy.compensate(transport, wanted, **options)
 
 
 def strategy_version(name: str) -> str:

@@ -187,3 +187,31 @@ def test_a_planted_wrong_import_is_found(copied_tree: Path, file: str, line: str
     assert result.returncode != 0
     assert "BROKEN" in result.stdout
     assert line.split()[1].split(".")[0] in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("lines", "complaint"),
+    [
+        ("from rig.capture.nothing_there import Rig", "import-not-found"),
+        ("from rig.capture.rig import nothing_there", "attr-defined"),
+        (
+            "from rig.capture.rig import Rig\ndef say(rig: Rig) -> None: rig.camera.nothing_there()",
+            "attr-defined",
+        ),
+        ("from rig.capture.rig import open_rig\nopen_rig(nothing_there=1)", "call-arg"),
+    ],
+)
+def test_a_script_that_uses_what_is_gone_from_the_packages_is_found(tmp_path: Path, lines: str, complaint: str) -> None:
+    pytest.importorskip("mypy")
+    planted = tmp_path / "planted.py"
+    planted.write_text(f"import no_such_peer\n{lines}\n", encoding="utf-8")
+    checked = subprocess.run(
+        [sys.executable, "-m", "mypy", "--config-file", "benchmarks/mypy.ini", str(planted)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert checked.returncode == 1
+    assert f"[{complaint}]" in checked.stdout
+    assert "no_such_peer" not in checked.stdout

@@ -55,6 +55,8 @@ def authors_cloud_m() -> np.ndarray:
     import trimesh
 
     cloud = trimesh.load(published_folder() / "scan_0020_cloud.ply")
+    if not isinstance(cloud, trimesh.PointCloud | trimesh.Trimesh):
+        raise SystemExit(f"{published_folder() / 'scan_0020_cloud.ply'} is no cloud of points")
     return np.asarray(cloud.vertices, dtype=np.float64) * (1, -1, -1) / 1000
 
 

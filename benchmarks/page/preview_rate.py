@@ -171,8 +171,6 @@ def main() -> None:
         root = Path(folder)
         (root / "profiles").mkdir()
         (root / "profiles" / "bench.toml").write_text(profile_text(arguments.channels), encoding="utf-8")
-        from rig.page.jobs import holder as holder_module
-
         started, processes = asyncio.create_subprocess_exec, list[int]()
 
         async def as_worker(*_: str, **more: object) -> asyncio.subprocess.Process:
@@ -180,7 +178,7 @@ def main() -> None:
             processes.append(made.pid)
             return made
 
-        holder_module.asyncio.create_subprocess_exec = as_worker  # type: ignore[assignment]
+        asyncio.create_subprocess_exec = as_worker  # type: ignore[assignment]
         app = make_app(root, GuardSettings(host="127.0.0.1", port=8799))
         server = uvicorn.Server(uvicorn.Config(app, port=8799, log_level="warning"))
         thread = threading.Thread(target=server.run, daemon=True)

@@ -11,6 +11,7 @@ flood of pages (300 connections, of which 30 ask for pictures and read none).
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
 import math
 import os
@@ -40,15 +41,14 @@ ROLE, FOLDER = "SOAK_ROLE", "SOAK_FOLDER"
 
 def serve() -> None:
     """`rig serve --show`, whose show runs with the stand-ins."""
-    from rig.page.jobs import holder
     from rig.page.serve import ServeRequest, serve_page
 
-    started = holder.asyncio.create_subprocess_exec
+    started = asyncio.create_subprocess_exec
 
-    async def as_worker(*_: str, **more: object) -> object:
+    async def as_worker(*_: str, **more: object) -> asyncio.subprocess.Process:
         return await started(sys.executable, __file__, **{**more, "env": {**os.environ, ROLE: "show"}})  # type: ignore[arg-type]
 
-    holder.asyncio.create_subprocess_exec = as_worker  # type: ignore[assignment]
+    asyncio.create_subprocess_exec = as_worker  # type: ignore[assignment]
     root = Path(os.environ[FOLDER])
     serve_page(ServeRequest(root=root, port=0, show="soak"), lambda address: print(address, flush=True))
 

@@ -51,8 +51,10 @@ class CompensationRecord(Record):
 
     @property
     def best(self) -> str:
-        """The strategy that stands for 'compensated'."""
-        return next(name for name in BEST_FIRST if name in self.strategies)
+        """The strategy that stands for 'compensated': another, by any name, where none of the three best was shown."""
+        *best, direct, none = BEST_FIRST
+        others = [name for name in self.strategies if name not in BEST_FIRST]
+        return next((name for name in (*best, *others, direct) if name in self.strategies), none)
 
 
 def compensation_settings(request: CompensationRequest) -> JsonObject:
@@ -100,7 +102,7 @@ def solve(name: str, transport: ColourTransport, wanted: NDArray[np.float64], **
     options
         Of the strategy (:func:`measured_options`).
     """
-    return plug_ins.find_strategy(name).compensate(transport, wanted, **options)
+    return plug_ins.compensate(name, transport, wanted, **options)
 
 
 def compute_compensation(session: Session, step: Step, request: CompensationRequest, on_step: OnStep) -> None:

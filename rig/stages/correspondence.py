@@ -26,7 +26,7 @@ from rig.records import JsonObject, Record, json_of
 from rig.session import Session, Step
 from rig.stages.light.exposure import reference_exposure_s
 from rig.stages.light.places import finer_places
-from rig.stages.photograph import ExposureBracket, frame_name, photograph
+from rig.stages.photograph import ExposureBracket, OneCount, frame_name, photograph
 from rig.stages.radiometry import load_radiometric_calibration
 from rig.stages.stripes.showing import CodePhotographs, as_light, photograph_code, photograph_in_parts, read_in_parts
 from rig.stages.stripes.width import shown_code
@@ -148,8 +148,9 @@ def _flats(shape: tuple[int, int]) -> tuple[Pattern, Pattern]:
 
 def _photographed(rig: Rig, session: Session, step: Step, on_step: OnStep) -> Callable[[Iterable[Pattern]], None]:
     """Return what takes the photographs of patterns that the step does not have yet."""
-    bracket, n_patterns = _gray_bracket(session), gray_frames(rig.profile)
-    return partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns, on_step=on_step)
+    bracket, n_patterns, count = _gray_bracket(session), gray_frames(rig.profile), OneCount(on_step)
+    some = partial(photograph, rig, session, step, bracket=bracket, n_patterns=n_patterns)
+    return lambda patterns: count.take(lambda told: some(patterns, on_step=told))
 
 
 def _as_light(patterns: Iterable[Pattern], session: Session) -> Iterator[Pattern]:

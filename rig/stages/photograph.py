@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from calibration.radiometry.flicker import PHASES, is_third
@@ -100,6 +100,27 @@ def photograph(
                     take_one(rig, session, step, pattern, name=name, exposure_s=exposure_s, wanted=wanted)
                 done += 1
                 on_step(f"photograph: {step.name}", done, total)
+
+
+@dataclass
+class OneCount:
+    """The progress of a step that photographs in several goes: one count, which knows of more when it comes to them."""
+
+    on_step: OnStep
+    before: int = 0
+    """Frames of the goes before."""
+
+    def take(self, work: Callable[[OnStep], None]) -> None:
+        """Do one go; it is given what it tells its own count."""
+        last = 0
+
+        def told(label: str, done: int, total: int) -> None:
+            nonlocal last
+            last = done
+            self.on_step(label, self.before + done, max(total, self.before + done))
+
+        work(told)
+        self.before += last
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import tomllib
 from collections.abc import Callable, Iterator
@@ -17,6 +18,7 @@ from rig.cli.app import run_command
 from rig.errors import ProfileError, UsageError
 from rig.plug_ins import GROUPS, code_version, find_code, find_strategy, others, strategy_version
 from rig.profile.schema import Profile
+from tests.rig.conftest import Finished
 
 ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "tests" / "plug_in_package"
@@ -182,6 +184,26 @@ def test_what_is_no_strategy_or_code_is_refused(install: Install) -> None:
         find_strategy("half")
     with pytest.raises(UsageError, match=r"code 'stripes' of odd-rig 1 gives float, not a calibration\.Structured"):
         find_code("stripes")
+
+
+def test_a_strategy_that_fails_is_told_by_its_name_and_line(
+    install: Install, finished: Finished, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    (modules / "broken_rig.py").write_text(
+        "from sim import Strategy, compensate\n"
+        "def halfway(transport, target, lower=0.0, upper=1.0):\n"
+        "    return compensate('none', transport, target).image\n"
+        "STRATEGY = Strategy(name='halfway', solve=halfway, summary='half')\n"
+    )
+    install("broken-rig", "1", {GROUPS["strategy"]: {"halfway": "broken_rig:STRATEGY"}}, modules)
+    folder = tmp_path / "session"
+    shutil.copytree(finished.folder, folder)
+    assert run_command(["compensate", str(folder), "--strategy", "halfway"]) == 2
+    said = capsys.readouterr().err
+    assert "strategy 'halfway' of broken-rig 1 fails (broken_rig:STRATEGY): AttributeError" in said
+    assert "(line 3 of " in said
 
 
 def test_an_unknown_name_is_refused_with_what_was_meant() -> None:

@@ -7,11 +7,9 @@ that reads it. Status 0 and 1 are answers, 2 to 4 and 20 to 24 refusals; any oth
 import io
 import json
 import math
-import resource
 import shutil
 import struct
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -19,52 +17,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from rig.cli.app import run_command
 from rig.errors import SessionCorrupt
 from rig.files.exr import write_exr
 from rig.live.sources import raw
 from rig.session import Session
 from tests.rig.conftest import Finished
+from tests.rig.hostile.conftest import ANSWERS, Said
 from tests.rig.hostile.mutations import mutated
 from tests.rig.offline.test_scan import write_manifest, write_photographs
 
 pytestmark = pytest.mark.timeout(60, func_only=True)
-MOST_BYTES = 4 << 30
-ANSWERS, REFUSALS = (0, 1), (1, 2, 3, 4, 20, 21, 22, 23, 24)
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.fixture(autouse=True)
-def little_memory() -> Iterator[None]:
-    """Four gigabytes more than the process has: what asks for more is refused, and counts as a fault."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    pages = int(Path("/proc/self/statm").read_text().split()[0])
-    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_BYTES, hard))
-    yield
-    resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
-
-
-@dataclass(frozen=True)
-class Said:
-    status: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def rig(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
-    def run(*words: object) -> Said:
-        status = run_command([str(word) for word in words])
-        captured = capsys.readouterr()
-        said = Said(status, captured.out, captured.err)
-        assert "Traceback" not in said.err
-        assert "not enough memory" not in said.err
-        assert status in (*ANSWERS, *REFUSALS), said
-        if status in REFUSALS and "rig: " in said.err:
-            assert len(said.err[said.err.index("rig: ") :]) > len("rig: ") + 10, "a refusal has words"
-        return said
-
-    return run
 
 
 # Sessions

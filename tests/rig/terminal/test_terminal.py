@@ -12,6 +12,7 @@ from itertools import pairwise
 import pytest
 from rich.cells import cell_len
 
+from rig.stages.photograph import OneCount
 from rig.terminal import TerminalProgress, part_of, print_table
 from rig.terminal.line import counted
 from rig.terminal.sentences import folded
@@ -82,6 +83,7 @@ def test_parts_of_a_step_count_as_one() -> None:
 
 
 PROGRESS = """
+from rig.stages.photograph import OneCount
 from rig.terminal import TerminalProgress
 long = "photograph: response with a long name"
 with TerminalProgress() as progress:
@@ -141,3 +143,11 @@ def test_progress_of_a_step_that_learns_how_much_it_has_to_do_never_shows_less(c
         for done, total in ((9, 10), (1, 20), (19, 20)):
             progress("plan", done, total)
     assert capsys.readouterr().err == "starting\nplan: 19 of 20 done\n"
+
+
+def test_photographs_taken_in_several_goes_count_as_one() -> None:
+    told: list[tuple[int, int]] = []
+    count = OneCount(lambda _, done, total: told.append((done, total)))
+    for frames in (2, 3, 2):
+        count.take(lambda on_step, n=frames: [on_step("photograph: gray", k + 1, 5) for k in range(n)])
+    assert told == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5), (6, 6), (7, 7)]

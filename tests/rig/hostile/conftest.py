@@ -1,0 +1,46 @@
+"""The command line on a leash: four gigabytes, no traceback, an end that is an answer or a refusal in words."""
+
+import resource
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from rig.cli.app import run_command
+
+MOST_BYTES = 4 << 30
+ANSWERS, REFUSALS = (0, 1), (1, 2, 3, 4, 20, 21, 22, 23, 24)
+
+
+@pytest.fixture(autouse=True)
+def little_memory() -> Iterator[None]:
+    """Four gigabytes more than the process has: what asks for more is refused, and counts as a fault."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_BYTES, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+@dataclass(frozen=True)
+class Said:
+    status: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def rig(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
+    def run(*words: object) -> Said:
+        status = run_command([str(word) for word in words])
+        captured = capsys.readouterr()
+        said = Said(status, captured.out, captured.err)
+        assert "Traceback" not in said.err
+        assert "not enough memory" not in said.err
+        assert status in (*ANSWERS, *REFUSALS), said
+        if status in REFUSALS and "rig: " in said.err:
+            assert len(said.err[said.err.index("rig: ") :]) > len("rig: ") + 10, "a refusal has words"
+        return said
+
+    return run
