@@ -63,6 +63,9 @@ WORDS: Mapping[str, str] = {
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",
     "model: global light left unexplained, rms": "Light between the walls that no reflectance explains, relative.",
     "measured - simulated: rms": "Photograph minus prediction, on pictures that nothing was fitted to.",
+    "measured - simulated: within 3 sigma, least of all pictures": (
+        "Pixels that are off by no more than three of their stated standard deviations, in the picture with fewest."
+    ),
     "measured - simulated: |bias|": "Mean of photograph minus prediction, whichever sign.",
     "lamp: drift of white": "How much of a change of projector white may be left in the light, or how fast it is.",
 }
