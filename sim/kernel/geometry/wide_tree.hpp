@@ -27,7 +27,7 @@ struct alignas(32) WideLeaf {
 
 // Rays by the block, origins from the tree's middle.
 constexpr int RAYS = 64;
-struct RayBlock {
+struct alignas(64) RayBlock {
     int n;
     float origin[3][RAYS], direction[3][RAYS];
     std::int32_t from[RAYS];  // polygon that the ray leaves, which it does not meet; -1: none

@@ -13,7 +13,8 @@ namespace kernel::sampling {
 constexpr int DIMENSIONS = 4;
 
 inline std::uint32_t reversed(std::uint32_t x) {
-    x = __builtin_bswap32(x);
+    x = (x >> 16) | (x << 16);
+    x = ((x >> 8) & 0x00ff00ffu) | ((x & 0x00ff00ffu) << 8);
     x = ((x >> 4) & 0x0f0f0f0fu) | ((x & 0x0f0f0f0fu) << 4);
     x = ((x >> 2) & 0x33333333u) | ((x & 0x33333333u) << 2);
     return ((x >> 1) & 0x55555555u) | ((x & 0x55555555u) << 1);
@@ -26,34 +27,45 @@ inline std::uint32_t hashed(std::uint32_t x) {
     return x ^ (x >> 15);
 }
 
-// A number in [0, 1) from one whose bits are reversed.
-inline double scrambled(std::uint32_t x, std::uint32_t seed) {
+// A number in [0, 1) from one whose bits are reversed: its first 24 bits, all that single precision holds.
+inline float scrambled(std::uint32_t x, std::uint32_t seed) {
     x ^= x * 0x3d20adeau;
     x += seed;
     x *= (seed >> 16) | 1;
     x ^= x * 0x05526c56u;
     x ^= x * 0x53a22864u;
-    return reversed(x) * 0x1p-32;
+    return static_cast<float>(static_cast<std::int32_t>(reversed(x) >> 8)) * 0x1p-24f;
 }
 
-// Points first ... first + count - 1, bits reversed.
+// Some points, bits reversed: of each dimension as many numbers.
+struct Points {
+    const std::uint32_t *of[DIMENSIONS];
+};
+
+// Points first ... first + count - 1.
 class SobolPoints {
   public:
-    using Point = std::array<std::uint32_t, DIMENSIONS>;
-
-    SobolPoints(std::uint32_t first, std::uint32_t count) : points_(count) {
+    SobolPoints(std::uint32_t first, std::uint32_t count) {
         const auto directions = direction_numbers();
-        for (std::uint32_t k = 0; k < count; ++k)
-            for (int d = 0; d < DIMENSIONS; ++d) {
+        for (int d = 0; d < DIMENSIONS; ++d) {
+            points_[d].resize(count);
+            for (std::uint32_t k = 0; k < count; ++k) {
                 std::uint32_t x = 0;
                 for (int bit = 0; bit < 32; ++bit)
                     if ((first + k) >> bit & 1) x ^= directions[d][bit];
-                points_[k][d] = reversed(x);
+                points_[d][k] = reversed(x);
             }
+        }
     }
 
-    const Point &operator[](std::size_t k) const { return points_[k]; }
-    std::size_t size() const { return points_.size(); }
+    // From the k-th on.
+    Points from(std::int64_t k) const {
+        Points points;
+        for (int d = 0; d < DIMENSIONS; ++d) points.of[d] = points_[d].data() + k;
+        return points;
+    }
+
+    std::size_t size() const { return points_[0].size(); }
 
   private:
     using Directions = std::array<std::array<std::uint32_t, 32>, DIMENSIONS>;
@@ -82,7 +94,7 @@ class SobolPoints {
         return v;
     }
 
-    std::vector<Point> points_;
+    std::array<std::vector<std::uint32_t>, DIMENSIONS> points_;
 };
 
 }  // namespace kernel::sampling
