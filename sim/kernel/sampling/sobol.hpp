@@ -4,8 +4,10 @@
 // Comput. 30, 2008. Scrambling by a hash whose low bits never depend on higher ones: Laine and Karras, "Stratified
 // sampling for stochastic transparency", Computer Graphics Forum 30, 2011; constants by Vegdahl, 2021.
 #pragma once
+#include <algorithm>
 #include <array>
 #include <cstdint>
+#include <utility>
 #include <vector>
 
 namespace kernel::sampling {
@@ -42,19 +44,19 @@ struct Points {
     const std::uint32_t *of[DIMENSIONS];
 };
 
-// Points first ... first + count - 1.
+// Points first ... first + count - 1, both multiples of a power of 2, so that runs of them are nets: within such a run
+// those come together whose first two coordinates do. Rays of one patch then meet much the same one after the other.
+// Scrambling and what sets one run off from another both flip bits below equal ones alike, which keeps neighbours.
 class SobolPoints {
   public:
     SobolPoints(std::uint32_t first, std::uint32_t count) {
         const auto directions = direction_numbers();
+        const std::vector<std::uint32_t> order = neighbours_first(directions, run_of(first, count));
+        const auto run = static_cast<std::uint32_t>(order.size());
         for (int d = 0; d < DIMENSIONS; ++d) {
             points_[d].resize(count);
-            for (std::uint32_t k = 0; k < count; ++k) {
-                std::uint32_t x = 0;
-                for (int bit = 0; bit < 32; ++bit)
-                    if ((first + k) >> bit & 1) x ^= directions[d][bit];
-                points_[d][k] = reversed(x);
-            }
+            for (std::uint32_t k = 0; k < count; ++k)
+                points_[d][k] = reversed(coordinate(directions[d], first + k / run * run + order[k % run]));
         }
     }
 
@@ -68,7 +70,38 @@ class SobolPoints {
     std::size_t size() const { return points_[0].size(); }
 
   private:
-    using Directions = std::array<std::array<std::uint32_t, 32>, DIMENSIONS>;
+    using Direction = std::array<std::uint32_t, 32>;
+    using Directions = std::array<Direction, DIMENSIONS>;
+    static constexpr std::uint32_t LONGEST_RUN = 4096;
+
+    static std::uint32_t coordinate(const Direction &direction, std::uint32_t index) {
+        std::uint32_t x = 0;
+        for (int bit = 0; bit < 32; ++bit)
+            if (index >> bit & 1) x ^= direction[bit];
+        return x;
+    }
+
+    // The longest power of 2 that divides both.
+    static std::uint32_t run_of(std::uint32_t first, std::uint32_t count) {
+        std::uint32_t run = 1;
+        while (run < LONGEST_RUN && (first | count) % (2 * run) == 0 && count) run *= 2;
+        return run;
+    }
+
+    static std::vector<std::uint32_t> neighbours_first(const Directions &directions, std::uint32_t run) {
+        std::vector<std::pair<std::uint32_t, std::uint32_t>> keys(run);
+        for (std::uint32_t k = 0; k < run; ++k) {
+            std::uint32_t key = 0;
+            for (int d = 0; d < 2; ++d)
+                for (int bit = 0; bit < 16; ++bit)
+                    key |= (coordinate(directions[d], k) >> (16 + bit) & 1) << (2 * bit + d);
+            keys[k] = {key, k};
+        }
+        std::sort(keys.begin(), keys.end());
+        std::vector<std::uint32_t> order;
+        for (const auto &[key, k] : keys) order.push_back(k);
+        return order;
+    }
 
     static Directions direction_numbers() {
         // Degree and inner coefficients of each primitive polynomial, and its first odd numbers.
