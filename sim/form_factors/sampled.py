@@ -80,7 +80,7 @@ class Halves:
         return np.asarray(np.abs(self.first - self.second) / 2)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class RaySample:
     """Rays of all patches of a surface, to which more can be added."""
 
@@ -97,7 +97,7 @@ class RaySample:
     @classmethod
     def first(cls, surface: Surface, seed: int = 0) -> RaySample:
         """Return the first 32 rays of each patch, sent once however many ask: a plan, and the solution after it."""
-        sample = cls(surface, seed)
+        sample = cls(surface=surface, seed=seed)
         kept = _first.get(surface)
         if kept is not None and kept[0] == seed:
             sample._batches, sample.rays = list(kept[1]), np.full(surface.n_patches, FIRST_RAYS, dtype=np.intp)

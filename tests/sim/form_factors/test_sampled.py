@@ -28,7 +28,7 @@ def restored():
 
 
 def sampled(surface, rays, seed=0):
-    sample = RaySample(surface, seed)
+    sample = RaySample(surface=surface, seed=seed)
     sample.lengthen(rays)
     return sampled_form_factors(sample)
 
@@ -114,7 +114,7 @@ def test_four_times_the_rays_halve_the_error_at_least():
 def test_the_halves_tell_the_error_within_a_factor_of_two():
     room = paper_room(patch_size_m=0.4)
     light = room.centres[:, 2]
-    sample = RaySample(room)
+    sample = RaySample(surface=room)
     sample.lengthen(128)
     halves = sample.halves(light)
     actual = np.sqrt(((halves.mean - form_factors(room).apply(light)) ** 2).mean())
@@ -123,7 +123,7 @@ def test_the_halves_tell_the_error_within_a_factor_of_two():
 
 def test_a_longer_sample_goes_on_where_the_shorter_one_ended():
     surface = corner_with_ball(400)
-    grown, at_once = RaySample(surface), RaySample(surface)
+    grown, at_once = RaySample(surface=surface), RaySample(surface=surface)
     grown.lengthen(32)
     grown.lengthen(np.where(np.arange(surface.n_patches) % 2, 128, 32))
     grown.lengthen(128)
@@ -151,7 +151,7 @@ def test_what_is_met_from_behind_takes_the_light_away():
     floor = grid_of_quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], 2, 2)
     lid_facing_up = grid_of_quad([[-9, -9, 0.1], [9, -9, 0.1], [9, 9, 0.1], [-9, 9, 0.1]], 1, 1)
     surface = Mesh(name="lid", vertices=np.concatenate([floor, lid_facing_up]), reflectance=np.full(5, 0.5))
-    sample = RaySample(surface)
+    sample = RaySample(surface=surface)
     sample.lengthen(64)
     assert sample.met_behind[:4] == pytest.approx(1.0, abs=0.05)
     assert sampled_form_factors(sample).row_sums[:4] == pytest.approx(0.0)
@@ -189,7 +189,7 @@ def test_rows_that_matter_little_get_few_rays():
 @pytest.mark.parametrize("rays", [0, 8, 100, 1 << 21])
 def test_odd_numbers_of_rays_are_refused(rays):
     with pytest.raises(SimulationError, match="power of 2"):
-        RaySample(paper_room()).lengthen(rays)
+        RaySample(surface=paper_room()).lengthen(rays)
 
 
 def test_rays_with_another_visibility_are_refused():
@@ -199,7 +199,7 @@ def test_rays_with_another_visibility_are_refused():
 
 def test_a_sample_without_rays_has_no_factors():
     with pytest.raises(SimulationError, match="without rays"):
-        sampled_form_factors(RaySample(paper_room()))
+        sampled_form_factors(RaySample(surface=paper_room()))
 
 
 INTERRUPTED = """
@@ -213,7 +213,7 @@ from sim.scenes.cluttered import corner_with_ball
 from sim.form_factors.sampled import RaySample
 
 scene = corner_with_ball(2144)
-work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(scene).lengthen(1 << 18)}[sys.argv[1]]
+work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(surface=scene).lengthen(1 << 18)}[sys.argv[1]]
 sent = []
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
 def send():
