@@ -245,6 +245,8 @@ class SampledFormFactors:
     """Closed surface: largest ``|row sum - 1|``. Any other: 0."""
     rays: IntArray
     """(P,) that each patch sent."""
+    by_others: FloatArray
+    """(P,) share of what a row is made of that other patches' rays tell: those of patches with more a square metre."""
     seconds: float
     method: str = "rays"
     visibility: str = "rays"
@@ -311,7 +313,7 @@ def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
     areas = np.asarray(sample.surface.areas)
     counts = sample.counts()
     sums = np.asarray(counts.sum(axis=1)).ravel() / sample.rays
-    K = _weighed(counts, sample.rays / areas)
+    K, by_others = _weighed(counts, sample.rays / areas)
     K = _scaled(K, areas * sums, areas, variance=sums * (1 - sums) / sample.rays)
     row_sums = np.asarray(K.sum(axis=1)).ravel() / areas
     closure = float(np.abs(row_sums - 1).max()) if sample.surface.closed else 0.0
@@ -321,16 +323,20 @@ def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
         row_sums=row_sums,
         closure_max=closure,
         rays=sample.rays.copy(),
+        by_others=by_others,
         seconds=time.perf_counter() - started,
     )
 
 
-def _weighed(counts: csr_array, density: FloatArray) -> csr_array:
-    """Exchange areas of counts from both sides, by rays a square metre."""
+def _weighed(counts: csr_array, density: FloatArray) -> tuple[csr_array, FloatArray]:
+    """Exchange areas of counts from both sides, by rays a square metre; (P,) shares of them that others' rays tell."""
     both = csr_array(counts + counts.T)
     rows = np.repeat(np.arange(both.shape[0]), np.diff(both.indptr))
-    both.data = both.data / (density[rows] + density[both.indices])
-    return both
+    other = density[both.indices]
+    dense = density[rows] + other
+    both.data = both.data / dense
+    told, by_others = (np.bincount(rows, data, len(density)) for data in (both.data, both.data * other / dense))
+    return both, np.divide(by_others, told, out=np.zeros_like(told), where=told > 0)
 
 
 def _scaled(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatArray) -> csr_array:

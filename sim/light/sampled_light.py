@@ -2,10 +2,10 @@
 
 Light is solved by reciprocal factors. What a patch receives, H_k, is then known twice: by its own rays, and by a row of
 the reciprocal factors, which hold others' rays that met it, too. Both share the row's sum s, but of what is met, b =
-H / s, half of the reciprocal's rays are others'. With the noise of own rays dH = b ds + q, seen in the two halves of a
-row, that which both share is b ds + q / 2, and of
+H / s, a share o of the reciprocal is told by others' rays. With the noise of own rays dH = b ds + q, seen in the two
+halves of a row, that which both share is b ds + (1 - o) q, and of
 
-    H_k = own + w (reciprocal - own),   var = dH² - w dH q + w² (reciprocal - own)²
+    H_k = own + w (reciprocal - own),   var = dH² - 2 w o dH q + w² (reciprocal - own)²
 
 the w of the least error is taken, from 0 to 1/2. A reciprocal that is noisier than rows tell differs more from them, so
 that it counts for less, and the error says so.
@@ -39,9 +39,6 @@ MOST_AT_ONCE = 8
 """Times as many rays at most before the error is looked at again."""
 AIM = 0.95
 """Share of the wanted error that a round aims at, so that few end just above it."""
-OTHERS = 0.5
-"""Of the rays in a reciprocal factor, others'; with it the noise that both estimates share is right within 0.1 of the
-variance in two corners with a ball, three random ones and two rooms, in even and in uneven light."""
 MOST_RECIPROCAL = 0.5
 """Share of the reciprocal factors: more would be better by 3 % at the most."""
 SOLVER_SHARE = 0.01
@@ -94,8 +91,8 @@ def received(sample: RaySample, factors: SampledFormFactors, B: FloatArray, weig
     own, sums = sample.halves(B), sample.row_sums
     met = np.divide(own.mean, sums.mean, out=np.zeros_like(own.mean), where=sums.mean > 0)
     noise = (own.first - own.second) / 2
-    # Half of what own rays miss by in the light that they meet, but not in how many meet something, is theirs alone.
-    gain = OTHERS * noise * (noise - met * (sums.first - sums.second) / 2)
+    # What own rays miss by in the light that they meet, but not in how many meet something, others' rays do not share.
+    gain = factors.by_others * noise * (noise - met * (sums.first - sums.second) / 2)
     apart = factors.apply(B) - own.mean
     differ = float(weights @ apart**2)
     share = float(np.clip(weights @ gain / differ, 0.0, MOST_RECIPROCAL)) if differ > 0 else 0.0
