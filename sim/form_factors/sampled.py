@@ -35,10 +35,10 @@ MOST_SCALINGS = 30
 """Rounds of scaling rows to their sums at most: for closed surfaces, whose sums are known."""
 SUMS_ERROR = 1e-4
 """Of row sums, at which scaling ends."""
-SUMS_NOISE, TOTAL_NOISE = 0.2, 0.5
-"""Shares of what independent rays would leave, of each row's sum (RMS over the surface) and of all together, at which it
-ends as well: rows need not follow their sums' noise further, but what they miss alike grows where light is trapped. Open
-corners take 3 rounds, a closed room with a box 12; light is as good as after 30."""
+SUMS_NOISE, TOTAL_ERROR = 0.2, 1e-4
+"""It ends as well where rows miss their sums, RMS over the surface, by this share of what independent rays would leave, and
+all together by this share of their areas: rows need not follow their sums' noise further, but what they miss alike grows
+where light is trapped. Open corners take 3 or 4 rounds; light is as good as after 30."""
 FIRST_RAYS = 32
 """Of each patch, to learn what it needs."""
 RAYS_AT_A_TIME = 1 << 22
@@ -336,7 +336,7 @@ def _weighed(counts: csr_array, density: FloatArray) -> tuple[csr_array, FloatAr
     dense = density[rows] + other
     both.data = both.data / dense
     told, by_others = (np.bincount(rows, data, len(density)) for data in (both.data, both.data * other / dense))
-    return both, np.divide(by_others, told, out=np.zeros_like(told), where=told > 0)
+    return both, np.divide(by_others, told, out=np.zeros(len(density)), where=told > 0)
 
 
 def _scaled(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatArray) -> csr_array:
@@ -345,11 +345,13 @@ def _scaled(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatAr
     ``variance``: (P,) of the row sums of F, if rays were independent.
     """
     scale = np.ones(len(areas))
-    each, together = SUMS_NOISE**2 * float(areas @ variance), TOTAL_NOISE**2 * float(areas**2 @ variance)
+    each, together = SUMS_NOISE**2 * float(areas @ variance), TOTAL_ERROR * float(areas.sum())
     for _ in range(MOST_SCALINGS):
         here = np.asarray(scale * (K @ scale))
         error = here - sums
-        known = float(error**2 @ (1 / areas)) <= each and float(error.sum()) ** 2 <= together
+        # What is above a row's area will be cut off, from its own row and from others'.
+        lost = abs(float(error.sum())) + 2 * float(np.maximum(here - areas, 0.0).sum())
+        known = float(error**2 @ (1 / areas)) <= each and lost <= together
         if known or (np.abs(error) <= SUMS_ERROR * areas).all():
             break
         scale *= np.sqrt(np.divide(sums, here, out=np.zeros_like(sums), where=here > 0))
