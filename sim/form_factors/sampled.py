@@ -36,9 +36,9 @@ MOST_SCALINGS = 30
 SUMS_ERROR = 1e-4
 """Of row sums, at which scaling ends."""
 SUMS_NOISE, TOTAL_ERROR = 0.2, 1e-4
-"""It ends as well where rows miss their sums, RMS over the surface, by this share of what independent rays would leave, and
-all together by this share of their areas: rows need not follow their sums' noise further, but what they miss alike grows
-where light is trapped. Open corners take 3 or 4 rounds; light is as good as after 30."""
+"""It ends as well where rows miss their sums, RMS over the surface, by this share of what independent rays would
+leave, and all together by this share of their areas: rows need not follow their sums' noise further, but what they miss
+alike grows where light is trapped. Open corners take 3 or 4 rounds; light is as good as after 30."""
 FIRST_RAYS = 32
 """Of each patch, to learn what it needs."""
 RAYS_AT_A_TIME = 1 << 22
