@@ -360,10 +360,10 @@ def _checked(
             f"--check: {4 * planned.patches:,} refined patches do not fit in {available_mb() / 2:.0f} MB; "
             "leave --check out, or raise the tolerance"
         )
+    progress = in_percent(CHECK, on_step)
     if isinstance(simulation, GlossySimulation):
-        check = refined_gloss_check(simulation, planned.light, planned.model)
+        check = refined_gloss_check(simulation, planned.light, planned.model, largest, on_progress=progress)
     else:
-        progress = in_percent(CHECK, on_step)
         check = refined_check(simulation, planned.light, planned.model, largest, on_progress=progress)
     on_step(CHECK, 1, 1)
     return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)

@@ -220,7 +220,7 @@ def _by_rays(surface: Surface, visibility: Visibility, rays: int) -> FormFactors
             f"method 'rays' finds shadows itself; visibility {visibility!r} is not for it: use 'auto'"
         )
     started = time.perf_counter()
-    sample = RaySample(surface)
+    sample = RaySample(surface=surface)
     sample.lengthen(rays)
     sampled = sampled_form_factors(sample)
     matrix = sampled.exchange_areas.toarray()

@@ -1,11 +1,20 @@
 """Rays where the light needs them: a sample grows row by row until the radiosity is within an error.
 
-The error of a row's irradiance H_k is seen in the two halves of its rays. It reaches the radiosity of all patches by
-(I - rho F)^-1, so that the mean square over the surface is
+Light is solved by reciprocal factors. What a patch receives, H_k, is then known twice: by its own rays, and by a row of
+the reciprocal factors, which hold others' rays that met it, too. Both share the row's sum s, but of what is met, b =
+H / s, a share o of the reciprocal is told by others' rays. With the noise of own rays dH = b ds + q, seen in the two
+halves of a row, that which both share is b ds + (1 - o) q, and of
+
+    H_k = own + w (reciprocal - own),   var = dH² - 2 w o dH q + w² (reciprocal - own)²
+
+the w of the least error is taken, from 0 to 1/2. A reciprocal that is noisier than rows tell differs more from them, so
+that it counts for less, and the error says so.
+
+The error reaches the radiosity of all patches by (I - rho F)^-1, so that the mean square over the surface is
 
     sum_k w_k rho_k^2 var(H_k) / sum_i A_i,   w_k = sum_i A_i [(I - rho F)^-1]_ik^2.
 
-w is estimated by one adjoint solution for light of random signs. To n times as many rays var falls as n^-GAIN, and
+w_k is estimated by one adjoint solution for light of random signs. To n times as many rays var falls as n^-GAIN, and
 rows get the numbers that reach the goal with the fewest rays.
 """
 
@@ -30,6 +39,8 @@ MOST_AT_ONCE = 8
 """Times as many rays at most before the error is looked at again."""
 AIM = 0.95
 """Share of the wanted error that a round aims at, so that few end just above it."""
+MOST_RECIPROCAL = 0.5
+"""Share of the reciprocal factors: more would be better by 3 % at the most."""
 SOLVER_SHARE = 0.01
 """Of the goal, that the solver of a round may leave."""
 
@@ -41,9 +52,56 @@ class SampledLight:
     sample: RaySample
     factors: SampledFormFactors
     B: FloatArray
-    """(P,) radiosity, in the unit of the emission."""
+    """(P,) radiosity, in the unit of the emission: what is emitted, and of the irradiance by rays what is sent back."""
     error: float
     """RMS over the surface of B, estimated from the halves of the rays; in the unit of the emission."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Received:
+    """Irradiance that rays bring, by the best mean of each patch's own and of the reciprocal factors."""
+
+    H: FloatArray
+    """(P,) in the unit of the radiosity."""
+    variance: FloatArray
+    """(P,) of it: noisy in one row, right in the mean of many."""
+    own_variance: FloatArray
+    """(P,) of own rays alone."""
+    share: float
+    """Of the reciprocal factors in H, 0 to 1/2."""
+
+
+def received(sample: RaySample, factors: SampledFormFactors, B: FloatArray, weights: FloatArray) -> Received:
+    """Return what patches receive from radiosities by their own rays and by reciprocal factors.
+
+    Parameters
+    ----------
+    sample : RaySample
+    factors : SampledFormFactors
+        Of the sample.
+    B : (P,) array
+        Radiosities.
+    weights : (P,) array
+        What the squared error of each patch counts.
+
+    Returns
+    -------
+    Received
+    """
+    own, sums = sample.halves(B), sample.row_sums
+    met = np.divide(own.mean, sums.mean, out=np.zeros_like(own.mean), where=sums.mean > 0)
+    noise = (own.first - own.second) / 2
+    # What own rays miss by in the light that they meet, but not in how many meet something, others' rays do not share.
+    gain = factors.by_others * noise * (noise - met * (sums.first - sums.second) / 2)
+    apart = factors.apply(B) - own.mean
+    differ = float(weights @ apart**2)
+    share = float(np.clip(weights @ gain / differ, 0.0, MOST_RECIPROCAL)) if differ > 0 else 0.0
+    return Received(
+        H=own.mean + share * apart,
+        variance=np.maximum(noise**2 - 2 * share * gain + share**2 * apart**2, 0.0),
+        own_variance=noise**2,
+        share=share,
+    )
 
 
 def sampled_light(
@@ -87,33 +145,34 @@ def sampled_light(
     near = _near(surface)
     goal = error**2 * float(surface.areas.sum())
     while True:
-        light, weights = _solved(sample, E, reflectance, error)
+        light, weights, seen = _solved(sample, E, reflectance, error)
         # As many rays as bring the error that is left to the wanted one.
         on_progress(min(1.0, (error / max(light.error, error)) ** (2 / GAIN)))
-        variance = _variance(sample, light.B)
-        if weights @ variance <= goal or (sample.rays >= most_rays).all():
+        squared = float(weights @ seen.variance)
+        if squared <= goal or (sample.rays >= most_rays).all():
             return light
+        variance = seen.variance
+        less = squared / max(float(weights @ seen.own_variance), np.finfo(float).tiny)
         # The light of few rays tells well enough where more are needed; the next solution confirms it.
         while (squared := float(weights @ variance)) > goal and not (sample.rays >= most_rays).all():
             smooth = weights * variance[near].mean(axis=1)
             sample.lengthen(_wanted(sample.rays, smooth * squared / smooth.sum(), AIM**2 * goal, most_rays))
-            variance = _variance(sample, light.B)
+            # Reciprocal factors of the longer sample are made in the next solution: until then they gain as much.
+            variance = less * sample.halves(light.B).standard_error ** 2
 
 
-def _solved(sample: RaySample, E: FloatArray, reflectance: FloatArray, error: float) -> tuple[SampledLight, FloatArray]:
-    """The light of a sample, and (P,) what each row's squared error of the irradiance weighs."""
+def _solved(
+    sample: RaySample, E: FloatArray, reflectance: FloatArray, error: float
+) -> tuple[SampledLight, FloatArray, Received]:
+    """The light of a sample, (P,) what each row's squared error of the irradiance weighs, and the irradiance."""
     factors = sampled_form_factors(sample)
     scale = max(float(np.sqrt((E**2).mean())), np.finfo(float).tiny)
     system = Radiosity(factors, reflectance, tolerance=float(np.clip(SOLVER_SHARE * error / scale, 1e-12, 1e-3)))
-    B = system.solve(E)
     weights = reflectance**2 * _weights(system, sample.seed)
-    rms = float(np.sqrt(weights @ _variance(sample, B) / factors.areas.sum()))
-    return SampledLight(sample=sample, factors=factors, B=B, error=rms), weights
-
-
-def _variance(sample: RaySample, B: FloatArray) -> FloatArray:
-    """(P,) of each row's irradiance."""
-    return sample.halves(B).standard_error ** 2
+    seen = received(sample, factors, system.solve(E), weights)
+    rms = float(np.sqrt(weights @ seen.variance / factors.areas.sum()))
+    light = SampledLight(sample=sample, factors=factors, B=E + reflectance * seen.H, error=rms)
+    return light, weights, seen
 
 
 def _weights(system: Radiosity, seed: int) -> FloatArray:

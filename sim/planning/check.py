@@ -92,25 +92,41 @@ def refined_check(
     difference *= np.tile(finer.reflectance, (places.n_patches // fine.n_patches, 1))
     largest = float(np.abs(difference).max())
     if model.sampling is not None and times == 1:
-        squared = _squared_at_points(simulation, finer, refined(model).seed)
+        coarse_light = simulation.irradiance_at(finer.cells.quarters().quarters())
+        squared = squared_at_points(finer, finer.irradiance, coarse_light, seed=refined(model).seed)
     else:
         squared = (places.areas[:, None] * difference**2).sum(axis=0)
     squared *= pieces / (pieces - 1) / places.areas.sum()
     return Check(float(np.sqrt(max(squared.max(), 0.0))), largest, fine.n_patches)
 
 
-def _squared_at_points(simulation: Simulation, finer: Simulation, seed: int) -> FloatArray:
-    """(C,) squared difference times area [m²] at sixteenths of the finer patches.
+def squared_at_points(finer: Simulation, means: FloatArray, coarse: FloatArray, *, seed: int) -> FloatArray:
+    """Return the squared difference of radiosity times area at sixteenths of the patches of a finer solution.
 
     Rays leave all sixteenths of a patch in the same directions: they tell well how the light varies about its mean,
     which the finer solution knows better than they. Two streams of them leave no bias by their noise.
+
+    Parameters
+    ----------
+    finer : Simulation
+        Whose light the rays bring.
+    means : (P, C) array
+        Irradiance of its patches; 1 = white.
+    coarse : (16 P, C) array
+        Irradiance at the sixteenths that it is compared with; 1 = white.
+    seed : int
+        Of the rays.
+
+    Returns
+    -------
+    (C,) array
+        [m²]; 1 = white.
     """
     places = finer.cells.quarters().quarters()
     areas, squared = places.areas.reshape(PIECES, -1), []
     share = areas / finer.cells.areas
     for channel, rho in enumerate(finer.reflectance.T):
-        coarse = simulation.irradiance_at(places)[:, channel].reshape(PIECES, -1)
-        beside = finer.irradiance[:, channel] - coarse
+        beside = means[:, channel] - coarse[:, channel].reshape(PIECES, -1)
         streams = _light_at_points(finer, channel, seed)
         one, other = (beside + light - (share * light).sum(axis=0) for light in streams)
         squared.append(float((areas * rho**2 * one * other).sum()))

@@ -16,10 +16,12 @@ from sim.light.gloss.material import Gloss
 from sim.light.gloss.walks import GlossySurface
 from sim.light.lighting import Lighting
 from sim.light.radiosity import Radiosity
-from sim.planning.check import Check
+from sim.planning.check import Check, refined, squared_at_points
 from sim.planning.cost import Cost
 from sim.planning.gloss_places import places_on
+from sim.planning.linear_light import PIECES
 from sim.planning.simulation import Model, Simulation, simulate
+from sim.progress import OnProgress, unheard
 
 RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
 """Pairs of rays from each glossy patch: 0.4 % rms of the mean light in a room of 1,024 patches, 1,024 leave 0.2 %. Of
@@ -127,28 +129,52 @@ def glossy_simulation(
     )
 
 
-def refined_gloss_check(glossy: GlossySimulation, light: Lighting, model: Model, *, rays: int | None = None) -> Check:
-    """Return the difference from a solution on quartered cells with other rays, as ``refined_check`` does.
+def refined_gloss_check(
+    glossy: GlossySimulation,
+    light: Lighting,
+    model: Model,
+    most_patches: int,
+    *,
+    rays: int | None = None,
+    on_progress: OnProgress = unheard,
+) -> Check:
+    """Return the difference from a solution on finer cells with other rays, as ``refined_check`` does.
 
     Parameters
     ----------
     glossy, light, model
         The solution, and what its matte part was made by.
+    most_patches : int
+        Of the refined solution: cells are quartered, or quartered twice where this allows it. Where it does not and the
+        model goes by rays, these tell how matte light varies within the quarters.
     rays : int, optional
-        Pairs from each of the refined glossy patches; None: twice as many as otherwise, eight times as many in all.
+        Pairs from each of the refined glossy patches; None: eight times as many in all as otherwise.
+    on_progress : callable
+        Is told the share that is done, where form factors are compressed or come from rays.
 
     Returns
     -------
     Check
     """
-    fine = glossy.matte.cells.quarters()
-    gloss = Gloss(np.tile(glossy.gloss.share, 4), np.tile(glossy.gloss.roughness, 4))
-    finer = replace(model, seed=model.seed + OTHER_SEED)
-    rays = rays_each(gloss, 2 * RAYS) if rays is None else rays
-    refined = glossy_simulation(simulate(fine, light, finer), light, gloss, rays=rays, seed=OTHER_SEED)
-    difference = refined.matte.reflectance * (refined.irradiance - np.tile(glossy.irradiance, (4, 1)))
-    squared = 4 / 3 * (fine.areas[:, None] * difference**2).sum(axis=0) / fine.areas.sum()
-    return Check(float(np.sqrt(squared.max())), float(np.abs(difference).max()), fine.n_patches)
+    coarse = glossy.matte.cells
+    # With dense factors those by way of gloss, and the sum, are as large again.
+    copies = 2 if model.sampling is None else 1
+    times = 2 if copies * 16 * coarse.n_patches <= most_patches else 1
+    fine, pieces = coarse, 4**times
+    for _ in range(times):
+        fine = fine.quarters()
+    gloss = Gloss(np.tile(glossy.gloss.share, pieces), np.tile(glossy.gloss.roughness, pieces))
+    rays = max(FEWEST_RAYS, 4 * rays_each(glossy.gloss, 2 * RAYS) // pieces) if rays is None else rays
+    matte = simulate(fine, light, refined(model), on_progress)
+    finer = glossy_simulation(matte, light, gloss, rays=rays, seed=OTHER_SEED)
+    difference = matte.reflectance * (finer.irradiance - np.tile(glossy.irradiance, (pieces, 1)))
+    if model.sampling is not None and times == 1:
+        at_points = np.tile(glossy.irradiance, (PIECES * pieces, 1))
+        squared = squared_at_points(matte, finer.irradiance, at_points, seed=OTHER_SEED)
+    else:
+        squared = (fine.areas[:, None] * difference**2).sum(axis=0)
+    squared *= pieces / (pieces - 1) / fine.areas.sum()
+    return Check(float(np.sqrt(max(squared.max(), 0.0))), float(np.abs(difference).max()), fine.n_patches)
 
 
 def rays_each(gloss: Gloss, most: int) -> int:

@@ -16,7 +16,7 @@ from sim.form_factors.factors import ClosureWarning, Method, Visibility
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.light.lighting import Lighting, emission
 from sim.light.radiosity import FormFactorOperator, Radiosity
-from sim.light.sampled_light import SampledLight, sampled_light
+from sim.light.sampled_light import SampledLight, received, sampled_light
 from sim.planning.linear_light import linear_light
 from sim.progress import OnProgress, part_of, unheard
 
@@ -68,7 +68,7 @@ class Simulation:
     B: FloatArray
     """(P, C) radiosity; 1 = white."""
     irradiance: FloatArray
-    """(P, C) from other patches, H = F B; by rays, what each patch's own bring. 1 = white."""
+    """(P, C) from other patches, H = F B; by rays, the mean of that and of what each patch's own bring. 1 = white."""
     slopes: FloatArray | None
     """(P, 3, C) gradients of the irradiance in each patch's plane [1/m], which hold where it is not negative; None: one
     number a patch."""
@@ -148,9 +148,9 @@ def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress:
     H = factors.apply(B)
     energy_balance = _energy_balance(factors, rho, E=E, B=B, H=H)
     if sampled:
-        # Reciprocal factors are as noisy as single entries where light is uneven, which the halves of rows do not show.
-        # A patch's own rays know better: 0.30 instead of 0.48 % in a box room that a projector lights, 388 patches.
-        H = np.stack([sampled.sample.halves(column).mean for column in B.T], axis=1)
+        # Reciprocal factors are as noisy as single entries where light is uneven, which the halves of rows do not show:
+        # a patch's own rays know more, and the mean of both the most.
+        H = _received(sampled, rho, B)
         B = E + rho * H
     slopes, sampling_error = _linear(cells, sampled, rho, B=B, H=H) if sampled and model.linear else (None, 0.0)
     clock_s.append(time.perf_counter())
@@ -183,6 +183,13 @@ def _energy_balance(
     escaped = float((areas * B * (1 - row_sums)).sum())
     emitted = float((areas * E).sum())
     return abs(1 - (absorbed + escaped) / emitted) if emitted > 0 else 0.0
+
+
+def _received(sampled: SampledLight, rho: FloatArray, B: FloatArray) -> FloatArray:
+    """(P, C) irradiance by rays."""
+    weights = sampled.factors.areas[:, None] * rho**2
+    columns = zip(B.T, weights.T, strict=True)
+    return np.stack([received(sampled.sample, sampled.factors, *column).H for column in columns], axis=1)
 
 
 def _linear(

@@ -91,9 +91,10 @@ class Collapse {
 
     std::int32_t leaf(const Piece &part) {
         WideLeaf leaf{};
+        leaf.sides = 3;
         for (int k = 0; k < WIDTH; ++k) {
             leaf.index[k] = -1;
-            for (auto &offset : leaf.edge_offset) offset[k] = HUGE_VALF;
+            for (auto &edge : leaf.edge) edge.offset[k] = HUGE_VALF;
             if (k < part.count) fill(leaf, k, tree_.order()[part.first + k]);
         }
         out_.leaves.push_back(leaf);
@@ -103,13 +104,14 @@ class Collapse {
     void fill(WideLeaf &leaf, int k, std::int32_t index) const {
         const Occluder &polygon = tree_.occluders[index];
         leaf.index[k] = index;
+        leaf.sides = std::max(leaf.sides, polygon.n);
         leaf.offset[k] = static_cast<float>(polygon.offset - dot(polygon.normal, out_.middle));
         for (int axis = 0; axis < 3; ++axis) leaf.normal[axis][k] = static_cast<float>(component(polygon.normal, axis));
         for (int side = 0; side < 4; ++side) {
             const int own = std::min(side, polygon.n - 1);
             for (int axis = 0; axis < 3; ++axis)
-                leaf.edge[side][axis][k] = static_cast<float>(component(polygon.edge[own], axis));
-            leaf.edge_offset[side][k] =
+                leaf.edge[side].normal[axis][k] = static_cast<float>(component(polygon.edge[own], axis));
+            leaf.edge[side].offset[k] =
                 static_cast<float>(polygon.edge_offset[own] - dot(polygon.edge[own], out_.middle) - out_.slack);
         }
     }

@@ -12,22 +12,25 @@ namespace kernel {
 constexpr int WIDTH = 8;
 
 // Bounds of eight children: low and high of x, y, z in turn.
-struct alignas(32) WideNode {
+struct alignas(64) WideNode {
     float bound[6][WIDTH];
     std::int32_t child[WIDTH];  // below 0: leaf ~child
 };
 
 // Eight polygons: the plane dot(normal, p) = offset, and dot(edge, p) >= edge_offset inside each of four edges; a triangle
 // has its third edge twice, an empty place edges that hold nothing.
-struct alignas(32) WideLeaf {
+struct alignas(64) WideLeaf {
     float normal[3][WIDTH], offset[WIDTH];
-    float edge[4][3][WIDTH], edge_offset[4][WIDTH];
     std::int32_t index[WIDTH];
+    std::int32_t sides;  // 3: triangles only, whose fourth edge tells nothing
+    struct Edge {
+        float normal[3][WIDTH], offset[WIDTH];
+    } edge[4];
 };
 
 // Rays by the block, origins from the tree's middle.
 constexpr int RAYS = 64;
-struct RayBlock {
+struct alignas(64) RayBlock {
     int n;
     float origin[3][RAYS], direction[3][RAYS];
     std::int32_t from[RAYS];  // polygon that the ray leaves, which it does not meet; -1: none

@@ -104,16 +104,24 @@ class RayTree {
     void moment_row(std::int64_t row, std::uint32_t stream, const SobolPoints &points, const std::int32_t *met,
                     const double *values, double *means) const {
         const double *corners = corners_.data() + 12 * row;
-        const PatchRays rays = rays_of(corners, row, stream);
+        const PatchRays rays = from_patch(corners, row, stream);
+        const auto count = static_cast<std::int64_t>(points.size());
         Vec sum{0, 0, 0};
-        for (std::size_t k = 0; k < points.size(); ++k)
-            if (met[k] >= 0) sum = sum + values[met[k]] * rays.place(points[k]);
-        const Vec from_centre = (1.0 / static_cast<double>(points.size())) * sum;
+        Places places;
+        for (std::int64_t start = 0; start < count; start += RAYS) {
+            const int n = static_cast<int>(std::min<std::int64_t>(RAYS, count - start));
+            places_of(rays, points.from(start), n, places);
+            for (int k = 0; k < n; ++k)
+                if (met[start + k] >= 0)
+                    sum = sum + values[met[start + k]] * Vec{places.at[0][k], places.at[1][k], places.at[2][k]};
+        }
+        const Vec from_centre = (1.0 / static_cast<double>(count)) * sum;
         for (int axis = 0; axis < 3; ++axis) means[axis] = component(from_centre, axis);
     }
 
-    PatchRays rays_of(const double *corners, std::int64_t own, std::uint32_t stream) const {
-        return {corners, tree_.middle, tree_.slack, hashed(static_cast<std::uint32_t>(own) ^ hashed(stream + 1))};
+    PatchRays from_patch(const double *corners, std::int64_t own, std::uint32_t stream) const {
+        return patch_rays(corners, tree_.middle, tree_.slack,
+                          hashed(static_cast<std::uint32_t>(own) ^ hashed(stream + 1)));
     }
 
     void sample_row(std::int64_t row, std::uint32_t stream, const SobolPoints &points, std::int64_t count,
@@ -127,14 +135,12 @@ class RayTree {
     template <class Done>
     void trace_row(const double *corners, std::int64_t own, std::uint32_t stream, const SobolPoints &points,
                    std::int64_t count, const Done &done) const {
-        const PatchRays patch_rays = rays_of(corners, own, stream);
+        const PatchRays patch = from_patch(corners, own, stream);
         RayBlock rays;
+        std::fill(rays.from, rays.from + RAYS, static_cast<std::int32_t>(own));
         for (std::int64_t start = 0; start < count; start += RAYS) {
             rays.n = static_cast<int>(std::min<std::int64_t>(RAYS, count - start));
-            for (int k = 0; k < rays.n; ++k) {
-                patch_rays.put(points[start + k], rays, k);
-                rays.from[k] = static_cast<std::int32_t>(own);
-            }
+            rays_of(patch, points.from(start), rays);
             find_nearest(tree_, rays);
             done(rays, start);
         }

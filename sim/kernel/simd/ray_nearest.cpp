@@ -39,7 +39,7 @@ inline unsigned bits_of(const Ints &lanes) {
 
 struct Ray {
     Floats origin[3], direction[3], inverse[3];
-    int near[3];  // which of a node's bounds is met first along each axis
+    int near[3], far[3];  // which of a node's bounds is met first along each axis, and which last
     std::int32_t from;
 };
 
@@ -53,6 +53,7 @@ inline Ray ray_of(const RayBlock &rays, int k) {
         ray.direction[axis] = Floats{} + along;
         ray.inverse[axis] = Floats{} + 1 / safe;
         ray.near[axis] = 2 * axis + (safe < 0);
+        ray.far[axis] = ray.near[axis] ^ 1;
     }
     ray.from = rays.from[k];
     return ray;
@@ -80,9 +81,10 @@ inline void meet_leaf(const WideLeaf &leaf, const Ray &ray, Found &found) {
     const Floats x = ray.origin[0] + at * ray.direction[0], y = ray.origin[1] + at * ray.direction[1],
                  z = ray.origin[2] + at * ray.direction[2];
     Ints met = (at > 0.0f) & (at <= found.at * (1 + TIE));
-    for (int k = 0; k < 4; ++k)
-        met &= load8(leaf.edge[k][0]) * x + load8(leaf.edge[k][1]) * y + load8(leaf.edge[k][2]) * z >=
-               load8(leaf.edge_offset[k]);
+    for (int k = 0; k < leaf.sides; ++k)
+        met &= load8(leaf.edge[k].normal[0]) * x + load8(leaf.edge[k].normal[1]) * y +
+                   load8(leaf.edge[k].normal[2]) * z >=
+               load8(leaf.edge[k].offset);
     for (unsigned bits = bits_of(met); bits; bits &= bits - 1) {
         const int k = __builtin_ctz(bits);
         const bool lit_side = towards[k] < 0;
@@ -94,37 +96,65 @@ inline void meet_leaf(const WideLeaf &leaf, const Ray &ray, Found &found) {
 // Each level of the tree leaves at most seven others waiting; a binary tree of 64 levels makes at most 64 wide ones.
 constexpr int STACK = 7 * 68;
 
-Found first_met(const WideTree &tree, const Ray &ray) {
-    struct Entry {
-        std::int32_t child;
-        float at;
-    } stack[STACK];
-    Found found;
-    int top = 0;
-    stack[top++] = {0, 0.0f};
-    while (top) {
-        const Entry next = stack[--top];
-        if (next.at >= found.at) continue;
-        if (next.child < 0) {
-            meet_leaf(tree.leaves[~next.child], ray, found);
-            continue;
+// Children that wait, the nearest last. Two arrays: what is written as two numbers is slow to read as one.
+struct Waiting {
+    float at[STACK];
+    std::int32_t child[STACK];
+    int count = 0;
+
+    // Among those from `base` on.
+    void add(int base, std::int32_t which, float distance) {
+        int place = count++;
+        for (; place > base && at[place - 1] < distance; --place) {
+            at[place] = at[place - 1];
+            child[place] = child[place - 1];
         }
-        const WideNode &node = tree.nodes[next.child];
-        Floats in = {}, out = Floats{} + found.at;
-        for (int axis = 0; axis < 3; ++axis) {
-            in = larger8((load8(node.bound[ray.near[axis]]) - ray.origin[axis]) * ray.inverse[axis], in);
-            out = smaller8((load8(node.bound[ray.near[axis] ^ 1]) - ray.origin[axis]) * ray.inverse[axis], out);
-        }
-        const int base = top;
-        for (unsigned bits = bits_of(in <= out); bits; bits &= bits - 1) {
-            const int k = __builtin_ctz(bits);
-            const Entry entry{node.child[k], in[k]};
-            // The nearest ends on top.
-            int place = top++;
-            for (; place > base && stack[place - 1].at < entry.at; --place) stack[place] = stack[place - 1];
-            stack[place] = entry;
-        }
+        at[place] = distance;
+        child[place] = which;
     }
+};
+
+// Of the children that a ray meets nearer than `limit` the nearest; the others wait. False if there is none.
+inline bool nearest_child(const WideNode &node, const Ray &ray, float limit, Waiting &waiting, std::int32_t &child) {
+    Floats in = {}, out = Floats{} + limit;
+    for (int axis = 0; axis < 3; ++axis) {
+        in = larger8((load8(node.bound[ray.near[axis]]) - ray.origin[axis]) * ray.inverse[axis], in);
+        out = smaller8((load8(node.bound[ray.far[axis]]) - ray.origin[axis]) * ray.inverse[axis], out);
+    }
+    unsigned bits = bits_of(in <= out);
+    if (!bits) return false;
+    int nearest = __builtin_ctz(bits);
+    const int base = waiting.count;
+    float at[WIDTH];
+    std::memcpy(at, &in, sizeof at);
+    for (bits &= bits - 1; bits; bits &= bits - 1) {
+        const int k = __builtin_ctz(bits), further = at[k] <= at[nearest] ? nearest : k;
+        nearest = at[k] <= at[nearest] ? k : nearest;
+        waiting.add(base, node.child[further], at[further]);
+    }
+    child = node.child[nearest];
+    return true;
+}
+
+// Of those that wait the nearest that is nearer than what was found; false if there is none.
+inline bool take(Waiting &waiting, float limit, std::int32_t &child) {
+    while (waiting.count) {
+        const int last = --waiting.count;
+        child = waiting.child[last];
+        if (waiting.at[last] < limit) return true;
+    }
+    return false;
+}
+
+Found first_met(const WideTree &tree, const Ray &ray) {
+    Waiting waiting;
+    Found found;
+    std::int32_t next = 0;
+    do {
+        bool lower = true;
+        while (next >= 0 && lower) lower = nearest_child(tree.nodes[next], ray, found.at, waiting, next);
+        if (lower) meet_leaf(tree.leaves[~next], ray, found);
+    } while (take(waiting, found.at, next));
     return found;
 }
 

@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from sim.form_factors import form_factors
 from sim.form_factors.sampled import RaySample, sampled_form_factors
 from sim.geometry.mesh import Mesh
 from sim.light.radiosity import Radiosity
-from sim.light.sampled_light import sampled_light
+from sim.light.sampled_light import received, sampled_light
 from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.scenes.gridded import paper_room, room_with_box
 from sim.scenes.meshes import grid_of_quad, integrating_sphere
@@ -28,7 +29,7 @@ def restored():
 
 
 def sampled(surface, rays, seed=0):
-    sample = RaySample(surface, seed)
+    sample = RaySample(surface=surface, seed=seed)
     sample.lengthen(rays)
     return sampled_form_factors(sample)
 
@@ -114,7 +115,7 @@ def test_four_times_the_rays_halve_the_error_at_least():
 def test_the_halves_tell_the_error_within_a_factor_of_two():
     room = paper_room(patch_size_m=0.4)
     light = room.centres[:, 2]
-    sample = RaySample(room)
+    sample = RaySample(surface=room)
     sample.lengthen(128)
     halves = sample.halves(light)
     actual = np.sqrt(((halves.mean - form_factors(room).apply(light)) ** 2).mean())
@@ -123,7 +124,7 @@ def test_the_halves_tell_the_error_within_a_factor_of_two():
 
 def test_a_longer_sample_goes_on_where_the_shorter_one_ended():
     surface = corner_with_ball(400)
-    grown, at_once = RaySample(surface), RaySample(surface)
+    grown, at_once = RaySample(surface=surface), RaySample(surface=surface)
     grown.lengthen(32)
     grown.lengthen(np.where(np.arange(surface.n_patches) % 2, 128, 32))
     grown.lengthen(128)
@@ -142,6 +143,29 @@ def test_threads_and_instruction_sets_change_no_bit(restored):
             assert (hits(surface) == expected).all()
 
 
+@pytest.mark.parametrize("rays", [1, 7, 8, 24, 65, 300])
+def test_any_number_of_rays_has_the_same_bits_on_every_instruction_set(rays, restored):
+    surface, values = random_corner(1, 300), np.random.default_rng(0).uniform(size=300 * 4)
+    tree, rows = _kernel.RayTree(np.ascontiguousarray(surface.vertices)), np.arange(surface.n_patches)
+    found = []
+    for instructions in _kernel.instruction_sets():
+        _kernel.set_instruction_set(instructions)
+        met, means = hits(surface, rays), np.empty((surface.n_patches, 3))
+        tree.moments(rows, 0, 0, met=met, values=values[: surface.n_patches], means=means)
+        found.append((met, means))
+    for met, means in found:
+        assert (met == found[0][0]).all()
+        assert means.tobytes() == found[0][1].tobytes()
+
+
+def test_rays_leave_by_the_cosine_and_evenly():
+    # Under half a dome, a floor sees as much of each part as it has of the projected disc.
+    floor = mesh_of([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[-1, -1, 1], [-1, 1, 1], [1, 1, 1], [1, -1, 1]])
+    share = (hits(floor, 1 << 14) == 1)[0].mean()
+    # Squares of side a at a distance of a / 2: Howell, C-11.
+    assert share == pytest.approx(0.415253, abs=5e-4)
+
+
 def test_another_seed_sends_other_rays():
     surface = corner_with_ball(400)
     assert (hits(surface, seed=1) != hits(surface, seed=2)).mean() > 0.3
@@ -151,7 +175,7 @@ def test_what_is_met_from_behind_takes_the_light_away():
     floor = grid_of_quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], 2, 2)
     lid_facing_up = grid_of_quad([[-9, -9, 0.1], [9, -9, 0.1], [9, 9, 0.1], [-9, 9, 0.1]], 1, 1)
     surface = Mesh(name="lid", vertices=np.concatenate([floor, lid_facing_up]), reflectance=np.full(5, 0.5))
-    sample = RaySample(surface)
+    sample = RaySample(surface=surface)
     sample.lengthen(64)
     assert sample.met_behind[:4] == pytest.approx(1.0, abs=0.05)
     assert sampled_form_factors(sample).row_sums[:4] == pytest.approx(0.0)
@@ -179,6 +203,93 @@ def test_rays_are_sent_until_the_light_is_as_exact_as_wanted():
         assert found.error <= error
 
 
+def spot(surface):
+    """Emission that falls off about one patch: light that is far from even."""
+    size_m = np.ptp(surface.vertices.reshape(-1, 3), axis=0).max()
+    squared_m2 = ((surface.centres - surface.centres[surface.n_patches // 3]) ** 2).sum(axis=1)
+    return surface.reflectance * np.exp(-squared_m2 / (0.02 * size_m**2))
+
+
+SPOTTED = [corner_with_ball(600), random_corner(1, 800), room_with_box(), paper_room()]
+
+
+@pytest.mark.parametrize("surface", SPOTTED, ids=["ball", "random", "box", "paper"])
+def test_the_mean_of_own_rays_and_reciprocal_factors_is_better_than_either_and_tells_its_error(surface):
+    E, rho = spot(surface), surface.reflectance
+    weights = surface.areas * rho**2
+    many = RaySample(surface=surface, seed=99)
+    many.lengthen(4096)
+    own, reciprocal, both, told = [], [], [], []
+    for seed in range(4):
+        sample = RaySample(surface=surface, seed=seed)
+        sample.lengthen(64)
+        factors = sampled_form_factors(sample)
+        B = Radiosity(factors, rho).solve(E)
+        truth, found = many.halves(B).mean, received(sample, factors, B, weights)
+        for errors, H in (
+            (own, sample.halves(B).mean),
+            (reciprocal, factors.apply(B)),
+            (both, found.H),
+        ):
+            errors.append(weights @ (H - truth) ** 2)
+        told.append(weights @ found.variance)
+    assert np.mean(both) < 0.9 * np.mean(own)
+    assert np.mean(both) < np.mean(reciprocal)
+    assert 0.9 < np.sqrt(np.mean(told) / np.mean(both)) < 1.5
+
+
+def test_a_reciprocal_that_is_much_noisier_than_own_rays_hardly_counts():
+    surface = corner_with_ball(600)
+    E, rho = spot(surface), surface.reflectance
+    sample = RaySample(surface=surface)
+    sample.lengthen(64)
+    factors = sampled_form_factors(sample)
+    # Every entry off by nine tenths of itself: their sums hardly tell.
+    K = factors.exchange_areas.copy()
+    K.data *= 1 + 0.9 * np.random.default_rng(0).choice([-1.0, 1.0], K.nnz)
+    weights = surface.areas * rho**2
+    B = Radiosity(factors, rho).solve(E)
+    good, spoilt = (received(sample, f, B, weights) for f in (factors, replace(factors, exchange_areas=K)))
+    assert spoilt.share < good.share
+    assert weights @ good.variance < weights @ spoilt.variance <= weights @ spoilt.own_variance
+
+
+def test_the_estimate_of_light_by_rays_is_honest_over_scenes_lights_and_seeds():
+    shares = []
+    for surface in (corner_with_ball(600), random_corner(5, 800), room_with_box()):
+        for E in (surface.reflectance, spot(surface)):
+            truth = sampled_light(surface, E, surface.reflectance, error=5e-4, seed=9).B
+            for seed in range(3):
+                found = sampled_light(surface, E, surface.reflectance, error=0.008, seed=seed)
+                squared = (surface.areas * (found.B - truth) ** 2).sum() / surface.areas.sum()
+                shares.append(np.sqrt(squared) / found.error)
+    assert max(shares) < 1.15
+    assert 0.6 < np.mean(shares) < 1
+
+
+def test_a_room_that_traps_its_light_keeps_it_however_few_rays():
+    room = room_with_box()
+    truth = sampled_light(room, room.reflectance, room.reflectance, error=1e-3, seed=9).B
+    sample = RaySample(surface=room)
+    sample.lengthen(32)
+    B = Radiosity(sampled_form_factors(sample), room.reflectance).solve(room.reflectance)
+    assert room.areas @ B == pytest.approx(room.areas @ truth, rel=2e-3)
+
+
+def test_moments_are_of_the_places_where_rays_begin():
+    # Over a floor that alone is lit, from above: half of the light lies on the lit side.
+    lid = np.array([[0, 0, 0.1], [0, 1, 0.1], [1, 1, 0.1], [1, 0, 0.1]], dtype=float)
+    halves = grid_of_quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], 2, 1)
+    surface = Mesh(name="lid", vertices=np.concatenate([lid[None], halves]), reflectance=np.full(3, 0.5))
+    sample = RaySample(surface=surface)
+    sample.lengthen(1024)
+    lit = np.array([0.0, 1.0, 0.0])
+    towards = surface.centres[1] - surface.centres[2]
+    moment = sample.moment_halves(lit).mean[0]
+    assert moment @ towards > 0.5 * 0.25 * 0.45 * np.linalg.norm(towards)
+    assert abs(moment[2]) < 1e-6
+
+
 def test_rows_that_matter_little_get_few_rays():
     surface = corner_with_ball(500)
     black = np.where(np.arange(surface.n_patches) < 100, 0.0, 0.7)
@@ -189,7 +300,7 @@ def test_rows_that_matter_little_get_few_rays():
 @pytest.mark.parametrize("rays", [0, 8, 100, 1 << 21])
 def test_odd_numbers_of_rays_are_refused(rays):
     with pytest.raises(SimulationError, match="power of 2"):
-        RaySample(paper_room()).lengthen(rays)
+        RaySample(surface=paper_room()).lengthen(rays)
 
 
 def test_rays_with_another_visibility_are_refused():
@@ -199,7 +310,7 @@ def test_rays_with_another_visibility_are_refused():
 
 def test_a_sample_without_rays_has_no_factors():
     with pytest.raises(SimulationError, match="without rays"):
-        sampled_form_factors(RaySample(paper_room()))
+        sampled_form_factors(RaySample(surface=paper_room()))
 
 
 INTERRUPTED = """
@@ -213,7 +324,7 @@ from sim.scenes.cluttered import corner_with_ball
 from sim.form_factors.sampled import RaySample
 
 scene = corner_with_ball(2144)
-work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(scene).lengthen(1 << 18)}[sys.argv[1]]
+work = {"exact": lambda: form_factors(scene), "rays": lambda: RaySample(surface=scene).lengthen(1 << 18)}[sys.argv[1]]
 sent = []
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs begin with it ignored
 def send():

@@ -18,7 +18,8 @@ from sim.planning.gloss import (
 )
 from sim.planning.gloss_effect import gloss_effect
 from sim.planning.plan import plan
-from sim.planning.simulation import simulate
+from sim.planning.simulation import Model, simulate
+from sim.scenes.cluttered import random_corner
 from sim.scenes.gridded import furnace, room
 
 ROOM = room((3.0, 3.0, 2.0), 0.5, 0.5)
@@ -93,9 +94,32 @@ def test_in_even_light_a_narrow_lobe_is_as_good_as_matte_patches():
 
 def test_other_rays_on_finer_cells_agree_within_the_plans_tolerance():
     found, made = glossy(ROOM, Gloss.of(ROOM, 0.3, 0.3), tolerance=3.0)
-    check = refined_gloss_check(found, made.light, made.model)
+    check = refined_gloss_check(found, made.light, made.model, 4 * made.patches)
     assert check.patches == 4 * made.patches
     assert 0.001 < check.rms < 0.03
+
+
+def test_sixteenths_show_what_quarters_hide_where_they_fit():
+    found, made = glossy(ROOM, Gloss.of(ROOM, 0.3, 0.3), tolerance=8.0)
+    quarters, sixteenths = (
+        refined_gloss_check(found, made.light, made.model, times * made.patches) for times in (31, 32)
+    )
+    assert (quarters.patches, sixteenths.patches) == (4 * made.patches, 16 * made.patches)
+    assert 1.05 < sixteenths.rms / quarters.rms < 1.3
+
+
+def test_by_rays_quarters_whose_sixteenths_get_light_by_rays_find_what_sixteenths_do():
+    # Things that pierce each other: light steps within patches, of which quarters alone show half.
+    scene = random_corner(1, 300)
+    cells = coarsest_patches(scene)
+    light = make_test_lighting("uniform", cells)
+    model = Model(method="rays", visibility="rays", residual=1e-5, sampling=0.01)
+    found = glossy_simulation(simulate(cells, light, model), light, Gloss.of(cells, 0.1, 0.5))
+    fitting, not_fitting = (
+        refined_gloss_check(found, light, model, times * cells.n_patches, rays=16) for times in (16, 4)
+    )
+    assert (fitting.patches, not_fitting.patches) == (16 * cells.n_patches, 4 * cells.n_patches)
+    assert 0.95 < not_fitting.rms / fitting.rms < 1.25
 
 
 def test_cells_have_the_gloss_of_what_they_lie_on():

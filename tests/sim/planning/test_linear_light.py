@@ -47,7 +47,7 @@ def test_the_slope_that_rays_tell_is_that_of_exact_form_factors(floor):
     place = np.column_stack([np.ones(16), (pieces.centres - cells.centres[0])[:, :2]])
     weight = np.sqrt(pieces.areas)[:, None]
     expected = np.linalg.lstsq(weight * place, weight[:, 0] * exact, rcond=None)[0][1:]
-    sample = RaySample(cells)
+    sample = RaySample(surface=cells)
     sample.lengthen(1 << 15)
     found = linear_light(sample, cells, WALL_LIT, sample.halves(WALL_LIT).mean)
     assert found.slopes[0, :2] == pytest.approx(expected, abs=0.02 * np.abs(expected).max())

@@ -99,7 +99,7 @@ def test_a_furnace_of_mirrors_and_matte_walls_loses_only_what_walls_absorb():
 def test_sampled_factors_are_extended_too():
     scene = room((2.0, 2.0, 1.0), 0.5, 0.5)
     gloss = on_floor(scene, 0.4, 0.3)
-    sample = RaySample(scene)
+    sample = RaySample(surface=scene)
     sample.lengthen(1024)
     sparse = glossy_form_factors(scene, sampled_form_factors(sample), gloss, rays=1024)
     dense = glossy_form_factors(scene, form_factors(scene), gloss, rays=1024)
