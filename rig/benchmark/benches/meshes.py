@@ -34,7 +34,7 @@ ABOVE = 1e-4
 
 
 @dataclass(frozen=True)
-class _Truth:
+class Truth:
     """A scene in white light, and its radiosity by very many rays."""
 
     scene: Mesh
@@ -68,7 +68,7 @@ def run(size: Size, on_step: OnStep) -> Outcome:
 
 def _points(scene: Mesh, size: Size) -> list[Point]:
     reference = min(ERRORS[size]) / REFERENCE
-    truth = _Truth(scene, sampled_light(scene, scene.reflectance, scene.reflectance, error=reference, seed=1).B)
+    truth = Truth(scene, sampled_light(scene, scene.reflectance, scene.reflectance, error=reference, seed=1).B)
     points = [_by_rays(truth, error) for error in ERRORS[size]]
     if peers.present("embreex"):
         fitting = [rays for rays in PEER_RAYS[size] if rays * scene.n_patches <= MOST_PEER_RAYS]
@@ -76,7 +76,7 @@ def _points(scene: Mesh, size: Size) -> list[Point]:
     return points
 
 
-def _by_rays(truth: _Truth, error: float) -> Point:
+def _by_rays(truth: Truth, error: float) -> Point:
     scene = truth.scene
     started = time.perf_counter()
     light = sampled_light(scene, scene.reflectance, scene.reflectance, error=error)
@@ -98,9 +98,9 @@ def _by_rays(truth: _Truth, error: float) -> Point:
     )
 
 
-def _by_embree(truth: _Truth, rays: int) -> Point:
+def _by_embree(truth: Truth, rays: int) -> Point:
     started = time.perf_counter()
-    B = _embree_radiosity(truth.scene, rays)
+    B = embree_radiosity(truth.scene, rays)
     return Point(
         problem=truth.scene.name,
         method="embree and numpy",
@@ -112,7 +112,7 @@ def _by_embree(truth: _Truth, rays: int) -> Point:
     )
 
 
-def _embree_radiosity(scene: Mesh, rays: int) -> FloatArray:
+def embree_radiosity(scene: Mesh, rays: int) -> FloatArray:
     """White light by the plain method: cosine-weighted Sobol's rays, their hits averaged, bounce after bounce."""
     places, directions = _rays_of(scene, rays)
     met = peers.EmbreeTriangles(scene.vertices[:, :3]).first(places.reshape(-1, 3), directions.reshape(-1, 3))
