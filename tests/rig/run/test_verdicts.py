@@ -13,7 +13,7 @@ from rig.records import Verdict
 from rig.run.verdicts import geometry_verdicts, room_light_verdicts, verdicts
 from rig.stages.light.exposure import CameraExposure
 from rig.stages.light.unseen_walls import PlacedByLight
-from rig.stages.results import GeometryResult, ModelComparison, ModelResult
+from rig.stages.results import GeometryResult, ModelComparison, ModelErrors, ModelResult
 
 SIGMAS_M = {f"{device}_{axis}_m": 0.004 for device in ("camera", "projector", "room") for axis in "xyz"}
 SIGMAS_M |= {"relative_x_m": 0.001, "surface_x1_m": 0.004, "surface_floor_m": 0.003, "baseline_m": 0.001}
@@ -85,12 +85,36 @@ def test_a_floor_that_only_the_light_places_is_as_uncertain_as_any_other_place(
     """Of 0.06 m in a room of 4.8 m, one floor in ten is off by more than 2 %."""
     two_walls = replace(GEOMETRY, sigmas={key: one for key, one in SIGMAS_M.items() if key[-3:] != "z_m"})
     placed = PlacedByLight(axis="z", shift_m=0.1, projector_m=1.2, sigma_m=sigma_m, light_error=0.01)
-    model = cast("ModelResult", SimpleNamespace(placed=(placed,), global_rms=0.01, learned=None))
-    comparison = cast("ModelComparison", SimpleNamespace(rmse=2.0, bias=0.0, noise_rms=2.0))
-    rows = verdicts(two_walls, model, comparison, tiny_profile)
+    rows = verdicts(two_walls, model_of(placed), compared(), tiny_profile)
     guessed = next(row for row in rows if "no wall was measured" in row.what)
     assert guessed.met == met
     assert f"to {sigma_m} m along z only" in guessed.advice
+
+
+def model_of(*placed: PlacedByLight) -> ModelResult:
+    return cast("ModelResult", SimpleNamespace(placed=placed, global_rms=0.01, learned=None))
+
+
+def compared(**within_3_sigma: float) -> ModelComparison:
+    """Pictures that are off by little, of whose pixels so many are within their standard deviations."""
+    errors = ModelErrors(rmse=2.0, bias=0.0, within_3_sigma=0.98, noise_rms=2.0, sigma_rms=2.2)
+    shares = {"none": 0.98, "held-out-half": 0.98} | within_3_sigma
+    frames = {name: replace(errors, within_3_sigma=share) for name, share in shares.items()}
+    return ModelComparison(rmse=2.0, bias=0.0, within_3_sigma=0.98, noise_rms=2.0, sigma_rms=2.2, frames=frames)
+
+
+def test_a_picture_that_is_wrong_by_its_own_standard_deviations_is_outside_the_limits(tiny_profile: Profile) -> None:
+    def within(comparison: ModelComparison) -> Verdict:
+        rows = verdicts(GEOMETRY, model_of(), comparison, tiny_profile)
+        return next(row for row in rows if "within 3 sigma" in row.what)
+
+    assert within(compared()).met
+    # As a random world was: the others make up for it in the mean, and its rms stays below the limit.
+    spoilt = within(compared(**{"held-out-half": 0.71}))
+    assert not spoilt.met
+    assert (spoilt.value, spoilt.limit) == (0.71, 0.85)
+    assert "held-out-half" in spoilt.advice
+    assert "transport.photographs" in spoilt.advice
 
 
 def exposed(swell_percent: float, left_percent: float | None = None) -> CameraExposure:
