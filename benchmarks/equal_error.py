@@ -60,7 +60,7 @@ def compare(facets: int) -> None:
     def ours(fresh: Mesh, error: float) -> FloatArray:
         return sampled_light(fresh, white, white, error=error).B
 
-    truth = meshes.Truth(scene, sampled_light(scene, white, white, error=TRUE_ERROR, seed=OTHER_SEED).B)
+    truth = meshes.MeshTruth(scene, sampled_light(scene, white, white, error=TRUE_ERROR, seed=OTHER_SEED).B)
     for rays in RAYS:
         peer_s, peer = least_s(partial(meshes.embree_radiosity, rays=rays), scene, 3)
         wanted = truth.error(peer)

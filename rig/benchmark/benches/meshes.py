@@ -34,7 +34,7 @@ ABOVE = 1e-4
 
 
 @dataclass(frozen=True)
-class Truth:
+class MeshTruth:
     """A scene in white light, and its radiosity by very many rays."""
 
     scene: Mesh
@@ -68,7 +68,7 @@ def run(size: Size, on_step: OnStep) -> Outcome:
 
 def _points(scene: Mesh, size: Size) -> list[Point]:
     reference = min(ERRORS[size]) / REFERENCE
-    truth = Truth(scene, sampled_light(scene, scene.reflectance, scene.reflectance, error=reference, seed=1).B)
+    truth = MeshTruth(scene, sampled_light(scene, scene.reflectance, scene.reflectance, error=reference, seed=1).B)
     points = [_by_rays(truth, error) for error in ERRORS[size]]
     if peers.present("embreex"):
         fitting = [rays for rays in PEER_RAYS[size] if rays * scene.n_patches <= MOST_PEER_RAYS]
@@ -76,7 +76,7 @@ def _points(scene: Mesh, size: Size) -> list[Point]:
     return points
 
 
-def _by_rays(truth: Truth, error: float) -> Point:
+def _by_rays(truth: MeshTruth, error: float) -> Point:
     scene = truth.scene
     started = time.perf_counter()
     light = sampled_light(scene, scene.reflectance, scene.reflectance, error=error)
@@ -98,7 +98,7 @@ def _by_rays(truth: Truth, error: float) -> Point:
     )
 
 
-def _by_embree(truth: Truth, rays: int) -> Point:
+def _by_embree(truth: MeshTruth, rays: int) -> Point:
     started = time.perf_counter()
     B = embree_radiosity(truth.scene, rays)
     return Point(
