@@ -63,6 +63,11 @@ class BundleSolution(PlanarScene):
         return float((self.label >= 0).mean())
 
     @property
+    def left_over(self) -> float:
+        """Squares left over a point that was used, priors included."""
+        return float(self.fit.cost) / len(self.used)
+
+    @property
     def share_on_axes(self) -> float:
         """Share of the points on planes perpendicular to an axis of the room."""
         on_axis = np.append(self.axes.of_plane >= 0, False)

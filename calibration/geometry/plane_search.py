@@ -282,19 +282,14 @@ def _likeliest(fits: Sequence[BundleSolution], right_angles: bool) -> BundleSolu
     """Of fits that explain nearly as many points as the best, the one with least left over, priors included."""
     most = max((_merit(fit, right_angles) for fit in fits), default=0.0)
     able = [fit for fit in fits if _merit(fit, right_angles) >= _BETTER * most]
-    return min(able, key=_left_over, default=None)
+    return min(able, key=lambda fit: fit.left_over, default=None)
 
 
 def _finer(fits: Sequence[BundleSolution], squarest: BundleSolution) -> BundleSolution | None:
     """Of fits that explain as many points as the squarest one, that with least left over, where it is much less."""
     able = [fit for fit in fits if fit.share >= _BETTER * squarest.share and _axes_count(fit) > 1]
-    finest = min(able, key=_left_over, default=squarest)
-    return finest if _left_over(finest) < _MUCH_LESS * _left_over(squarest) else None
-
-
-def _left_over(fit: BundleSolution) -> float:
-    """Squares left over a point, priors included."""
-    return float(fit.fit.cost) / len(fit.used)
+    finest = min(able, key=lambda fit: fit.left_over, default=squarest)
+    return finest if finest.left_over < _MUCH_LESS * squarest.left_over else None
 
 
 def _axes_count(fit: BundleSolution) -> int:

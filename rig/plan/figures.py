@@ -85,9 +85,8 @@ def _picture_dots(axes: Axes, computed: ComputedPlan, view: ProjectorView, colou
     kept = view.lit & (np.arange(view.lens.n_pixels) % 7 == 0)
     points = view.points_m
     axes.plot(*points[kept][:, :2].T, ".", color=colour, ms=2, alpha=0.25, mew=0)
-    floor_m = float(view.surface.vertices[:, :, 2].min())
     for person in people_of(computed.request, computed.lit):
-        shadow = kept & meets_person(view, person, floor_m)[1]
+        shadow = kept & meets_person(view, person, computed.lit.floor_m)[1]
         axes.plot(*points[shadow][:, :2].T, ".", color=_PERSON, ms=2.4, mew=0)
 
 
@@ -123,9 +122,8 @@ def _draw_light(axes: Axes3D, computed: ComputedPlan, colours: FloatArray, eleva
         for corner in rim[::_RIM]:
             axes.plot(*np.stack([lens, corner]).T, color="#35c0ff", lw=0.7, ls="--", zorder=9)
         axes.scatter(*lens, color=colour_of(lit, view), s=42, marker="s", zorder=11, depthshade=False)
-    floor_m = float(surface.vertices[:, :, 2].min())
     for person in people_of(computed.request, computed.lit):
-        foot = np.array([*person.at_m, floor_m])
+        foot = np.array([*person.at_m, lit.floor_m])
         axes.plot(
             *np.stack([foot, foot + np.array([0.0, 0.0, person.height_m])]).T, color=_PERSON, lw=5, alpha=0.8, zorder=10
         )

@@ -55,6 +55,11 @@ class LitRoom:
         return self.joined.views
 
     @property
+    def floor_m(self) -> float:
+        """How high the floor lies [m]."""
+        return float(self.room.surface.vertices[:, :, 2].min())
+
+    @property
     def n_pixels(self) -> int:
         """Of all pictures together."""
         return len(self.joined.scale)

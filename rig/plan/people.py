@@ -32,7 +32,7 @@ def people_of(request: PlanRequest, lit: LitRoom) -> tuple[PlannedPerson, ...]:
     UsageError
         For a viewer who stands and whose eyes are where no person's are.
     """
-    floor_m = floor_of(lit)
+    floor_m = lit.floor_m
     standing = tuple(_standing(one, floor_m) for one in request.viewer if one.stands)
     return (*request.person, *standing)
 
@@ -48,11 +48,6 @@ def _standing(viewer: PlannedViewer, floor_m: float) -> PlannedPerson:
         ) from error
 
 
-def floor_of(lit: LitRoom) -> float:
-    """Return how high the floor lies. [m]."""
-    return float(lit.room.surface.vertices[:, :, 2].min())
-
-
 def shadow_of(lit: LitRoom, person: PlannedPerson) -> ShadowOf:
     """Return the shadow of somebody who stands in the room.
 
@@ -61,7 +56,7 @@ def shadow_of(lit: LitRoom, person: PlannedPerson) -> ShadowOf:
     UsageError
         For a person outside of the room, or around a projector.
     """
-    floor_m = floor_of(lit)
+    floor_m = lit.floor_m
     _check_place(lit, person, floor_m)
     met = [meets_person(view, person, floor_m) for view in lit.views]
     height_m, is_met = (np.concatenate(parts) for parts in zip(*met, strict=True))

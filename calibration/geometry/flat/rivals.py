@@ -106,5 +106,4 @@ def _kept(some: Iterable[BundleSolution], tried: list[BundleSolution]) -> Iterat
 
 def _unexplained(bundle: BundleSolution) -> float:
     """What a fit leaves over, priors included, of a point; a point that no plane explains counts as one pixel."""
-    own = bundle.fit.cost / len(bundle.used)
-    return bundle.share * own + (1 - bundle.share)
+    return bundle.share * bundle.left_over + (1 - bundle.share)
