@@ -46,6 +46,8 @@ _MOST_PACKETS = 1024
 _SOCKET_BYTES = 4 << 20
 """Several frames: the device's threads do not wait for the kernel."""
 _PORT_FREE = 4
+_LOOK_AGAIN_S = 0.02
+"""A device is known some 0.4 s after it was plugged in; by default it sleeps two seconds later."""
 _JOIN_TIMEOUT_S = 30.0
 """Longer than any exposure that a thread may still wait for."""
 
@@ -72,6 +74,10 @@ class Attachment:
     def alive(self) -> bool:
         """Whether the host still has the device."""
         return self._server.is_alive()
+
+    def wait(self, longest_s: float) -> None:
+        """Wait until the host has let go, or so long."""
+        self._server.join(longest_s)
 
     def unplug(self) -> None:
         """Pull the cable; any number of times. The device's threads have ended when this returns."""
@@ -192,8 +198,25 @@ def attach(device: UsbDevice, *, port: int | None = None) -> Attachment:
                 end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _SOCKET_BYTES)
             if _connect(number, theirs, device.speed):
                 undo.pop_all()
-                return Attachment(device, ours, number)
+                attachment = Attachment(device, ours, number)
+                threading.Thread(target=_keep_awake, args=(attachment, number), name=f"usb port {number} awake").start()
+                return attachment
     raise DeviceError(f"no free USB port in {CONTROLLER}: unplug another emulated device")
+
+
+def _keep_awake(attachment: Attachment, port: int) -> None:
+    """Tell the kernel, as soon as it knows the device, never to put it to sleep.
+
+    vhci-hcd keeps one note for all its ports of which port wakes up (Linux 6.1): while another device is plugged in or
+    out the note gets lost, and the device that was to wake up is taken for a new one. A thread of its own, because the
+    kernel takes the word only when the device has answered all that a new one is asked.
+    """
+    while attachment.alive:
+        for delay in CONTROLLER.glob(f"usb*/*-{port + 1}/power/autosuspend_delay_ms"):
+            with suppress(OSError):  # it has gone meanwhile
+                delay.write_text("-1")
+                return
+        attachment.wait(_LOOK_AGAIN_S)
 
 
 def serve(device: UsbDevice, link: socket.socket) -> Attachment:

@@ -126,6 +126,19 @@ def test_libusb_sees_the_camera_and_its_strings(every_format: Plugged) -> None:
     usb.util.dispose_resources(device)
 
 
+def test_a_camera_stays_where_it_is_while_others_come_and_go(plug: Callable[..., Plugged]) -> None:
+    """The kernel would put it to sleep, and its emulated controller loses devices that wake up beside others."""
+    node = plug(serial="STAYS1").node
+    device = (NODES / node.name / "device/..").resolve()
+    wait_until(lambda: (device / "power/autosuspend_delay_ms").read_text().strip() == "-1", "being kept awake")
+    number = (device / "devnum").read_text()
+    for _ in range(4):
+        plug(serial="PASSING1").unplug()
+        with node.open("rb"):
+            assert (device / "devnum").read_text() == number
+    assert (device / "power/runtime_status").read_text().strip() == "active"
+
+
 def test_an_occupied_port_is_named(every_format: Plugged) -> None:
     with pytest.raises(DeviceError, match="port"):
         attach(UvcCamera(source=PatternSource()), port=every_format.attachment.port)
