@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.files.photographs import PHOTOGRAPHS, photograph
-from rig.paper.figures import PaperImages, write_paper_figures
 from rig.paper.published import claimed, exceptions, published_effects, sensitivity_remark
 from rig.paper.records import (
     ConfigurationResult,
     Ends,
     MeanError,
+    PaperImages,
     PaperResult,
     PoseErrors,
     PublishedFigures,
@@ -187,6 +187,8 @@ def run_paper(figures_dir: Path | None = None, on_step: OnStep = silent) -> Pape
     sensitivity = _sensitivity(factors[True])
     written = None
     if figures_dir is not None:
+        from rig.paper.figures import write_paper_figures  # here: a sweep's workers draw nothing
+
         on_step("figures", total - 1, total)
         written = tuple(str(path) for path in write_paper_figures(results, images, figures_dir))
     on_step("done", total, total)

@@ -11,30 +11,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rig.paper.records import ConfigurationResult, MeanError, PictureScores, PublishedFigures
+from rig.paper.records import ConfigurationResult, MeanError, PaperImages, PictureScores, PublishedFigures
 
 FloatArray = NDArray[np.float64]
 
 OURS, PUBLISHED = "#2b6cb0", "#c8c8c8"
 STRATEGY_TITLES = {"paper": "paper", "exact": "exact", "bounded": "bounded"}
 DPI = 130
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class PaperImages:
-    """What one configuration shows; (H, W) grey levels of 255."""
-
-    name: str
-    title: str
-    desired: FloatArray
-    uncompensated: FloatArray
-    """Seen when the desired image itself is projected."""
-    projected: Mapping[str, FloatArray]
-    """Projector image by strategy."""
-    visible: Mapping[str, FloatArray]
-    """Camera image by strategy."""
-    once_reflected_share: FloatArray
-    """When white is projected; share in [0, 1]."""
 
 
 def write_paper_figures(

@@ -5,9 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.files.photographs import Photograph
 from rig.records import Record
 from sim.light.criteria import Spread
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -149,3 +154,20 @@ class PaperResult(Record):
     sensitivity_remark: str
     figures: tuple[str, ...] | None = None
     """Paths of the pictures that were written."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class PaperImages:
+    """What one configuration shows; (H, W) grey levels of 255."""
+
+    name: str
+    title: str
+    desired: FloatArray
+    uncompensated: FloatArray
+    """Seen when the desired image itself is projected."""
+    projected: Mapping[str, FloatArray]
+    """Projector image by strategy."""
+    visible: Mapping[str, FloatArray]
+    """Camera image by strategy."""
+    once_reflected_share: FloatArray
+    """When white is projected; share in [0, 1]."""

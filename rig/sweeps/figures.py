@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -43,7 +44,8 @@ def charts_of(columns: Columns, wishes: StudyPage) -> list[SweepChart]:
     shown = islice(known, len(wishes.figures) or _MOST_FIGURES)
     against = wishes.against or columns.varied()[:_MOST_PARAMETERS]
     places = {name: _places(columns.inputs[name]) for name in against}
-    return [_chart(name, values, places) for name, values in shown] if places else []
+    panels = _Panels(places) if places else None
+    return [panels.chart(name, values) for name, values in shown] if panels else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,35 +78,49 @@ def _word(cell: object) -> str:
     return f"{cell:g}" if isinstance(cell, float | int) and not isinstance(cell, bool) else str(cell)
 
 
-def _chart(name: str, values: FloatArray, places: Mapping[str, _Places]) -> SweepChart:
-    figure = Figure(figsize=(3.6 * len(places), 3.0))
-    # By hand: a layout engine draws every figure several times, 3 % of what a thousand points take.
-    width = figure.get_figwidth()
-    figure.subplots_adjust(left=0.75 / width, right=1 - 0.1 / width, bottom=0.17, top=0.97, wspace=0.08)
-    panels = figure.subplots(1, len(places), sharey=True, squeeze=False)[0]
-    for axes, (parameter, place) in zip(panels, places.items(), strict=True):
-        _panel(axes, values, place)
-        axes.set_xlabel(parameter, fontsize=9, color=_SOFT)
-    panels[0].set_ylabel(name, fontsize=9, color=_SOFT)
-    known = int(np.isfinite(values).sum())
-    text = f"{known} points: dots (at most {_DOTS}), median, and the band between the 10 % and the 90 % quantile."
-    return SweepChart(title=name, text=text, src=png_figure(figure, tight=False))
+class _Panels:
+    """A panel a parameter side by side, made once: most of what a chart takes are its axes, and they stay."""
+
+    def __init__(self, places: Mapping[str, _Places]):
+        self._places = places
+        self._figure = Figure(figsize=(3.6 * len(places), 3.0))
+        # By hand: a layout engine draws every figure several times, 3 % of what a thousand points take.
+        width = self._figure.get_figwidth()
+        self._figure.subplots_adjust(left=0.75 / width, right=1 - 0.1 / width, bottom=0.17, top=0.97, wspace=0.08)
+        self._axes = self._figure.subplots(1, len(places), sharey=True, squeeze=False)[0]
+        for axes, (parameter, place) in zip(self._axes, places.items(), strict=True):
+            axes.set_xlabel(parameter, fontsize=9, color=_SOFT)
+            if place.words:
+                axes.set_xticks(place.middles, place.words, fontsize=8)
+            axes.tick_params(labelsize=8, colors=_INK)
+            axes.spines[["top", "right"]].set_visible(False)
+
+    def chart(self, name: str, values: FloatArray) -> SweepChart:
+        """Draw one figure."""
+        self._axes[0].set_ylabel(name, fontsize=9, color=_SOFT)
+        pairs = zip(self._axes, self._places.values(), strict=True)
+        drawn = [artist for axes, place in pairs for artist in _drawn(axes, values, place)]
+        known = int(np.isfinite(values).sum())
+        text = f"{known} points: dots (at most {_DOTS}), median, and the band between the 10 % and the 90 % quantile."
+        src = png_figure(self._figure, tight=False)
+        for artist in drawn:
+            artist.remove()
+        for axes in self._axes:
+            axes.relim()
+        return SweepChart(title=name, text=text, src=src)
 
 
-def _panel(axes: Axes, values: FloatArray, place: _Places) -> None:
+def _drawn(axes: Axes, values: FloatArray, place: _Places) -> list[Artist]:
     known = np.flatnonzero(np.isfinite(values))
     few = known[:: max(len(known) // _DOTS, 1)]
     spread = np.linspace(-0.25, 0.25, len(few))[np.argsort(np.argsort(few * 7919 % max(len(values), 1)))]
     at = place.at[few] + (spread if place.words else 0)
-    axes.plot(at, values[few], ".", markersize=1.5, color=_SOFT, alpha=0.35, rasterized=True)
+    drawn: list[Artist] = [*axes.plot(at, values[few], ".", markersize=1.5, color=_SOFT, alpha=0.35, rasterized=True)]
     there = [k for k in range(len(place.middles)) if np.any(place.part[known] == k)]
     bands = [np.quantile(values[known][place.part[known] == k], (0.1, 0.5, 0.9)) for k in there]
     if bands:
         low, median, high = np.transpose(bands)
         middles = place.middles[there]
-        axes.fill_between(middles, low, high, color=_BLUE, alpha=0.18, linewidth=0)
-        axes.plot(middles, median, "o-", color=_BLUE, markersize=3, linewidth=1.4)
-    if place.words:
-        axes.set_xticks(place.middles, place.words, fontsize=8)
-    axes.tick_params(labelsize=8, colors=_INK)
-    axes.spines[["top", "right"]].set_visible(False)
+        drawn.append(axes.fill_between(middles, low, high, color=_BLUE, alpha=0.18, linewidth=0))
+        drawn += axes.plot(middles, median, "o-", color=_BLUE, markersize=3, linewidth=1.4)
+    return drawn

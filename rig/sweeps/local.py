@@ -10,7 +10,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from multiprocessing.connection import wait
 from types import ModuleType
@@ -77,6 +77,7 @@ class _Worker:
         self._lock = threading.RLock()
         self._calls: deque[_Call] = deque()
         self._pool = _pool()
+        self._started: ProcessPoolExecutor | None = None
         self._ended = False
 
     def waiting(self) -> int:
@@ -94,8 +95,10 @@ class _Worker:
     def _give(self, call: _Call) -> None:
         pool = self._pool
         try:
-            with _fresh_start():
+            # Its process starts with its first call, and is the same from then on.
+            with nullcontext() if pool is self._started else _fresh_start():
                 inner = pool.submit(call.run)
+            self._started = pool
         except BrokenExecutor:  # it died since its last answer; its calls learn of it here
             self._replace(pool)
             return
