@@ -102,5 +102,5 @@ def _keep(name: str, *, has_more: bool, as_json: bool) -> int:
     with TerminalProgress() as progress, StatusLine() as status:
         result = keep_show(name, progress, status)
     shown = f"{result.seconds_shown:.0f} s shown in {result.runs} runs, {result.failures} failures"
-    print_json(result) if as_json else print(f"{shown}; ended by {result.ended_by}")
-    return 0
+    print_json(result) if as_json else print(f"{shown}; ended by {result.signal or result.ended_by}")
+    return result.exit_status

@@ -11,6 +11,11 @@ _OF_SIGNALS = 128
 """Added to a signal's number, as shells do: 130 SIGINT, 143 SIGTERM, 129 SIGHUP."""
 
 
+def status_of_signal(name: str) -> int:
+    """Return the exit status of a program that a signal ended, such as 143 for ``"SIGTERM"``."""
+    return _OF_SIGNALS + Signals[name]
+
+
 class FullRecord(Record):
     """A record whose JSON says null for what is not known."""
 
@@ -115,7 +120,7 @@ class ShowResult(FullRecord):
     def exit_status(self) -> int:
         """What the command line ends with: 128 + the signal that ended it, the failed source's, else 0."""
         if self.signal is not None:
-            return _OF_SIGNALS + Signals[self.signal]
+            return status_of_signal(self.signal)
         return 0 if self.failure is None else self.failure.exit_status
 
     def as_json(self) -> JsonObject:

@@ -10,6 +10,7 @@ from typing import Protocol
 
 from rig.devices.protocols import Clock
 from rig.errors import RigError
+from rig.live.results import status_of_signal
 from rig.records import Record
 from rig.shows.timetable import Timetable
 
@@ -63,6 +64,13 @@ class KeptShow(Record):
     ended_by: str
     """quit, signal, or what only a person can put right."""
     last_failures: tuple[str, ...]
+    signal: str | None = None
+    """Name of the one that ended it, such as SIGTERM."""
+
+    @property
+    def exit_status(self) -> int:
+        """What the command line ends with: 128 + the signal that ended it, else 0."""
+        return 0 if self.signal is None else status_of_signal(self.signal)
 
 
 @dataclass(slots=True, kw_only=True)

@@ -95,7 +95,7 @@ def keep_show(
             operator=operator,
             on_status=on_status,
         )
-        return keeper.keep()
+        return replace(keeper.keep(), signal=signals.name or None)
 
 
 def _keeper(

@@ -33,6 +33,9 @@ class EndSignals:
     ) -> None:
         for number, handler in self._before.items():
             signal.signal(number, handler)
+        outer = getattr(self._before.get(signal.SIGINT), "__self__", None)
+        if isinstance(outer, EndSignals) and outer.received is None:
+            outer.received = self.received  # who asked this listener to end asked the process, and so the outer one
 
     @property
     def name(self) -> str:

@@ -37,6 +37,8 @@ PROGRAMS = {
     "depmod": "kmod",
     "v4l2-ctl": "v4l-utils",
     "lsusb": "usbutils",
+    "systemctl": "systemd",
+    "pgrep": "procps",
     "Xvfb": "xvfb",
     "Xorg": "xserver-xorg-core xserver-xorg-video-dummy",
     "xrandr": "x11-xserver-utils",
@@ -101,6 +103,7 @@ SUITES = (
     Suite("live", (f"{LAB}/guest/test_live.py",)),
     Suite("uvc-rig", (f"{LAB}/guest/test_uvc_rig.py",)),
     Suite("usb", (f"{LAB}/guest/test_usb.py {LAB}/guest/test_devices_verb.py",)),
+    Suite("systemd", (f"{LAB}/guest/test_systemd.py",)),
     Suite(
         "windows",
         (f"{LAB}/host {PATIENT}", f"tests/contract/test_projector.py tests/contract/test_rig.py {PATIENT}"),

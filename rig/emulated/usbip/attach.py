@@ -207,7 +207,7 @@ def attach(device: UsbDevice, *, port: int | None = None) -> Attachment:
 def _keep_awake(attachment: Attachment, port: int) -> None:
     """Tell the kernel, as soon as it knows the device, never to put it to sleep.
 
-    vhci-hcd keeps one note for all its ports of which port wakes up (Linux 6.1): while another device is plugged in or
+    vhci-hcd keeps one note for all its ports of which port wakes up (Linux 6.12): while another device is plugged in or
     out the note gets lost, and the device that was to wake up is taken for a new one. A thread of its own, because the
     kernel takes the word only when the device has answered all that a new one is asked.
     """

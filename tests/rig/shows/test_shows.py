@@ -280,7 +280,7 @@ def test_a_saved_show_runs_until_a_signal_obeys_commands_and_writes_its_log(tmp_
             os.kill(os.getpid(), signal.SIGTERM)
 
     kept = keep_show(str(path), on_status=told)
-    assert kept.ended_by == "signal"
+    assert (kept.ended_by, kept.signal, kept.exit_status) == ("signal", "SIGTERM", 143)
     assert "BLACK" in lines[-1]
     assert "ended by signal" in (tmp_path / "show.log").read_text()
     assert json.loads((tmp_path / "show.lamp.json").read_text())["lit_s"] > 0
