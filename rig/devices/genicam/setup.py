@@ -104,12 +104,19 @@ def set_up(features: Features, wishes: GenicamWishes) -> list[Feature]:
 
 
 def _set_rate(features: Features, wishes: GenicamWishes) -> None:
-    """A triggered camera has the rate at which it is triggered."""
-    if wishes.options.trigger != "free" or not features.has("AcquisitionFrameRate"):
+    """A triggered camera has the rate at which it is triggered: with a limit it would be late, or ignore triggers."""
+    switch, rate, given = "AcquisitionFrameRateEnable", "AcquisitionFrameRate", wishes.options.features
+    if wishes.options.trigger == "free":
+        if features.has(rate):
+            if features.has(switch):
+                features.hold(Feature(switch, True))
+            features.hold(Feature(rate, wishes.frame_rate_hz))
         return
-    if features.has("AcquisitionFrameRateEnable"):
-        features.hold(Feature("AcquisitionFrameRateEnable", True))
-    features.hold(Feature("AcquisitionFrameRate", wishes.frame_rate_hz))
+    with suppress(SettingRefused):  # many take neither while they are triggered, and need none
+        if switch not in given and features.has(switch):
+            features.hold(Feature(switch, False))
+        if rate not in given and features.has(rate):
+            features.set_number(rate, features.bounds(rate)[1])
 
 
 def _trigger(features: Features, wishes: GenicamWishes) -> list[Feature]:

@@ -110,11 +110,14 @@ class GenicamStream:
         pointer = aravis().call("arv_stream_timeout_pop_buffer", self._pointer, int(wait_s * 1e6))
         return self._filled(pointer) if pointer else None
 
-    def drop_waiting(self) -> None:
-        """Give back what came before now."""
+    def drop_waiting(self) -> int:
+        """Give back what came before now, and return how many frames that were."""
+        dropped = 0
         while pointer := aravis().call("arv_stream_try_pop_buffer", self._pointer):
             self._filled(pointer)
             aravis().call("arv_stream_push_buffer", self._pointer, pointer)
+            dropped += 1
+        return dropped
 
     def forget_ids(self) -> None:
         """The camera was started again: it counts anew."""

@@ -80,12 +80,22 @@ def test_frames_that_run_freely_are_fresh(gige: GigeRig) -> None:
     camera.close()
 
 
-def test_a_wire_without_pulses_is_named(gige: GigeRig) -> None:
-    camera = camera_of(gige.profile, options={"trigger": "line"})
+def test_frames_come_with_the_pulses_of_a_wire_and_a_cut_wire_is_named(gige: GigeRig) -> None:
+    camera, clock = camera_of(gige.profile, options={"trigger": "line"}), SystemClock()
     camera.open()
-    with pytest.raises(CaptureTimeout, match="no pulse came on Line0"):
-        camera.capture(after_s=0.0, timeout_s=0.2)
-    camera.close()
+    camera.set_exposure(0.002)
+    after_s = clock.now_s() + 0.1
+    frames = [camera.capture(after_s=after_s, timeout_s=5.0) for _ in range(3)]
+    assert all(frame.started_s >= after_s for frame in frames)
+    gige.camera.faults.wire_is_cut = True
+    try:
+        camera.close()
+        camera.open()
+        with pytest.raises(CaptureTimeout, match="no pulse came on Line0"):
+            camera.capture(after_s=0.0, timeout_s=0.2)
+    finally:
+        gige.camera.faults.wire_is_cut = False
+        camera.close()
 
 
 @pytest.mark.parametrize(
