@@ -29,22 +29,14 @@ from rig.devices.genicam.setup import (
     set_up,
     transport_advice,
 )
-from rig.devices.genicam.stream import FilledBuffer, GenicamSearch, GenicamStream
+from rig.devices.genicam.stream import BUFFERS, ORDINARY_SOCKET, FilledBuffer, GenicamSearch, GenicamStream
+from rig.devices.genicam.triggers import ANSWER_S, SENT_ONCE_S, SILENCE_S, answer, is_quiet
+from rig.devices.genicam.usb import usb_advice
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure, check_mosaic
 from rig.devices.while_open import while_open
 from rig.errors import CaptureTimeout, DeviceBusy, SettingRefused
 
-_ANSWER_S = 1.0
-"""From a trigger to the frame, on top of its exposure: readout and transfer of any camera that this is for."""
-_GIVEN_UP = 0.5
-"""Of that: a frame that is stamped earlier by so much is of a trigger that was given up; quicker ones are answers."""
-_SENT_ONCE_S = 0.4
-"""A command that was answered sooner was sent once: Aravis sends it again after half a second."""
-_SILENCE_S = 2.0
-"""After a frame that nobody asked for, besides the exposure: if none followed for so long, none will."""
-_EARLY_SHARE = 0.9
-"""Of the exposure: a frame that arrives sooner after the trigger was exposed before it."""
 _QUEUED_PERIODS = 2
 """Frames that a camera that is not triggered may have begun or queued with the exposure before."""
 _STEP = 1e-5
@@ -162,6 +154,8 @@ class GenicamCamera:
             features = Features(device, self._name)
             held = set_up(features, wishes)
             packet_bytes = set_packets(camera, wishes) if is_gige else None
+            if is_gige and not self._options.packet_socket:
+                aravis().call("arv_camera_gv_set_stream_options", camera, ORDINARY_SOCKET)
             stream = GenicamStream(
                 camera, called("arv_camera_get_payload", camera, wishes.name), is_gige=is_gige, clock=self._clock
             )
@@ -179,7 +173,7 @@ class GenicamCamera:
                 undo=undo,
             )
             if self._left_waiting:  # the trigger may have been understood, and its frame be exposed now
-                opened.quiet_until_s = self._clock.now_s() + opened.exposure_s + _SILENCE_S
+                opened.quiet_until_s = self._clock.now_s() + opened.exposure_s + SILENCE_S
             called("arv_camera_start_acquisition", camera, wishes.name)
             opened.undo, self._opened = undo.pop_all(), opened
 
@@ -241,7 +235,7 @@ class GenicamCamera:
             self._check_control(opened)
             if seen.early:  # or its clock is not what was learned of it
                 opened.answers.forget()
-                due_s = self._clock.now_s() + opened.exposure_s + _ANSWER_S
+                due_s = self._clock.now_s() + opened.exposure_s + ANSWER_S
                 opened.quiet_until_s = max(opened.quiet_until_s, due_s)
             raise CaptureTimeout(
                 f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
@@ -258,16 +252,21 @@ class GenicamCamera:
 
     def _triggered(self, opened: OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
         """Trigger until a whole frame comes: each trigger has its one frame before the next is sent."""
-        while self._is_quiet(opened, after_s, until_s, seen):
+        while is_quiet(opened, self._clock, (after_s, until_s), seen):
             began_s, opened.is_waiting = self._clock.now_s(), True
             opened.features.do("TriggerSoftware")
             sent_s = self._clock.now_s()
-            if sent_s > began_s + _SENT_ONCE_S:  # then another frame may follow the first, and pass for the next one
-                opened.quiet_until_s = sent_s + opened.exposure_s + _SILENCE_S
-            filled = self._answer(opened, began_s, min(until_s, sent_s + opened.exposure_s + _ANSWER_S), seen)
-            if filled is None:
+            if sent_s > began_s + SENT_ONCE_S:  # then another frame may follow the first, and pass for the next one
+                opened.quiet_until_s = sent_s + opened.exposure_s + SILENCE_S
+            limit_s = min(until_s, sent_s + opened.exposure_s + ANSWER_S)
+            filled, doubted = answer(opened, self._clock, (began_s, limit_s), seen)
+            if doubted is not None:  # it was the answer, the quickest so far
+                opened.is_waiting = False
+                opened.answers.add(doubted, began_s, opened.exposure_s)
+            elif filled is None:
                 self._check_control(opened)
                 self._restart(opened, sent_s)
+            if filled is None:
                 continue
             opened.is_waiting = False
             device_s, frame = filled.device_s, self._looked_at(opened, filled, began_s, seen)
@@ -276,38 +275,12 @@ class GenicamCamera:
                 return frame
         return None
 
-    def _is_quiet(self, opened: OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> bool:
-        """Wait until a frame may be triggered, and none is on its way; False when there is no time for that."""
-        self._clock.wait_until_s(min(after_s, until_s))
-        while (now_s := self._clock.now_s()) < until_s:
-            dropped = opened.stream.drop_waiting()
-            if dropped:
-                seen.frames, seen.early = seen.frames + dropped, seen.early + dropped
-                opened.quiet_until_s = max(opened.quiet_until_s, now_s + opened.exposure_s + _SILENCE_S)
-            if now_s >= opened.quiet_until_s:
-                return True
-            self._clock.wait_until_s(min(opened.quiet_until_s, until_s))
-        return False
-
-    def _answer(
-        self, opened: OpenGenicam, began_s: float, limit_s: float, seen: GenicamSearch
-    ) -> FilledBuffer | None:
-        """Wait for the frame of a trigger, not for one that was exposed before it."""
-        while (filled := opened.stream.next(limit_s)) is not None:
-            early_s = opened.answers.early_s(filled.device_s, began_s, opened.exposure_s)
-            came_too_soon = filled.arrived_s < began_s + _EARLY_SHARE * opened.exposure_s
-            if early_s < _GIVEN_UP * _ANSWER_S and not came_too_soon:
-                return filled
-            seen.frames, seen.early = seen.frames + 1, seen.early + 1
-            opened.stream.give_back(filled)
-        return None
-
     def _restart(self, opened: OpenGenicam, sent_s: float) -> None:
         """A frame that was triggered and did not come may come still, and would pass for the next one.
 
         Its time stamp tells it where there is one to compare with; where there is none, it is waited for.
         """
-        due_s = sent_s + opened.exposure_s + _ANSWER_S * (1 if opened.answers.is_known else 2)
+        due_s = sent_s + opened.exposure_s + ANSWER_S * (1 if opened.answers.is_known else 2)
         opened.quiet_until_s = max(opened.quiet_until_s, due_s)
         called("arv_camera_stop_acquisition", opened.camera, self._name)
         called("arv_camera_start_acquisition", opened.camera, self._name)
@@ -363,8 +336,11 @@ class GenicamCamera:
     def advice(self) -> tuple[str, ...]:
         """Return what its transport lacks, a sentence each, with the setting to change; nothing when all is well."""
         opened = self._opened
-        if opened is None or opened.packet_bytes is None:
+        if opened is None:
             return ()
+        if opened.packet_bytes is None:
+            frame_bytes = self._format.least_bytes(self._shape[1], self._shape[0])
+            return usb_advice(self.device_id, BUFFERS * frame_bytes)
         return transport_advice(self.device_id, opened.packet_bytes, opened.stream.counters())
 
 

@@ -160,7 +160,7 @@ class EmulatedGigeCamera:
             (registers.TRIGGER_SOURCE, registers.SOFTWARE),
             *((address, registers.AUTO_ENTRIES["Continuous"]) for address in registers.AUTOMATICS.values()),
         ):
-            self._write(register, value)
+            self.write_register(register, value)
         aravis().call("arv_fake_camera_set_trigger_frequency", self._fake, _TRIGGERS_HZ)
         aravis().call("arv_fake_camera_set_fill_pattern", self._fake, ctypes.cast(self._fill, c_void_p), None)
         self.lose_packets(self.faults.lost_packets)
@@ -173,7 +173,7 @@ class EmulatedGigeCamera:
 
     def forget_heartbeat(self) -> None:
         """Behave as after the heartbeats of the program that controls it did not arrive: nobody controls it."""
-        self._write(0x0A00, 0)
+        self.write_register(0x0A00, 0)
 
     def unplug(self) -> None:
         """Pull the cable; any number of times."""
@@ -197,21 +197,29 @@ class EmulatedGigeCamera:
         self.unplug()
 
     @property
+    def frame_rate_hz(self) -> float:
+        """At which it would run freely."""
+        return 1e6 / self.read_register(registers.PERIOD_US)
+
+    @property
     def _is_wired(self) -> bool:
         """Whether exposures begin with the pulses of the wire."""
-        return self._read(registers.TRIGGER_MODE) == 1 and self._read(registers.TRIGGER_SOURCE) == registers.LINE
+        read = self.read_register
+        return read(registers.TRIGGER_MODE) == 1 and read(registers.TRIGGER_SOURCE) == registers.LINE
 
     def _arm(self) -> None:
         """Let Aravis ask for a picture, which then waits for its pulse; a pulse during an exposure is lost so."""
         is_live = self._is_wired and not self.faults.wire_is_cut
         if is_live or self._is_armed:
-            self._write(registers.TRIGGER, int(is_live))
+            self.write_register(registers.TRIGGER, int(is_live))
         self._is_armed = is_live
 
-    def _write(self, register: int, value: int) -> None:
+    def write_register(self, register: int, value: int) -> None:
+        """Change a register of :mod:`rig.emulated.gige.description`, as another program might."""
         aravis().call("arv_fake_camera_write_register", self._fake, register, value)
 
-    def _read(self, register: int) -> int:
+    def read_register(self, register: int) -> int:
+        """Return what a register holds."""
         value = c_uint32()
         aravis().call("arv_fake_camera_read_register", self._fake, register, byref(value))
         return value.value
@@ -222,10 +230,10 @@ class EmulatedGigeCamera:
             request = GigeRequest(
                 exposure_s=exposure_us * 1e-6,
                 gain=10 ** (gain / registers.GAIN_STEPS / 20),
-                black_level_dn=float(self._read(registers.BLACK)),
-                gamma=self._read(registers.GAMMA) / registers.GAMMA_STEPS,
+                black_level_dn=float(self.read_register(registers.BLACK)),
+                gamma=self.read_register(registers.GAMMA) / registers.GAMMA_STEPS,
                 pixel_format=_NAME_OF_CODE.get(pixel_format, "Mono8"),
-                shape=(self._read(registers.HEIGHT), self._read(registers.WIDTH)),
+                shape=(self.read_register(registers.HEIGHT), self.read_register(registers.WIDTH)),
             )
             if self._wire is not None and self._is_wired:
                 self._wire.wait_for_pulse()

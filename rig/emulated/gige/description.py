@@ -16,7 +16,7 @@ GAIN, EXPOSURE_US, ACQUISITION, PIXEL_FORMAT, MODE = 0x110, 0x120, 0x124, 0x128,
 PERIOD_US, TRIGGER_MODE, TRIGGERED_BY, TRIGGER_ACTIVATION, TRIGGER = 0x138, 0x300, 0x304, 0x308, 0x30C
 EXPOSURE_AUTO, GAIN_AUTO, BLACK_AUTO, BLACK, GAMMA = 0x2000, 0x2004, 0x2008, 0x200C, 0x2010
 TRIGGER_SOURCE, LINE, SOFTWARE = 0x2014, 0, 1
-"""What programs choose, and its values: Aravis' own register always says software, for pulses are made of its triggers."""
+"""What programs choose, and its values; Aravis' own register says software throughout, for it knows no pulses."""
 GAIN_STEPS, GAMMA_STEPS = 100, 1000
 """Of the registers of gain (per dB) and gamma (per 1)."""
 AUTOMATICS: Mapping[str, int] = {"ExposureAuto": EXPOSURE_AUTO, "GainAuto": GAIN_AUTO, "BlackLevelAuto": BLACK_AUTO}

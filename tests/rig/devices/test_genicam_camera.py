@@ -184,6 +184,15 @@ def test_why_a_camera_is_silent_is_said(monkeypatch: pytest.MonkeyPatch, tmp_pat
     assert "no route" in why_silent("192.168.2.9")
 
 
+def test_a_camera_that_swallows_every_packet_is_told_with_the_firewall(gige: GigeRig) -> None:
+    """A port that is open and says nothing is what a firewall looks like from here."""
+    gige.camera.unplug()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", find.CONTROL_PORT))
+        with pytest.raises(DeviceLost, match="a firewall has to let UDP port 3956 out"):
+            camera_of(gige.profile).open()
+
+
 def test_a_missing_library_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(aravis, "_loaded", lambda: OSError("no such file"))
     with pytest.raises(DeviceError, match=r"apt install libaravis-0\.8-0"):
