@@ -66,11 +66,13 @@ class Commands:
     sent_twice_late_s: float | None = None
     delay_s: float = 0.0
     """From the command to the exposure."""
+    lateness_s: list[float] = field(default_factory=list)
+    """Of the next frames, one by one."""
 
     def do(self, command: str) -> None:
         assert command == "TriggerSoftware"
         clock = self.sensor.clock
-        self.sensor.expose(clock.now_s() + self.delay_s)
+        self.sensor.expose(clock.now_s() + self.delay_s, self.lateness_s.pop(0) if self.lateness_s else 0.0)
         late_s, self.sent_twice_late_s = self.sent_twice_late_s, None
         if late_s is not None:
             self.sensor.expose(clock.now_s() + SENT_AGAIN_S, late_s)
@@ -134,6 +136,16 @@ def test_the_second_frame_of_a_command_that_was_sent_twice_is_nobody_s(bench: Be
     assert [bench.shoot(picture) for picture in (1, 2)] == [1, 2]
     bench.commands.sent_twice_late_s = late_s
     assert [bench.shoot(picture) for picture in range(3, 9)] == list(range(3, 9))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_no_frame_is_wrong_where_commands_are_sent_twice_and_frames_are_late(bench: Bench, seed: int) -> None:
+    """A frame that is doubted, and after which none comes for a moment, is not known to have been the answer."""
+    rng = np.random.default_rng(seed)
+    assert [bench.shoot(picture) for picture in range(6)] == list(range(6))
+    bench.commands.sent_twice_late_s = float(rng.uniform(0.0, 1.0))
+    bench.commands.lateness_s = [0.0, *rng.uniform(0.0, 0.9, rng.integers(1, 6))]
+    assert [bench.shoot(picture) for picture in range(6, 20)] == list(range(6, 20))
 
 
 @pytest.mark.parametrize("before", [2, 20])
