@@ -63,7 +63,7 @@ def make_devices(profile: RigSettings, start_s: float = 0.0, *, real_time: bool 
     UsageError
         A driver of another package cannot be used.
     """
-    driver = profile.camera.driver
+    driver = profile.cameras[0].driver
     if driver not in RIGS:
         return _single_devices(profile, SystemClock())
     goes_by_machine = real_time and driver == "simulated"

@@ -26,6 +26,7 @@ COMMANDS: Mapping[str, str] = {
     "plug": "plug it in again",
     "loss N": "lose N of a thousand packets",
     "jitter N": "let pictures come up to N ms later",
+    "wire": "cut the wire of the trigger, or join it again",
     "heartbeat": "behave as after lost heartbeats: nobody controls it",
     "quit": "end",
 }
@@ -118,6 +119,8 @@ def obey(camera: EmulatedGigeCamera | None, line: str) -> str | None:
         camera.lose_packets(min(share, 1.0))
     elif word == "jitter":
         camera.faults.jitter_s = share
+    elif word == "wire":
+        camera.faults.wire_is_cut = not camera.faults.wire_is_cut
     elif word in ("plug", "unplug", "heartbeat"):
         {"plug": camera.plug, "unplug": camera.unplug, "heartbeat": camera.forget_heartbeat}[word]()
     elif word:

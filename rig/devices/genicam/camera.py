@@ -9,15 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
 
 from rig.devices.driver_settings import CameraSettings
 from rig.devices.fingerprint import Fingerprint
 from rig.devices.genicam.aravis import AravisError, aravis
-from rig.devices.genicam.clock_map import ClockMap, TriggerAnswers
-from rig.devices.genicam.features import Feature, Features
+from rig.devices.genicam.features import Features
 from rig.devices.genicam.formats import PIXEL_FORMATS, GenicamFormat, Pixels, pixel_format
 from rig.devices.genicam.gain import GAIN, GenicamGain
+from rig.devices.genicam.opened import OpenGenicam
 from rig.devices.genicam.settings import GenicamOptions, options_of
 from rig.devices.genicam.setup import (
     MICROSECONDS,
@@ -30,49 +29,18 @@ from rig.devices.genicam.setup import (
     set_up,
     transport_advice,
 )
-from rig.devices.genicam.stream import FilledBuffer, GenicamSearch, GenicamStream
+from rig.devices.genicam.stream import BUFFERS, ORDINARY_SOCKET, FilledBuffer, GenicamSearch, GenicamStream
+from rig.devices.genicam.triggers import ANSWER_S, SENT_ONCE_S, SILENCE_S, answer, is_quiet
+from rig.devices.genicam.usb import usb_advice
 from rig.devices.protocols import Clock, ExposureRange, RawFrame
 from rig.devices.refusals import check_exposure, check_mosaic
 from rig.devices.while_open import while_open
 from rig.errors import CaptureTimeout, DeviceBusy, SettingRefused
 
-_ANSWER_S = 1.0
-"""From a trigger to the frame, on top of its exposure: readout and transfer of any camera that this is for."""
-_GIVEN_UP = 0.5
-"""Of that: a frame that was stamped earlier than this before the trigger is of one that was given up."""
-_NEXT_S = 0.25
-"""After a frame that may be of an earlier trigger, besides the exposure: until then the right one comes, if ever."""
-_EARLY_SHARE = 0.9
-"""Of the exposure: a frame that arrives sooner after the trigger was exposed before it."""
 _QUEUED_PERIODS = 2
 """Frames that a camera that is not triggered may have begun or queued with the exposure before."""
 _STEP = 1e-5
 """Relative: exposures that are nearer than this are one."""
-
-
-@dataclass(slots=True, kw_only=True)
-class _OpenGenicam:
-    """Everything that exists while the camera is open."""
-
-    device: int
-    camera: int
-    features: Features
-    stream: GenicamStream
-    exposure: str
-    """The feature's name."""
-    exposure_s: float
-    held: list[Feature]
-    packet_bytes: int | None
-    """None of a USB camera."""
-    undo: ExitStack
-    clock_map: ClockMap = field(default_factory=ClockMap)
-    answers: TriggerAnswers = field(default_factory=TriggerAnswers)
-    valid_from_s: float = 0.0
-    """Frames that began earlier have another exposure."""
-    quiet_until_s: float = 0.0
-    """Until then a frame that was given up may still come; no other is triggered."""
-    missed: int = 0
-    """Frames that came incomplete since the last good one."""
 
 
 class GenicamCamera:
@@ -114,10 +82,10 @@ class GenicamCamera:
         self._shape, self._format_name, self._bit_depth = shape, pixel_format, bit_depth
         self._period_s, self._options, self._clock = 1 / frame_rate_hz, options, clock
         self._exposure_range_s = ExposureRange(*exposure_range_s)
-        self._opened: _OpenGenicam | None = None
+        self._opened: OpenGenicam | None = None
         self._fingerprint = Fingerprint()
         self._last_print: tuple[int, int, bytes] | None = None
-        self._counted = 0
+        self._counted, self._left_waiting = 0, False
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -186,12 +154,14 @@ class GenicamCamera:
             features = Features(device, self._name)
             held = set_up(features, wishes)
             packet_bytes = set_packets(camera, wishes) if is_gige else None
+            if is_gige and not self._options.packet_socket:
+                aravis().call("arv_camera_gv_set_stream_options", camera, ORDINARY_SOCKET)
             stream = GenicamStream(
                 camera, called("arv_camera_get_payload", camera, wishes.name), is_gige=is_gige, clock=self._clock
             )
             undo.callback(stream.close)
             exposure = exposure_feature(features, wishes)
-            opened = _OpenGenicam(
+            opened = OpenGenicam(
                 device=device,
                 camera=camera,
                 features=features,
@@ -202,6 +172,8 @@ class GenicamCamera:
                 packet_bytes=packet_bytes,
                 undo=undo,
             )
+            if self._left_waiting:  # the trigger may have been understood, and its frame be exposed now
+                opened.quiet_until_s = self._clock.now_s() + opened.exposure_s + SILENCE_S
             called("arv_camera_start_acquisition", camera, wishes.name)
             opened.undo, self._opened = undo.pop_all(), opened
 
@@ -209,6 +181,7 @@ class GenicamCamera:
         """Stop it and let it go; any number of times, from any state."""
         opened, self._opened = self._opened, None
         if opened is not None:
+            self._left_waiting = opened.is_waiting
             self._counted += 1 << 20  # frames of the next stream count on
             with suppress(AravisError):
                 aravis().call("arv_camera_stop_acquisition", opened.camera)
@@ -234,7 +207,7 @@ class GenicamCamera:
                 opened.exposure_s = chosen_s
             return opened.exposure_s
 
-    def _from_now(self, opened: _OpenGenicam) -> None:
+    def _from_now(self, opened: OpenGenicam) -> None:
         """Frames that began before have other settings."""
         queued_s = 0.0 if self._is_triggered else _QUEUED_PERIODS * max(self._period_s, opened.exposure_s)
         opened.valid_from_s = self._clock.now_s() + queued_s
@@ -262,13 +235,14 @@ class GenicamCamera:
             self._check_control(opened)
             if seen.early:  # or its clock is not what was learned of it
                 opened.answers.forget()
-                opened.quiet_until_s = self._clock.now_s() + opened.exposure_s + _ANSWER_S
+                due_s = self._clock.now_s() + opened.exposure_s + ANSWER_S
+                opened.quiet_until_s = max(opened.quiet_until_s, due_s)
             raise CaptureTimeout(
                 f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
                 f"{seen}; {self._remedy(opened, seen)}, or raise timing.timeout_s"
             )
 
-    def _remedy(self, opened: _OpenGenicam, seen: GenicamSearch) -> str:
+    def _remedy(self, opened: OpenGenicam, seen: GenicamSearch) -> str:
         """What to do where no frame came; the camera answers commands, else it would be lost."""
         if not seen.frames and self._options.trigger == "line":
             return f"no pulse came on {self._options.line}: check the wire and the projector's sync output"
@@ -276,58 +250,44 @@ class GenicamCamera:
             return "it answers commands, and no packet of a picture came: a firewall has to let all UDP from it in"
         return "check the cable (where packets are missing, `rig check` says more)"
 
-    def _triggered(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
-        while True:
-            self._clock.wait_until_s(min(max(after_s, opened.quiet_until_s), until_s))
-            if self._clock.now_s() >= until_s:
-                return None
-            opened.stream.drop_waiting()
-            began_s = self._clock.now_s()
+    def _triggered(self, opened: OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
+        """Trigger until a whole frame comes: each trigger has its one frame before the next is sent."""
+        while is_quiet(opened, self._clock, (after_s, until_s), seen):
+            began_s, opened.is_waiting = self._clock.now_s(), True
             opened.features.do("TriggerSoftware")
-            limit_s = min(until_s, began_s + opened.exposure_s + _ANSWER_S)
-            filled, doubted = self._answer(opened, began_s, limit_s, seen)
-            frame = None if filled is None else self._looked_at(opened, filled, began_s, seen)
-            if filled is not None and frame is not None:
-                opened.answers.add(filled.device_s, began_s, opened.exposure_s)
-                return frame
+            sent_s = self._clock.now_s()
+            if sent_s > began_s + SENT_ONCE_S:  # then another frame may follow the first, and pass for the next one
+                opened.quiet_until_s = sent_s + opened.exposure_s + SILENCE_S
+            limit_s = min(until_s, sent_s + opened.exposure_s + ANSWER_S)
+            filled, doubted = answer(opened, self._clock, (began_s, limit_s), seen)
             if doubted is not None:  # it was the answer, the quickest so far
+                opened.is_waiting = False
                 opened.answers.add(doubted, began_s, opened.exposure_s)
             elif filled is None:
                 self._check_control(opened)
-                self._restart(opened, began_s)
+                self._restart(opened, sent_s)
+            if filled is None:
+                continue
+            opened.is_waiting = False
+            device_s, frame = filled.device_s, self._looked_at(opened, filled, began_s, seen)
+            if frame is not None:
+                opened.answers.add(device_s, began_s, opened.exposure_s)
+                return frame
+        return None
 
-    def _answer(
-        self, opened: _OpenGenicam, began_s: float, limit_s: float, seen: GenicamSearch
-    ) -> tuple[FilledBuffer | None, float | None]:
-        """Wait for the frame of a trigger, not for one that was exposed before it.
-
-        Also returns the time stamp of a frame after which none came, though it was too early only by little.
-        """
-        doubted: float | None = None
-        while (filled := opened.stream.next(limit_s)) is not None:
-            early_s = opened.answers.early_s(filled.device_s, began_s, opened.exposure_s)
-            came_too_soon = filled.arrived_s < began_s + _EARLY_SHARE * opened.exposure_s
-            if not (early_s or came_too_soon):
-                return filled, None
-            seen.frames, seen.early = seen.frames + 1, seen.early + 1
-            opened.stream.give_back(filled)
-            if not came_too_soon and early_s < _GIVEN_UP * _ANSWER_S:
-                doubted = filled.device_s
-                limit_s = min(limit_s, self._clock.now_s() + opened.exposure_s + _NEXT_S)
-        return None, doubted
-
-    def _restart(self, opened: _OpenGenicam, began_s: float) -> None:
+    def _restart(self, opened: OpenGenicam, sent_s: float) -> None:
         """A frame that was triggered and did not come may come still, and would pass for the next one.
 
         Its time stamp tells it where there is one to compare with; where there is none, it is waited for.
         """
-        opened.quiet_until_s = began_s + opened.exposure_s + _ANSWER_S * (1 if opened.answers.is_known else 2)
+        due_s = sent_s + opened.exposure_s + ANSWER_S * (1 if opened.answers.is_known else 2)
+        opened.quiet_until_s = max(opened.quiet_until_s, due_s)
         called("arv_camera_stop_acquisition", opened.camera, self._name)
         called("arv_camera_start_acquisition", opened.camera, self._name)
         opened.stream.drop_waiting()
         opened.stream.forget_ids()
 
-    def _running(self, opened: _OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
+    def _running(self, opened: OpenGenicam, after_s: float, until_s: float, seen: GenicamSearch) -> RawFrame | None:
         while (filled := opened.stream.next(until_s)) is not None:
             opened.clock_map.add(filled.device_s, filled.arrived_s)
             started_s = opened.clock_map.host_s(filled.device_s) - opened.exposure_s - self._period_s
@@ -342,7 +302,7 @@ class GenicamCamera:
         return None
 
     def _looked_at(
-        self, opened: _OpenGenicam, filled: FilledBuffer, started_s: float, seen: GenicamSearch
+        self, opened: OpenGenicam, filled: FilledBuffer, started_s: float, seen: GenicamSearch
     ) -> RawFrame | None:
         """The frame of a buffer; None when packets are missing."""
         seen.frames += 1
@@ -367,7 +327,7 @@ class GenicamCamera:
             repeats=repeats,
         )
 
-    def _check_control(self, opened: _OpenGenicam) -> None:
+    def _check_control(self, opened: OpenGenicam) -> None:
         """Raise DeviceLost when the camera is not ours any more: silence has no other sign."""
         if opened.packet_bytes is not None:
             check_control(opened.device, self._name)
@@ -376,8 +336,11 @@ class GenicamCamera:
     def advice(self) -> tuple[str, ...]:
         """Return what its transport lacks, a sentence each, with the setting to change; nothing when all is well."""
         opened = self._opened
-        if opened is None or opened.packet_bytes is None:
+        if opened is None:
             return ()
+        if opened.packet_bytes is None:
+            frame_bytes = self._format.least_bytes(self._shape[1], self._shape[0])
+            return usb_advice(self.device_id, BUFFERS * frame_bytes)
         return transport_advice(self.device_id, opened.packet_bytes, opened.stream.counters())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from statistics import median
 from typing import NamedTuple
 
 _REMEMBERED = 256
@@ -13,6 +14,8 @@ _CLOCKS_DIFFER = 1e-4
 """Relative: what the cheapest oscillators may be off."""
 _RECENT_S = 30.0
 """In which they drift apart by 3 ms."""
+_SCATTER_KNOWN = 4
+"""Answers: of fewer, the next is the quickest so far too often."""
 
 
 class ClockMap:
@@ -80,14 +83,25 @@ class TriggerAnswers:
         """Return by how much a frame was stamped too early for a trigger; 0 where nothing is known, or stamps stand."""
         if not self._answers or device_s == self._answers[-1].device_s:
             return 0.0
+        return max(min(self._behind_s(began_s, exposure_s)) - (device_s - began_s), 0.0)
+
+    def explains(self, early_s: float, began_s: float, exposure_s: float) -> bool:
+        """Tell whether a frame that was too early by so much may be an answer, the quickest so far.
+
+        It may where answers scatter by as much as that: between the quickest and the middle one.
+        """
+        behind_s = self._behind_s(began_s, exposure_s)
+        return early_s == 0.0 or (len(behind_s) >= _SCATTER_KNOWN and early_s <= median(behind_s) - min(behind_s))
+
+    def _behind_s(self, began_s: float, exposure_s: float) -> list[float]:
+        """From command to stamp at least, of the answers that compare best with those of now."""
         of_late = [one for one in self._answers if began_s - one.began_s < _RECENT_S] or self._answers
         same = [one for one in of_late if one.exposure_s == exposure_s] or of_late
         # Stamps may be of the end of an exposure: a longer one puts them later.
-        least_s = min(
+        return [
             one.behind_s - max(one.exposure_s - exposure_s, 0.0) - _CLOCKS_DIFFER * (began_s - one.began_s)
             for one in same
-        )
-        return max(least_s - (device_s - began_s), 0.0)
+        ]
 
     def add(self, device_s: float, began_s: float, exposure_s: float) -> None:
         """Learn from a frame that was taken for an answer."""

@@ -9,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rig.devices.genicam.aravis import aravis
+from rig.devices.genicam.usb import why_usb_silent
 from rig.errors import DeviceLost
 
 CONTROL_PORT = 3956
 """UDP port on which GigE Vision cameras listen."""
 _ROUTES = Path("/proc/net/route")
+_USB = "usb3-"
 _PROTOCOLS = {"GigEVision": "gige", "USB3Vision": "usb3"}
 
 
@@ -83,13 +85,18 @@ def is_loopback(device_id: str) -> bool:
 
 
 def opened_by(device_id: str) -> str:
-    """Return what Aravis opens a camera by. Raises DeviceLost when there is none, or several."""
+    """Return what Aravis opens a camera by.
+
+    Raises DeviceLost when there is none, or several; DeviceForbidden when it is on USB, and this user may not open it.
+    """
     if is_address(device_id):
         return device_id
     cameras = list_genicam()
     matching = [one for one in cameras if device_id in (one.device_id, one.serial)]
     if len(matching) == 1:
         return matching[0].opened_by
+    if device_id.startswith(_USB):
+        raise DeviceLost(f"camera {device_id} is not there: {why_usb_silent(device_id)}")
     there = ", ".join(one.device_id for one in cameras) or "none answers"
     what = "several cameras have this serial number" if matching else "is not there"
     raise DeviceLost(

@@ -24,6 +24,9 @@ class GenicamOptions(Table):
     activation: str = "RisingEdge"
     packet_size: Annotated[int, Field(ge=576, le=16384)] | None = None
     """Bytes, GigE; default: the largest that arrives."""
+    packet_socket: bool = True
+    """Whether packets may be taken from the network card itself, past firewalls, where this program has the right
+    to (root); false: through an ordinary socket, for cards on which nothing comes that way."""
     features: Mapping[str, Value] = Field(default_factory=dict)
     """Further features by the names of the camera, set last, and read back."""
 

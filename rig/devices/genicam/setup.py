@@ -12,6 +12,7 @@ from rig.devices.genicam.find import is_address, is_loopback, opened_by, why_sil
 from rig.devices.genicam.formats import GenicamFormat
 from rig.devices.genicam.settings import GenicamOptions
 from rig.devices.genicam.stream import SOCKET_BUFFER_BYTES, StreamCounters, socket_buffer_limit
+from rig.devices.genicam.usb import why_usb_silent
 from rig.devices.protocols import ExposureRange
 from rig.errors import DeviceBusy, DeviceError, DeviceLost, SettingRefused
 
@@ -49,6 +50,8 @@ def connected(device_id: str, name: str) -> int:
         It does not answer; the message says why that may be.
     DeviceBusy
         Another program controls it.
+    DeviceForbidden
+        It is on USB, and this user may not open it; the message holds the rule that allows it.
     """
     address = opened_by(device_id)
     last: AravisError | None = None
@@ -62,7 +65,7 @@ def connected(device_id: str, name: str) -> int:
             continue
         if found:
             return int(found)
-    why = why_silent(address) if is_address(address) else "plug it in again, and see `rig devices`"
+    why = why_silent(address) if is_address(address) else why_usb_silent(device_id)
     raise DeviceLost(f"{name} does not answer ({last}): {why}") from last
 
 
@@ -104,12 +107,19 @@ def set_up(features: Features, wishes: GenicamWishes) -> list[Feature]:
 
 
 def _set_rate(features: Features, wishes: GenicamWishes) -> None:
-    """A triggered camera has the rate at which it is triggered."""
-    if wishes.options.trigger != "free" or not features.has("AcquisitionFrameRate"):
+    """A triggered camera has the rate at which it is triggered: with a limit it would be late, or ignore triggers."""
+    switch, rate, given = "AcquisitionFrameRateEnable", "AcquisitionFrameRate", wishes.options.features
+    if wishes.options.trigger == "free":
+        if features.has(rate):
+            if features.has(switch):
+                features.hold(Feature(switch, True))
+            features.hold(Feature(rate, wishes.frame_rate_hz))
         return
-    if features.has("AcquisitionFrameRateEnable"):
-        features.hold(Feature("AcquisitionFrameRateEnable", True))
-    features.hold(Feature("AcquisitionFrameRate", wishes.frame_rate_hz))
+    with suppress(SettingRefused):  # many take neither while they are triggered, and need none
+        if switch not in given and features.has(switch):
+            features.hold(Feature(switch, False))
+        if rate not in given and features.has(rate):
+            features.set_number(rate, features.bounds(rate)[1])
 
 
 def _trigger(features: Features, wishes: GenicamWishes) -> list[Feature]:

@@ -19,7 +19,10 @@ from rig.errors import DeviceError
 
 SOCKET_BUFFER_BYTES = 8 << 20
 """Of a stream over a plain socket: with the default of the kernel a third of a burst at 50 frames/s was lost."""
-_BUFFERS = 6
+ORDINARY_SOCKET = 1
+"""Of Aravis' options of a stream: no packet socket."""
+BUFFERS = 6
+"""Frames that may be under way at once."""
 _COMPLETE = 0
 _PACKET_TIMEOUT_US, _RETENTION_US = 20_000, 100_000
 """When a missing packet is asked for again, and when a frame counts as incomplete."""
@@ -97,7 +100,7 @@ class GenicamStream:
                 packet_timeout=_PACKET_TIMEOUT_US,
                 frame_retention=_RETENTION_US,
             )
-        for _ in range(_BUFFERS):
+        for _ in range(BUFFERS):
             aravis().call(
                 "arv_stream_push_buffer", self._pointer, aravis().call("arv_buffer_new_allocate", payload_bytes)
             )
@@ -110,11 +113,14 @@ class GenicamStream:
         pointer = aravis().call("arv_stream_timeout_pop_buffer", self._pointer, int(wait_s * 1e6))
         return self._filled(pointer) if pointer else None
 
-    def drop_waiting(self) -> None:
-        """Give back what came before now."""
+    def drop_waiting(self) -> int:
+        """Give back what came before now, and return how many frames that were."""
+        dropped = 0
         while pointer := aravis().call("arv_stream_try_pop_buffer", self._pointer):
             self._filled(pointer)
             aravis().call("arv_stream_push_buffer", self._pointer, pointer)
+            dropped += 1
+        return dropped
 
     def forget_ids(self) -> None:
         """The camera was started again: it counts anew."""

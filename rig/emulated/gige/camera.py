@@ -25,11 +25,14 @@ from rig.devices.genicam.find import CONTROL_PORT
 from rig.devices.genicam.formats import PIXEL_FORMATS
 from rig.emulated.gige import description as registers
 from rig.emulated.gige.description import EmulatedSensor, description
+from rig.emulated.gige.wire import Feeder, PulseWire
 from rig.errors import DeviceError
 
 ADDRESS = "127.0.0.1"
 """Of an emulated camera, unless another of the loopback network is given."""
 _NAME_OF_CODE = {one.code: one.name for one in PIXEL_FORMATS.values()}
+_TRIGGERS_HZ = 100.0
+"""How often Aravis looks for a trigger; 25 unless told, and faster it spends much of a core: it waits by asking."""
 _FILL = CFUNCTYPE(None, *(c_void_p, c_void_p, c_uint32, c_uint32, c_uint32))
 
 
@@ -63,6 +66,8 @@ class GigeFaults:
     """Share of the packets of pictures that never arrive."""
     jitter_s: float = 0.0
     """Longest delay of a picture, drawn anew for each."""
+    wire_is_cut: bool = False
+    """Whether no pulse comes over the wire."""
     random: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
 
@@ -81,6 +86,8 @@ class EmulatedGigeCamera:
         Of loopback.
     wait
         Lets the picture come later, for jitter: seconds.
+    wire
+        What gives pulses on Line0; None: nothing is connected.
     note
         Called with what went wrong while a picture was made.
     """
@@ -93,6 +100,7 @@ class EmulatedGigeCamera:
         serial: str = "EMULATED1",
         address: str = ADDRESS,
         wait: Callable[[float], None],
+        wire: PulseWire | None = None,
         note: Callable[[str], None] = print,
     ):
         self.faults = GigeFaults()
@@ -104,6 +112,8 @@ class EmulatedGigeCamera:
         self._server: int | None = None
         self._fake: int | None = None
         self._fill = _FILL(self._fill_buffer)
+        self._is_armed = False
+        self._wire, self._feeder = wire, None if wire is None else Feeder(wire.rate_hz, self._arm)
 
     def plug(self) -> None:
         """Bring it to the network; no-op while it is there. Raises DeviceError."""
@@ -122,6 +132,8 @@ class EmulatedGigeCamera:
             raise DeviceError(f"no camera could be put on {self.address}: Aravis does not serve there")
         self._server, self._fake = server, library.call("arv_gv_fake_camera_get_fake_camera", server)
         self._set_up()
+        if self._feeder is not None:
+            self._feeder.start()
 
     def _refuse_taken_address(self) -> None:
         """Raise DeviceError where a camera is served already: the library would let two answer in turn."""
@@ -144,9 +156,12 @@ class EmulatedGigeCamera:
             (registers.GAIN, 0),
             (registers.BLACK, 0),
             (registers.GAMMA, registers.GAMMA_STEPS),
+            (registers.TRIGGERED_BY, registers.SOFTWARE),
+            (registers.TRIGGER_SOURCE, registers.SOFTWARE),
             *((address, registers.AUTO_ENTRIES["Continuous"]) for address in registers.AUTOMATICS.values()),
         ):
-            self._write(register, value)
+            self.write_register(register, value)
+        aravis().call("arv_fake_camera_set_trigger_frequency", self._fake, _TRIGGERS_HZ)
         aravis().call("arv_fake_camera_set_fill_pattern", self._fake, ctypes.cast(self._fill, c_void_p), None)
         self.lose_packets(self.faults.lost_packets)
 
@@ -158,10 +173,12 @@ class EmulatedGigeCamera:
 
     def forget_heartbeat(self) -> None:
         """Behave as after the heartbeats of the program that controls it did not arrive: nobody controls it."""
-        self._write(0x0A00, 0)
+        self.write_register(0x0A00, 0)
 
     def unplug(self) -> None:
         """Pull the cable; any number of times."""
+        if self._feeder is not None:
+            self._feeder.stop()
         server, self._server = self._server, None
         if server is not None:
             aravis().call("g_object_unref", server)  # waits for a picture that is being made, which still looks here
@@ -179,10 +196,30 @@ class EmulatedGigeCamera:
     ) -> None:
         self.unplug()
 
-    def _write(self, register: int, value: int) -> None:
+    @property
+    def frame_rate_hz(self) -> float:
+        """At which it would run freely."""
+        return 1e6 / self.read_register(registers.PERIOD_US)
+
+    @property
+    def _is_wired(self) -> bool:
+        """Whether exposures begin with the pulses of the wire."""
+        read = self.read_register
+        return read(registers.TRIGGER_MODE) == 1 and read(registers.TRIGGER_SOURCE) == registers.LINE
+
+    def _arm(self) -> None:
+        """Let Aravis ask for a picture, which then waits for its pulse; a pulse during an exposure is lost so."""
+        is_live = self._is_wired and not self.faults.wire_is_cut
+        if is_live or self._is_armed:
+            self.write_register(registers.TRIGGER, int(is_live))
+        self._is_armed = is_live
+
+    def write_register(self, register: int, value: int) -> None:
+        """Change a register of :mod:`rig.emulated.gige.description`, as another program might."""
         aravis().call("arv_fake_camera_write_register", self._fake, register, value)
 
-    def _read(self, register: int) -> int:
+    def read_register(self, register: int) -> int:
+        """Return what a register holds."""
         value = c_uint32()
         aravis().call("arv_fake_camera_read_register", self._fake, register, byref(value))
         return value.value
@@ -193,11 +230,13 @@ class EmulatedGigeCamera:
             request = GigeRequest(
                 exposure_s=exposure_us * 1e-6,
                 gain=10 ** (gain / registers.GAIN_STEPS / 20),
-                black_level_dn=float(self._read(registers.BLACK)),
-                gamma=self._read(registers.GAMMA) / registers.GAMMA_STEPS,
+                black_level_dn=float(self.read_register(registers.BLACK)),
+                gamma=self.read_register(registers.GAMMA) / registers.GAMMA_STEPS,
                 pixel_format=_NAME_OF_CODE.get(pixel_format, "Mono8"),
-                shape=(self._read(registers.HEIGHT), self._read(registers.WIDTH)),
+                shape=(self.read_register(registers.HEIGHT), self.read_register(registers.WIDTH)),
             )
+            if self._wire is not None and self._is_wired:
+                self._wire.wait_for_pulse()
             data = self._view.expose(request)
             self.frames += 1
             if self.faults.jitter_s:

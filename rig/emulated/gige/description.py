@@ -13,15 +13,17 @@ from rig.devices.genicam.formats import PIXEL_FORMATS
 
 WIDTH, HEIGHT, SENSOR_HEIGHT, SENSOR_WIDTH = 0x100, 0x104, 0x118, 0x11C
 GAIN, EXPOSURE_US, ACQUISITION, PIXEL_FORMAT, MODE = 0x110, 0x120, 0x124, 0x128, 0x12C
-PERIOD_US, TRIGGER_MODE, TRIGGER_SOURCE, TRIGGER_ACTIVATION, TRIGGER = 0x138, 0x300, 0x304, 0x308, 0x30C
+PERIOD_US, TRIGGER_MODE, TRIGGERED_BY, TRIGGER_ACTIVATION, TRIGGER = 0x138, 0x300, 0x304, 0x308, 0x30C
 EXPOSURE_AUTO, GAIN_AUTO, BLACK_AUTO, BLACK, GAMMA = 0x2000, 0x2004, 0x2008, 0x200C, 0x2010
+TRIGGER_SOURCE, LINE, SOFTWARE = 0x2014, 0, 1
+"""What programs choose, and its values; Aravis' own register says software throughout, for it knows no pulses."""
 GAIN_STEPS, GAMMA_STEPS = 100, 1000
 """Of the registers of gain (per dB) and gamma (per 1)."""
 AUTOMATICS: Mapping[str, int] = {"ExposureAuto": EXPOSURE_AUTO, "GainAuto": GAIN_AUTO, "BlackLevelAuto": BLACK_AUTO}
 AUTO_ENTRIES: Mapping[str, int] = {"Off": 0, "Once": 1, "Continuous": 2}
 _PERIODS_US = (5000, 1_000_000)
 _ACTIVATIONS = {"RisingEdge": 1}
-_SOURCES = {"Line0": 0, "Software": 1}
+_SOURCES = {"Line0": LINE, "Software": SOFTWARE}
 _FEATURES = (
     "Width Height SensorWidth SensorHeight OffsetX OffsetY PixelFormat AcquisitionMode AcquisitionStart "
     "AcquisitionStop AcquisitionFrameRate TriggerSelector TriggerMode TriggerSource TriggerActivation TriggerSoftware "
@@ -95,9 +97,9 @@ def _float(name: str, address: int, bounds: tuple[float, float], steps: int = 1)
     yield _register(name, address)
 
 
-def _command(name: str, address: int, value: int) -> Iterator[str]:
+def _command(name: str, address: int, value: int, is_available: str = "") -> Iterator[str]:
     yield (
-        f'<Command Name="{name}" NameSpace="Standard"><pValue>{name}Register</pValue>'
+        f'<Command Name="{name}" NameSpace="Standard">{is_available}<pValue>{name}Register</pValue>'
         f"<CommandValue>{value}</CommandValue></Command>"
     )
     yield _register(name, address)
@@ -131,7 +133,11 @@ def _acquisition(sensor: EmulatedSensor) -> Iterator[str]:
     yield from _enumeration("TriggerMode", TRIGGER_MODE, {"Off": 0, "On": 1})
     yield from _enumeration("TriggerSource", TRIGGER_SOURCE, _SOURCES)
     yield from _enumeration("TriggerActivation", TRIGGER_ACTIVATION, _ACTIVATIONS)
-    yield from _command("TriggerSoftware", TRIGGER, 1)
+    yield from _command("TriggerSoftware", TRIGGER, 1, is_available="<pIsAvailable>TriggerIsSoftware</pIsAvailable>")
+    yield (
+        '<IntSwissKnife Name="TriggerIsSoftware"><pVariable Name="S">TriggerSourceRegister</pVariable>'
+        f"<Formula>S={SOFTWARE}</Formula></IntSwissKnife>"
+    )
     bounds_us = (sensor.exposure_range_s[0] * 1e6, sensor.exposure_range_s[1] * 1e6)
     yield from _float("ExposureTime", EXPOSURE_US, bounds_us)
 

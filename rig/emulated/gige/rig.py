@@ -13,6 +13,7 @@ from rig.devices.protocols import Clock
 from rig.devices.simulated.rigs import simulated_worlds_of
 from rig.emulated.gige.camera import ADDRESS, EmulatedGigeCamera, GigeRequest, encoded
 from rig.emulated.gige.description import EmulatedSensor
+from rig.emulated.gige.wire import PulseWire
 from rig.emulated.view import WorldView
 from rig.emulated.watch import ReadableDisplay, ignore
 from rig.errors import ProfileError
@@ -95,5 +96,6 @@ def gige_camera_of(
         serial="EMULATED1" if is_address(given) else given.removeprefix("gige-"),
         address=given if is_address(given) else ADDRESS,
         wait=lambda seconds: clock.wait_until_s(clock.now_s() + seconds),
+        wire=PulseWire(profile.projector.refresh_rate_hz, clock),
         note=note,
     )

@@ -80,12 +80,22 @@ def test_frames_that_run_freely_are_fresh(gige: GigeRig) -> None:
     camera.close()
 
 
-def test_a_wire_without_pulses_is_named(gige: GigeRig) -> None:
-    camera = camera_of(gige.profile, options={"trigger": "line"})
+def test_frames_come_with_the_pulses_of_a_wire_and_a_cut_wire_is_named(gige: GigeRig) -> None:
+    camera, clock = camera_of(gige.profile, options={"trigger": "line"}), SystemClock()
     camera.open()
-    with pytest.raises(CaptureTimeout, match="no pulse came on Line0"):
-        camera.capture(after_s=0.0, timeout_s=0.2)
-    camera.close()
+    camera.set_exposure(0.002)
+    after_s = clock.now_s() + 0.1
+    frames = [camera.capture(after_s=after_s, timeout_s=5.0) for _ in range(3)]
+    assert all(frame.started_s >= after_s for frame in frames)
+    gige.camera.faults.wire_is_cut = True
+    try:
+        camera.close()
+        camera.open()
+        with pytest.raises(CaptureTimeout, match="no pulse came on Line0"):
+            camera.capture(after_s=0.0, timeout_s=0.2)
+    finally:
+        gige.camera.faults.wire_is_cut = False
+        camera.close()
 
 
 @pytest.mark.parametrize(
@@ -172,6 +182,15 @@ def test_why_a_camera_is_silent_is_said(monkeypatch: pytest.MonkeyPatch, tmp_pat
 
     monkeypatch.setattr(socket.socket, "connect", unreachable)
     assert "no route" in why_silent("192.168.2.9")
+
+
+def test_a_camera_that_swallows_every_packet_is_told_with_the_firewall(gige: GigeRig) -> None:
+    """A port that is open and says nothing is what a firewall looks like from here."""
+    gige.camera.unplug()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", find.CONTROL_PORT))
+        with pytest.raises(DeviceLost, match="a firewall has to let UDP port 3956 out"):
+            camera_of(gige.profile).open()
 
 
 def test_a_missing_library_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,5 +1,6 @@
 """A still camera: its steps, its states, and what is said of each fault."""
 
+import sys
 from collections.abc import Mapping
 
 import cv2
@@ -10,7 +11,7 @@ from rig.devices.clock import VirtualClock
 from rig.devices.gphoto2 import camera as still
 from rig.devices.gphoto2.camera import StillCamera, StillOptions, from_profile, seconds
 from rig.devices.gphoto2.pictures import WantedPicture, from_jpeg, from_raw
-from rig.devices.gphoto2.port import named
+from rig.devices.gphoto2.port import library, named
 from rig.emulated.still.dng import dng
 from rig.errors import CaptureTimeout, DeviceBusy, DeviceError, DeviceLost, ProfileError, SettingRefused
 from rig.profile.schema import Profile
@@ -25,6 +26,9 @@ class FakePort:
 
     settings: Mapping[str, str] = {}
     picture = b""
+    clock: VirtualClock | None = None
+    mirror_s = 0.12
+    """From the command to the exposure, and back."""
 
     def __init__(self, device_id: str, name: str):
         self.now = {"shutterspeed": "1/50", **self.settings}
@@ -44,6 +48,8 @@ class FakePort:
         self.now[setting] = value
 
     def release(self, exposure_s: float) -> bytes:
+        if self.clock is not None:
+            self.clock.wait_until_s(self.clock.now_s() + self.mirror_s + exposure_s)
         return self.picture
 
     def close(self) -> None:
@@ -95,6 +101,31 @@ def test_the_nearest_step_is_taken_and_said(monkeypatch: pytest.MonkeyPatch) -> 
         camera.set_exposure(20.0)
     with pytest.raises(CaptureTimeout, match=r"within 0\.5 s"):
         camera.capture(after_s=0.0, timeout_s=0.5)
+
+
+def test_mirror_and_shutter_are_learned_and_a_picture_that_would_come_too_late_is_not_begun(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = VirtualClock()
+    monkeypatch.setattr(FakePort, "clock", clock)
+    camera = opened(monkeypatch, {}, clock)
+    camera.set_exposure(0.02)
+    assert camera.delay_s is None
+    camera.capture(after_s=0.0, timeout_s=1.0)
+    assert camera.delay_s == pytest.approx(FakePort.mirror_s)
+    before_s = clock.now_s()
+    with pytest.raises(CaptureTimeout, match=r"timing\.timeout_s more time"):
+        camera.capture(after_s=before_s, timeout_s=0.1)
+    assert clock.now_s() == before_s
+
+
+def test_missing_libraries_are_named_with_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("gphoto2", "rawpy"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(DeviceError, match=r'gphoto2 is missing.*pip install "procam-rig\[still\]"'):
+        library()
+    with pytest.raises(DeviceError, match=r'rawpy is missing.*pip install "procam-rig\[still\]"'):
+        from_raw(b"", WantedPicture((32, 48, 1), 100, "RGGB"))
 
 
 def test_sensitivity_goes_by_the_camera_s_steps_and_is_put_back(monkeypatch: pytest.MonkeyPatch) -> None:

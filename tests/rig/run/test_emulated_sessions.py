@@ -1,6 +1,7 @@
-"""A whole session over the emulated GigE camera, which loses packets and is unplugged once."""
+"""Whole sessions over emulated cameras: GigE that loses packets and is unplugged once, and still cameras."""
 
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from rig.session import Session
 from rig.stages.photograph import frame_notes
 from rig.terminal import silent
 from tests.gige import gige_rig, needs_aravis, plugged
+from tests.still import RAW, needs_gphoto2, still_rig
 
 LOST = 0.002
 UNPLUGGED_AT = 60
@@ -49,3 +51,16 @@ def test_lost_packets_and_a_pulled_cable_cost_time_and_nothing_else(tmp_path: Pa
     assert result.comparison is not None
     assert result.comparison.within_3_sigma > 0.97
     assert result.comparison.rmse < 1.25 * result.comparison.noise_rms
+
+
+@needs_gphoto2
+@pytest.mark.slow
+@pytest.mark.parametrize("changes", [{}, RAW], ids=["JPEG", "raw"])
+def test_a_session_of_a_still_camera_ends_with_a_report(tmp_path: Path, changes: Mapping[str, str]) -> None:
+    still = still_rig(tmp_path, **changes)
+    with still.camera:
+        request = SessionRequest(folder=tmp_path / "session", profile=str(still.path), strategies=("none",))
+        result = run_session(request, silent)
+    assert result.geometry.rms_px < 0.2
+    assert result.comparison is not None
+    assert "belong to their pictures by waiting" in (tmp_path / "session" / "report.html").read_text("utf-8")
