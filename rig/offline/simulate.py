@@ -23,6 +23,7 @@ from rig.offline.records import (
 from rig.terminal import OnStep, in_percent, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
+from sim.form_factors.sampled import SampledFormFactors
 from sim.geometry.mending.mend import MendedMesh
 from sim.light.gloss.material import Gloss
 from sim.light.lighting import PlacedProjector
@@ -173,7 +174,6 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     started = time.perf_counter()
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
     light = request.light or (SURFACES[request.scene].light if request.scene in SURFACES else MESH_LIGHT)
-
     lamp = request.projector or light
 
     def make_plan(scene: GlossyScene, tolerance: float, by_rays: bool) -> Plan:
@@ -306,8 +306,8 @@ def run_planned(
         raise UsageError(str(error)) from error
     finally:
         tracemalloc.stop()
-    if isinstance(simulation.factors, CompressedFormFactors):
-        peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
+    if isinstance(simulation.factors, CompressedFormFactors | SampledFormFactors):
+        peak_mb += simulation.factors.kernel_mb  # which the interpreter does not count
     on_step("simulate", 1, 1)
     if keep is not None:
         keep(simulation)

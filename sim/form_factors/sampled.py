@@ -42,6 +42,8 @@ leave, and all together by this share of their areas: rows need not follow their
 alike grows where light is trapped. Open corners take 3 or 4 rounds; light is as good as after 30."""
 FIRST_RAYS = 32
 """Of each patch, to learn what it needs."""
+COUNT_BYTES = 16
+"""That the kernel takes a ray while it counts: a column and a number, once by rows and once transposed."""
 RAYS_AT_A_TIME = 1 << 22
 """Their indices take 17 MB."""
 
@@ -303,6 +305,11 @@ class SampledFormFactors:
             In the unit of x times m².
         """
         return np.asarray(self.exchange_areas @ x)
+
+    @property
+    def kernel_mb(self) -> float:
+        """Memory that the kernel took to count the rays, at most [MB = 1e6 bytes]."""
+        return COUNT_BYTES * float(self.rays.sum()) / 1e6
 
     @property
     def stored_mb(self) -> float:
