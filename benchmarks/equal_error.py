@@ -2,6 +2,7 @@
 
     python benchmarks/equal_error.py                  # corner with a ball, 2,144 facets
     python benchmarks/equal_error.py 2000 6000        # of about so many facets
+    python benchmarks/equal_error.py 2000 --corners 1 2    # random corners of these seeds instead
 
 Embree's trial sends 64, 256 and 1,024 rays a facet. Ours is solved to five tolerances around each of its errors, and
 the time at the same error is read from a line through their logarithms. Both are held against a solution of very many
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 from rig.benchmark.benches import meshes
 from sim.geometry.mesh import Mesh
 from sim.light.sampled_light import sampled_light
-from sim.scenes.cluttered import corner_with_ball
+from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.threads import set_threads
 
 FloatArray = NDArray[np.float64]
@@ -47,14 +48,16 @@ def least_s(work: Callable[[Mesh], FloatArray], scene: Mesh, runs: int) -> tuple
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("facets", type=int, nargs="*", default=[2144])
+    parser.add_argument("--corners", type=int, nargs="+", default=[], metavar="SEED")
+    wanted = parser.parse_args()
     set_threads(1)
-    for facets in parser.parse_args().facets:
-        compare(facets)
+    for facets in wanted.facets:
+        for scene in [random_corner(seed, facets) for seed in wanted.corners] or [corner_with_ball(facets)]:
+            compare(scene)
 
 
-def compare(facets: int) -> None:
+def compare(scene: Mesh) -> None:
     """Print one line for each number of Embree's rays."""
-    scene = corner_with_ball(facets)
     white = scene.reflectance
 
     def ours(fresh: Mesh, error: float) -> FloatArray:
@@ -68,7 +71,7 @@ def compare(facets: int) -> None:
         errors, seconds = np.log([truth.error(B) for _, B in runs]), np.log([s for s, _ in runs])
         own_s = float(np.exp(np.polyval(np.polyfit(errors, seconds, 1), np.log(wanted))))
         print(
-            f"{scene.n_patches} facets, {wanted:.3f} % of white: Embree with {rays} rays {peer_s:.3f} s, "
+            f"{scene.name}, {scene.n_patches} facets, {wanted:.3f} % of white: Embree with {rays} rays {peer_s:.3f} s, "
             f"ours {own_s:.3f} s, {peer_s / own_s:.2f} times as fast",
             flush=True,
         )

@@ -154,6 +154,18 @@ class RayTree:
         self, origins: NDArray[float32], directions: NDArray[float32], met: NDArray[int32], at: NDArray[float32]
     ) -> None: ...
 
+def exchange_areas(
+    rows: list[NDArray[int64]],
+    met: list[NDArray[int32]],
+    density: NDArray[float64],
+    starts: NDArray[int64],
+    columns: NDArray[int32],
+    values: NDArray[float64],
+    by_others: NDArray[float64],
+    hits: NDArray[float64],
+) -> int: ...
+def ray_means(met: NDArray[int32], values: NDArray[float64], means: NDArray[float64]) -> None: ...
+
 class CompressedMatrix:
     """Compressed exchange areas: sim/kernel/compressed/matrix.hpp."""
 

@@ -15,7 +15,7 @@ from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.light.gloss.material import Gloss, matte_equivalent
-from sim.planning.gloss import gloss_of_cells, glossy_simulation
+from sim.planning.gloss import bend_by_lobes, gloss_of_cells, glossy_simulation
 from sim.planning.gloss_effect import GlossEffect, gloss_effect
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import simulate
@@ -110,6 +110,7 @@ def summary_of_gloss(scene: GlossyScene, planned: Plan, memory_mb: float) -> Glo
         matte_highlight=highlight,
         matte_error=matte_error,
         needed=matte_error > planned.tolerance_percent,
+        bend=bend_by_lobes(scene.surface, scene.gloss),
     )
 
 
@@ -130,7 +131,8 @@ def reason_of(summary: GlossSummary, tolerance: float) -> str:
     if summary.needed:
         return (
             f"{share}: matte patches would be wrong by {figures}, in all {summary.matte_error:.2g} %, "
-            f"{tolerance:.3g} % is allowed: lobes by rays"
+            f"{tolerance:.3g} % is allowed: lobes by rays, "
+            f"on patches for {tolerance / summary.bend:.3g} %, as their light may vary {summary.bend:.2f} times as much"
         )
     return (
         f"{share}: matte patches that reflect as much are wrong by {figures}, in all {summary.matte_error:.2g} %: "

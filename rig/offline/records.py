@@ -24,6 +24,8 @@ class GlossSummary(Record):
     """Expected with matte patches in all: 1.25 times the largest of these, and the plan's own, added in squares."""
     needed: bool
     """That is above the tolerance: the lobes are simulated."""
+    bend: float
+    """Times as much as light of matte patches, that light of lobes may vary within patches; at least 1."""
 
 
 @dataclass(frozen=True, kw_only=True)

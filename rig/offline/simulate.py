@@ -23,6 +23,7 @@ from rig.offline.records import (
 from rig.terminal import OnStep, in_percent, silent
 from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
+from sim.form_factors.sampled import SampledFormFactors
 from sim.geometry.mending.mend import MendedMesh
 from sim.light.gloss.material import Gloss
 from sim.light.lighting import PlacedProjector
@@ -30,7 +31,7 @@ from sim.planning.check import largest_check, refined_check
 from sim.planning.cost import Cost
 from sim.planning.gloss import GlossySimulation, gloss_cost, gloss_of_cells, glossy_simulation, refined_gloss_check
 from sim.planning.plan import Plan, plan
-from sim.planning.simplified_plan import SimplifiedPlan, SimplifyingPlanner
+from sim.planning.simplified_plan import SimplifyingPlanner
 from sim.planning.simulation import Simulation, simulate
 from sim.planning.time_limit import plan_within
 from sim.scenes.catalogue import SURFACES
@@ -173,10 +174,9 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     started = time.perf_counter()
     memory_mb = available_mb() / 2 if request.memory_mb is None else _possible_mb(request.memory_mb)
     light = request.light or (SURFACES[request.scene].light if request.scene in SURFACES else MESH_LIGHT)
-
     lamp = request.projector or light
 
-    def make_plan(scene: GlossyScene, tolerance: float, by_rays: bool = False) -> Plan:
+    def make_plan(scene: GlossyScene, tolerance: float, by_rays: bool) -> Plan:
         surface, reflectances = scene.as_matte, scene.reflectances(request.reflectance)
         label = "plan" if request.seconds is None else f"plan for {tolerance:.2g} %"
         return plan(
@@ -186,44 +186,53 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
             memory_limit_mb=memory_mb,
             reflectances=reflectances,
             by_rays=by_rays,
+            one_number=scene.gloss is not None,
             on_progress=in_percent(label, on_step),
         )
 
     try:
-        if request.scene in SURFACES:
-            surface = SURFACES[request.scene].build()
-            scene, mesh = with_gloss(surface, request.gloss, request.roughness, request.reflectance), None
-            planned = _within(request, lambda tolerance: make_plan(scene, tolerance))
-        else:
-            planned, scene, mesh = _plan_of_file(request, make_plan, on_step)
-        summary = summary_of_gloss(scene, planned, memory_mb)
-        lobes = scene.gloss if summary is not None and summary.needed else None
-        gloss = None if lobes is None else gloss_of_cells(planned.cells, scene.surface, lobes)
+        planner = _planner(request, make_plan, on_step)
+        found = _within(request, planner)
+        summary = summary_of_gloss(found.scene, found.plan, memory_mb)
+        bend = 1.0 if summary is None or not summary.needed else summary.bend
+        if bend > 1 and request.seconds is None:
+            found = _for_lobes(request.tolerance, bend, planner)
+        planned = found.plan
+        lobes = found.scene.gloss if summary is not None and summary.needed else None
+        gloss = None if lobes is None else gloss_of_cells(planned.cells, found.scene.surface, lobes)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
     more = Cost(0.0, 0.0) if gloss is None else gloss_cost(gloss)
-    error_percent = planned.error_percent if summary is None or gloss is not None else summary.matte_error
+    tolerance = request.tolerance if request.seconds is None else bend * planned.tolerance_percent
+    error_percent = bend * planned.error_percent if summary is None or gloss is not None else summary.matte_error
     return PlannedSimulation(plan=planned, gloss=gloss), SimulationResult(
         scene=request.scene,
-        tolerance=planned.tolerance_percent,
-        plan=_summary(planned, planned.light.name, summary, time.perf_counter() - started),
+        tolerance=tolerance,
+        plan=_summary(planned, summary, tolerance, time.perf_counter() - started),
         estimated=Estimate(
             error=error_percent, seconds=planned.seconds + more.seconds, peak_mb=planned.peak_mb + more.peak_mb
         ),
-        mesh=mesh,
+        mesh=found.mesh,
     )
 
 
-def _within(request: SimulationRequest, make_plan: Callable[[float], Plan]) -> Plan:
-    """The plan for a request's tolerance, or for its time."""
-    return make_plan(request.tolerance) if request.seconds is None else plan_within(make_plan, request.seconds)
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _PlannedScene:
+    """A plan, and what it is for."""
+
+    plan: Plan
+    scene: GlossyScene
+    mesh: MeshSummary | None
 
 
-def _plan_of_file(
+def _planner(
     request: SimulationRequest, make_plan: Callable[[GlossyScene, float, bool], Plan], on_step: OnStep
-) -> tuple[Plan, GlossyScene, MeshSummary]:
-    """The plan of a mesh file, simplified where it has very many facets, its gloss, and what is to be said of it."""
+) -> Callable[[float], _PlannedScene]:
+    """What plans a request's scene for a tolerance; a mesh file is simplified where it has very many facets."""
+    if request.scene in SURFACES:
+        room = with_gloss(SURFACES[request.scene].build(), request.gloss, request.roughness, request.reflectance)
+        return lambda tolerance: _PlannedScene(plan=make_plan(room, tolerance, False), scene=room, mesh=None)
     if Path(request.scene).suffix.lower() not in MESH_SUFFIXES:
         raise UsageError(f"unknown scene {request.scene!r}; there are {', '.join(SURFACES)}, and mesh files")
     reflectance = max(request.reflectance) if request.reflectance else None
@@ -236,15 +245,37 @@ def _plan_of_file(
         return make_plan(scenes[id(mesh)], tolerance, mesh.by_rays)
 
     planner = SimplifyingPlanner(original=file.facets, mend=file.mend, oriented=file.oriented, make_plan=plan_mesh)
-    made: list[SimplifiedPlan] = []
 
-    def plan_file(tolerance: float) -> Plan:
-        made.append(planner.plan(tolerance))
+    def plan_file(tolerance: float) -> _PlannedScene:
+        made = planner.plan(tolerance)
+        return _PlannedScene(plan=made.plan, scene=scenes[id(made.mesh)], mesh=file.summary(made))
+
+    return plan_file
+
+
+def _within(request: SimulationRequest, planner: Callable[[float], _PlannedScene]) -> _PlannedScene:
+    """The plan for a request's tolerance, or for its time."""
+    if request.seconds is None:
+        return planner(request.tolerance)
+    made: list[_PlannedScene] = []
+
+    def make_plan(tolerance: float) -> Plan:
+        made.append(planner(tolerance))
         return made[-1].plan
 
-    planned = _within(request, plan_file)
-    chosen = next(one for one in made if one.plan is planned)
-    return planned, scenes[id(chosen.mesh)], file.summary(chosen)
+    chosen = plan_within(make_plan, request.seconds)
+    return next(one for one in made if one.plan is chosen)
+
+
+def _for_lobes(tolerance: float, bend: float, planner: Callable[[float], _PlannedScene]) -> _PlannedScene:
+    """A plan fine enough for light that varies so many times as much. Raises UsageError."""
+    try:
+        return planner(tolerance / bend)
+    except SimulationError as error:
+        raise UsageError(
+            f"{tolerance:g} % with gloss needs patches for {tolerance / bend:.3g} %, as its light varies up to "
+            f"{bend:.2f} times as much within them: {error}"
+        ) from error
 
 
 def _glossy(request: SimulationRequest, file: MeshFile, mesh: MendedMesh) -> GlossyScene:
@@ -275,8 +306,8 @@ def run_planned(
         raise UsageError(str(error)) from error
     finally:
         tracemalloc.stop()
-    if isinstance(simulation.factors, CompressedFormFactors):
-        peak_mb += simulation.factors.stored_mb  # the kernel's own memory, which the interpreter does not count
+    if isinstance(simulation.factors, CompressedFormFactors | SampledFormFactors):
+        peak_mb += simulation.factors.kernel_mb  # which the interpreter does not count
     on_step("simulate", 1, 1)
     if keep is not None:
         keep(simulation)
@@ -320,19 +351,19 @@ def _possible_mb(memory_mb: float) -> float:
     return memory_mb
 
 
-def _summary(planned: Plan, light: str, gloss: GlossSummary | None, plan_s: float) -> PlanSummary:
+def _summary(planned: Plan, gloss: GlossSummary | None, tolerance: float, plan_s: float) -> PlanSummary:
     sizes_m = planned.cells.areas**0.5
     return PlanSummary(
         patches=planned.patches,
         smallest_patch_m=float(sizes_m.min()),
         largest_patch_m=float(sizes_m.max()),
-        light=light,
+        light=planned.light.name,
         method=planned.model.method if planned.model.compression is None else "compressed",
         visibility=planned.model.visibility_done,
         solver=planned.solver,
         channels=planned.channels,
         bounces=planned.bounces,
-        reasons=(*planned.reasons, *(() if gloss is None else (reason_of(gloss, planned.tolerance_percent),))),
+        reasons=(*planned.reasons, *(() if gloss is None else (reason_of(gloss, tolerance),))),
         seconds=plan_s,
         gloss=gloss,
     )

@@ -72,6 +72,11 @@ class CompressedFormFactors:
     kernel: _kernel.CompressedMatrix
     method: str = "compressed"
 
+    @property
+    def kernel_mb(self) -> float:
+        """Memory that the kernel takes [MB = 1e6 bytes]."""
+        return self.stored_mb
+
     def apply(self, x: ArrayLike) -> FloatArray:
         """Return F x: what each patch receives from radiosities x.
 

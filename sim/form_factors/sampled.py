@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from functools import cached_property
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -41,6 +42,8 @@ leave, and all together by this share of their areas: rows need not follow their
 alike grows where light is trapped. Open corners take 3 or 4 rounds; light is as good as after 30."""
 FIRST_RAYS = 32
 """Of each patch, to learn what it needs."""
+COUNT_BYTES = 16
+"""That the kernel takes a ray while it counts: a column and a number, once by rows and once transposed."""
 RAYS_AT_A_TIME = 1 << 22
 """Their indices take 17 MB."""
 
@@ -65,6 +68,17 @@ class _Batch:
     met: NDArray[np.int32]
     """(rows, rays) patch that each ray meets; below 0: none, or one from behind."""
 
+    @cached_property
+    def sums(self) -> FloatArray:
+        """(rows,) share of the rays that meet a lit side."""
+        return self.means(np.ones(int(self.met.max(initial=0)) + 1))
+
+    def means(self, values: FloatArray) -> FloatArray:
+        """(rows,) mean of what each row's rays meet, of (P,) values."""
+        means = np.empty(len(self.rows))
+        _kernel.ray_means(self.met, values, means)
+        return means
+
 
 _first: WeakKeyDictionary[Surface, tuple[int, tuple[_Batch, ...]]] = WeakKeyDictionary()
 
@@ -81,6 +95,18 @@ class Halves:
     def standard_error(self) -> FloatArray:
         """Half the difference of the halves: the sequence as a whole is a little more even than that tells."""
         return np.asarray(np.abs(self.first - self.second) / 2)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CountedExchange:
+    """Exchange areas as rays count them, before rows are scaled to their sums."""
+
+    exchange_areas: csr_array
+    """(P, P) K_ij = (c_ij + c_ji) / (nu_i + nu_j), symmetric [m²]."""
+    by_others: FloatArray
+    """(P,) share of what a row is made of that other patches' rays tell."""
+    row_sums: FloatArray
+    """(P,) shares of each patch's own rays that meet a lit side."""
 
 
 @dataclass(eq=False, kw_only=True)
@@ -154,9 +180,8 @@ class RaySample:
         -------
         Halves
         """
-        # Rays that meet nothing have index -1, or -2 from behind.
-        values = np.concatenate([np.asarray(x, dtype=np.float64), [0.0, 0.0]])
-        return self._halves([values[batch.met].mean(axis=1) for batch in self._batches])
+        values = np.ascontiguousarray(x, dtype=np.float64)
+        return self._halves([batch.means(values) for batch in self._batches])
 
     def moment_halves(self, x: FloatArray) -> Halves:
         """Return the first moments of what each patch's rays bring from radiosities x, (P,).
@@ -194,7 +219,7 @@ class RaySample:
     @property
     def row_sums(self) -> Halves:
         """Shares of each patch's rays that meet a lit side, (P,), as a whole and by halves."""
-        return self._halves([(batch.met >= 0).mean(axis=1) for batch in self._batches])
+        return self._halves([batch.sums for batch in self._batches])
 
     @property
     def met_behind(self) -> FloatArray:
@@ -204,28 +229,26 @@ class RaySample:
             behind[batch.rows] += (batch.met == _MET_BEHIND).sum(axis=1)
         return behind / np.maximum(self.rays, 1)
 
-    def counts(self) -> csr_array:
-        """Return (P, P) how many rays of i meet j."""
-        total = csr_array((self.surface.n_patches, self.surface.n_patches))
-        for batch in self._batches:
-            total = total + _counted(batch, self.surface.n_patches)
-        return csr_array(total)
-
-
-def _counted(batch: _Batch, n_patches: int) -> csr_array:
-    """(P, P) counts of one batch: sorted within each row, what is equal lies side by side."""
-    met = np.sort(batch.met, axis=1)
-    first = met >= 0
-    first[:, 1:] &= met[:, 1:] != met[:, :-1]
-    place = np.flatnonzero(first)
-    # The next different one, or the end of the row, ends a run.
-    end = np.append(place[1:], met.size)
-    row = place // met.shape[1]
-    runs = np.minimum(end, (row + 1) * met.shape[1]) - place
-    entries = np.zeros(n_patches + 1, dtype=np.int64)
-    np.add.at(entries, batch.rows + 1, np.bincount(row, minlength=len(met)))
-    # Rows of a batch ascend, so that its entries already lie in their order.
-    return csr_array((runs.astype(np.float64), met.ravel()[place], np.cumsum(entries)), shape=(n_patches, n_patches))
+    def exchange_areas(self) -> CountedExchange:
+        """Return what the rays of both patches of each pair tell of their exchange area."""
+        n, most = self.surface.n_patches, 2 * int(self.rays.sum())
+        # Pages that are never written to take no memory.
+        starts, columns, values = np.empty(n + 1, dtype=np.int64), np.empty(most, dtype=np.int32), np.empty(most)
+        by_others, hits = np.empty(n), np.empty(n)
+        entries = _kernel.exchange_areas(
+            [batch.rows for batch in self._batches],
+            [batch.met for batch in self._batches],
+            self.rays / np.asarray(self.surface.areas),
+            starts=starts,
+            columns=columns,
+            values=values,
+            by_others=by_others,
+            hits=hits,
+        )
+        # Both index arrays of one kind, or scipy would widen the long one.
+        starts = starts.astype(np.int32) if entries <= np.iinfo(np.int32).max else starts
+        K = csr_array((values[:entries], columns[:entries], starts), shape=(n, n))
+        return CountedExchange(exchange_areas=K, by_others=by_others, row_sums=hits / self.rays)
 
 
 _MET_BEHIND = -2
@@ -284,6 +307,11 @@ class SampledFormFactors:
         return np.asarray(self.exchange_areas @ x)
 
     @property
+    def kernel_mb(self) -> float:
+        """Memory that the kernel took to count the rays, at most [MB = 1e6 bytes]."""
+        return COUNT_BYTES * float(self.rays.sum()) / 1e6
+
+    @property
     def stored_mb(self) -> float:
         """Memory of the sparse matrix [MB = 1e6 bytes]."""
         K = self.exchange_areas
@@ -311,10 +339,9 @@ def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
         raise SimulationError("a patch without rays has no form factors; lengthen the sample first")
     started = time.perf_counter()
     areas = np.asarray(sample.surface.areas)
-    counts = sample.counts()
-    sums = np.asarray(counts.sum(axis=1)).ravel() / sample.rays
-    K, by_others = _weighed(counts, sample.rays / areas)
-    K = _scaled(K, areas * sums, areas, variance=sums * (1 - sums) / sample.rays)
+    counted = sample.exchange_areas()
+    sums = counted.row_sums
+    K = _scaled(counted.exchange_areas, areas * sums, areas, variance=sums * (1 - sums) / sample.rays)
     row_sums = np.asarray(K.sum(axis=1)).ravel() / areas
     closure = float(np.abs(row_sums - 1).max()) if sample.surface.closed else 0.0
     return SampledFormFactors(
@@ -323,20 +350,9 @@ def sampled_form_factors(sample: RaySample) -> SampledFormFactors:
         row_sums=row_sums,
         closure_max=closure,
         rays=sample.rays.copy(),
-        by_others=by_others,
+        by_others=counted.by_others,
         seconds=time.perf_counter() - started,
     )
-
-
-def _weighed(counts: csr_array, density: FloatArray) -> tuple[csr_array, FloatArray]:
-    """Exchange areas of counts from both sides, by rays a square metre; (P,) shares of them that others' rays tell."""
-    both = csr_array(counts + counts.T)
-    rows = np.repeat(np.arange(both.shape[0]), np.diff(both.indptr))
-    other = density[both.indices]
-    dense = density[rows] + other
-    both.data = both.data / dense
-    told, by_others = (np.bincount(rows, data, len(density)) for data in (both.data, both.data * other / dense))
-    return both, np.divide(by_others, told, out=np.zeros(len(density)), where=told > 0)
 
 
 def _scaled(K: csr_array, sums: FloatArray, areas: FloatArray, variance: FloatArray) -> csr_array:

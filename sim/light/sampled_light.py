@@ -23,7 +23,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
+from scipy.ndimage import uniform_filter1d
 
 from sim.arrays import FloatArray, IntArray
 from sim.form_factors.sampled import MOST_RAYS, RaySample, SampledFormFactors, sampled_form_factors
@@ -35,6 +35,8 @@ GAIN = 1.4
 """Variance falls as rays^-GAIN: 1.43 from 64 to 1,024 rays in the corner with a ball, 1.3 in random corners."""
 NEIGHBOURS = 12
 """Patches that a row's variance is averaged over: two halves tell little of one row alone."""
+CURVE_CELLS = 1023
+"""Of the curve along which patches are neighbours, each way."""
 MOST_AT_ONCE = 8
 """Times as many rays at most before the error is looked at again."""
 AIM = 0.95
@@ -142,7 +144,7 @@ def sampled_light(
         As :class:`sim.light.radiosity.Radiosity` does.
     """
     sample = RaySample.first(surface, seed)
-    near = _near(surface)
+    order = _beside(surface)
     goal = error**2 * float(surface.areas.sum())
     while True:
         light, weights, seen = _solved(sample, E, reflectance, error)
@@ -155,7 +157,7 @@ def sampled_light(
         less = squared / max(float(weights @ seen.own_variance), np.finfo(float).tiny)
         # The light of few rays tells well enough where more are needed; the next solution confirms it.
         while (squared := float(weights @ variance)) > goal and not (sample.rays >= most_rays).all():
-            smooth = weights * variance[near].mean(axis=1)
+            smooth = weights * _smooth(variance, order)
             sample.lengthen(_wanted(sample.rays, smooth * squared / smooth.sum(), AIM**2 * goal, most_rays))
             # Reciprocal factors of the longer sample are made in the next solution: until then they gain as much.
             variance = less * sample.halves(light.B).standard_error ** 2
@@ -183,11 +185,24 @@ def _weights(system: Radiosity, seed: int) -> FloatArray:
     return np.asarray(areas + (system.solve_adjoint(light) - light) ** 2)
 
 
-def _near(surface: Surface) -> IntArray:
-    """(P, n) patches about each, which need about as many rays."""
-    count = min(NEIGHBOURS, surface.n_patches)
-    found = cKDTree(surface.centres).query(surface.centres, count)[1]
-    return np.asarray(found, dtype=np.intp).reshape(surface.n_patches, count)
+def _beside(surface: Surface) -> IntArray:
+    """(P,) patches along Morton's curve through their centres: most of those that come together lie together."""
+    centres = np.asarray(surface.centres)
+    low = centres.min(axis=0)
+    size = max(float((centres.max(axis=0) - low).max()), np.finfo(float).tiny)
+    code = np.zeros(len(centres), dtype=np.int64)
+    cells = ((centres - low) * (CURVE_CELLS / size)).astype(np.int64)
+    for bit in range(CURVE_CELLS.bit_length()):
+        for axis in range(3):
+            code |= (cells[:, axis] >> bit & 1) << (3 * bit + axis)
+    return np.argsort(code, kind="stable")
+
+
+def _smooth(variance: FloatArray, order: IntArray) -> FloatArray:
+    """(P,) means over the patches about each in the order."""
+    smooth = np.empty_like(variance)
+    smooth[order] = uniform_filter1d(variance[order], min(NEIGHBOURS, len(order)), mode="nearest")
+    return np.maximum(smooth, 0.0)  # a running sum leaves -1e-20 of zeros
 
 
 def _wanted(rays: IntArray, squared: FloatArray, goal: float, most_rays: int) -> IntArray:
@@ -197,15 +212,26 @@ def _wanted(rays: IntArray, squared: FloatArray, goal: float, most_rays: int) ->
     # Rows whose halves agree wait; where all of them do, all go on.
     need = np.maximum(need, 1e-6 * need.max()) if need.any() else np.ones(len(rays))
     matters = squared >= 1e-3 * squared.max()
-    low, high = 0.0, float((highest / need)[matters].max())
-    for _ in range(50):
-        middle = (low + high) / 2
-        left = squared * (_rounded(rays, middle * need, highest) / rays) ** -GAIN
-        low, high = (low, middle) if left.sum() <= goal else (middle, high)
+    scale = _least_scale(squared, rays / need, np.log2(highest / rays), goal)
+    high = min(scale, float((highest / need)[matters].max()))
     wanted = _rounded(rays, high * need, highest)
     # The worst rows at least, so that every round adds some.
     least = np.where(squared >= squared.max(), np.minimum(2 * rays, most_rays), rays)
     return np.asarray(np.maximum(wanted, least))
+
+
+def _least_scale(squared: FloatArray, begin: FloatArray, most: FloatArray, goal: float) -> float:
+    """Return the least scale of needs at which rows, doubled at most ``most`` (P,) times, are within the goal; or inf.
+
+    ``begin``: (P,) scale at which each row has what it needs; it is doubled where its need is nearer to twice as many.
+    """
+    doublings = np.arange(1, MOST_AT_ONCE.bit_length())[:, None]
+    at = np.where(doublings <= most, begin * 2.0 ** (doublings - 0.5), np.inf).ravel()
+    gained = (squared * (2.0 ** (GAIN - GAIN * doublings) - 2.0 ** (-GAIN * doublings))).ravel()
+    order = np.argsort(at)
+    left = float(squared.sum()) - np.cumsum(gained[order])
+    enough = int(np.searchsorted(-left, -goal))
+    return float(at[order[enough]]) * (1 + 1e-9) if enough < len(order) else np.inf
 
 
 def _rounded(rays: IntArray, wanted: FloatArray, highest: IntArray) -> IntArray:

@@ -80,6 +80,7 @@ def plan(
     memory_limit_mb: float = 4096.0,
     reflectances: tuple[float, ...] | None = None,
     by_rays: bool = False,
+    one_number: bool = False,
     on_progress: OnProgress = unheard,
 ) -> Plan:
     """Return the cheapest model of a surface that meets a tolerance.
@@ -98,6 +99,8 @@ def plan(
         One for each colour, the same on all surfaces, instead of the surface's own.
     by_rays : bool
         Form factors by rays whatever they cost: they create no light where patches cut or cover each other.
+    one_number : bool
+        Light is one number within each patch of a room, whatever that costs: of light by lobes no slopes are known.
     on_progress : callable
         Is told the share that is done, as far as it can be known.
 
@@ -127,7 +130,7 @@ def plan(
         residual=SOLVER_SHARE * tolerance_percent / 100,
     )
     search = Search(whole, chosen_light, model, tolerance=tolerance_percent / 100, memory_limit_mb=memory_limit_mb)
-    search.on_progress = on_progress
+    search.on_progress, search.one_number = on_progress, one_number
     search.run(by_rays)
     model = replace(search.model_for(search.cells), reflectances=colours)
     channels, radius = 1 if colours is None else len(colours), search.spectral_radius

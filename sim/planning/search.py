@@ -65,6 +65,8 @@ class Search:
         self.timing = self.dense_timing = StepTiming(1, 0.0, 0.0)
         self.correction = 1.0
         self.on_progress: OnProgress = unheard
+        self.one_number = False
+        """Rays, whose light may have to be linear within patches, do not take the place of exact factors in rooms."""
 
     def run(self, by_rays: bool = False) -> None:
         """Find the patches."""
@@ -146,7 +148,7 @@ class Search:
         """
         patches, linear = max(patches, self.begin.n_patches), self.begin.n_patches < EVEN_PATCHES * self._usual_patches
         tight = GROWTH * patches > largest_sampled(self.memory_limit_mb, self.sampling)
-        if tight and self.whole.n_patches < FIRST_PROBE:
+        if (tight or self.one_number) and self.whole.n_patches < FIRST_PROBE:
             return False
         return rays_pay(patches, self.sampling, left_s, linear=linear)
 

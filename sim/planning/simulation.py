@@ -100,14 +100,21 @@ class Simulation:
         (pieces, C) array
             1 = white.
         """
-        each = pieces.n_patches // self.cells.n_patches
-        values = np.tile(self.irradiance, (each, 1))
-        if self.slopes is None:
-            return values
-        offset = pieces.centres - np.tile(self.cells.centres, (each, 1))
-        # No light is below 0, so that the field's negative part is nearer to the truth as 0, whatever that is.
-        values += np.einsum("pk,pkc->pc", offset, np.tile(self.slopes, (each, 1, 1)))
-        return np.asarray(np.maximum(values, 0.0))
+        return light_at(pieces, self.cells, self.irradiance, self.slopes)
+
+
+def light_at(
+    pieces: AdaptivePatches, cells: AdaptivePatches, means: FloatArray, slopes: FloatArray | None
+) -> FloatArray:
+    """Return light at the centres of pieces of cells, (pieces, C), from (P, C) means and (P, 3, C) slopes or None."""
+    each = pieces.n_patches // cells.n_patches
+    values = np.tile(means, (each, 1))
+    if slopes is None:
+        return values
+    offset = pieces.centres - np.tile(cells.centres, (each, 1))
+    # No light is below 0, so that the field's negative part is nearer to the truth as 0, whatever that is.
+    values += np.einsum("pk,pkc->pc", offset, np.tile(slopes, (each, 1, 1)))
+    return np.asarray(np.maximum(values, 0.0))
 
 
 def simulate(cells: AdaptivePatches, light: Lighting, model: Model, on_progress: OnProgress = unheard) -> Simulation:

@@ -1,4 +1,6 @@
-"""Meshes that are hard to hit: closed furnaces, whose light is known, of slivers, covered twice, and with tiny gaps.
+"""Meshes that are hard to hit: closed furnaces, whose light is known.
+
+Of slivers, covered twice, with tiny gaps; and two rooms wall to wall, of which one is dark and is to stay so.
 
 In a closed surface of reflectance rho in even light 1 the radiosity is rho / (1 - rho) everywhere: white with 1/2.
 What rays lose between two facets, or behind one that another covers, is missing there.
@@ -28,7 +30,13 @@ GRID = 8
 
 def hard_points(size: Size) -> list[Point]:
     """Measure the light of each hard furnace against the known one."""
-    return [_measured(name, corners) for name, corners in _furnaces(STRIPS[size]).items()]
+    furnaces = _furnaces(STRIPS[size])
+    points = [_measured(name, corners, np.ones(len(corners))) for name, corners in furnaces.items()]
+    lit, dark = _cube(GRID, GRID), _cube(GRID - 1, GRID - 1) + np.array([1.0, 0.0, 0.0])
+    return [
+        *points,
+        _measured("dark room beside", np.concatenate([lit, dark]), np.repeat([1.0, 0.0], [len(lit), len(dark)])),
+    ]
 
 
 def hard_bars(points: list[Point]) -> list[Criterion]:
@@ -75,12 +83,13 @@ def _triangles(quads: FloatArray) -> FloatArray:
     return np.concatenate([quads[:, [0, 1, 2, 2]], quads[:, [0, 2, 3, 3]]])
 
 
-def _measured(name: str, corners: FloatArray) -> Point:
+def _measured(name: str, corners: FloatArray, lit: FloatArray) -> Point:
+    """``lit``: (P,) 1 where even light falls on a facet, 0 in the dark; no facet sees both."""
     mesh = Mesh(name=name, vertices=corners, reflectance=np.full(len(corners), REFLECTANCE))
     started = time.perf_counter()
-    light = sampled_light(mesh, mesh.reflectance, mesh.reflectance, error=ERROR)
+    light = sampled_light(mesh, lit * mesh.reflectance, mesh.reflectance, error=ERROR)
     seconds = time.perf_counter() - started
-    lost = light.B - REFLECTANCE / (1 - REFLECTANCE)
+    lost = light.B - lit * REFLECTANCE / (1 - REFLECTANCE)
     return Point(
         problem=name,
         method="rays",

@@ -11,6 +11,7 @@ from scipy.stats import qmc
 
 from rig.benchmark import peers
 from rig.benchmark.benches.hard_meshes import hard_bars, hard_points
+from rig.benchmark.benches.mesh_methods import method_bars, method_points
 from rig.benchmark.records import Criterion, Outcome, Point, Size
 from rig.terminal import OnStep
 from sim.arrays import FloatArray
@@ -59,11 +60,12 @@ def run(size: Size, on_step: OnStep) -> Outcome:
             scene = make()
             on_step(f"{scene.name}, {scene.n_patches:,} facets", number, len(scenes))
             points += _points(scene, size)
+        ways = method_points(size)
         hard = hard_points(size)
     finally:
         set_threads(before)
     on_step("meshes", len(scenes), len(scenes))
-    return Outcome(points=(*points, *hard), criteria=(*_bars(points), *hard_bars(hard)))
+    return Outcome(points=(*points, *ways, *hard), criteria=(*_bars(points), *method_bars(ways), *hard_bars(hard)))
 
 
 def _points(scene: Mesh, size: Size) -> list[Point]:

@@ -35,6 +35,10 @@ def test_much_gloss_is_simulated_and_keeps_the_tolerance():
     assert result.plan.gloss.needed
     assert max(result.plan.gloss.matte_seen, result.plan.gloss.matte_highlight) > 3.0
     assert "lobes by rays" in result.plan.reasons[-1]
+    assert result.plan.gloss.bend > 1
+    assert result.plan.patches > 1.2 * simulated(reflectance=(0.5,)).plan.patches
+    assert result.tolerance == 3.0
+    assert result.estimated.error <= 3.0
     assert 0.3 < result.actual.error < 3.0
     assert result.actual.residual < 1e-4
 

@@ -13,7 +13,7 @@ from sim.form_factors import form_factors
 from sim.form_factors.sampled import RaySample, sampled_form_factors
 from sim.geometry.mesh import Mesh
 from sim.light.radiosity import Radiosity
-from sim.light.sampled_light import received, sampled_light
+from sim.light.sampled_light import GAIN, _wanted, received, sampled_light
 from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.scenes.gridded import paper_room, room_with_box
 from sim.scenes.meshes import grid_of_quad, integrating_sphere
@@ -129,7 +129,36 @@ def test_a_longer_sample_goes_on_where_the_shorter_one_ended():
     grown.lengthen(np.where(np.arange(surface.n_patches) % 2, 128, 32))
     grown.lengthen(128)
     at_once.lengthen(128)
-    assert (grown.counts() != at_once.counts()).nnz == 0
+    assert (grown.exchange_areas().exchange_areas != at_once.exchange_areas().exchange_areas).nnz == 0
+
+
+def test_exchange_areas_are_what_a_count_of_every_ray_says():
+    surface = random_corner(1, 400)
+    sample, n = RaySample(surface=surface), surface.n_patches
+    rays = np.where(np.arange(n) % 3, 32, 128)
+    sample.lengthen(rays)
+    counts = np.zeros((n, n))
+    few, many = hits(surface, 32), hits(surface, 128)
+    for row in range(n):
+        met = few[row] if rays[row] == 32 else many[row]
+        np.add.at(counts[row], met[met >= 0], 1)
+    density = rays / surface.areas
+    both = density[:, None] + density
+    expected = (counts + counts.T) / both
+    found = sample.exchange_areas()
+    K = found.exchange_areas.toarray()
+    assert K == pytest.approx(expected, rel=1e-12, abs=0)
+    assert (K == K.T).all()
+    assert found.row_sums == pytest.approx(counts.sum(axis=1) / rays, rel=1e-12)
+    assert found.by_others * K.sum(axis=1) == pytest.approx((expected * density / both).sum(axis=1), rel=1e-12)
+
+
+def test_a_patch_that_meets_nobody_has_an_empty_row():
+    sample = RaySample(surface=mesh_of([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]))
+    sample.lengthen(32)
+    found = sample.exchange_areas()
+    assert found.exchange_areas.nnz == 0
+    assert found.row_sums == found.by_others == 0
 
 
 def test_threads_and_instruction_sets_change_no_bit(restored):
@@ -164,6 +193,19 @@ def test_rays_leave_by_the_cosine_and_evenly():
     share = (hits(floor, 1 << 14) == 1)[0].mean()
     # Squares of side a at a distance of a / 2: Howell, C-11.
     assert share == pytest.approx(0.415253, abs=5e-4)
+
+
+def test_a_round_sends_no_more_rays_than_its_goal_asks_for():
+    random = np.random.default_rng(0)
+    rays = 2 ** random.integers(4, 8, size=500)
+    squared = random.uniform(size=500) ** 6
+    for share in (0.9, 0.5, 0.2):
+        wanted = _wanted(rays, squared, share * squared.sum(), 1 << 20)
+        left = squared * (wanted / rays) ** -GAIN
+        assert left.sum() <= share * squared.sum()
+        # Less for any row that has got more, and the goal is missed by about as much as that row counts.
+        more = wanted > rays
+        assert (left.sum() + (left * (2**GAIN - 1))[more]).max() > share * squared.sum()
 
 
 def test_another_seed_sends_other_rays():

@@ -10,6 +10,7 @@ from sim.light.gloss.material import Gloss, matte_equivalent
 from sim.light.lighting import make_test_lighting
 from sim.planning.gloss import (
     RAYS,
+    bend_by_lobes,
     gloss_cost,
     gloss_of_cells,
     glossy_simulation,
@@ -19,8 +20,9 @@ from sim.planning.gloss import (
 from sim.planning.gloss_effect import gloss_effect
 from sim.planning.plan import plan
 from sim.planning.simulation import Model, simulate
+from sim.scenes.catalogue import SURFACES
 from sim.scenes.cluttered import random_corner
-from sim.scenes.gridded import furnace, room
+from sim.scenes.gridded import furnace, paper_room, room
 
 ROOM = room((3.0, 3.0, 2.0), 0.5, 0.5)
 
@@ -142,3 +144,22 @@ def test_a_gloss_above_what_patches_reflect_in_all_is_refused():
     matte = simulate(made.cells, made.light, made.model)
     with pytest.raises(SimulationError, match="both must lie in 0"):
         glossy_simulation(matte, made.light, Gloss(np.full(made.patches, 0.5), np.full(made.patches, 0.1)))
+
+
+def test_the_more_light_lobes_send_the_finer_are_their_patches():
+    room = paper_room()
+    bends = [
+        bend_by_lobes(room.with_reflectance(0.9 - share), Gloss.of(room.with_reflectance(0.9 - share), share, 0.3))
+        for share in (0.01, 0.1, 0.4, 0.8)
+    ]
+    assert bends[0] == pytest.approx(1.0, abs=1e-2)
+    assert bends == sorted(bends)
+    assert bends[-1] > 2
+    black = room.with_reflectance(0.0)
+    assert bend_by_lobes(black, Gloss.of(black, 0.0, 0.3)) == 1.0
+
+
+def test_a_room_with_lobes_is_planned_for_light_of_one_number_a_patch():
+    room = SURFACES["paper-room"].build()
+    assert plan(room, 1.0).model.method == "rays"
+    assert plan(room, 1.0, one_number=True).model.method == "closed_form"
