@@ -141,7 +141,9 @@ def _worded(error: cyclopts.CycloptsError) -> str:
         return f"nothing is done with `{words}`; put names that have blanks between quotes, or leave it out"
     argument = error.argument
     if isinstance(error, cyclopts.MissingArgumentError) and argument and not error.tokens_so_far:
-        named = getattr(error, "keyword", None) or next((token.keyword for token in argument.tokens if token.keyword), None)
+        named = getattr(error, "keyword", None) or next(
+            (token.keyword for token in argument.tokens if token.keyword), None
+        )
         name = argument.name.removeprefix("--").upper() if argument.field_info.is_positional else argument.name
         text = (argument.parameter.help or "").rstrip(".")
         words = f"{named} needs a value" if named else f"{name} is missing"

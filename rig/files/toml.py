@@ -32,12 +32,12 @@ _LINE_NUMBER = re.compile(r"\(at line (\d+),")
 _LINE_SHOWN = 80
 """Signs of a line that a message repeats: as many as a terminal has columns."""
 _SLIPS = {
-    "[\u201c\u201d\u201e\u2018\u2019\u00ab\u00bb]": "; write straight quotes, \"…\" (an editor made them curly)",
+    "[\u201c\u201d\u201e\u2018\u2019\u00ab\u00bb]": '; write straight quotes, "…" (an editor made them curly)',
     "[\u200b\u200c\u200d\u2060\ufeff\u00a0]": "; it has invisible signs, which came with a copied text: type it anew",
     r"^[\w.-]+\s*=\s*[+-]?\d+,\d+\s*(#.*)?$": "; write a decimal point, not a comma",
     r'=\s*"[^"]*\\[^"]*"': "; write / in paths, or put them between single quotes: '…'",
     r"^[\w.-]+\s*=\s*(True|False|yes|no|on|off)\b": "; write true or false",
-    r"^[\w.-]+\s*=\s*[A-Za-z/~]": "; a text stands between quotes: \"…\"",
+    r"^[\w.-]+\s*=\s*[A-Za-z/~]": '; a text stands between quotes: "…"',
     r"^[\w.-]+\s*:": "; write key = value",
     r"^[\w.-]+\s*=\s*(#.*)?$": "; a value is missing",
 }
@@ -90,7 +90,7 @@ def _why_no_toml(text: str, problem: str) -> str:
     lines = text.split("\n")
     if found is None or int(found[1]) > len(lines):
         return ""
-    line = lines[int(found[1]) - 1].strip()
+    line = lines[int(found[1]) - 1].strip(" \t\r")  # a blank that is none stays
     reason = next((words for pattern, words in _SLIPS.items() if re.search(pattern, line)), "")
     return f": `{_visible(line)}`{reason}"
 

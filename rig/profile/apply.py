@@ -109,7 +109,9 @@ def _with_values(text: str, values: Mapping[str, float], path: Path) -> str:
             new = [key for key in left if key not in own and key.rpartition(".")[0] == table]
             end = line[len(body) :] or "\n"
             line = body + end
-            line += "".join(f"{key.rpartition('.')[2]} = {toml_value(left.pop(key))}  # by rig check{end}" for key in new)
+            line += "".join(
+                f"{key.rpartition('.')[2]} = {toml_value(left.pop(key))}  # by rig check{end}" for key in new
+            )
         elif (found := _LINE.match(body)) and (value := left.pop(f"{table}.{found[2]}", None)) is not None:
             comment = "" if found[6] is None or GUESS in found[6] else f"{found[5]}{found[6]}"
             comment = comment or "  # by rig check"

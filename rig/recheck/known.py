@@ -82,7 +82,8 @@ def known_rig(session: Session) -> KnownRig:
     """
     if not session.is_finished("geometry"):
         raise SessionError(
-            f"{session.path}: is not calibrated, so there is nothing to compare with; run `rig run {typed(session.path)}`"
+            f"{session.path}: is not calibrated, so there is nothing to compare with; "
+            f"run `rig run {typed(session.path)}`"
         )
     geometry, is_modelled = load_geometry(session), session.is_finished("model")
     shift_m = shift_of(load_model_record(session).placed) if is_modelled else _NO_SHIFT

@@ -130,10 +130,11 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
 
 def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
     """The profile that was named, else that of the session; opening the session refuses another than its own."""
+    none_there = no_session_at(folder) if is_new else ""
     if request.profile is not None:
         return load_runnable_profile(request.profile)
     if is_new:
-        raise SessionError(f"{no_session_at(folder)}; name a profile to make one, e.g. -p sim-room")
+        raise SessionError(f"{none_there}; name a profile to make one, e.g. -p sim-room")
     _, own = read_folder(folder, None)
     return own
 

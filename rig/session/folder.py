@@ -79,7 +79,8 @@ def _sessions_in(folder: Path) -> list[Path]:
 def check_folder(folder: Path, *, may_create: bool) -> None:
     """Make the folder of a new session; refuse what is neither a session nor empty."""
     if folder.exists() and not folder.is_dir():
-        raise SessionError(f"{no_session_at(folder)}, but a file; a session is a folder, give another name")
+        no_session_at(folder)
+        raise SessionError(f"{folder}: is a file; a session is a folder, give another name")
     if is_session(folder):
         return
     if not may_create:
