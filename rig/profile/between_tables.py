@@ -46,7 +46,7 @@ def problems_between_tables(data: Mapping[str, Any]) -> list[str]:
 
 
 def _pictures(projectors: list[_NamedTable]) -> dict[object, tuple[int, int]]:
-    """Width and height of each projector that has them, by its name. [px]"""
+    """Width and height in pixels of each projector that has them, by its name."""
     sizes = {one.name: (one.table.get("width_px"), one.table.get("height_px")) for one in projectors}
     return {name: (w, h) for name, (w, h) in sizes.items() if isinstance(w, int) and isinstance(h, int)}
 

@@ -344,3 +344,22 @@ def test_a_folder_that_is_no_session_is_told_with_the_whole_path_and_the_session
     expect(rig("report", "."), SESSION, "`rig run .` first")
     monkeypatch.chdir(tmp_path)
     expect(rig("report", "Größe und Raum/mein Lauf"), SESSION, "run `rig run 'Größe und Raum/mein Lauf'`")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["plan", "paper-room", "--report"],
+        ["check", "-p", "ci-tiny", "--report"],
+        ["look", "-p", "ci-tiny", "-o"],
+        ["bench", "plan", "--quick", "--csv"],
+        ["compare-strategies", "--paper", "--report"],
+    ],
+)
+def test_a_place_where_no_file_can_be_written_is_told_before_any_work(rig, tmp_path: Path, words: list[str]) -> None:
+    said = rig(*words, tmp_path / "nowhere" / "file.html")
+    expect(said, USAGE, f"there is no folder {tmp_path / 'nowhere'}; make it (mkdir -p")
+    assert " done" not in said.err
+    assert not (tmp_path / "nowhere").exists()
+    said = rig(*words, tmp_path)
+    expect(said, USAGE, "is a folder; give the name of a file in it")

@@ -90,7 +90,7 @@ def test_guesses_are_listed_by_profile_check(own: Path, capsys: pytest.CaptureFi
         ("exposure_range_s = [", "exposure_range_s = [0.1, 33000.0] # [", "seconds, not milliseconds or microseconds?"),
         ("timeout_s", "timeout_s = 5000.0 #", "seconds, not milliseconds?"),
         ("patch_size_m", "patch_size_m = 30.0 #", "metres, not centimetres"),
-        ("full_well_e", "full_well_e = 3e8 #", "electrons, not digital numbers?"),
+        ("exposure_s = 0.0166667", "full_well_e = 3e8\nexposure_s = 0.0166667", "electrons, not digital numbers?"),
         ("exposures", "exposures = [1.0, 8000.0] #", "times camera.exposure_s, not seconds?"),
         ("spots_px = [[", "spots_px = [[38, 77], [2180, 77]] # [[", "is outside the projector's 256 x 192 px"),
         ("checker_size_px", "checker_size_px = 800 #", "fewer than two checks fit"),
