@@ -171,7 +171,10 @@ def _opened(request: LookRequest, on_step: OnStep) -> Rig:
 def _check_exposure(exposure_s: float | None, profile: Profile) -> None:
     possible = profile.camera.exposure_range_s
     if exposure_s is not None and not possible.holds(exposure_s):
-        raise UsageError(f"--exposure {exposure_s:g} s is outside the camera's {possible} s (camera.exposure_range_s)")
+        raise UsageError(
+            f"--exposure {exposure_s:g} s is outside the camera's {possible} s (camera.exposure_range_s); "
+            "give one within it"
+        )
 
 
 class _Looker:

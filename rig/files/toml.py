@@ -132,7 +132,9 @@ def check_model(model: type[Model], data: Mapping[str, Any], path: Path, known_p
     try:
         checked = model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        problems += [_line(model, data, details) for details in error.errors()]
+        lines = [_line(model, data, details) for details in error.errors()]
+        # What is said with its remedy already is not said again without.
+        problems += [line for line in lines if not any(known.startswith(f"{line};") for known in problems)]
         raise ProfileError(_joined(path, problems)) from error
     if problems:
         raise ProfileError(_joined(path, problems))
