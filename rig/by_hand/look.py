@@ -15,6 +15,7 @@ from rig.devices.clock import SystemClock
 from rig.devices.drivers import make_devices
 from rig.devices.protocols import RawFrame
 from rig.errors import UsageError
+from rig.files.atomic import check_output
 from rig.files.pictures import write_png
 from rig.profile.schema import Profile, load_runnable_profile
 from rig.records import Record
@@ -92,6 +93,8 @@ def look(request: LookRequest, on_step: OnStep = silent) -> Look:
     SessionError
         The disk refuses the PNG.
     """
+    if request.output is not None:
+        check_output(request.output)
     with one_error_tree(), _opened(request, on_step) as rig:
         looker = _Looker(rig, request, on_step)
         taken, frame = looker.look(again=looker.first)
@@ -168,7 +171,10 @@ def _opened(request: LookRequest, on_step: OnStep) -> Rig:
 def _check_exposure(exposure_s: float | None, profile: Profile) -> None:
     possible = profile.camera.exposure_range_s
     if exposure_s is not None and not possible.holds(exposure_s):
-        raise UsageError(f"--exposure {exposure_s:g} s is outside the camera's {possible} s (camera.exposure_range_s)")
+        raise UsageError(
+            f"--exposure {exposure_s:g} s is outside the camera's {possible} s (camera.exposure_range_s); "
+            "give one within it"
+        )
 
 
 class _Looker:

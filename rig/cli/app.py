@@ -5,6 +5,7 @@ Exit status: 0 ok, 1 outside limits, 2 usage or profile, 3 device, 4 session, 13
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable
 from typing import Annotated, Literal
@@ -117,7 +118,7 @@ def run_command(arguments: list[str]) -> int:
     try:
         result = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except cyclopts.CycloptsError as error:
-        say(f"rig: {error}\ntry: {_help_of(arguments)}", sys.stderr)
+        say(f"rig: {_worded(error)}\ntry: {_help_of(arguments)}", sys.stderr)
         return 2
     except RigError as error:
         say("\nrig: ".join([f"rig: {error}", *getattr(error, "__notes__", ())]), sys.stderr)
@@ -131,6 +132,23 @@ def run_command(arguments: list[str]) -> int:
         say(f"rig: {error}; check the disk, then run the same command again", sys.stderr)
         return 4
     return result if isinstance(result, int) else 0
+
+
+def _worded(error: cyclopts.CycloptsError) -> str:
+    """Return what is wrong with a command line: a word that is missing, or one too many, as its reader calls it."""
+    if isinstance(error, cyclopts.UnusedCliTokensError) and error.unused_tokens:
+        words = " ".join(shlex.quote(word) for word in error.unused_tokens)
+        return f"nothing is done with `{words}`; put names that have blanks between quotes, or leave it out"
+    argument = error.argument
+    if isinstance(error, cyclopts.MissingArgumentError) and argument and not error.tokens_so_far:
+        named = getattr(error, "keyword", None) or next(
+            (token.keyword for token in argument.tokens if token.keyword), None
+        )
+        name = argument.name.removeprefix("--").upper() if argument.field_info.is_positional else argument.name
+        text = (argument.parameter.help or "").rstrip(".")
+        words = f"{named} needs a value" if named else f"{name} is missing"
+        return f"{words}{f': {text[:1].lower()}{text[1:]}' * bool(text)}"
+    return str(error)
 
 
 def _help_of(arguments: list[str]) -> str:

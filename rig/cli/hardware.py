@@ -58,10 +58,13 @@ def check(
     from rig.terminal import TerminalProgress
 
     with TerminalProgress() as progress:
+        from rig.files.atomic import check_output
         from rig.profile.apply import apply_values, own_file
         from rig.self_check import run_check
         from rig.self_check.page import print_check, write_check_page
 
+        if report is not None:
+            check_output(report)
         own = own_file(profile) if apply else None
         result = run_check(profile, progress, names_of(only) if only else ())
     if report is not None:

@@ -247,7 +247,10 @@ def bench(
     with TerminalProgress() as progress:
         from rig.benchmark import run_bench
         from rig.benchmark.tables import print_bench
+        from rig.files.atomic import check_output
 
+        if table is not None:
+            check_output(table)
         result = run_bench(name, "quick" if quick else "full" if full else "default", table, progress)
     print_json(result.as_json()) if as_json else print_bench(result)
     return 0 if result.within_limits else 1

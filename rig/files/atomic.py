@@ -44,6 +44,8 @@ def check_output(path: Path) -> None:
     if not path.parent.is_dir():
         folder = path.parent
         raise UsageError(f"{path}: there is no folder {folder}; make it (mkdir -p {folder}), or correct the name")
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise UsageError(f"{path}: you may not write into {path.parent.absolute()}; name a file in another folder")
 
 
 def _make_folder(folder: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -113,12 +113,24 @@ def _upright(pixels: NDArray[np.generic], orientation: int) -> NDArray[np.generi
     return pixels
 
 
-def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Float32Array:
-    """Read a target picture: (H, W, C) float32, C = 1 or 3, grey levels 0 … 255 that are linear in light.
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PictureLevels:
+    """A target picture as it was read."""
+
+    levels: Float32Array
+    """(H, W, C) grey levels, 0 … 255, linear in light."""
+    is_linear: bool
+    """Whether the file's numbers were taken as linear light; else as sRGB."""
+    lost_colours: bool = False
+    """Whether colours became grey."""
+
+
+def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> PictureLevels:
+    """Read a target picture of C = 1 or 3 channels.
 
     Codes of 8 and 16 bits are sRGB, as everywhere, unless they are said to be linear light as in the paper (8-bit codes
-    are then the levels, 16-bit codes are divided by 257); EXR values (0 … 1) always are linear light. Transparency is
-    ignored; the orientation that a camera noted is applied.
+    are then the levels, 16-bit codes are divided by 257); numbers with a point (0 … 1; EXR, some TIFF) always are
+    linear light. Transparency is ignored; the orientation that a camera noted is applied.
 
     Parameters
     ----------
@@ -133,9 +145,12 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Fl
         The file is missing or unreadable, or has NaN, infinite or negative values.
     """
     path = Path(path)
-    levels = _grey_levels(_colours(path), is_linear=is_linear)
+    colours = _colours(path)
+    if colours.dtype not in (np.uint8, np.uint16) and colours.dtype.kind != "f":
+        raise UsageError(f"{path}: has numbers of the type {colours.dtype}; export it with 8 or 16 bits, or as EXR")
+    levels = _grey_levels(colours, is_linear=is_linear)
     _check_levels(path, levels)
-    return levels
+    return PictureLevels(levels=levels, is_linear=is_linear or colours.dtype.kind == "f")
 
 
 def _colours(path: Path) -> NDArray[np.generic]:
@@ -283,8 +298,8 @@ def in_channels(picture: Float32Array, channels: int) -> Float32Array:
 
 def read_picture_of_shape(
     path: str | os.PathLike[str], shape: tuple[int, int], *, channels: int, fit: bool, is_linear: bool = False
-) -> tuple[Float32Array, bool]:
-    """Read a target picture as a projector takes it: its grey levels, and whether they had colours that are gone.
+) -> PictureLevels:
+    """Read a target picture as a projector takes it: its grey levels are (height, width, channels).
 
     Parameters
     ----------
@@ -299,30 +314,24 @@ def read_picture_of_shape(
     is_linear
         As for :func:`read_picture`.
 
-    Returns
-    -------
-    levels, lost_colours
-        (height, width, channels) grey levels of linear light; True where a coloured picture became grey.
-
     Raises
     ------
     UsageError
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
-    picture, lost_colours = read_picture_in_channels(path, channels=channels, is_linear=is_linear)
+    read = read_picture_in_channels(path, channels=channels, is_linear=is_linear)
+    picture = read.levels
     if picture.shape[:2] != shape and not fit:
         raise UsageError(
             f"{path}: {picture.shape[1]} x {picture.shape[0]} px, but the projector has {shape[1]} x {shape[0]} px; "
             "resize the picture, or add --fit to crop and scale it"
         )
     picture = picture if picture.shape[:2] == shape else fitted(picture, shape)
-    return np.ascontiguousarray(picture, dtype=np.float32), lost_colours
+    return replace(read, levels=np.ascontiguousarray(picture, dtype=np.float32))
 
 
-def read_picture_in_channels(
-    path: str | os.PathLike[str], *, channels: int, is_linear: bool = False
-) -> tuple[Float32Array, bool]:
-    """Read a target picture of any size: its grey levels (H, W, channels), and whether it had colours that are gone.
+def read_picture_in_channels(path: str | os.PathLike[str], *, channels: int, is_linear: bool = False) -> PictureLevels:
+    """Read a target picture of any size; its grey levels are (H, W, channels).
 
     Raises
     ------
@@ -330,10 +339,12 @@ def read_picture_in_channels(
         The file is missing, unreadable, too bright, or not finite.
     """
     read = read_picture(path, is_linear=is_linear)
-    lost_colours = channels == 1 and bool((read != read[..., :1]).any())
-    if read.max() > _BRIGHTEST:
-        raise UsageError(f"{path}: grey levels up to {read.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
-    return np.ascontiguousarray(in_channels(read, channels), dtype=np.float32), lost_colours
+    levels = read.levels
+    lost_colours = channels == 1 and bool((levels != levels[..., :1]).any())
+    if levels.max() > _BRIGHTEST:
+        raise UsageError(f"{path}: grey levels up to {levels.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
+    own = np.ascontiguousarray(in_channels(levels, channels), dtype=np.float32)
+    return replace(read, levels=own, lost_colours=lost_colours)
 
 
 @lru_cache(maxsize=4)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import json
+import re
 import tomllib
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -26,6 +28,20 @@ class Table(BaseModel):
 
 _LARGEST_BYTES = 16 << 20
 """Of a TOML file: a lens file of a thousand views has one."""
+_LINE_NUMBER = re.compile(r"\(at line (\d+),")
+_LINE_SHOWN = 80
+"""Signs of a line that a message repeats: as many as a terminal has columns."""
+_SLIPS = {
+    "[\u201c\u201d\u201e\u2018\u2019\u00ab\u00bb]": '; write straight quotes, "…" (an editor made them curly)',
+    "[\u200b\u200c\u200d\u2060\ufeff\u00a0]": "; it has invisible signs, which came with a copied text: type it anew",
+    r"^[\w.-]+\s*=\s*[+-]?\d+,\d+\s*(#.*)?$": "; write a decimal point, not a comma",
+    r'=\s*"[^"]*\\[^"]*"': "; write / in paths, or put them between single quotes: '…'",
+    r"^[\w.-]+\s*=\s*(True|False|yes|no|on|off)\b": "; write true or false",
+    r"^[\w.-]+\s*=\s*[A-Za-z/~]": '; a text stands between quotes: "…"',
+    r"^[\w.-]+\s*:": "; write key = value",
+    r"^[\w.-]+\s*=\s*(#.*)?$": "; a value is missing",
+}
+"""What people write in the place of TOML, by the pattern of a line, and what to write instead."""
 _UNITS = {
     "s": "seconds",
     "m": "metres",
@@ -42,18 +58,46 @@ def parse_toml(raw: bytes, path: Path) -> dict[str, Any]:
     """Read TOML; raises ProfileError that names file, line and column."""
     if len(raw) > _LARGEST_BYTES:
         raise ProfileError(f"{path}: has {len(raw)} bytes, the limit is {_LARGEST_BYTES}; give a TOML file")
+    text = decoded(raw, path)
     try:
-        data = tomllib.loads(raw.decode("utf-8"))
-    except UnicodeDecodeError as error:
-        raise ProfileError(f"{path}: byte {error.start} is not UTF-8; save the file as UTF-8 text") from error
+        data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ProfileError(f"{path}: is not TOML: {error}") from error
+        raise ProfileError(f"{path}: is not TOML: {error}{_why_no_toml(text, str(error))}") from error
     except ValueError as error:
         raise ProfileError(f"{path}: has a number with thousands of digits; write it shorter") from error
     except RecursionError as error:
         raise ProfileError(f"{path}: has tables or lists too deep in each other; write it flatter") from error
     _refuse_what_json_cannot_say(data, path, "")
     return data
+
+
+def decoded(raw: bytes, path: Path) -> str:
+    """Return a file's text, without the mark that some editors put before UTF-8; raises ProfileError for no UTF-8."""
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if raw[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+            raise ProfileError(f"{path}: is UTF-16; save the file as UTF-8 text") from error
+        line = raw.count(b"\n", 0, error.start) + 1
+        raise ProfileError(
+            f"{path}: line {line}: byte {error.start} is not UTF-8; save the file as UTF-8 text"
+        ) from error
+
+
+def _why_no_toml(text: str, problem: str) -> str:
+    """Return the line that a parser stumbled over, and what is the matter with it where that is plain to see."""
+    found = _LINE_NUMBER.search(problem)
+    lines = text.split("\n")
+    if found is None or int(found[1]) > len(lines):
+        return ""
+    line = lines[int(found[1]) - 1].strip(" \t\r")  # a blank that is none stays
+    reason = next((words for pattern, words in _SLIPS.items() if re.search(pattern, line)), "")
+    return f": `{_visible(line)}`{reason}"
+
+
+def _visible(line: str) -> str:
+    shown = "".join(sign if sign.isprintable() else f"\\u{ord(sign):04x}" for sign in line)
+    return shown if len(shown) <= _LINE_SHOWN else f"{shown[:_LINE_SHOWN]}…"
 
 
 def _refuse_what_json_cannot_say(value: object, path: Path, place: str) -> None:
@@ -88,7 +132,9 @@ def check_model(model: type[Model], data: Mapping[str, Any], path: Path, known_p
     try:
         checked = model.model_validate_json(json.dumps(data, default=str), strict=True)
     except ValidationError as error:
-        problems += [_line(model, data, details) for details in error.errors()]
+        lines = [_line(model, data, details) for details in error.errors()]
+        # What is said with its remedy already is not said again without.
+        problems += [line for line in lines if not any(known.startswith(f"{line};") for known in problems)]
         raise ProfileError(_joined(path, problems)) from error
     if problems:
         raise ProfileError(_joined(path, problems))

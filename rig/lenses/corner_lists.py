@@ -46,7 +46,7 @@ def read_corner_lists(path: Path, corners: int, last_column: LastColumn | None) 
         A line for each problem.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise ProfileError(f"{path}: cannot be read: {error}; give a text of lines `filename x y level`") from error
     kind = last_column or _kind_of(lines)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.files.atomic import write_bytes
+from rig.files.atomic import check_output, write_bytes
 from rig.paper.experiments import CONFIGURATIONS, SHAPE, Configuration, desired_picture, paper_factors, paper_transport
 from rig.stages.error_tree import one_error_tree
 from rig.stages.picture_errors import WHITE
@@ -52,6 +52,8 @@ def compare_on_paper(
         Unknown strategy; no place for the page; a strategy that refuses.
     """
     started_s = time.perf_counter()
+    if page is not None:
+        check_output(page)
     names = check_strategies(tuple(strategies) or tuple(STRATEGIES))
     pictures, images = [], {}
     with one_error_tree():

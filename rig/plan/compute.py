@@ -13,6 +13,8 @@ from rig.plan.request import PlanRequest
 from rig.plan.shown import PictureInRoom, checked_strategies, picture_in_room
 from rig.terminal import OnStep, silent
 
+_STEP = "light, pictures and viewers"
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ComputedPlan:
@@ -51,14 +53,14 @@ def computed_plan(request: PlanRequest, on_step: OnStep = silent) -> ComputedPla
     """Return a plan's result and arrays; as :func:`plan_room`."""
     show = request.show
     total = 2 + len(show.pictures)
-    on_step("light of the room", 0, total)
+    on_step(_STEP, 0, total)
     strategies = checked_strategies(show.strategies)
     lit = lit_room(request)
     pictures = []
     for k, name in enumerate(show.pictures, 1):
-        on_step(f"picture {name}", k, total)
+        on_step(_STEP, k, total)
         pictures.append(picture_in_room(lit, name, show.white_cdm2, strategies))
-    on_step("shadows and viewers", total - 1, total)
+    on_step(_STEP, total - 1, total)
     shadows = tuple(shadow_of(lit, person) for person in people_of(request, lit))
     viewers = tuple(sight_of(lit, viewer, pictures[0], show.white_cdm2) for viewer in request.viewer)
     summary: PlanTotals = totals(lit, show.white_cdm2)
@@ -75,5 +77,5 @@ def computed_plan(request: PlanRequest, on_step: OnStep = silent) -> ComputedPla
         viewers=viewers,
         remarks=(),
     )
-    on_step("done", total, total)
+    on_step(_STEP, total, total)
     return ComputedPlan(request=request, lit=lit, pictures=tuple(pictures), result=remarks_on(result, request))

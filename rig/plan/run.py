@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rig.errors import UsageError
+from rig.files.atomic import check_output
 from rig.plan.compute import computed_plan
 from rig.plan.page import write_plan_page
 from rig.plan.records import PlanResult
@@ -57,6 +58,8 @@ def run_plan(
         For anything in the request that cannot be.
     """
     wanted = load_room(room_file(request)) if isinstance(request, Path) else request
+    if page is not None:
+        check_output(page)
     computed = computed_plan(wanted, on_step)
     if search and wanted.search is not None:
         designs = result_of(search_designs(wanted, on_step=on_step))

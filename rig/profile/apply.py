@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rig.errors import ProfileError
 from rig.files.atomic import write_bytes
-from rig.files.toml import toml_value
+from rig.files.toml import decoded, toml_value
 from rig.profile.schema import Profile, is_of_a_session, load_profile
 
 BACKUP_SUFFIX = ".before"
@@ -86,13 +86,14 @@ def apply_values(path: Path, values: Mapping[str, float]) -> AppliedValues:
     SessionError
         The disk refuses.
     """
-    text = path.read_bytes().decode("utf-8")
+    raw = path.read_bytes()
+    text = decoded(raw, path)
     new = _with_values(text, values, path)
     if new == text:
         return AppliedValues(path=str(path), backup="", diff="")
     Profile.parse(new.encode(), path)
     backup = path.with_name(path.name + BACKUP_SUFFIX)
-    write_bytes(backup, text.encode())
+    write_bytes(backup, raw)
     write_bytes(path, new.encode())
     lines = difflib.unified_diff(text.splitlines(), new.splitlines(), str(backup), str(path), lineterm="", n=0)
     return AppliedValues(path=str(path), backup=str(backup), diff="\n".join(lines))
@@ -106,7 +107,11 @@ def _with_values(text: str, values: Mapping[str, float], path: Path) -> str:
         if header := _HEADER.match(body):
             table = header[1]
             new = [key for key in left if key not in own and key.rpartition(".")[0] == table]
-            line += "".join(f"{key.rpartition('.')[2]} = {toml_value(left.pop(key))}  # by rig check\n" for key in new)
+            end = line[len(body) :] or "\n"
+            line = body + end
+            line += "".join(
+                f"{key.rpartition('.')[2]} = {toml_value(left.pop(key))}  # by rig check{end}" for key in new
+            )
         elif (found := _LINE.match(body)) and (value := left.pop(f"{table}.{found[2]}", None)) is not None:
             comment = "" if found[6] is None or GUESS in found[6] else f"{found[5]}{found[6]}"
             comment = comment or "  # by rig check"

@@ -40,7 +40,44 @@ def problems_between_tables(data: Mapping[str, Any]) -> list[str]:
         *_unknown_names(data, cameras, projectors),
         *_unlike_the_simulation(data, cameras, projectors),
         *_jpeg_of_many_bits(data, cameras),
+        *_spots_outside(data, projectors),
+        *_checks_beyond_the_picture(data, projectors),
     ]
+
+
+def _pictures(projectors: list[_NamedTable]) -> dict[object, tuple[int, int]]:
+    """Width and height in pixels of each projector that has them, by its name."""
+    sizes = {one.name: (one.table.get("width_px"), one.table.get("height_px")) for one in projectors}
+    return {name: (w, h) for name, (w, h) in sizes.items() if isinstance(w, int) and isinstance(h, int)}
+
+
+def _spots_outside(data: Mapping[str, Any], projectors: list[_NamedTable]) -> Iterator[str]:
+    """Spots that no pixel of their projector is."""
+    pictures, scales = _pictures(projectors), _listed(data, "scale")
+    for k, scale in enumerate(scales):
+        if not isinstance(scale, dict) or scale.get("projector") not in pictures:
+            continue
+        width, height = pictures[scale["projector"]]
+        for spot in _listed(scale, "spots_px"):
+            if isinstance(spot, list) and len(spot) == 2 and all(isinstance(x, int | float) for x in spot):
+                if 0 <= spot[0] <= width - 1 and 0 <= spot[1] <= height - 1:
+                    continue
+                yield (
+                    f"scale{entry_place(scales, k)}.spots_px: {spot} is outside the projector's {width} x {height} px; "
+                    "give x and y of pixels that `rig show spots` lights"
+                )
+
+
+def _checks_beyond_the_picture(data: Mapping[str, Any], projectors: list[_NamedTable]) -> Iterator[str]:
+    """Checks of which fewer than two fit in a picture."""
+    patterns = data.get("patterns")
+    checker_px = patterns.get("checker_size_px") if isinstance(patterns, dict) else None
+    for name, (width, height) in _pictures(projectors).items():
+        if isinstance(checker_px, int) and 2 * checker_px > min(width, height):
+            yield (
+                f"patterns.checker_size_px: is {checker_px}, {name} has {width} x {height} px: fewer than two checks "
+                "fit; give smaller ones"
+            )
 
 
 def _devices(data: Mapping[str, Any], kind: str) -> Iterator[_NamedTable]:

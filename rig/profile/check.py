@@ -55,7 +55,7 @@ def _sizes(kind: str, devices: list[tuple[str, int, int]]) -> str:
 
 
 def _guesses(path: str, profile: Profile) -> list[str]:
-    guessed = guessed_keys(profile.raw.decode("utf-8"))
+    guessed = guessed_keys(profile.text)
     if not guessed:
         return []
     return [f"{path}: still a guess ({GUESS}): {', '.join(guessed)}; rig check --apply measures some of them"]

@@ -97,6 +97,11 @@ class Profile(Table):
         return self._raw
 
     @property
+    def text(self) -> str:
+        """The same as text, without a mark of its encoding."""
+        return self._raw.decode("utf-8-sig")
+
+    @property
     def sha256(self) -> str:
         """Hexadecimal hash of ``raw``."""
         return hashlib.sha256(self._raw).hexdigest()

@@ -44,6 +44,11 @@ SecondsOfDelay = Annotated[float, Field(ge=0), _plausible(0, 5, "seconds, not mi
 MetresByTape = Annotated[float, Field(gt=0), _plausible(0.01, 30, "metres, not centimetres or millimetres?")]
 MetresOfWall = Annotated[float, Field(gt=0), _plausible(0.05, 200, "metres, not centimetres or millimetres?")]
 DegreesOfView = Annotated[float, Field(gt=0, lt=180), _plausible(2, 175, "degrees, not radians?")]
+SecondsOfWaiting = Annotated[float, Field(ge=0), _plausible(0, 900, "seconds, not milliseconds?")]
+SecondsOfExposure = Annotated[float, Field(gt=0), _plausible(1e-6, 600, "seconds, not milliseconds or microseconds?")]
+MetresOfPatch = Annotated[float, Field(gt=0), _plausible(0.005, 20, "metres, not centimetres or millimetres?")]
+Electrons = Annotated[float, Field(ge=0), _plausible(0, 1e7, "electrons, not digital numbers?")]
+Multiple = Annotated[float, Field(gt=0), _plausible(1e-3, 1000, "times camera.exposure_s, not seconds?")]
 Hertz = Annotated[float, Field(gt=0), _plausible(0.1, 2000, "hertz, not seconds a frame or kilohertz?")]
 
 
@@ -52,6 +57,8 @@ def _possible(given: ExposureRange) -> ExposureRange:
         raise ValueError(f"is {given}, should begin above 0 seconds")
     if given.shortest_s > given.longest_s:
         raise ValueError(f"{given} is no range; give the smaller number first")
+    if given.shortest_s < 1e-7 or given.longest_s > 600:
+        raise ValueError(f"is {given}, plausible are 1e-07 ... 600: seconds, not milliseconds or microseconds?")
     return given
 
 
@@ -78,9 +85,9 @@ def check_patches(size_m: tuple[float, float, float], patch_size_m: float, key: 
 class CaptureTiming(Table):
     """How long to wait for a frame, and how often to ask again."""
 
-    timeout_s: Positive = 5.0
-    retries: Annotated[int, Field(ge=0)] = 8
-    replug_timeout_s: NotNegative = 20.0
+    timeout_s: Annotated[SecondsOfWaiting, Field(gt=0)] = 5.0
+    retries: Annotated[int, Field(ge=0, le=1000)] = 8
+    replug_timeout_s: SecondsOfWaiting = 20.0
     """How long a device that went away is waited for."""
 
 
@@ -108,14 +115,14 @@ class CameraProfile(Table):
     bit_depth: Annotated[int, Field(ge=8, le=16)]
     frame_rate_hz: Hertz
     exposure_range_s: Annotated[ExposureRange, AfterValidator(_possible)]
-    exposure_s: Positive
+    exposure_s: SecondsOfExposure
     """Where the search for the reference exposure starts."""
     hfov_deg: DegreesOfView
     """Nominal horizontal field of view; calibration finds the real one."""
     lens: str | None = None
     """Lens file of `rig lenses`, relative to the profile: a prior of the geometry with all its covariance."""
-    full_well_e: Positive | None = None
-    read_noise_e: NotNegative | None = None
+    full_well_e: Annotated[Electrons, Field(gt=0)] | None = None
+    read_noise_e: Electrons | None = None
 
     @property
     def full_scale_dn(self) -> int:
@@ -154,7 +161,7 @@ class PjlinkTable(Table):
     """Environment variable that holds the password; a profile holds no secrets."""
     input: Annotated[str, Field(pattern=r"^[1-6][1-9A-Z]$")] | None = None
     """PJLink's input code, e.g. "31" for the first digital input."""
-    warm_up_timeout_s: Positive = 120.0
+    warm_up_timeout_s: Annotated[SecondsOfWaiting, Field(gt=0)] = 120.0
 
 
 class LightCrafterTable(Table):
@@ -240,9 +247,9 @@ class Room(Table):
     """Six faces; else only those that were seen."""
     size_m: tuple[MetresOfWall, MetresOfWall, MetresOfWall] | None = None
     """Inner size by tape; places only walls that nobody sees."""
-    lens_height_m: Positive | None = None
+    lens_height_m: MetresOfWall | None = None
     """Of the projector's lens above the floor, by tape; places only a floor that nobody sees."""
-    patch_size_m: Positive = 0.3
+    patch_size_m: MetresOfPatch = 0.3
     right_angles: bool = True
 
     @model_validator(mode="after")
@@ -262,7 +269,7 @@ class Planes(Table):
     """Any number of flat pieces, at any angle."""
 
     kind: Literal["planes"]
-    patch_size_m: Positive = 0.3
+    patch_size_m: MetresOfPatch = 0.3
     right_angles: bool = False
     """Nearly perpendicular pieces are exactly perpendicular."""
 
@@ -311,7 +318,7 @@ class Patterns(Table):
     checker_size_px: Count = 8
     checker_shifts: FewCount = 25
     response_levels: Annotated[int, Field(ge=3, le=256)] = 17
-    exposures: Annotated[tuple[Positive, ...], Field(min_length=1, max_length=16)] = (1.0, 8.0)
+    exposures: Annotated[tuple[Multiple, ...], Field(min_length=1, max_length=16)] = (1.0, 8.0)
     """Multiples of the reference exposure that are merged."""
     frames_averaged: FewCount = 1
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from rig.errors import ProfileError
 from rig.files.atomic import write_bytes
-from rig.files.toml import parse_toml, toml_value
+from rig.files.toml import decoded, parse_toml, toml_value
 from rig.profile.schema import SCHEMA, Profile, is_of_a_session
 from rig.records import Record
 
@@ -54,7 +54,7 @@ def upgrade_profile(path: Path) -> UpgradedProfile:
     except OSError as error:
         raise ProfileError(f"{path}: cannot be read: {error.strerror}; check the name and its permissions") from error
     _refuse_what_is_not_ours(raw, path)
-    text = raw.decode("utf-8")
+    text = decoded(raw, path)
     new = upgraded_text(text, path)
     Profile.parse(new.encode(), path)
     backup = path.with_name(path.name + BACKUP_SUFFIX)

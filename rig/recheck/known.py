@@ -13,6 +13,7 @@ from calibration.geometry.pinhole import PinholeModel
 from calibration.structured_light.correspondence import Correspondence
 from rig.errors import SessionError
 from rig.session import Session, Step
+from rig.session.folder import typed
 from rig.stages.correspondence import load_correspondence, only
 from rig.stages.geometry import Point, load_geometry
 from rig.stages.light.unseen_walls import shift_of
@@ -81,7 +82,8 @@ def known_rig(session: Session) -> KnownRig:
     """
     if not session.is_finished("geometry"):
         raise SessionError(
-            f"{session.path}: is not calibrated, so there is nothing to compare with; run `rig run {session.path}`"
+            f"{session.path}: is not calibrated, so there is nothing to compare with; "
+            f"run `rig run {typed(session.path)}`"
         )
     geometry, is_modelled = load_geometry(session), session.is_finished("model")
     shift_m = shift_of(load_model_record(session).placed) if is_modelled else _NO_SHIFT

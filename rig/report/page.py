@@ -185,7 +185,7 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
         frame_events=notes[:_MAX_EVENTS],
         repeat="\n".join(session.commands) or f"rig run {session.path} -p {profile.path}",
         folder=str(session.path),
-        guesses=guessed_keys(profile.raw.decode("utf-8")),
+        guesses=guessed_keys(profile.text),
         words=explained(_words_of(result, names)),
         provenance=_provenance(session, result.compensation.target),
         footer=f"Written {datetime.now(UTC):%Y-%m-%d %H:%M} UTC by procam-rig {__version__}.",

@@ -13,7 +13,7 @@ from rig.run.request import SessionRequest
 from rig.run.steps import AnyStep, Verb, frames_of, settings_of, steps_up_to
 from rig.run.time_left import seconds_left
 from rig.session import Session
-from rig.session.folder import read_folder
+from rig.session.folder import no_session_at, read_folder
 from rig.stages.showing.dark import dark_settings
 from rig.stages.target import CompensationRequest, check_strategies, last_target, requested_compensation
 from rig.terminal.line import counted, in_words
@@ -130,10 +130,11 @@ def plan_session(request: SessionRequest, verb: Verb = "compare") -> SessionPlan
 
 def _profile(request: SessionRequest, folder: Path, *, is_new: bool) -> Profile:
     """The profile that was named, else that of the session; opening the session refuses another than its own."""
+    none_there = no_session_at(folder) if is_new else ""
     if request.profile is not None:
         return load_runnable_profile(request.profile)
     if is_new:
-        raise SessionError(f"{folder}: there is no session here; name a profile, e.g. -p sim-room")
+        raise SessionError(f"{none_there}; name a profile to make one, e.g. -p sim-room")
     _, own = read_folder(folder, None)
     return own
 

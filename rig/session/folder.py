@@ -35,6 +35,8 @@ CHANGEABLE = {
 """Fields of a profile that may change within a session, as the file calls them; of all others photographs depend."""
 NEXT_PROFILE = "profile.next.toml"
 """A changed profile before it takes its place."""
+_MOST_NAMED = 3
+"""Sessions that a message names: more are found by listing the folder."""
 _OWN_NAMES = {"lock", "profile.toml", "session.json", JOURNAL_NAME}
 
 
@@ -43,14 +45,46 @@ def is_session(folder: Path) -> bool:
     return (folder / "session.json").is_file()
 
 
+def typed(path: Path) -> str:
+    """Return a path as a shell takes it: in quotes where it has blanks."""
+    return shlex.quote(str(path))
+
+
+def no_session_at(folder: Path) -> str:
+    """Return words for a place that is no session: where it was looked for, and the sessions near it.
+
+    Raises
+    ------
+    SessionError
+        It lies in a session, which then is meant.
+    """
+    whole = folder.absolute()
+    around = next((parent for parent in whole.resolve().parents if is_session(parent)), None)
+    if around is not None:
+        raise SessionError(f"{folder}: is a part of the session {around}; name that folder")
+    place = "" if folder.is_absolute() else f" in {whole.parent}"
+    near = [found for base in (whole, whole.parent) for found in _sessions_in(base)]
+    named = ", ".join(str(path) for path in near[:_MOST_NAMED])
+    return f"{folder}: there is no session here{place}{f' (near it: {named})' * bool(near)}"
+
+
+def _sessions_in(folder: Path) -> list[Path]:
+    """Sessions directly in a folder, in the order of their names; none where it may not be read."""
+    try:
+        return sorted(path.parent for path in folder.glob("*/session.json"))
+    except OSError:
+        return []
+
+
 def check_folder(folder: Path, *, may_create: bool) -> None:
     """Make the folder of a new session; refuse what is neither a session nor empty."""
     if folder.exists() and not folder.is_dir():
+        no_session_at(folder)
         raise SessionError(f"{folder}: is a file; a session is a folder, give another name")
     if is_session(folder):
         return
     if not may_create:
-        raise SessionError(f"{folder}: no session; make one with `rig run {folder} -p PROFILE --target IMAGE`")
+        raise SessionError(f"{no_session_at(folder)}; make one with `rig run {typed(folder)} -p PROFILE`")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         foreign = sorted(p.name for p in folder.iterdir() if p.name.removesuffix(PART_SUFFIX) not in _OWN_NAMES)

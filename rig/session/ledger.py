@@ -16,7 +16,7 @@ from rig.files.atomic import sha256_of, write_bytes
 from rig.files.journal import JOURNAL_NAME, Event, Journal, corrupt_line, read_events
 from rig.profile.schema import Profile
 from rig.records import Json, JsonObject, Record
-from rig.session.folder import NEXT_PROFILE, finish_profile_change
+from rig.session.folder import NEXT_PROFILE, finish_profile_change, typed
 from rig.session.header import ProfileStamp, SessionHeader
 
 METRICS_NAME = "metrics.json"
@@ -189,7 +189,7 @@ class Ledger:
             if not self.is_intact(entry):
                 raise SessionCorrupt(
                     f"{self.folder / entry.file}: is missing, or not as step {name!r} wrote it; run "
-                    f"`rig run {self.folder}`, which makes it anew"
+                    f"`rig run {typed(self.folder)}`, which makes it anew"
                 )
         return [(name, entry) for name, entry in found if entry.kind != "record"]
 
@@ -302,12 +302,12 @@ class Ledger:
         written = next((event["sha256"] for event in reversed(self.events) if event["event"] == "metrics"), None)
         if written is not None and path.is_file() and self._sha256_of(path) != written:
             raise SessionCorrupt(
-                f"{path}: is not what was written there; run `rig run {self.folder}`, which writes it anew"
+                f"{path}: is not what was written there; run `rig run {typed(self.folder)}`, which writes it anew"
             )
 
     def refuse_metrics(self, error: Exception) -> NoReturn:
         """Raise SessionError with why metrics.json gave no record of a comparison; `error` came of reading it."""
-        path, again = self.folder / METRICS_NAME, f"run `rig run {self.folder}`"
+        path, again = self.folder / METRICS_NAME, f"run `rig run {typed(self.folder)}`"
         if all(run.outputs_sha256 is None for run in self.runs.get(_COMPARISON, ())):
             raise SessionError(f"{self.folder}: nothing was compared yet; {again} first") from error
         if isinstance(error, FileNotFoundError):

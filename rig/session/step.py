@@ -18,6 +18,7 @@ from rig.errors import SessionCorrupt, SessionError
 from rig.files.atomic import write_bytes
 from rig.files.exr import read_exr, write_exr
 from rig.records import JsonObject, Record, json_of, read_record
+from rig.session.folder import typed
 from rig.session.ledger import FileEntry, FileKind, FrameDetails, Ledger, StepRun, write_json
 
 Kind = TypeVar("Kind")
@@ -313,7 +314,7 @@ class Step:
         except (ValueError, RecursionError) as error:
             raise SessionCorrupt(
                 f"{path}: is no {kind.__name__} of this version ({error}); delete it, and run "
-                f"`rig run {self._ledger.folder}`: step {self.name!r} makes it anew"
+                f"`rig run {typed(self._ledger.folder)}`: step {self.name!r} makes it anew"
             ) from error
 
     def take_over(self, other: Step) -> None:
@@ -368,7 +369,7 @@ class Step:
         if not self._ledger.is_intact(entry):
             raise SessionCorrupt(
                 f"{self._ledger.folder / entry.file}: is missing, or not as step {self.name!r} wrote it; run "
-                f"`rig run {self._ledger.folder}`, which makes it anew"
+                f"`rig run {typed(self._ledger.folder)}`, which makes it anew"
             )
         return entry
 

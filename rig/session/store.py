@@ -22,6 +22,7 @@ from rig.session.folder import (
     own_versions,
     read_folder,
     read_or_create,
+    typed,
 )
 from rig.session.ledger import METRICS_NAME, FileEntry, Ledger, hash_json
 from rig.session.lock import SessionLock
@@ -239,12 +240,12 @@ class Session:
         run = self._ledger.last_run(name)
         if run is None or run.outputs_sha256 is None:
             state = "has not been started" if run is None else "is not finished"
-            raise SessionError(f"{self.path}: step {name!r} {state}; run `rig {verb} {self.path}` first")
+            raise SessionError(f"{self.path}: step {name!r} {state}; run `rig {verb} {typed(self.path)}` first")
         step = Step(self._ledger, run)
         if step.damaged_files:
             raise SessionCorrupt(
                 f"{self.path}: {len(step.damaged_files)} files of step {name!r} are lost or damaged, first "
-                f"{step.damaged_files[0]}; run `rig {verb} {self.path}` to repeat what is missing"
+                f"{step.damaged_files[0]}; run `rig {verb} {typed(self.path)}` to repeat what is missing"
             )
         return step
 

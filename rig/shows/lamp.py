@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +108,10 @@ def _read(path: Path) -> float:
     if not path.is_file():
         return 0.0
     try:
-        return read_record(LampHours, json.loads(path.read_bytes())).lit_s
-    except (OSError, ValueError) as error:
+        lit_s = read_record(LampHours, json.loads(path.read_bytes())).lit_s
+        if not 0 <= lit_s < math.inf:
+            raise ValueError(f"lit_s is {lit_s}")
+    except (OSError, ValueError, RecursionError) as error:
         log.warning("%s: is damaged (%s); lamp hours begin at 0", path, error)
         return 0.0
+    return lit_s

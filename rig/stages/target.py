@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig import plug_ins
 from rig.errors import SessionCorrupt, SessionError, UsageError
 from rig.files.channels import image_of
-from rig.files.pictures import astronaut, in_channels, read_picture_in_channels, read_picture_of_shape
+from rig.files.pictures import PictureLevels, astronaut, in_channels, read_picture_in_channels, read_picture_of_shape
 from rig.profile.schema import Profile
 from rig.profile.target_table import TargetTable
 from rig.records import Record
@@ -226,9 +226,7 @@ def load_target(
     """
     if path is None or _is_test_picture(path):
         return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
-    levels, lost_colours = read_picture_of_shape(path, shape, channels=channels, fit=fit, is_linear=is_linear)
-    light = _light_of(path, is_linear=is_linear)
-    return Target(name=Path(path).name, levels=levels, light=light, lost_colours=lost_colours)
+    return _target(path, read_picture_of_shape(path, shape, channels=channels, fit=fit, is_linear=is_linear))
 
 
 def load_any_target(
@@ -243,14 +241,13 @@ def load_any_target(
     """
     if path is None or _is_test_picture(path):
         return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
-    levels, lost_colours = read_picture_in_channels(path, channels=channels, is_linear=is_linear)
-    light = _light_of(path, is_linear=is_linear)
-    return Target(name=Path(path).name, levels=levels, light=light, lost_colours=lost_colours)
+    return _target(path, read_picture_in_channels(path, channels=channels, is_linear=is_linear))
 
 
 def _is_test_picture(path: str | Path) -> bool:
     return str(path) == DEFAULT and not Path(path).exists()
 
 
-def _light_of(path: str | Path, *, is_linear: bool) -> Light:
-    return "linear light" if is_linear or Path(path).suffix.lower() == ".exr" else "sRGB"
+def _target(path: str | Path, read: PictureLevels) -> Target:
+    light: Light = "linear light" if read.is_linear else "sRGB"
+    return Target(name=Path(path).name, levels=read.levels, light=light, lost_colours=read.lost_colours)

@@ -121,14 +121,19 @@ class Pjlink:
     def _set(self, command: str, parameter: str) -> None:
         (answer,) = self.ask(f"{command} {parameter}")
         if answer.upper() != "OK":
-            raise DeviceError(f"{self.where} answers {answer!r} to {command!r} instead of OK")
+            raise DeviceError(
+                f"{self.where} answers {answer!r} to {command!r} instead of OK; try again, or use its remote control"
+            )
 
     def _get(self, command: str, pattern: str = ".*") -> re.Match[str]:
         """The answer to a question, if it has the right form."""
         (answer,) = self.ask(f"{command} ?")
         match = re.fullmatch(pattern, answer.strip())
         if match is None:
-            raise DeviceError(f"{self.where} answers {answer!r} to {command!r}, which PJLink does not know")
+            raise DeviceError(
+                f"{self.where} answers {answer!r} to {command!r}, which PJLink does not know; "
+                "update its firmware, or leave projector.pjlink out"
+            )
         return match
 
     def power(self) -> Power:

@@ -167,7 +167,7 @@ class VendorControls:
         if len(value) != control.length:
             raise SettingRefused(f"{where} has {control.length} bytes, not {len(value)}; give exactly those")
         if not control.writable:
-            raise SettingRefused(f"{where} can only be read")
+            raise SettingRefused(f"{where} can only be read; leave it out of what is set")
         self._ask(selector, Query.SET_CUR, value)
         if control.readable:
             done = self._ask(selector, Query.GET_CUR, bytes(control.length))

@@ -205,7 +205,10 @@ class V4l2Camera:
         self.close()
         found = find_camera(self.device_id)
         if found.usb_port is None:
-            raise DeviceError(f"{self._name} ({found.driver}) is no USB device, so it cannot be reset from here")
+            raise DeviceError(
+                f"{self._name} ({found.driver}) is no USB device, so it cannot be reset from here; "
+                "unplug it, or switch it off and on"
+            )
         from rig.devices.usb.reset import reset_usb_device
 
         reset_usb_device(found.usb_port)

@@ -60,7 +60,7 @@ def _summary(folders: Folders, name: str, *, is_own: bool) -> JsonObject:
         "driver": camera.driver,
         "camera_px": [camera.width_px, camera.height_px],
         "projector_px": [projector.width_px, projector.height_px],
-        "to_measure": list(guessed_keys(profile.raw.decode("utf-8"))),
+        "to_measure": list(guessed_keys(profile.text)),
     }
 
 

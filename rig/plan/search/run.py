@@ -144,6 +144,7 @@ def search_designs(request: PlanRequest, on_step: OnStep = silent) -> FoundDesig
         looker.allowance = round(whole * (1 - ENDS * (len(goals) - k)))
         _improve(looker, _alone(space, goal))
     tried = tuple(replace(one, score=score_of(space, one)) for one in looker.tried.values())
+    on_step("search", len(tried), len(tried))  # neighbours that were tried before end it with fewer than were allowed
     best = min(tried, key=lambda one: (not one.allowed, not one.measures, one.score))
     return FoundDesigns(space=space, given=replace(given, score=score_of(space, given)), tried=tried, best=best)
 

@@ -73,7 +73,7 @@ def dark_pixels(profile: Profile, scene_model: SceneModel) -> BoolArray | None:
 
 
 def _mask(path: Path, shape: tuple[int, int], seen_by: str) -> BoolArray:
-    levels = read_picture(path) / 255
+    levels = read_picture(path).levels / 255
     if levels.shape[:2] != shape:
         raise UsageError(
             f"{path}: the mask of what stays dark has {levels.shape[1]} x {levels.shape[0]} px, the {seen_by} "

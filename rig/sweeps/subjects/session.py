@@ -35,7 +35,7 @@ class SessionSubject:
         beside = near / name
         profile = load_profile(beside if beside.is_file() else name)
         _refuse_devices(profile)
-        return profile.raw.decode("utf-8")
+        return profile.text
 
     def complete(self, settings: Mapping[str, object], base: str | None) -> JsonObject:
         """Return the settings and what the profile is otherwise; raises ProfileError."""

@@ -15,6 +15,7 @@ namespace {
 constexpr double ROUNDOFF = 1e-13;
 constexpr int HIGHEST = 12;  // points on a panel before it is halved: 8 and 18 take as long
 constexpr int DEEPEST = 60;  // halvings: what is left of an edge is below roundoff
+constexpr double BESIDE = 1e-4;  // edges nearer than this are asked whether they come close or only lie side by side
 
 struct Edge {
     Vec from, along;  // unit direction
@@ -69,13 +70,41 @@ double gauss_panel(const Edge &e, double low, double high, const Edge &f, int n)
     return (high - low) * sum;
 }
 
-double graded(const Edge &e, double low, double high, const Edge &f, double tolerance, int depth) {
+struct Crossing {
+    double sine, height, s, t;  // of the two lines: angle, distance, and where on each they are closest
+};
+
+Crossing crossing_of(const Edge &e, const Edge &f) {
+    const Vec w = f.from - e.from, axis = cross(e.along, f.along);
+    const double sine = norm(axis), sine2 = sine * sine + 1e-300;
+    return {sine, std::fabs(dot(w, axis)) / (sine + 1e-300), dot(cross(w, f.along), axis) / sine2,
+            dot(cross(w, e.along), axis) / sine2};
+}
+
+inline double distance_to_point(const Edge &e, double low, double high, Vec x) {
+    const double s = std::min(std::max(dot(e.along, x - e.from), low), high);
+    return norm(at(e, s) - x);
+}
+
+// How far from the part [low, high] of e the integrand along e stops being smooth: at the ends of f, and where
+// p^2, a square polynomial of s, is 0: beside the crossing, by height / sine off the real axis. For two edges that
+// lie side by side, a rounding of coordinates apart, that is far more than their distance.
+double smooth_gap(const Edge &e, double low, double high, const Edge &f, const Crossing &c) {
+    const double ends = std::min(distance_to_point(e, low, high, f.from),
+                                 distance_to_point(e, low, high, at(f, f.length)));
+    if (c.sine < ROUNDOFF) return ends;
+    return std::min(ends, std::hypot(std::max({low - c.s, c.s - high, 0.0}), c.height / c.sine));
+}
+
+double graded(const Edge &e, double low, double high, const Edge &f, const Crossing &c, double tolerance, int depth) {
     const double width = high - low, size = 2 * width * f.length;
-    const double n = points_needed(0.5 * width, distance(e, low, high, f), size, tolerance);
+    double gap = distance(e, low, high, f);
+    if (gap < BESIDE) gap = std::max(gap, smooth_gap(e, low, high, f, c));
+    const double n = points_needed(0.5 * width, gap, size, tolerance);
     if (n <= HIGHEST || depth == DEEPEST || 20 * size <= tolerance)
         return gauss_panel(e, low, high, f, static_cast<int>(clamped(std::ceil(n), HIGHEST - 1)) + 1);
     const double middle = 0.5 * (low + high);
-    return graded(e, low, middle, f, tolerance, depth + 1) + graded(e, middle, high, f, tolerance, depth + 1);
+    return graded(e, low, middle, f, c, tolerance, depth + 1) + graded(e, middle, high, f, c, tolerance, depth + 1);
 }
 
 // Twofold antiderivative of ln sqrt(x^2 + p^2).
@@ -106,17 +135,6 @@ inline double crossing_corner(double s, double t, double cosine, double sine) {
     return 0.5 * (s * side(s, t) + t * side(t, s) - s * t);
 }
 
-struct Crossing {
-    double sine, height, s, t;  // of the two lines: angle, distance, and where on each they are closest
-};
-
-Crossing crossing_of(const Edge &e, const Edge &f) {
-    const Vec w = f.from - e.from, axis = cross(e.along, f.along);
-    const double sine = norm(axis), sine2 = sine * sine + 1e-300;
-    return {sine, std::fabs(dot(w, axis)) / (sine + 1e-300), dot(cross(w, f.along), axis) / sine2,
-            dot(cross(w, e.along), axis) / sine2};
-}
-
 inline double snapped(double x) { return std::fabs(x) < ROUNDOFF ? 0 : x; }
 
 double crossing_edges(const Edge &e, const Edge &f, const Crossing &c) {
@@ -134,7 +152,7 @@ double pair_of_edges(const Edge &e, const Edge &f, double tolerance) {
     const double reach = 4 * (e.length + f.length);
     if (c.height < ROUNDOFF && c.sine > 0.01 && std::fabs(c.s) < reach && std::fabs(c.t) < reach)
         return crossing_edges(e, f, c);
-    return graded(e, 0, e.length, f, tolerance, 0);
+    return graded(e, 0, e.length, f, c, tolerance, 0);
 }
 
 struct Contour {

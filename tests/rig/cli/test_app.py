@@ -71,7 +71,11 @@ def test_without_arguments_it_says_what_there_is_and_where_to_start(capsys: Capt
     [
         (["frobnicate"], "frobnicate", "rig --help"),
         (["profile", "chek"], 'Did you mean "check"', "rig profile --help"),
-        (["run"], "requires an argument", "rig run --help"),
+        (["run"], "SESSION is missing: folder of the session", "rig run --help"),
+        (["plan"], "ROOM is missing: room file", "rig plan --help"),
+        (["show"], "--profile is missing", "rig show --help"),
+        (["run", "folder", "--target"], "--target needs a value: picture to show (PNG", "rig run --help"),
+        (["run", "my", "room"], "nothing is done with `room`; put names that have blanks", "rig run --help"),
         (["run", "folder", "--colour", "red"], "--colour", "rig run --help"),
         (["check"], "--profile", "rig check --help"),
         (["simulate", "corner", "--tolerance", "fine"], "fine", "rig simulate --help"),

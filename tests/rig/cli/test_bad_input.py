@@ -151,7 +151,7 @@ def test_a_session_of_another_profile(rig, tmp_path: Path, tiny_profile: Profile
 
 
 def test_no_session_and_no_profile(rig, tmp_path: Path) -> None:
-    expect(rig("run", tmp_path / "new"), SESSION, "there is no session here; name a profile")
+    expect(rig("run", tmp_path / "new"), SESSION, "there is no session here; name a profile to make one")
     expect(rig("report", tmp_path / "new"), SESSION, "no session")
     assert not (tmp_path / "new").exists()
 
@@ -322,3 +322,44 @@ def test_a_camera_that_does_not_see_the_picture(rig, tmp_path: Path, variant) ->
 def test_a_camera_in_the_place_of_the_projector(rig, tmp_path: Path, variant) -> None:
     here = variant("here", ("position_m = [0.60, 1.42, 1.38]", "position_m = [1.00, 1.00, 1.20]"))
     expect(rig("run", tmp_path / "new", "-p", here), FAILED, "baseline", "limit")
+
+
+# The wrong folder
+
+
+def test_a_folder_that_is_no_session_is_told_with_the_whole_path_and_the_sessions_near_it(
+    rig, tmp_path: Path, tiny_profile: Profile, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "Größe und Raum" / "mein Lauf"
+    Session.open(folder, tiny_profile).close()
+    monkeypatch.chdir(folder.parent)
+    expect(rig("report", "mein lauf"), SESSION, f"there is no session here in {folder.parent} (near it: {folder})")
+    expect(rig("report", "mein lauf"), SESSION, "make one with `rig run 'mein lauf' -p PROFILE`")
+    expect(rig("run", "calibrated"), SESSION, f"(near it: {folder})", "name a profile")
+    (folder / "frames").mkdir(exist_ok=True)
+    for inner in ("frames", "session.json"):
+        expect(rig("report", folder / inner), SESSION, f"is a part of the session {folder}; name that folder")
+        expect(rig("run", folder / inner, "-p", "ci-tiny"), SESSION, "name that folder")
+    monkeypatch.chdir(folder)
+    expect(rig("report", "."), SESSION, "`rig run .` first")
+    monkeypatch.chdir(tmp_path)
+    expect(rig("report", "Größe und Raum/mein Lauf"), SESSION, "run `rig run 'Größe und Raum/mein Lauf'`")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["plan", "paper-room", "--report"],
+        ["check", "-p", "ci-tiny", "--report"],
+        ["look", "-p", "ci-tiny", "-o"],
+        ["bench", "plan", "--quick", "--csv"],
+        ["compare-strategies", "--paper", "--report"],
+    ],
+)
+def test_a_place_where_no_file_can_be_written_is_told_before_any_work(rig, tmp_path: Path, words: list[str]) -> None:
+    said = rig(*words, tmp_path / "nowhere" / "file.html")
+    expect(said, USAGE, f"there is no folder {tmp_path / 'nowhere'}; make it (mkdir -p")
+    assert " done" not in said.err
+    assert not (tmp_path / "nowhere").exists()
+    said = rig(*words, tmp_path)
+    expect(said, USAGE, "is a folder; give the name of a file in it")

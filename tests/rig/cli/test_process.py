@@ -92,6 +92,10 @@ def test_completion_knows_every_verb(shell_name: str) -> None:
         assert checked.returncode == 0, checked.stderr
 
 
+def test_the_version_has_a_short_option() -> None:
+    assert shell(f"{RIG} -V").stdout == shell(f"{RIG} --version").stdout != ""
+
+
 def test_help_of_a_verb_is_that_of_its_option_and_an_unknown_verb_is_refused() -> None:
     assert shell(f"{RIG} help profile check").stdout == shell(f"{RIG} profile check --help").stdout
     said = shell(f"{RIG} help nothing")

@@ -55,12 +55,14 @@ def test_png_round_trips_through_another_reader(tmp_path: Path) -> None:
     picture = random_generator().integers(0, 256, (12, 9, 3), dtype=np.uint8)
     write_png(tmp_path / "p.png", picture)
     np.testing.assert_array_equal(cv2.imread(str(tmp_path / "p.png"))[..., ::-1], picture)
-    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True), picture)
+    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True).levels, picture)
 
 
 def test_sixteen_bit_pictures_are_scaled_to_255(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "p.png"), np.array([[0, 257 * 100, 65535]], dtype=np.uint16))
-    np.testing.assert_allclose(read_picture(tmp_path / "p.png", is_linear=True), [[[0], [100], [255]]], rtol=1e-6)
+    np.testing.assert_allclose(
+        read_picture(tmp_path / "p.png", is_linear=True).levels, [[[0], [100], [255]]], rtol=1e-6
+    )
 
 
 def test_codes_are_srgb_unless_they_are_said_to_be_linear(tmp_path: Path) -> None:
@@ -68,21 +70,23 @@ def test_codes_are_srgb_unless_they_are_said_to_be_linear(tmp_path: Path) -> Non
     cv2.imwrite(str(tmp_path / "p.png"), np.array([[0, 10, 188, 255]], dtype=np.uint8))
     cv2.imwrite(str(tmp_path / "q.png"), np.array([[0, 10, 188, 255]], dtype=np.uint16) * 257)
     for name in ("p.png", "q.png"):
-        levels = read_picture(tmp_path / name)[0, :, 0]
+        levels = read_picture(tmp_path / name).levels[0, :, 0]
         np.testing.assert_allclose(levels, [0, 10 / 12.92, 127.5, 255], atol=0.8)
         assert levels[2] == pytest.approx(127.5, abs=0.8)
-        np.testing.assert_allclose(read_picture(tmp_path / name, is_linear=True)[0, :, 0], [0, 10, 188, 255], rtol=1e-6)
+        np.testing.assert_allclose(
+            read_picture(tmp_path / name, is_linear=True).levels[0, :, 0], [0, 10, 188, 255], rtol=1e-6
+        )
 
 
 def test_exr_pictures_go_from_one_to_255(tmp_path: Path) -> None:
     third = np.full((2, 2), 0.25, np.float32)
     write_exr(tmp_path / "p.exr", {"R": third, "G": 2 * third, "B": 4 * third})
-    np.testing.assert_allclose(read_picture(tmp_path / "p.exr")[0, 0], [63.75, 127.5, 255.0])
+    np.testing.assert_allclose(read_picture(tmp_path / "p.exr").levels[0, 0], [63.75, 127.5, 255.0])
 
 
 def test_transparency_does_not_darken_a_picture(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "p.png"), np.full((2, 2, 4), (10, 20, 200, 128), dtype=np.uint8))
-    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True)[0, 0], [200, 20, 10])
+    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True).levels[0, 0], [200, 20, 10])
 
 
 def test_a_jpeg_is_turned_as_its_camera_noted(tmp_path: Path) -> None:
@@ -94,7 +98,7 @@ def test_a_jpeg_is_turned_as_its_camera_noted(tmp_path: Path) -> None:
     assert output.open(str(tmp_path / "p.jpg"), spec)
     assert output.write_image(left_dark)
     output.close()
-    upright = read_picture(tmp_path / "p.jpg")
+    upright = read_picture(tmp_path / "p.jpg").levels
     assert upright.shape == (32, 16, 3)
     assert upright[:12].max() < 60
     assert upright[20:].min() > 200
@@ -142,6 +146,52 @@ def test_a_file_that_was_cut_short_is_refused(tmp_path: Path, name: str) -> None
     (tmp_path / name).write_bytes(data[: len(data) // 2])
     with pytest.raises(UsageError, match=name):
         read_picture(tmp_path / name)
+
+
+def written(path: Path, pixels: np.ndarray, kind: str, **attributes: object) -> Path:
+    """A picture file of a type of numbers that OpenCV does not write."""
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind)
+    for name, value in attributes.items():
+        spec.attribute(name.replace("__", ":"), value)
+    output = oiio.ImageOutput.create(str(path))
+    assert output.open(str(path), spec)
+    assert output.write_image(pixels)
+    output.close()
+    return path
+
+
+def test_numbers_with_a_point_are_linear_light_and_said_so_whatever_the_file_is_called(tmp_path: Path) -> None:
+    half = np.full((2, 3, 3), 0.5, np.float32)
+    for name in ("half.tif", "half.exr"):
+        read = read_picture(written(tmp_path / name, half, "float"))
+        assert read.is_linear
+        np.testing.assert_allclose(read.levels, 127.5)
+    assert not read_picture(written(tmp_path / "codes.tif", np.full((2, 3, 3), 9, np.uint8), "uint8")).is_linear
+
+
+@pytest.mark.parametrize(("kind", "name"), [("uint32", "p.tif"), ("uint32", "p.exr"), ("int16", "p.tif")])
+def test_numbers_of_a_type_that_no_picture_has_are_refused_before_memory_is_asked_for(
+    tmp_path: Path, kind: str, name: str
+) -> None:
+    path = written(tmp_path / name, np.full((2, 3, 3), 9, kind), kind.removesuffix("32"))
+    with pytest.raises(UsageError, match=f"numbers of the type {kind}; export it with 8 or 16 bits"):
+        read_picture(path)
+
+
+def test_codes_are_the_same_in_every_kind_of_file(tmp_path: Path) -> None:
+    codes = random_generator().integers(0, 256, (12, 9, 3), dtype=np.uint8)
+    opaque = np.concatenate([codes, np.full((12, 9, 1), 255, np.uint8)], axis=2)
+    turned = np.ascontiguousarray(np.rot90(codes))
+    files = (
+        written(tmp_path / "alpha.png", opaque, "uint8"),
+        written(tmp_path / "sixteen.png", codes.astype(np.uint16) * 257, "uint16"),
+        written(tmp_path / "turned.tif", turned, "uint8", Orientation=6),
+        written(tmp_path / "plain.bmp", codes, "uint8"),
+    )
+    expected = read_picture(written(tmp_path / "plain.png", codes, "uint8")).levels
+    for path in files:
+        np.testing.assert_allclose(read_picture(path).levels, expected, atol=1e-3, err_msg=path.name)
+        np.testing.assert_array_equal(read_codes(path), codes, err_msg=path.name)
 
 
 def test_a_full_disk_leaves_the_old_file_and_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -106,3 +106,11 @@ def test_the_command_ends_with_status_2_and_says_why(tmp_path: Path, capsys: pyt
     (tmp_path / "room.toml").write_text("schema = 1\n[room]\nsize_m = [1.0, 1.0, 1.0]\n")
     assert run_command(["plan", str(tmp_path / "room.toml")]) == 2
     assert "projector: missing" in capsys.readouterr().err
+
+
+def test_a_key_that_is_missing_is_told_once_with_what_to_write() -> None:
+    with pytest.raises(ProfileError) as refused:
+        request_of({key: value for key, value in PLAIN.items() if key != "show"} | {"show": {"pictures": ["grey"]}})
+    lines = [line for line in str(refused.value).splitlines() if "show.white_cdm2: missing" in line]
+    assert len(lines) == 1
+    assert "say how bright white shall look" in lines[0]

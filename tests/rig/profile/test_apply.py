@@ -86,6 +86,14 @@ def test_guesses_are_listed_by_profile_check(own: Path, capsys: pytest.CaptureFi
         ("distance_m = 4.876", "distance_m = 487.6", "metres, not centimetres"),
         ("frame_rate_hz = 30.0", "frame_rate_hz = 0.033", "hertz, not seconds a frame"),
         ("width_px", "width_px = 3000000 #", "no frame of it fits in memory"),
+        ("exposure_s = 0.0166667", "exposure_s = 16666.7", "seconds, not milliseconds or microseconds?"),
+        ("exposure_range_s = [", "exposure_range_s = [0.1, 33000.0] # [", "seconds, not milliseconds or microseconds?"),
+        ("timeout_s", "timeout_s = 5000.0 #", "seconds, not milliseconds?"),
+        ("patch_size_m", "patch_size_m = 30.0 #", "metres, not centimetres"),
+        ("exposure_s = 0.0166667", "full_well_e = 3e8\nexposure_s = 0.0166667", "electrons, not digital numbers?"),
+        ("exposures", "exposures = [1.0, 8000.0] #", "times camera.exposure_s, not seconds?"),
+        ("spots_px = [[", "spots_px = [[38, 77], [2180, 77]] # [[", "is outside the projector's 256 x 192 px"),
+        ("checker_size_px", "checker_size_px = 800 #", "fewer than two checks fit"),
     ],
 )
 def test_numbers_in_another_unit_or_beyond_memory_are_refused_before_anything_is_tried(

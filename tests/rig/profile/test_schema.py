@@ -1,5 +1,6 @@
 """Profiles: every mistake is reported at once, in words that lead to the fix."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -140,8 +141,37 @@ def test_a_recording_is_looked_for_beside_the_profile(tmp_path: Path) -> None:
 
 def test_text_that_is_no_toml_says_where() -> None:
     assert "line 2" in problems("schema = 1\nname = x\n")[0]
-    with pytest.raises(ProfileError, match=r"lab\.toml: byte 0 is not UTF-8"):
-        Profile.parse(b"\xff\xfe", Path("lab.toml"))
+    with pytest.raises(ProfileError, match=r"lab\.toml: line 2: byte 7 is not UTF-8"):
+        Profile.parse(b"a = 1\nb\xff", Path("lab.toml"))
+    with pytest.raises(ProfileError, match=r"lab\.toml: is UTF-16; save the file as UTF-8"):
+        Profile.parse("schema = 2".encode("utf-16"), Path("lab.toml"))
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("name = “tiny”", "write straight quotes"),
+        ("name = ci-tiny", "a text stands between quotes"),
+        ("name: 'tiny'", "write key = value"),
+        ("exposure_s = 0,02", "write a decimal point, not a comma"),
+        ("exposure_s =", "a value is missing"),
+        ("right_angles = True", "write true or false"),
+        ('lens = "C:\\Users\\me.toml"', "write / in paths"),
+        ("\u00a0exposure_s = 0.02", "invisible signs"),
+    ],
+)
+def test_a_slip_of_a_writer_is_shown_with_its_line_and_what_to_write(line: str, said: str) -> None:
+    with pytest.raises(ProfileError, match=re.escape(said)) as refused:
+        Profile.parse(f"schema = 2\n{line}\n".encode(), Path("lab.toml"))
+    assert "line 2" in str(refused.value)
+
+
+@pytest.mark.parametrize("mark", [b"", b"\xef\xbb\xbf"])
+@pytest.mark.parametrize("end", [b"\n", b"\r\n"])
+def test_a_profile_of_another_editor_is_the_same_profile(mark: bytes, end: bytes, tiny_profile: Profile) -> None:
+    again = Profile.parse(mark + tiny_profile.raw.replace(b"\n", end), Path("lab.toml"))
+    assert again.model_dump() == tiny_profile.model_dump()
+    assert again.text.startswith(tiny_profile.text[:10])
 
 
 def test_one_broken_profile_does_not_hide_the_others(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ import re
 import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from rich.cells import cell_len
@@ -16,6 +18,9 @@ from rig.stages.photograph import OneCount
 from rig.terminal import TerminalProgress, part_of, print_table
 from rig.terminal.line import counted
 from rig.terminal.sentences import folded
+
+if TYPE_CHECKING:
+    from tests.rig.conftest import Finished
 
 WIDE = (
     "strategy", "measured mean", "sd", "rms", "SSIM", "predicted mean", "clipped %", "gain", "time s", "iterations"
@@ -125,6 +130,49 @@ def test_a_bar_only_grows_and_is_one_line_that_leaves_one_line_behind(columns: i
     assert "fit: 2 of 2 done" in plain
     assert plain.rstrip().endswith("result")
     assert "\x1b[2A" not in seen  # never more than one line is drawn again
+
+
+ROOM = """
+[room]
+size_m = [4.8, 4.8, 2.4]
+patch_m = 0.8
+[projector]
+throw_ratio = 0.4
+lumens = 3000
+contrast = 1000
+width_px = 320
+height_px = 240
+position_m = [1.2, 1.2, 1.2]
+look_at_m = [2.2, 2.2, 1.1]
+[show]
+white_cdm2 = 20
+pictures = ["grey", "checker"]
+strategies = ["direct"]
+width_px = 64
+"""
+
+
+@pytest.mark.parametrize("words", [["plan", "room.toml"], ["simulate", "corner", "--tolerance", "10"]])
+def test_each_bar_of_a_command_only_grows_and_each_step_ends_with_all_its_parts(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "room.toml").write_text(ROOM, encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", on_terminal([sys.executable, "-m", "rig", *words], 60))
+    drawn: dict[str, list[float]] = {}
+    for label, done, total in re.findall(r"[\u2800-\u28ff] ([^\r\n]*?) +(\d+)/(\d+)", plain):
+        drawn.setdefault(label, []).append(int(done) / int(total))
+    assert all(shares == sorted(shares) for shares in drawn.values()), drawn
+    ended = re.findall(r"([^\r\n]+): (\d+) of (\d+) done", plain)
+    assert ended
+    assert all(done == total for _, done, total in ended), ended
+    assert max(map(cell_len, plain.replace("\r", "\n").splitlines())) <= 60
+
+
+def test_each_step_of_a_session_ends_with_all_its_parts(finished: Finished) -> None:
+    ended = re.findall(r"^([^:\n][^\n]*): (\d+) of (\d+) done$", finished.err, re.MULTILINE)
+    assert len(ended) >= 10
+    assert all(done == total for _, done, total in ended), ended
 
 
 def test_a_terminal_without_utf_8_gets_plain_signs() -> None:

@@ -304,3 +304,14 @@ def test_scenes_of_meshes_refuse_what_they_cannot_build():
     ):
         with pytest.raises(SimulationError):
             build()
+
+
+@pytest.mark.parametrize("gap", [1e-5, 1.2e-7, 1e-9])
+def test_edges_that_lie_side_by_side_a_rounding_apart_give_what_edges_that_touch_give(gap):
+    """A corner of a room moved by the last bit of single precision took a minute and a half."""
+    floor = rectangle((0, 0, 0), (1, 0, 0), (0, 1, 0))
+    touching = exchange_area(floor, rectangle((0, 0, 0), (0, 0, 1), (1, 0, 0)))
+    for lower in ((gap, gap), (0, gap), (-gap / 2, gap / 2)):
+        wall = [[0, -gap, lower[0]], [0, -gap, 1], [1, -gap, 1], [1, -gap, lower[1]]]
+        assert exchange_area(floor, wall) == pytest.approx(touching, abs=3 * gap)
+        assert exchange_area(wall, floor) == pytest.approx(exchange_area(floor, wall), rel=1e-9)
