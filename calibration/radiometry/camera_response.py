@@ -26,6 +26,10 @@ from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, 
 
 _BENDS = ((1e-3, 1e-3), (1e-3, 0.01), (3e-3, 0.05), (1e-2, 0.2), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
 """Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
+_UNMEASURED_BEND = 0.02
+"""The same beyond the brightest level that was measured, besides: what lies below cannot tell of a shoulder there. From
+24 random cameras of 8 bits with tone curves: without it one, measured up to 46 % of full scale, is 4.5 of its standard
+errors off; 0.03 makes the errors of straight sensors 2.3 x too large."""
 _HOPELESS = 6.0
 """Of log evidence: when more bend has made it worse by so much, still more is not tried."""
 _GAMMA_SPREAD = {True: 1e-3, False: 1.0}
@@ -55,11 +59,14 @@ class _Candidate:
     is_sensor: bool
     bend: float
     slope: float
+    measured: float
+    """Share of full scale up to which levels were measured."""
 
     @property
     def precision(self) -> FloatArray:
         """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot."""
-        walk = np.concatenate([[0.0], np.cumsum(self.bend**2 * knot_distances())])
+        unmeasured = np.where(KNOTS[1:] > self.measured, _UNMEASURED_BEND, 0.0)
+        walk = np.concatenate([[0.0], np.cumsum((self.bend**2 + unmeasured**2) * knot_distances())])
         covariance = np.minimum(walk[:, None], walk) + self.slope**2 * np.outer(KNOTS, KNOTS)
         return np.asarray(np.linalg.inv(covariance + _GAMMA_SPREAD[self.is_sensor] ** 2 + 1e-12 * np.eye(len(KNOTS))))
 
@@ -179,7 +186,7 @@ def _solutions(groups: LightGroups, is_sensor: bool, start: _State, black_sigma:
     """From straight to bent, each begun where the one before ended, until the evidence has fallen far."""
     found: list[_Solution] = []
     for bend, slope in _BENDS:
-        found.append(_solved(groups, _Candidate(is_sensor, bend, slope), start, black_sigma))
+        found.append(_solved(groups, _Candidate(is_sensor, bend, slope, groups.brightest), start, black_sigma))
         start = found[-1].state
         if found[-1].log_evidence < max(one.log_evidence for one in found) - _HOPELESS:
             break
