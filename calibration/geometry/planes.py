@@ -279,7 +279,7 @@ def axis_hypotheses(planes: FloatArray, axes: Axes) -> list[Axes]:
     """List the axes as they are, and with up to two planes that fit none given to each axis they may belong to.
 
     Before the lenses are known, walls of a small or narrow view may stand tens of degrees off. On an axis that no other
-    plane has, a plane may be whatever its angle: a corner's third wall, flattened by rough lenses, stood 83 degrees off.
+    plane has, a plane may lie at any angle: a corner's third wall, flattened by rough lenses, stood 83 degrees off.
     """
     normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
     angle_deg = np.degrees(np.arccos(np.minimum(np.abs(normals @ axes.directions.T), 1.0)))
