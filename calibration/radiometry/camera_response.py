@@ -136,6 +136,7 @@ def fit_camera_response(
     full_scale_dn: float,
     *,
     black_sigma_dn: float = _BLACK_SIGMA_DN,
+    least_black_sigma_dn: float = 0.0,
 ) -> Response:
     """Find a camera's curve, straight or with any tone curve, from frames of one still picture.
 
@@ -152,6 +153,8 @@ def fit_camera_response(
         Digital number above black where the sensor clips.
     black_sigma_dn : float
         Standard error of the black level that was subtracted. [dn]
+    least_black_sigma_dn : float
+        Of that, what these frames cannot tell better: room light that flickers is in them as in those of black. [dn]
 
     Returns
     -------
@@ -179,7 +182,7 @@ def fit_camera_response(
     sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
     best = max(sound, key=lambda one: one.log_evidence)
     _refuse_changes(groups, best)
-    return _response(best, sound, full_scale_dn)
+    return _response(best, sound, full_scale_dn, least_black_sigma_dn / full_scale_dn)
 
 
 def _solutions(groups: LightGroups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
@@ -367,19 +370,22 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
         )
 
 
-def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> Response:
+def _response(best: _Solution, found: list[_Solution], full_scale_dn: float, least_black_sigma: float) -> Response:
     """The likeliest curve; its errors are those of all curves, by how likely they are."""
     curve, black = best.curve, best.state.black
     odds = np.exp(np.array([one.log_evidence for one in found]) - best.log_evidence)
     away = np.stack([one.curve.log_light - curve.log_light for one in found])
-    variance = np.average(np.stack([_relative_variance(one) for one in found]) + away**2, axis=0, weights=odds)
+    each = np.stack([_relative_variance(one, least_black_sigma) for one in found])
+    variance = np.average(each + away**2, axis=0, weights=odds)
     levels = full_scale_dn * (curve.y + black * (1 - curve.y))
     return Response(levels, curve.light, best.left, curve.light * np.sqrt(variance))
 
 
-def _relative_variance(found: _Solution) -> FloatArray:
+def _relative_variance(found: _Solution, least_black_sigma: float) -> FloatArray:
     """(P,) of light at each level of the curve, with what is not known of the black level."""
     curve, count = found.curve, len(KNOTS) + 1
     by_black = -curve.local_gamma * (1 - curve.y) / np.maximum(curve.y, curve.y[1])
     by = np.concatenate([curve.by_knots, by_black[:, None]], axis=1)
-    return np.asarray(np.einsum("pi,ij,pj->p", by, found.covariance[:count, :count], by))
+    covariance = found.covariance[:count, :count].copy()
+    covariance[-1, -1] = max(covariance[-1, -1], least_black_sigma**2)
+    return np.asarray(np.einsum("pi,ij,pj->p", by, covariance, by))

@@ -246,7 +246,10 @@ def _fit_camera(
     black = fit_black_level(dark.mean(axis=1), exposures)
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
-    response = fit_camera_response(above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn)
+    least = 0.0 if black.is_clipped else black.sigma_dn
+    response = fit_camera_response(
+        above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn, least_black_sigma_dn=least
+    )
     noise = fit_camera_noise(above[:, 0], exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,
