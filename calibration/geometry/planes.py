@@ -36,7 +36,7 @@ _MOST_GUESSED = 2
 _PARALLEL = 0.6
 """Cosine from which on a normal is taken to be another face of the second axis."""
 _NEVER_DEG = 70.0
-"""A plane whose normal is so far from an axis is not perpendicular to it, however wrong the lenses are."""
+"""A plane whose normal is so far from an axis with planes is not one of them, however wrong the lenses are."""
 _REACH_SHARE, _NEIGHBOURS, _LEAST_NEIGHBOURS = 0.03, 12, 3
 """How far from a projector pixel points tell its wall, as a share of the lit width; how many, and how few."""
 _AGREED = 0.5
@@ -278,12 +278,14 @@ def assign_planes(
 def axis_hypotheses(planes: FloatArray, axes: Axes) -> list[Axes]:
     """List the axes as they are, and with up to two planes that fit none given to each axis they may belong to.
 
-    Before the lenses are known, walls of a small or narrow view may stand tens of degrees off.
+    Before the lenses are known, walls of a small or narrow view may stand tens of degrees off. On an axis that no other
+    plane has, a plane may lie at any angle: a corner's third wall, flattened by rough lenses, stood 83 degrees off.
     """
     normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
     angle_deg = np.degrees(np.arccos(np.minimum(np.abs(normals @ axes.directions.T), 1.0)))
     unknown = np.flatnonzero(axes.of_plane < 0)[:_MOST_GUESSED]
-    options = [(-1, *np.flatnonzero(angle_deg[plane] < _NEVER_DEG)) for plane in unknown]
+    is_empty = ~np.isin(np.arange(3), axes.of_plane)
+    options = [(-1, *np.flatnonzero((angle_deg[plane] < _NEVER_DEG) | is_empty)) for plane in unknown]
     found = []
     for choice in product(*options):
         of_plane = axes.of_plane.copy()

@@ -14,6 +14,9 @@ _CLIPPED_SHARE, _BELOW, _WELL_ABOVE = 0.3, 0.02, 0.01
 _ROUNDING_VARIANCE = 1 / 12
 _FLICKER = 0.02
 """Of the light on black, from exposure to exposure, where nothing is known of it."""
+_IN_STEP_S = 0.1 / (2 * np.pi * 100)
+"""Times the light on black a second: what room light that swells by a tenth 100 times a second adds to each frame alike
+where it runs in step with them, however long they are. No exposure tells it from the black level."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +38,7 @@ def fit_black_level(levels: ArrayLike, exposures: ArrayLike) -> BlackLevel:
     levels : (F, N)
         Digital numbers of N pixels in F frames, whole numbers.
     exposures : (F,)
-        In any unit and order; if all are one, light on black counts as none.
+        In any order; if all are one, light on black counts as none. [s]
 
     Returns
     -------
@@ -78,4 +81,5 @@ def _extended(times: FloatArray, means: FloatArray, variance: FloatArray) -> Bla
     covariance = np.linalg.pinv((matrix * weight[:, None]).T @ (matrix * weight[:, None]))
     scatter = float((((means - matrix @ line) * weight) ** 2).sum() / max(len(times) - 2, 1))
     sigma = float(np.sqrt(covariance[0, 0] * max(scatter, 1.0)))
-    return BlackLevel(offset_dn=float(line[0]), sigma_dn=sigma, is_clipped=False)
+    in_step = _IN_STEP_S * max(float(line[1]), 0.0) / float(times.max())
+    return BlackLevel(offset_dn=float(line[0]), sigma_dn=float(np.hypot(sigma, in_step)), is_clipped=False)

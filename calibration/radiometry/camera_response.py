@@ -26,6 +26,10 @@ from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, 
 
 _BENDS = ((1e-3, 1e-3), (1e-3, 0.01), (3e-3, 0.05), (1e-2, 0.2), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
 """Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
+_UNMEASURED_BEND = 0.02
+"""The same beyond the brightest level that was measured, besides: what lies below cannot tell of a shoulder there. From
+24 random cameras of 8 bits with tone curves: without it one, measured up to 46 % of full scale, is 4.5 of its standard
+errors off; 0.03 makes the errors of straight sensors 2.3 x too large."""
 _HOPELESS = 6.0
 """Of log evidence: when more bend has made it worse by so much, still more is not tried."""
 _GAMMA_SPREAD = {True: 1e-3, False: 1.0}
@@ -55,11 +59,14 @@ class _Candidate:
     is_sensor: bool
     bend: float
     slope: float
+    measured: float
+    """Share of full scale up to which levels were measured."""
 
     @property
     def precision(self) -> FloatArray:
         """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot."""
-        walk = np.concatenate([[0.0], np.cumsum(self.bend**2 * knot_distances())])
+        unmeasured = np.where(KNOTS[1:] > self.measured, _UNMEASURED_BEND, 0.0)
+        walk = np.concatenate([[0.0], np.cumsum((self.bend**2 + unmeasured**2) * knot_distances())])
         covariance = np.minimum(walk[:, None], walk) + self.slope**2 * np.outer(KNOTS, KNOTS)
         return np.asarray(np.linalg.inv(covariance + _GAMMA_SPREAD[self.is_sensor] ** 2 + 1e-12 * np.eye(len(KNOTS))))
 
@@ -129,6 +136,7 @@ def fit_camera_response(
     full_scale_dn: float,
     *,
     black_sigma_dn: float = _BLACK_SIGMA_DN,
+    least_black_sigma_dn: float = 0.0,
 ) -> Response:
     """Find a camera's curve, straight or with any tone curve, from frames of one still picture.
 
@@ -145,6 +153,8 @@ def fit_camera_response(
         Digital number above black where the sensor clips.
     black_sigma_dn : float
         Standard error of the black level that was subtracted. [dn]
+    least_black_sigma_dn : float
+        Of that, what these frames cannot tell better: room light that flickers is in them as in those of black. [dn]
 
     Returns
     -------
@@ -172,14 +182,14 @@ def fit_camera_response(
     sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
     best = max(sound, key=lambda one: one.log_evidence)
     _refuse_changes(groups, best)
-    return _response(best, sound, full_scale_dn)
+    return _response(best, sound, full_scale_dn, least_black_sigma_dn / full_scale_dn)
 
 
 def _solutions(groups: LightGroups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
     """From straight to bent, each begun where the one before ended, until the evidence has fallen far."""
     found: list[_Solution] = []
     for bend, slope in _BENDS:
-        found.append(_solved(groups, _Candidate(is_sensor, bend, slope), start, black_sigma))
+        found.append(_solved(groups, _Candidate(is_sensor, bend, slope, groups.brightest), start, black_sigma))
         start = found[-1].state
         if found[-1].log_evidence < max(one.log_evidence for one in found) - _HOPELESS:
             break
@@ -360,19 +370,22 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
         )
 
 
-def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> Response:
+def _response(best: _Solution, found: list[_Solution], full_scale_dn: float, least_black_sigma: float) -> Response:
     """The likeliest curve; its errors are those of all curves, by how likely they are."""
     curve, black = best.curve, best.state.black
     odds = np.exp(np.array([one.log_evidence for one in found]) - best.log_evidence)
     away = np.stack([one.curve.log_light - curve.log_light for one in found])
-    variance = np.average(np.stack([_relative_variance(one) for one in found]) + away**2, axis=0, weights=odds)
+    each = np.stack([_relative_variance(one, least_black_sigma) for one in found])
+    variance = np.average(each + away**2, axis=0, weights=odds)
     levels = full_scale_dn * (curve.y + black * (1 - curve.y))
     return Response(levels, curve.light, best.left, curve.light * np.sqrt(variance))
 
 
-def _relative_variance(found: _Solution) -> FloatArray:
+def _relative_variance(found: _Solution, least_black_sigma: float) -> FloatArray:
     """(P,) of light at each level of the curve, with what is not known of the black level."""
     curve, count = found.curve, len(KNOTS) + 1
     by_black = -curve.local_gamma * (1 - curve.y) / np.maximum(curve.y, curve.y[1])
     by = np.concatenate([curve.by_knots, by_black[:, None]], axis=1)
-    return np.asarray(np.einsum("pi,ij,pj->p", by, found.covariance[:count, :count], by))
+    covariance = found.covariance[:count, :count].copy()
+    covariance[-1, -1] = max(covariance[-1, -1], least_black_sigma**2)
+    return np.asarray(np.einsum("pi,ij,pj->p", by, covariance, by))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.arrays import BoolArray, FloatArray
+from calibration.arrays import BoolArray, FloatArray, IntArray
 
 _GROUPS, _GROUP_PIXELS = 80, 30
 """Of pixels of about one light: rounding averages out in each, and its noise is known."""
@@ -34,6 +34,11 @@ class LightGroups:
     has_repeats: bool
     """Whether the variances come from frames of equal exposure; else they are a guess."""
 
+    @property
+    def brightest(self) -> float:
+        """Share of full scale up to which levels were measured; 0 where no group counts."""
+        return float(self.y[self.usable].max(initial=0.0))
+
 
 def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float) -> LightGroups:
     """Sort pixels by their light, and take means of neighbours.
@@ -53,8 +58,7 @@ def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float
         Only groups that are usable in two frames or more.
     """
     order = np.argsort(np.minimum(levels, full_scale_dn).sum(axis=0), kind="stable")
-    count = max(1, min(_GROUPS, levels.shape[1] // _GROUP_PIXELS))
-    parts = [levels[:, part] for part in np.array_split(order, count)]
+    parts = [levels[:, part] for part in _parts(order)]
     noise = [_temporal_variance(part, times) for part in parts]
     mean = np.stack([part.mean(axis=1) for part in parts], axis=1)
     spread = np.stack([part.var(axis=1) for part in parts], axis=1)
@@ -79,6 +83,19 @@ def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float
         log_time=np.log(times / times.max()),
         has_repeats=has_repeats,
     )
+
+
+def _parts(order: IntArray) -> list[IntArray]:
+    """Alike in size, but for the brightest, which is halved again and again.
+
+    Few pixels may be far brighter than all others (a wall beside the projector): as one group they would clip together
+    with the brightest of them, and no level near full scale would be measured.
+    """
+    *parts, rest = np.array_split(order, max(1, min(_GROUPS, len(order) // _GROUP_PIXELS)))
+    while len(rest) >= 2 * _GROUP_PIXELS:
+        parts.append(rest[: len(rest) // 2])
+        rest = rest[len(rest) // 2 :]
+    return [*parts, rest]
 
 
 def _temporal_variance(part: FloatArray, times: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.errors import CalibrationError
 from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.flicker import PHASES
@@ -157,7 +158,7 @@ def measure_responses(rig: Rig, session: Session, step: Step, on_step: OnStep) -
     radiometric = replace(bare, black=black, black_ripple=ripple)
     radiometric = replace(radiometric, black_repeats=_black_bracket(bracket).repeats)
     white = merge_exposures(step, "level-255", bracket, radiometric)
-    lit = _lit(white)
+    lit = witnesses(white)
     mixing = _fit_mixing([merge_exposures(step, pattern.name, bracket, radiometric) for pattern in colours], white, lit)
     lamp = lamp_around(step, bracket, radiometric, (white, time_of(step, "level-255", bracket)))
     step.save_record("whites-of-response", lamp)
@@ -245,7 +246,10 @@ def _fit_camera(
     black = fit_black_level(dark.mean(axis=1), exposures)
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
-    response = fit_camera_response(above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn)
+    least = 0.0 if black.is_clipped else black.sigma_dn
+    response = fit_camera_response(
+        above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn, least_black_sigma_dn=least
+    )
     noise = fit_camera_noise(above[:, 0], exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,
@@ -281,25 +285,38 @@ def _black(
     return means, ripple
 
 
-def _lit(white: LightImage) -> BoolArray:
-    """(H, W) pixels bright enough to be witnesses, and bright in each band."""
+def witnesses(white: LightImage) -> BoolArray:
+    """(H, W) pixels whose light tells the projector's curve: bright in each band, and not clipped.
+
+    A small glare may clip (:func:`calibration.radiometry.exposure.brightest_share`), and has much of all light: taken
+    for its light, full scale would make a projector's curve too high between black and white.
+
+    Raises
+    ------
+    CalibrationError
+        If no pixel is left.
+    """
     light = white.value.mean(axis=-1)
-    return np.asarray((light > 0.2 * np.quantile(light, 0.99)) & (white.value > 0).all(axis=-1))
+    bright = (light > 0.2 * np.quantile(light, 0.99)) & (white.value > 0).all(axis=-1)
+    chosen = np.asarray(bright & ~white.any_saturated)
+    if not chosen.any():
+        raise CalibrationError(
+            f"projector response: none of the {int(bright.sum())} lit pixels is below the camera's full scale at the "
+            "shortest exposure: set a shorter camera.exposure_range_s, close the aperture, or dim the projector"
+        )
+    return chosen
 
 
 def _noise_share(white: LightImage, lit: BoolArray, repeats: int) -> float:
-    """Noise of one frame of white at the lit pixels, root mean square, by the median of white there."""
-    chosen = lit & ~white.any_saturated
-    if not chosen.any():
-        return 0.0
-    return float(np.sqrt(repeats * white.variance[chosen].mean()) / np.median(white.value[chosen]))
+    """Noise of one frame of white at the witnesses, root mean square, by the median of white there."""
+    return float(np.sqrt(repeats * white.variance[lit].mean()) / np.median(white.value[lit]))
 
 
 def _fit_mixing(pure: list[LightImage], white: LightImage, lit: BoolArray) -> Mixing:
     """Of a grey rig: white is all that there is."""
     if not pure:
         return Mixing(np.eye(1), np.ones(1), 0.0)
-    usable = lit & ~white.any_saturated & ~np.any([image.any_saturated for image in pure], axis=0)
+    usable = lit & ~np.any([image.any_saturated for image in pure], axis=0)
     return fit_mixing(white.value, [image.value for image in pure], usable)
 
 

@@ -300,6 +300,17 @@ def test_a_wall_that_stands_far_off_every_axis_is_tried_on_each_that_it_may_belo
     assert {int(of_plane[2]) for of_plane in tried} == {-1, 0, 1, 2} - {perpendicular}
 
 
+def test_the_third_wall_of_a_flattened_corner_is_tried_on_the_axis_that_is_left() -> None:
+    # normals of floor and two walls as rough lenses showed them: the third stands 83 degrees off its axis
+    cosines = np.array([[1.0, 0.279, -0.376], [0.279, 1.0, 0.778], [-0.376, 0.778, 1.0]])
+    planes = np.linalg.cholesky(cosines)
+    axes = orthogonal_axes(planes)
+    assert axes.of_plane.tolist() == [0, 1, -1]
+    off_deg = np.degrees(np.arccos(np.abs(axes.directions[2] @ planes[2])))
+    assert off_deg > 80
+    assert [0, 1, 2] in [hypothesis.of_plane.tolist() for hypothesis in axis_hypotheses(planes, axes)]
+
+
 def test_walls_that_all_fit_leave_nothing_to_try() -> None:
     planes = np.eye(3)
     assert len(axis_hypotheses(planes, orthogonal_axes(planes))) == 1
