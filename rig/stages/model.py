@@ -21,7 +21,7 @@ from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import load_geometry
 from rig.stages.light.between_patches import with_even_return
-from rig.stages.light.choice import SplitLight, better_explained, fitted_room
+from rig.stages.light.choice import FittedRoom, SplitLight, better_explained, fitted_room
 from rig.stages.light.fit import (
     LEAST_PIXELS,
     WHOLE_WHITE,
@@ -30,6 +30,7 @@ from rig.stages.light.fit import (
     bare_room,
     lit_pixels,
 )
+from rig.stages.light.other_backs import probability_of, sigma_of_backs
 from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
@@ -78,6 +79,8 @@ class FittedScene:
     uncertainty: LightUncertainty
     global_error: float
     """Relative standard deviation of what the patches make of global light."""
+    unseen: FloatArray | float = 0.0
+    """(H, W, B) the same by another guess of what nobody saw of things."""
     learned: tuple[LearnedBand, ...] | None = None
     """What photographs of known pictures say of each band; None: the patches alone."""
 
@@ -100,6 +103,7 @@ def model_settings(session: Session) -> JsonObject:
         "surface": profile.surface.kind,
         **known_settings(profile),
         "patches": "finer where something stands",
+        **({"backs": "close behind, or as deep as wide; told by sigma"} if profile.surface.kind == "free" else {}),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,
@@ -131,6 +135,12 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     fitted = fitted_room(light, room, None if found is None else found.record)
     if found is not None and found.carried_on is not None:
         fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
+    others: list[FittedRoom] = []
+    if found is not None and fitted.standing is not None:
+        deep = found.with_deep_backs(fitted.standing)
+        guesses = [fitted] if deep is None else [fitted, fitted_room(light, room, deep)]
+        fitted = better_explained(guesses[0], guesses[-1])
+        others = [one for one in guesses if one is not fitted]
     if fitted.standing is not None:
         step.save_record("standing", fitted.standing)
     on_step("build model", 3, 4)
@@ -141,10 +151,23 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     of_white = [_of_white(scene_model, one, lit, border) for scene_model, one in zip(models, bands, strict=True)]
     gains, ratios = [gain for gain, _ in of_white], [ratio for _, ratio in of_white]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
+    if others:
+        maps |= layers("unseen", _sigma_of_backs(session, light, models, fitted, others[0]))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
     record = _record(session.profile, fitted.vignetting, fits, bands=band_models, lit=lit)
     step.save_record("model", replace(record, placed=placed))
     on_step("build model", 4, 4)
+
+
+def _sigma_of_backs(
+    session: Session, light: SplitLight, models: list[SceneModel], fitted: FittedRoom, other: FittedRoom
+) -> FloatArray:
+    """(H, W, B) relative deviation of global light by another guess of the backs of things."""
+    bands = [_band_model(fit, one, light.lit) for fit, one in zip(other.fits, light.bands, strict=True)]
+    surfaces = zip(bands, (fit.flux for fit in other.fits), strict=True)
+    others = _scene_models(session, other.geometry, surfaces, other.gains)
+    chances = [probability_of(b.usual_misfit, a.usual_misfit) for a, b in zip(fitted.fits, other.fits, strict=True)]
+    return np.stack([sigma_of_backs(*one) for one in zip(models, others, chances, strict=True)], axis=-1)
 
 
 def _light(session: Session) -> tuple[list[BandLight], BoolArray]:
@@ -354,6 +377,7 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         white_variance=image_of(light, "white_variance").astype(np.float64),
         uncertainty=light_uncertainty(session),
         global_error=max(_global_error(band, record.placed) for band in record.bands),
+        unseen=image_of(maps, "unseen").astype(np.float64) if any(one.startswith("unseen") for one in maps) else 0.0,
     )
 
 

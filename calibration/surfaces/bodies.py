@@ -1,0 +1,64 @@
+"""Where the backs of things may be that nobody saw: a guess, which the light has to bear out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.arrays import FloatArray, IntArray
+from calibration.geometry.room import RoomBox
+
+_CLOSE = 1e-3
+"""Of the room's size, between a back and its front, or the wall behind it: rays have to tell them apart."""
+
+
+def as_deep_as_wide(vertices_m: FloatArray, triangles: IntArray, part: IntArray, box: RoomBox) -> FloatArray:
+    """Put the backs of things behind their fronts as far as these are wide, or as far as the next wall.
+
+    Columns, vases and boxes are about as deep as they are wide. What they hide from both devices lies behind them, away
+    from the middle between the two.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3)
+        Corners of the fronts, in the room. [m]
+    triangles : (T, 3) int
+        Corners of each triangle.
+    part : (T,) int
+        Part of surface that each belongs to.
+    box : RoomBox
+        The room, and the devices in it.
+
+    Returns
+    -------
+    (V, 3)
+        Corners of the backs. [m]
+    """
+    behind = vertices_m.copy()
+    from_m = (box.camera.position_m + box.projector.position_m) / 2
+    for one in np.unique(part):
+        mine = np.unique(triangles[part == one])
+        away = vertices_m[mine].mean(axis=0) - from_m
+        away[2] = 0.0
+        away /= max(float(np.linalg.norm(away)), float(np.finfo(np.float64).tiny))
+        wide_m = float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0)))
+        close_m = _CLOSE * max(box.size_m)
+        depth_m = np.clip(_to_wall_m(vertices_m[mine], away, box) - close_m, close_m, max(wide_m, close_m))
+        behind[mine] = vertices_m[mine] + depth_m[:, None] * away
+    return behind
+
+
+def rim_of(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """Return (E, 2) sides that no two triangles share, as their own triangle goes around, and (E,) that triangle."""
+    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    low, high = np.sort(sides, axis=1).T
+    _, first, count = np.unique(low * (int(sides.max(initial=0)) + 1) + high, return_index=True, return_counts=True)
+    alone = np.sort(first[count == 1])
+    return sides[alone], alone % len(triangles)
+
+
+def _to_wall_m(points_m: FloatArray, away: FloatArray, box: RoomBox) -> FloatArray:
+    """(N,) distance of points (N, 3) from the walls along a direction."""
+    size_m = np.array(box.size_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.where(away > 0, (size_m - points_m) / away, np.where(away < 0, -points_m / away, np.inf))
+    return np.asarray(along.min(axis=1))
