@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from calibration.arrays import FloatArray, IntArray
+from calibration.arrays import BoolArray, FloatArray, IntArray
 from calibration.geometry.room import RoomBox
 
 _CLOSE = 1e-3
 """Of the room's size, between a back and its front, or the wall behind it: rays have to tell them apart."""
+_TOUCHING = 0.01
+"""Of the room's size: corners of two sides of a box are a few millimetres apart, two things a hand's breadth."""
 
 
-def as_deep_as_wide(vertices_m: FloatArray, triangles: IntArray, part: IntArray, box: RoomBox) -> FloatArray:
+def as_deep_as_wide(
+    vertices_m: FloatArray, triangles: IntArray, part: IntArray, flat: BoolArray, box: RoomBox
+) -> FloatArray:
     """Put the backs of things behind their fronts as far as these are wide, or as far as the next wall.
 
     Columns, vases and boxes are about as deep as they are wide. What they hide from both devices lies behind them, away
-    from the middle between the two.
+    from the middle between the two. A flat part that touches no other is a screen or a table's top: its back stays
+    close behind.
 
     Parameters
     ----------
@@ -25,6 +33,8 @@ def as_deep_as_wide(vertices_m: FloatArray, triangles: IntArray, part: IntArray,
         Corners of each triangle.
     part : (T,) int
         Part of surface that each belongs to.
+    flat : (K,) bool
+        Parts that are planes.
     box : RoomBox
         The room, and the devices in it.
 
@@ -35,16 +45,27 @@ def as_deep_as_wide(vertices_m: FloatArray, triangles: IntArray, part: IntArray,
     """
     behind = vertices_m.copy()
     from_m = (box.camera.position_m + box.projector.position_m) / 2
-    for one in np.unique(part):
-        mine = np.unique(triangles[part == one])
+    close_m = _CLOSE * max(box.size_m)
+    thing = things_of(vertices_m, triangles, part, len(flat), _TOUCHING * max(box.size_m))
+    for one in np.unique(thing[part]):
+        mine = np.unique(triangles[thing[part] == one])
+        is_sheet = bool(flat[thing == one].all() and (thing == one).sum() == 1)
         away = vertices_m[mine].mean(axis=0) - from_m
         away[2] = 0.0
         away /= max(float(np.linalg.norm(away)), float(np.finfo(np.float64).tiny))
-        wide_m = float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0)))
-        close_m = _CLOSE * max(box.size_m)
+        wide_m = 0.0 if is_sheet else float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0)))
         depth_m = np.clip(_to_wall_m(vertices_m[mine], away, box) - close_m, close_m, max(wide_m, close_m))
         behind[mine] = vertices_m[mine] + depth_m[:, None] * away
     return behind
+
+
+def things_of(vertices_m: FloatArray, triangles: IntArray, part: IntArray, n_parts: int, touching_m: float) -> IntArray:
+    """(K,) number of the thing that each part belongs to: parts with corners so near to each other are of one."""
+    of_corner, corners = np.repeat(part, 3), vertices_m[triangles].reshape(-1, 3)
+    pairs = cKDTree(corners).query_pairs(touching_m, output_type="ndarray")
+    a, b = of_corner[pairs].T
+    touch = coo_array((np.ones(len(a)), (a, b)), shape=(n_parts, n_parts))
+    return np.asarray(connected_components(touch, directed=False)[1])
 
 
 def rim_of(triangles: IntArray) -> tuple[IntArray, IntArray]:

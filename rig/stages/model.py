@@ -103,7 +103,11 @@ def model_settings(session: Session) -> JsonObject:
         "surface": profile.surface.kind,
         **known_settings(profile),
         "patches": "finer where something stands",
-        **({"backs": "close behind, or as deep as wide; told by sigma"} if profile.surface.kind == "free" else {}),
+        **(
+            {"backs": "close behind, or things as deep as wide; told by sigma"}
+            if profile.surface.kind == "free"
+            else {}
+        ),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,

@@ -26,30 +26,32 @@ def front(y_m):
     return np.array([[1.7, y_m, 0.5], [2.3, y_m, 0.5], [2.3, y_m, 1.1], [1.7, y_m, 1.1]])
 
 
+def backs_of(corners, *, flat=(False,)):
+    """Of some squares, one after the other."""
+    n = len(corners) // 4
+    triangles = np.concatenate([TRIANGLES + 4 * k for k in range(n)])
+    return as_deep_as_wide(corners, triangles, np.repeat(np.arange(n), 2), np.array(flat), BOX)
+
+
 def test_a_back_lies_as_far_behind_its_front_as_that_is_wide():
-    backs_m = as_deep_as_wide(front(3.0), TRIANGLES, np.zeros(2, int), BOX)
-    assert backs_m == pytest.approx(front(3.6), abs=1e-6)
+    assert backs_of(front(3.0)) == pytest.approx(front(3.6), abs=1e-6)
 
 
 @pytest.mark.parametrize("y_m", [4.8, 4.999])
 def test_before_a_wall_it_ends_at_the_wall_and_stays_behind_its_front(y_m):
-    backs_m = as_deep_as_wide(front(y_m), TRIANGLES, np.zeros(2, int), BOX)
+    backs_m = backs_of(front(y_m))
     assert (backs_m[:, 1] > y_m).all()
     assert backs_m[:, 1].max() == pytest.approx(5.0, abs=0.01)
 
 
-def test_each_part_is_as_deep_as_itself_is_wide():
-    narrow = front(3.0) * (0.5, 1, 1) + (2.0, 0, 0)
-    corners = np.concatenate([front(3.0) - (1.0, 0, 0), narrow])
-    backs_m = as_deep_as_wide(corners, np.concatenate([TRIANGLES, TRIANGLES + 4]), np.array([0, 0, 1, 1]), BOX)
-    depth_m = np.linalg.norm(backs_m - corners, axis=1)
-    wide_m = [np.ptp(corners[k : k + 4] @ across(corners[k : k + 4])) for k in (0, 4)]
-    assert depth_m == pytest.approx(np.repeat(wide_m, 4), rel=1e-6)
+def test_a_flat_part_alone_is_a_screen_and_stays_thin():
+    assert backs_of(front(3.0), flat=[True]) == pytest.approx(front(3.0), abs=0.01)
 
 
-def across(corners):
-    x, y = (corners.mean(axis=0) - (2.0, 0.6, 1.3))[:2]
-    return np.array([-y, x, 0.0]) / np.hypot(x, y)
+def test_two_flat_sides_that_touch_are_of_one_box_as_deep_as_both_are_wide():
+    left, right = front(3.0) - (0.3, 0, 0), front(3.0) + np.array([0.302, 0, 0])
+    backs_m = backs_of(np.concatenate([left, right]), flat=[True, True])
+    assert backs_m[:, 1] == pytest.approx(3.0 + 1.202, abs=0.01)
 
 
 def test_a_rim_goes_once_around_and_leaves_out_what_triangles_share():
