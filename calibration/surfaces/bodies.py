@@ -17,7 +17,7 @@ _TOUCHING = 0.01
 
 
 def as_deep_as_wide(
-    vertices_m: FloatArray, triangles: IntArray, part: IntArray, flat: BoolArray, box: RoomBox
+    vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, flat: BoolArray, box: RoomBox
 ) -> FloatArray:
     """Put the backs of things behind their fronts as far as these are wide, or as far as the next wall.
 
@@ -46,7 +46,7 @@ def as_deep_as_wide(
     behind = vertices_m.copy()
     from_m = (box.camera.position_m + box.projector.position_m) / 2
     close_m = _CLOSE * max(box.size_m)
-    thing = things_of(vertices_m, triangles, part, len(flat), _TOUCHING * max(box.size_m))
+    thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))
     for one in np.unique(thing[part]):
         mine = np.unique(triangles[thing[part] == one])
         is_sheet = bool(flat[thing == one].all() and (thing == one).sum() == 1)
@@ -59,7 +59,9 @@ def as_deep_as_wide(
     return behind
 
 
-def things_of(vertices_m: FloatArray, triangles: IntArray, part: IntArray, n_parts: int, touching_m: float) -> IntArray:
+def things_of(
+    vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, n_parts: int, touching_m: float
+) -> IntArray:
     """(K,) number of the thing that each part belongs to: parts with corners so near to each other are of one."""
     of_corner, corners = np.repeat(part, 3), vertices_m[triangles].reshape(-1, 3)
     pairs = cKDTree(corners).query_pairs(touching_m, output_type="ndarray")

@@ -18,7 +18,7 @@ from rig.stages.light.fit import (
     fit_reflectance,
     pixels_that_tell,
 )
-from rig.stages.surface.standing import StandingRecord
+from rig.stages.surface.standing import FoundStanding, StandingRecord
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -75,6 +75,33 @@ def fitted_room(
     geometry = bare.with_vignetting(vignetting)
     fits = [fit_reflectance(geometry, gain, one, inner) for gain, one in zip(gains, bands, strict=True)]
     return FittedRoom(standing=standing, geometry=geometry, gains=gains, vignetting=vignetting, fits=fits)
+
+
+def chosen_room(
+    light: SplitLight, room: Callable[[StandingRecord | None], BareRoom], found: FoundStanding | None
+) -> tuple[FittedRoom, FittedRoom | None]:
+    """Return the room whose guesses of what nobody saw explain the light best, and one with the other guess of backs.
+
+    Parameters
+    ----------
+    light
+        That was measured.
+    room
+        Makes a room of what stands in it.
+    found
+        That; None in a box. The other guess is None there, too, and of a known mesh, which has backs of its own.
+    """
+    fitted = fitted_room(light, room, None if found is None else found.record)
+    if found is None or fitted.standing is None:
+        return fitted, None
+    if found.carried_on is not None:
+        fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
+    deep = None if fitted.standing is None else found.with_deep_backs(fitted.standing)
+    if deep is None:
+        return fitted, None
+    body = fitted_room(light, room, deep)
+    taken = better_explained(fitted, body)
+    return taken, fitted if taken is body else body
 
 
 def better_explained(seen: FittedRoom, guessed: FittedRoom) -> FittedRoom:

@@ -99,7 +99,7 @@ class FoundStanding:
         if self.box is None or not record.triangles:
             return None
         vertices, triangles = np.array(record.vertices_m), np.array(record.triangles)
-        backs_m = as_deep_as_wide(vertices, triangles, np.array(record.part), np.array(record.flat), self.box)
+        backs_m = as_deep_as_wide(vertices, triangles, np.array(record.part), flat=np.array(record.flat), box=self.box)
         return replace(record, backs_m=tuple((x, y, z) for x, y, z in backs_m.tolist()))
 
 

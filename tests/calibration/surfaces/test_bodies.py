@@ -30,7 +30,7 @@ def backs_of(corners, *, flat=(False,)):
     """Of some squares, one after the other."""
     n = len(corners) // 4
     triangles = np.concatenate([TRIANGLES + 4 * k for k in range(n)])
-    return as_deep_as_wide(corners, triangles, np.repeat(np.arange(n), 2), np.array(flat), BOX)
+    return as_deep_as_wide(corners, triangles, np.repeat(np.arange(n), 2), flat=np.array(flat), box=BOX)
 
 
 def test_a_back_lies_as_far_behind_its_front_as_that_is_wide():
