@@ -8,7 +8,7 @@ from itertools import chain
 
 import numpy as np
 
-from calibration.arrays import FloatArray
+from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
@@ -165,28 +165,65 @@ def found_anew(
 
 
 def let_askew(
-    x1: FloatArray, x2: FloatArray, fit: BundleSolution, nominal: NominalIntrinsics, *, weight: FloatArray, before: bool
+    x1: FloatArray,
+    x2: FloatArray,
+    fit: BundleSolution,
+    nominal: NominalIntrinsics,
+    *,
+    weight: FloatArray,
+    may_go: IntArray,
 ) -> Iterator[BundleSolution]:
-    """Yield fits in which one plane stands as it likes that was held at right angles.
+    """Yield fits in which one plane more stands as it likes that was held at right angles.
 
     A chest whose front is some degrees off a wall's passes for one of the room's planes, and so does a panel, with
-    lenses that make it square. Only planes that have another one on their axis are let go: `before` those that stand
-    before others, however large, that with most behind it first; else those that are small enough for furniture, the
-    smallest first.
+    lenses that make it square. Only planes that have another one on their axis are let go.
+
+    Parameters
+    ----------
+    x1, x2 : (N, 2)
+        Corresponding pixels of camera and projector. [px]
+    fit : BundleSolution
+        With all of them at right angles, or some let go before.
+    nominal : NominalIntrinsics
+        Of both lenses.
+    weight : (N, 2)
+        By which each coordinate of the projector counts.
+    may_go : (m,) int
+        Planes that may stand as they like, the likeliest first: :func:`planes_before_others`, :func:`small_planes`.
+
+    Yields
+    ------
+    BundleSolution
+        One a plane; not those of which too few points are left.
     """
-    points = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
     of_plane = fit.axes.of_plane
-    behind = shares_behind_planes(fit, x1, x2) if before else -points
-    may_go = behind >= (LEAST_BEHIND if before else -MOST_SLANTED)
-    for k in np.argsort(-behind):
-        alone = of_plane[k] < 0 or (of_plane == of_plane[k]).sum() < 2
-        if alone or not may_go[k]:
+    for k in may_go:
+        if of_plane[k] < 0 or (of_plane == of_plane[k]).sum() < 2:
             continue
-        axes = Axes(fit.axes.directions, np.where(np.arange(len(points)) == k, -1, of_plane))
+        axes = Axes(fit.axes.directions, np.where(np.arange(len(of_plane)) == k, -1, of_plane))
         rounds = Rounds(limits_px=(1.5, 1.0), iterations=12)
         freed = adjust(x1, x2, fit.with_planes(fit.planes, axes), nominal, rounds=rounds, weight=weight)
         if freed is not None:
             yield freed
+
+
+def planes_before_others(fit: BundleSolution, x1: FloatArray, x2: FloatArray) -> IntArray:
+    """Return the planes of a fit that others are seen behind, however large, that with most behind it first."""
+    behind = shares_behind_planes(fit, x1, x2)
+    order = np.argsort(-behind, kind="stable")
+    return np.asarray(order[behind[order] >= LEAST_BEHIND])
+
+
+def small_planes(fit: BundleSolution) -> IntArray:
+    """Return the planes of a fit that are small enough for furniture, the smallest first."""
+    share = np.bincount(fit.fit_label, minlength=len(fit.planes)) / len(fit.fit_label)
+    order = np.argsort(share, kind="stable")
+    return np.asarray(order[share[order] <= MOST_SLANTED])
+
+
+def explains_a_room(fit: BundleSolution) -> bool:
+    """Tell whether a fit explains half of the points, with walls along more than one direction, or free ones."""
+    return fit.share >= LEAST_INLIER_SHARE and (_axes_count(fit) > 1 or bool((fit.axes.of_plane < 0).all()))
 
 
 def _planes_of(

@@ -23,8 +23,10 @@ _TESTED = 800
 """Points that a trial is counted on: enough to tell 2 % from nothing."""
 _AT_ONCE = 40
 """Trials that are counted together: their arrays stay within a processor's second cache."""
-_NEIGHBOURHOOD_PX = 150.0
-"""Half side of the camera's window that a trial draws from: an eighth of a usual picture, mostly one wall."""
+_NEIGHBOURHOODS = (0.125, 0.5)
+"""Half sides of the camera's windows that trials draw from in turn, as shares of the points' longer extent. An eighth
+is mostly one wall: from windows of half a picture, of which columns stood before two walls, twelve points on one wall
+were hardly ever drawn, and planes across columns and walls won. Half a picture steadies planes against noise."""
 _LEAST_SHARE, _LEAST_POINTS = 0.02, 30
 """Of the points, and points, that make a wall; less is furniture or noise."""
 _MOST_PLANES = 8
@@ -208,10 +210,11 @@ def _explained_counts(test: ViewedPoints, transfer: Transfer, planes: FloatArray
 def _trial_planes(seen: ViewedPoints, random: np.random.Generator) -> FloatArray:
     """(K, 3) planes, each through some points around one that is drawn; none where too few lie around it."""
     x, y = np.ascontiguousarray(seen.camera_xy_px.T)
+    reaches_px = np.multiply(_NEIGHBOURHOODS, max(np.ptp(x), np.ptp(y)))
     rows, weight = np.zeros((_TRIALS, _SAMPLE), dtype=np.int64), np.zeros((_TRIALS, _SAMPLE))
     for k in range(_TRIALS):
-        first = int(random.integers(len(x)))
-        near = np.flatnonzero((np.abs(x - x[first]) < _NEIGHBOURHOOD_PX) & (np.abs(y - y[first]) < _NEIGHBOURHOOD_PX))
+        first, reach_px = int(random.integers(len(x))), reaches_px[k % len(reaches_px)]
+        near = np.flatnonzero((np.abs(x - x[first]) < reach_px) & (np.abs(y - y[first]) < reach_px))
         if len(near) >= 3:
             count = min(_SAMPLE, len(near))
             rows[k, :count], weight[k, :count] = random.choice(near, size=count, replace=False), 1.0

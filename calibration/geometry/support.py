@@ -87,8 +87,12 @@ def bending_planes(scene: PlanarScene, x1: FloatArray, x2: FloatArray) -> BoolAr
     (K,) bool
     """
     errors = plane_errors_px(scene, x1, x2)
-    limit_px = explained_within_px(errors.min(axis=0))
-    close, near = ((errors < times * limit_px).sum(axis=1) for times in (1, _WIDER))
+    return grows(errors, explained_within_px(errors.min(axis=0)))
+
+
+def grows(errors_px: FloatArray, limit_px: float) -> BoolArray:
+    """(K,) whether many more of the errors (K, N) lie within three times the limit than within it."""
+    close, near = ((errors_px < times * limit_px).sum(axis=1) for times in (1, _WIDER))
     return np.asarray(near > _MOST_GROWTH * close)
 
 

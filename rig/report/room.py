@@ -39,8 +39,17 @@ def _standing_words(model: ModelResult) -> str:
     return (
         f" Before the walls stand {found.parts} pieces of surface, {found.flat_parts} of them flat, in "
         f"{found.triangles} triangles: {100 * found.share_of_image:.1f} % of the decoded pixels see them{left_out}. "
-        "Their backs, which nobody saw, are taken to lie close behind their fronts."
+        f"{_words_of_backs(found.deep)}"
         f"{_continued_words(found.n_continued)}"
+    )
+
+
+def _words_of_backs(deep: bool) -> str:
+    if not deep:
+        return "Their backs, which nobody saw, are taken to lie close behind their fronts."
+    return (
+        "Their backs, which nobody saw, are taken to lie as far behind their fronts as these are wide: so the model "
+        "explains more of the global light than with backs close behind."
     )
 
 

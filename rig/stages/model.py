@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -21,7 +21,7 @@ from rig.session import Session, Step
 from rig.stages.correspondence import load_correspondence, only, pair_of
 from rig.stages.geometry import load_geometry
 from rig.stages.light.between_patches import with_even_return
-from rig.stages.light.choice import SplitLight, better_explained, fitted_room
+from rig.stages.light.choice import FittedRoom, SplitLight, chosen_room
 from rig.stages.light.fit import (
     LEAST_PIXELS,
     WHOLE_WHITE,
@@ -30,6 +30,7 @@ from rig.stages.light.fit import (
     bare_room,
     lit_pixels,
 )
+from rig.stages.light.other_backs import probability_of, sigma_of_backs
 from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
@@ -78,6 +79,8 @@ class FittedScene:
     uncertainty: LightUncertainty
     global_error: float
     """Relative standard deviation of what the patches make of global light."""
+    unseen: FloatArray | float = 0.0
+    """(H, W, B) the same by another guess of what nobody saw of things."""
     learned: tuple[LearnedBand, ...] | None = None
     """What photographs of known pictures say of each band; None: the patches alone."""
 
@@ -100,6 +103,11 @@ def model_settings(session: Session) -> JsonObject:
         "surface": profile.surface.kind,
         **known_settings(profile),
         "patches": "finer where something stands",
+        **(
+            {"backs": "close behind, or things as deep as wide; told by sigma"}
+            if profile.surface.kind == "free"
+            else {}
+        ),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,
@@ -128,23 +136,37 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("build model", 1, 4)
     room = partial(bare_room, measured, session.profile.room.patch_size_m, shift_of(placed))
     light = SplitLight(bands=bands, lit=lit, border=border, projector_xy_px=projector_xy_px)
-    fitted = fitted_room(light, room, None if found is None else found.record)
-    if found is not None and found.carried_on is not None:
-        fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
+    fitted, other = chosen_room(light, room, found)
     if fitted.standing is not None:
         step.save_record("standing", fitted.standing)
     on_step("build model", 3, 4)
-    fits, gains = fitted.fits, fitted.gains
-    band_models = tuple(_band_model(fit, light, lit) for fit, light in zip(fits, bands, strict=True))
-    fluxes = [fit.flux for fit in fits]
-    models = _scene_models(session, fitted.geometry, zip(band_models, fluxes, strict=True), gains)
+    fits = fitted.fits
+    band_models, models = _modelled(session, light, fitted)
     of_white = [_of_white(scene_model, one, lit, border) for scene_model, one in zip(models, bands, strict=True)]
     gains, ratios = [gain for gain, _ in of_white], [ratio for _, ratio in of_white]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
+    if other is not None:
+        maps |= layers("unseen", _sigma_of_backs(models, _modelled(session, light, other)[1], (fitted, other)))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
     record = _record(session.profile, fitted.vignetting, fits, bands=band_models, lit=lit)
     step.save_record("model", replace(record, placed=placed))
     on_step("build model", 4, 4)
+
+
+def _modelled(
+    session: Session, light: SplitLight, fitted: FittedRoom
+) -> tuple[tuple[BandModel, ...], list[SceneModel]]:
+    """The records and the scenes of all bands."""
+    bands = tuple(_band_model(fit, one, light.lit) for fit, one in zip(fitted.fits, light.bands, strict=True))
+    surfaces = zip(bands, (fit.flux for fit in fitted.fits), strict=True)
+    return bands, _scene_models(session, fitted.geometry, surfaces, fitted.gains)
+
+
+def _sigma_of_backs(models: list[SceneModel], others: list[SceneModel], rooms: Sequence[FittedRoom]) -> FloatArray:
+    """(H, W, B) relative deviation of global light by another guess of the backs of things; rooms: taken, and not."""
+    fits = zip(*(room.fits for room in rooms), strict=True)
+    chances = [probability_of(other.usual_misfit, taken.usual_misfit) for taken, other in fits]
+    return np.stack([sigma_of_backs(*one) for one in zip(models, others, chances, strict=True)], axis=-1)
 
 
 def _light(session: Session) -> tuple[list[BandLight], BoolArray]:
@@ -354,6 +376,7 @@ def _read_model(session: Session, _outputs_sha256: str) -> FittedScene:
         white_variance=image_of(light, "white_variance").astype(np.float64),
         uncertainty=light_uncertainty(session),
         global_error=max(_global_error(band, record.placed) for band in record.bands),
+        unseen=image_of(maps, "unseen").astype(np.float64) if any(one.startswith("unseen") for one in maps) else 0.0,
     )
 
 

@@ -153,7 +153,8 @@ def _predict_band(
         variance = parts.moved_by(split) ** 2 + known + (learned.uneven * parts.apart_from_white) ** 2
     else:
         # An error of the split moves light between direct and global; in white it cancels.
-        of_patches = model.global_error * parts.apart_from_white
+        unseen = np.broadcast_to(model.unseen, (*parts.direct.shape, model.channels))[..., band]
+        of_patches = np.hypot(model.global_error, unseen) * parts.apart_from_white
         variance = parts.moved_by(np.hypot(SPLIT_BIAS, split)) ** 2 + of_patches**2
     return parts.value, np.sqrt(parts.variance + variance)
 

@@ -66,6 +66,8 @@ class StandingResult(Record):
     """Of the valid pixels: of pieces that are too small for a surface."""
     n_continued: int = 0
     """Of the triangles, those that nobody saw: flat parts that the picture's border cuts, carried on."""
+    deep: bool = False
+    """Their backs, which nobody saw, are taken to be as far behind as they are wide: the light is explained better."""
     registration: RegistrationRecord | None = None
     """How well a known mesh fits; None of what was measured point by point."""
 

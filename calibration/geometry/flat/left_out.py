@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray
@@ -10,11 +11,19 @@ from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.epipolar import UNDISTORTIONS
 from calibration.geometry.plane_bundle import BundleSolution, transfer_of
 from calibration.geometry.planes import INLIER_PX, ViewedPoints, segment_planes
-from calibration.geometry.support import bending_planes, explained_within_px, plane_errors_px, side_by_side
+from calibration.geometry.support import (
+    bending_planes,
+    explained_within_px,
+    grows,
+    plane_errors_px,
+    side_by_side,
+)
 from calibration.geometry.triangulation import triangulate
 
 MOST_LEFT_OUT = 0.1
 """Share of the points that furniture has at most; a flat piece with more is a wall."""
+_ROUNDS, _LEAST_POINTS, _NUMBERS = 4, 30, 9
+"""Of a homography's fit: from the second round on without strays; of fewer points nothing is told; what it has."""
 _APART = 3.0
 """Times the limit within which a plane explains a point: what is further off lies on none."""
 
@@ -40,7 +49,8 @@ def check_none_left_out(solution: BundleSolution, x1: FloatArray, x2: FloatArray
         return
     errors = plane_errors_px(solution, x1, x2).min(axis=0)
     left = np.flatnonzero(errors > _APART * explained_within_px(errors))
-    own = _flat_piece(solution, x1[left], x2[left])
+    on_planes = errors <= explained_within_px(errors)
+    own = _flat_piece(solution, x1[left], x2[left], (x1[on_planes], x2[on_planes]))
     share = side_by_side(x1[left], own) / len(x1) if own.any() else 0.0
     if share > MOST_LEFT_OUT:
         x, y = np.median(x1[left][own], axis=0)
@@ -52,8 +62,13 @@ def check_none_left_out(solution: BundleSolution, x1: FloatArray, x2: FloatArray
         )
 
 
-def _flat_piece(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> BoolArray:
-    """(N,) points of the largest flat piece; none where that is but the tangent of a surface that bends."""
+def _flat_piece(
+    solution: BundleSolution, x1: FloatArray, x2: FloatArray, explained: tuple[FloatArray, FloatArray]
+) -> BoolArray:
+    """(N,) points of the largest flat piece; none where that is but the tangent of a surface that bends.
+
+    `explained` are the points of the fit's own planes: how near they lie to these says what is noise.
+    """
     none = np.zeros(len(x1), dtype=bool)
     found = triangulate(x1, x2, *solution.devices, on_camera_rays=True, undistortions=UNDISTORTIONS)
     seen = ViewedPoints(found.points_m, rays_of(solution.camera, x1), x1, x2)
@@ -65,4 +80,29 @@ def _flat_piece(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> Boo
     near = error < _APART * INLIER_PX
     if bending_planes(piece, x1[near], x2[near])[0]:
         return none
-    return np.asarray(error < explained_within_px(error[near]))
+    own = np.asarray(error < explained_within_px(error[near]))
+    within_px = explained_within_px(plane_errors_px(solution, *explained).min(axis=0))
+    return none if _leaves_its_homography(solution, x1[own], x2[own], within_px) else own
+
+
+def _leaves_its_homography(solution: BundleSolution, x1: FloatArray, x2: FloatArray, within_px: float) -> bool:
+    """Tell whether points bend away from the homography nearest to them, by what is noise on the fit's own planes.
+
+    A flat wall has one whatever the focal lengths and the pose are, so that a fit that is wrong does not bend it. Where
+    planes explain points to within 0.3 px, a column 40 px wide kept within 1.5 px of its tangent's plane and passed
+    for a wall (random world 116).
+    """
+    a, b = (rays_of(device, x) for device, x in zip(solution.devices, (x1, x2), strict=True))
+    a, b = a[:, :2] / a[:, 2:], b[:, :2] / b[:, 2:] * solution.projector.focal_px
+    on = np.ones(len(a), dtype=bool)
+    error_px = np.zeros(len(a))
+    for _ in range(_ROUNDS):
+        if on.sum() < _LEAST_POINTS:
+            return True
+        homography, _ = cv2.findHomography(a[on], b[on])
+        if np.size(homography) != _NUMBERS:
+            return True
+        there = np.column_stack([a, np.ones(len(a))]) @ np.asarray(homography).T
+        error_px = np.linalg.norm(there[:, :2] / there[:, 2:] - b, axis=1)
+        on = error_px < explained_within_px(error_px)
+    return bool(grows(error_px[None], within_px)[0])

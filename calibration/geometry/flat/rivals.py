@@ -12,12 +12,21 @@ from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.plane_bundle import BundleSolution
-from calibration.geometry.plane_search import found_anew, let_askew, without_tangents
+from calibration.geometry.plane_search import (
+    explains_a_room,
+    found_anew,
+    let_askew,
+    planes_before_others,
+    small_planes,
+    without_tangents,
+)
 
 _BETTER = 0.9
 """Of what the first fit left over, what another one may leave."""
 _GROWN = 2
 """Times that planes are found anew: the second time with lenses that a wall more has fixed."""
+_FIRST_TO_GO = 2
+"""Planes let go alone whose fits are gone on from with a second one: those that leave least over."""
 
 
 def uncontradicted_rival(
@@ -33,7 +42,8 @@ def uncontradicted_rival(
 
     In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
     first with a plane askew that stands before others; the others, where they leave less over; these without their
-    tangents; the first with small planes askew.
+    tangents; the first with a small plane askew; the first with two planes askew, the first of them one that alone left
+    least over.
 
     Parameters
     ----------
@@ -57,15 +67,18 @@ def uncontradicted_rival(
     flat = rivals.without_tangents(first)
     most_left = _BETTER * _unexplained(flat or first)
     tried: list[BundleSolution] = []
+    askew: list[BundleSolution] = []
     return (
         rivals.held([flat] if flat is not None else [])
         or rivals.held(rivals.grown(flat), most_left)
         # One that stands before others is furniture, however large.
-        or rivals.held(rivals.askew(first, before=True), most_left)
+        or rivals.held(_kept(rivals.askew(first, before=True), askew), most_left)
         or rivals.held(_kept(others, tried), most_left)
         # A screen's tangent may have spoiled the first fit's lenses, and with them the choice of what is a tangent.
         or rivals.held((fewer for one in tried if (fewer := rivals.without_tangents(one)) is not None), most_left)
-        or rivals.held(rivals.askew(first, before=False))
+        or rivals.held(_kept(rivals.askew(first, before=False), askew))
+        # Two things at once bend the lenses together: neither alone is all that was held wrongly.
+        or rivals.held(rivals.two_askew(askew), most_left)
     )
 
 
@@ -86,12 +99,23 @@ class _Rivals:
                 yield fit
 
     def askew(self, fit: BundleSolution, *, before: bool) -> Iterator[BundleSolution]:
-        return let_askew(*self._points, fit, self._nominal, weight=self._weight, before=before)
+        may_go = planes_before_others(fit, *self._points) if before else small_planes(fit)
+        return let_askew(*self._points, fit, self._nominal, weight=self._weight, may_go=may_go)
+
+    def two_askew(self, alone: list[BundleSolution]) -> Iterator[BundleSolution]:
+        """Yield fits with one more plane askew than those that leave least over."""
+        for fit in sorted(alone, key=_unexplained)[:_FIRST_TO_GO]:
+            yield from self.askew(fit, before=True)
+            yield from self.askew(fit, before=False)
 
     def held(self, some: Iterable[BundleSolution], most_left: float = np.inf) -> BundleSolution | None:
-        """Return the first of some fits that nothing contradicts, of those that leave no more than so much over."""
+        """Return the first of some fits that nothing contradicts, of those that leave no more than so much over.
+
+        One that explains less than half of the points, or has walls along one direction alone, is none: little is left
+        to contradict it.
+        """
         for bundle in some:
-            if _unexplained(bundle) <= most_left:
+            if _unexplained(bundle) <= most_left and explains_a_room(bundle):
                 with suppress(CalibrationError):
                     return hold_against_all(*self._points, bundle, self._nominal, weight=self._weight)
         return None

@@ -18,14 +18,14 @@ from rig.stages.light.fit import (
     fit_reflectance,
     pixels_that_tell,
 )
-from rig.stages.surface.standing import StandingRecord
+from rig.stages.surface.standing import FoundStanding, StandingRecord
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
-_CARRIED_ON = 0.9
-"""Of the global light that is left unexplained, what may be left at most with parts carried on that nobody saw: in the
-simulated `l-room`, where it is right, 0.3 to 0.7."""
+_CLEARLY = 0.9
+"""Of the global light that is left unexplained, what may be left at most with parts carried on, or backs, that nobody
+saw: in the simulated `l-room`, where parts go on, 0.3 to 0.7; in random world 113, whose columns are deep, 0.71."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -77,6 +77,33 @@ def fitted_room(
     return FittedRoom(standing=standing, geometry=geometry, gains=gains, vignetting=vignetting, fits=fits)
 
 
-def better_explained(seen: FittedRoom, carried_on: FittedRoom) -> FittedRoom:
-    """Return the room with what was carried on only if that explains the light better: nobody saw it."""
-    return carried_on if carried_on.unexplained < _CARRIED_ON * seen.unexplained else seen
+def chosen_room(
+    light: SplitLight, room: Callable[[StandingRecord | None], BareRoom], found: FoundStanding | None
+) -> tuple[FittedRoom, FittedRoom | None]:
+    """Return the room whose guesses of what nobody saw explain the light best, and one with the other guess of backs.
+
+    Parameters
+    ----------
+    light
+        That was measured.
+    room
+        Makes a room of what stands in it.
+    found
+        That; None in a box. The other guess is None there, too, and of a known mesh, which has backs of its own.
+    """
+    fitted = fitted_room(light, room, None if found is None else found.record)
+    if found is None or fitted.standing is None:
+        return fitted, None
+    if found.carried_on is not None:
+        fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
+    deep = None if fitted.standing is None else found.with_deep_backs(fitted.standing)
+    if deep is None:
+        return fitted, None
+    body = fitted_room(light, room, deep)
+    taken = better_explained(fitted, body)
+    return taken, fitted if taken is body else body
+
+
+def better_explained(seen: FittedRoom, guessed: FittedRoom) -> FittedRoom:
+    """Return the room with what was guessed only if that explains the light better: nobody saw it."""
+    return guessed if guessed.unexplained < _CLEARLY * seen.unexplained else seen

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.surfaces.bodies import rim_of
 from rig.profile.schema import refuse_many_patches
 from rig.stages.geometry import GeometryRecord
 from rig.stages.surface.standing import StandingRecord
@@ -18,6 +19,8 @@ FloatArray = NDArray[np.float64]
 
 _BACK_SHARE = 5e-4
 """How far behind its front the back of a surface is put, of the room's largest size: rays have to tell them apart."""
+_NO_AREA_M2 = 1e-6
+"""Of a side between front and back: one that runs straight away from the devices has none."""
 _RAYS = 1024
 """Of each patch: the light on a patch comes out to about 0.2 %, far below what reflectances are known to."""
 
@@ -28,25 +31,38 @@ AnyScene = Scene | Mesh
 def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRecord | None) -> AnyScene:
     """Return the measured room in patches, of reflectance one half: walls first, then fronts, then backs.
 
-    Of a surface only its front is seen. Its back is taken to be close behind, and as reflective: between it and the
-    walls light goes to and fro as it does behind the real thing.
+    Of a surface only its front is seen. Its back is taken to be close behind, or where the record says, with sides
+    between, and as reflective: between it and the walls light goes to and fro as it does behind the real thing.
     """
     refuse_many_patches(geometry.surface.size_m, patch_size_m)
     walls = room(geometry.surface.size_m, patch_size_m, 0.5, geometry.surface.faces, name="measured room")
     if standing is None or not standing.triangles:
         return walls
     vertices, triangles = np.array(standing.vertices_m), np.array(standing.triangles)
-    behind = vertices - _BACK_SHARE * max(geometry.surface.size_m) * _normals(vertices, triangles)
-    sides = [vertices[triangles], behind[triangles[:, ::-1]]][: 2 if standing.backs else 1]
     part, n_parts = np.array(standing.part), len(standing.flat)
     first = len(walls.faces)
+    corners, region = [vertices[triangles][:, [0, 1, 2, 2]]], [first + part]
+    if standing.backs:
+        behind = vertices - _BACK_SHARE * max(geometry.surface.size_m) * _normals(vertices, triangles)
+        if standing.backs_m is not None:
+            behind = np.array(standing.backs_m)
+            rim, owner = rim_of(triangles)
+            a, b = vertices[rim].swapaxes(0, 1)
+            wide = np.linalg.norm(np.cross(b - a, behind[rim[:, 0]] - a), axis=1) > _NO_AREA_M2
+            rim, owner = rim[wide], owner[wide]
+            corners.append(
+                np.stack([vertices[rim[:, 1]], vertices[rim[:, 0]], behind[rim[:, 0]], behind[rim[:, 1]]], 1)
+            )
+            region.append(first + n_parts + part[owner])
+        corners.append(behind[triangles[:, ::-1]][:, [0, 1, 2, 2]])
+        region.append(first + n_parts + part)
     near = points_on(vertices, triangles, finest_m(walls)) if standing.finer_walls else np.zeros((0, 3))
     fine = finer_where(walls, near)
     return Mesh(
         name="measured room",
-        vertices=np.concatenate([fine.vertices_m, *(each[:, [0, 1, 2, 2]] for each in sides)]),
-        reflectance=np.full(len(fine.region) + len(sides) * len(triangles), 0.5),
-        region=np.concatenate([fine.region, *(first + k * n_parts + part for k in range(len(sides)))]),
+        vertices=np.concatenate([fine.vertices_m, *corners]),
+        reflectance=np.full(len(fine.region) + sum(len(some) for some in region), 0.5),
+        region=np.concatenate([fine.region, *region]),
     )
 
 

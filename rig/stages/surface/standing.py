@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.room import RoomBox
 from calibration.surfaces.before_walls import apart_from_walls, before_walls
+from calibration.surfaces.bodies import as_deep_as_wide
 from calibration.surfaces.continued import Continued, continued
 from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.pieces import pieces_of
@@ -48,6 +49,8 @@ class StandingRecord(Record):
     """The walls have finer patches where this stands; False of sessions of older versions, fitted without."""
     n_continued: int = 0
     """Of the triangles, the last so many, which nobody saw: flat parts that the picture's border cuts go on there."""
+    backs_m: tuple[Point, ...] | None = None
+    """Where each vertex has its back, which nobody saw, with sides between; None: close behind."""
     registration: RegistrationRecord | None = None
     """How a known mesh was found; None of what was measured point by point."""
 
@@ -88,6 +91,16 @@ class FoundStanding:
     """(H, W) by which they lie before it; NaN where none of it is seen."""
     carried_on: StandingRecord | None = None
     """The same with its flat parts carried on beyond the picture's border; None where all end at edges."""
+    box: RoomBox | None = None
+    """The room and the devices in it; None of a known mesh, which has backs of its own."""
+
+    def with_deep_backs(self, record: StandingRecord) -> StandingRecord | None:
+        """Return one of the records with its things as deep as they are wide; None where none of it was seen so."""
+        if self.box is None or not record.triangles:
+            return None
+        vertices, triangles = np.array(record.vertices_m), np.array(record.triangles)
+        backs_m = as_deep_as_wide(vertices, triangles, np.array(record.part), flat=np.array(record.flat), box=self.box)
+        return replace(record, backs_m=tuple((x, y, z) for x, y, z in backs_m.tolist()))
 
 
 def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> FoundStanding | None:
@@ -122,7 +135,7 @@ def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> F
     record = StandingRecord.of(found, seen / valid, (int(stands.sum()) - seen) / valid)
     every = point_map(correspondence, box.camera, box.projector)
     more = continued(every, parts, box, session.profile.room.patch_size_m)
-    return FoundStanding(record=record, carried_on=record.carried_on(more) if len(more.triangles) else None)
+    return FoundStanding(record=record, carried_on=record.carried_on(more) if len(more.triangles) else None, box=box)
 
 
 def _box(geometry: GeometryRecord, shift_m: Point) -> RoomBox:

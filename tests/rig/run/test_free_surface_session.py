@@ -75,8 +75,8 @@ def test_what_stands_in_the_room_reflects_what_it_does(furnished: Furnished) -> 
     """Medians over the triangles about the places of the three pieces; walls come to 0.7."""
     standing, scene = load_standing(furnished.session), load_model(furnished.session).scene_model.scene
     assert standing is not None
-    n_walls = scene.n_patches - 2 * len(standing.triangles)
-    fronts = slice(n_walls, n_walls + len(standing.triangles))
+    walls = len(load_geometry(furnished.session).surface.faces)
+    fronts = (scene.region >= walls) & (scene.region < walls + len(standing.flat))
     rho, middle = scene.reflectance[fronts], scene.centres[fronts]
     found = {
         "table": rho[np.abs(middle[:, 2] - 0.74) < 0.06],

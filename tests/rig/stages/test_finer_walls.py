@@ -89,3 +89,24 @@ def test_what_nobody_saw_is_taken_only_where_light_is_clearly_better_explained(u
 
 def _fit(global_rms):
     return SimpleNamespace(global_rms=global_rms)
+
+
+def test_a_thing_with_a_deep_back_is_a_closed_body_that_faces_outwards():
+    corners = ((1.0, 1.0, 0.5), (1.6, 1.0, 0.5), (1.6, 1.0, 1.1), (1.0, 1.0, 1.1))
+    thing = StandingRecord(
+        vertices_m=corners,
+        triangles=((0, 1, 2), (0, 2, 3)),
+        part=(0, 0),
+        flat=(True,),
+        sigma_m=(0.0,) * 4,
+        share_of_image=0.1,
+        share_left_out=0.0,
+        backs_m=tuple((x, y + 0.5, z) for x, y, z in corners),
+    )
+    surface = SimpleNamespace(size_m=(4.0, 4.0, 2.0), faces=("floor", "ceiling", "x0", "x1", "y0", "y1"))
+    scene = scene_of(SimpleNamespace(surface=surface), 0.5, thing)
+    body = slice(WALLS.n_patches, None)
+    volume_m3 = (scene.areas * (scene.centres * scene.normals).sum(axis=1))[body].sum() / 3
+    assert volume_m3 == pytest.approx(0.6 * 0.6 * 0.5, rel=1e-6)
+    assert scene.areas[body].sum() == pytest.approx(2 * 0.36 + 4 * 0.3, rel=1e-6), "front, back and four sides"
+    assert np.unique(scene.region[body]).size == 2, "what nobody saw of a thing is one region"

@@ -1,0 +1,87 @@
+"""Where the backs of things may be that nobody saw: a guess, which the light has to bear out."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from calibration.arrays import BoolArray, FloatArray, IntArray
+from calibration.geometry.room import RoomBox
+
+_CLOSE = 1e-3
+"""Of the room's size, between a back and its front, or the wall behind it: rays have to tell them apart."""
+_TOUCHING = 0.01
+"""Of the room's size: corners of two sides of a box are a few millimetres apart, two things a hand's breadth."""
+
+
+def as_deep_as_wide(
+    vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, flat: BoolArray, box: RoomBox
+) -> FloatArray:
+    """Put the backs of things behind their fronts as far as these are wide, or as far as the next wall.
+
+    Columns, vases and boxes are about as deep as they are wide. What they hide from both devices lies behind them, away
+    from the middle between the two. A flat part that touches no other is a screen or a table's top: its back stays
+    close behind.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3)
+        Corners of the fronts, in the room. [m]
+    triangles : (T, 3) int
+        Corners of each triangle.
+    part : (T,) int
+        Part of surface that each belongs to.
+    flat : (K,) bool
+        Parts that are planes.
+    box : RoomBox
+        The room, and the devices in it.
+
+    Returns
+    -------
+    (V, 3)
+        Corners of the backs. [m]
+    """
+    behind = vertices_m.copy()
+    from_m = (box.camera.position_m + box.projector.position_m) / 2
+    close_m = _CLOSE * max(box.size_m)
+    thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))
+    for one in np.unique(thing[part]):
+        mine = np.unique(triangles[thing[part] == one])
+        is_sheet = bool(flat[thing == one].all() and (thing == one).sum() == 1)
+        away = vertices_m[mine].mean(axis=0) - from_m
+        away[2] = 0.0
+        away /= max(float(np.linalg.norm(away)), float(np.finfo(np.float64).tiny))
+        wide_m = 0.0 if is_sheet else float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0)))
+        depth_m = np.clip(_to_wall_m(vertices_m[mine], away, box) - close_m, close_m, max(wide_m, close_m))
+        behind[mine] = vertices_m[mine] + depth_m[:, None] * away
+    return behind
+
+
+def things_of(
+    vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, n_parts: int, touching_m: float
+) -> IntArray:
+    """(K,) number of the thing that each part belongs to: parts with corners so near to each other are of one."""
+    of_corner, corners = np.repeat(part, 3), vertices_m[triangles].reshape(-1, 3)
+    pairs = cKDTree(corners).query_pairs(touching_m, output_type="ndarray")
+    a, b = of_corner[pairs].T
+    touch = coo_array((np.ones(len(a)), (a, b)), shape=(n_parts, n_parts))
+    return np.asarray(connected_components(touch, directed=False)[1])
+
+
+def rim_of(triangles: IntArray) -> tuple[IntArray, IntArray]:
+    """Return (E, 2) sides that no two triangles share, as their own triangle goes around, and (E,) that triangle."""
+    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    low, high = np.sort(sides, axis=1).T
+    _, first, count = np.unique(low * (int(sides.max(initial=0)) + 1) + high, return_index=True, return_counts=True)
+    alone = np.sort(first[count == 1])
+    return sides[alone], alone % len(triangles)
+
+
+def _to_wall_m(points_m: FloatArray, away: FloatArray, box: RoomBox) -> FloatArray:
+    """(N,) distance of points (N, 3) from the walls along a direction."""
+    size_m = np.array(box.size_m)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along = np.where(away > 0, (size_m - points_m) / away, np.where(away < 0, -points_m / away, np.inf))
+    return np.asarray(along.min(axis=1))
