@@ -101,6 +101,7 @@ def _plane_fit(xy: np.ndarray, valid: BoolArray, size: int) -> tuple[Float32Arra
     )
     determinant = np.maximum(sxx * syy - sxy**2, 1e-9)
     off_centre = (syy * (x - mx) ** 2 - 2 * sxy * (x - mx) * (y - my) + sxx * (y - my) ** 2) / determinant
+    off_centre = np.maximum(off_centre, 0)  # rounding makes it less where few pixels lie in one line
     fit, sigma = (np.empty((*valid.shape, 2), dtype=np.float32) for _ in range(2))
     good = (n >= _FILLED_SHARE * size**2) | ((n >= _SOME_SHARE * size**2) & (off_centre < _CENTRED))
     for k in (0, 1):

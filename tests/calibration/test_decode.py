@@ -214,3 +214,15 @@ def test_a_bit_limit_may_differ_from_pixel_to_pixel() -> None:
     reason = decode_gray(frames, PROJECTOR, contrast_limit=20, bit_limit=limit).reason
     assert (reason[10:-10, 10:59] == PixelReason.VALID).all()
     assert (reason[10:-10, 61:-10] == PixelReason.UNCERTAIN_BIT).all()
+
+
+def test_scattered_pixels_keep_a_standard_deviation() -> None:
+    """A window of a few pixels in one line has no plane; rounding once made their standard deviation no number."""
+    valid = np.random.default_rng(1).random((600, 1200)) < 0.1
+    y, x = np.mgrid[:600, :1200]
+    codes = np.where(valid[..., None], np.round(np.stack([0.7 * x + 3, 0.8 * y], axis=-1)), np.nan).astype(np.float32)
+    reason = np.where(valid, PixelReason.VALID, PixelReason.DARK).astype(np.uint8)
+    refined = refine_subpixel(Correspondence(codes, reason, (1080, 1920)))
+    assert refined.sigma_px is not None
+    assert np.isfinite(refined.sigma_px).all()
+    assert np.isfinite(refined.projector_xy_px[valid]).all()
