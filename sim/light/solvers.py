@@ -106,7 +106,7 @@ def jacobi(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 
         if np.abs(B - previous).max() <= tolerance * np.abs(E).max():
             return B, step
     raise SimulationError(
-        f"Jacobi: not within {tolerance:.0e} after {limit} steps: the spectral radius is near 1; use conjugate gradients"
+        f"Jacobi: not within {tolerance:.0e} after {limit} steps: spectral radius near 1; use conjugate gradients"
     )
 
 
