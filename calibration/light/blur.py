@@ -170,7 +170,9 @@ def fit_point_spread(
         For fewer than 8 frames, pictures that are neither checkers nor stripes, or too few usable pixels.
     """
     if len(frames) < _LEAST_FRAMES:
-        raise CalibrationError(f"{len(frames)} pictures to find the blur from, at least {_LEAST_FRAMES} are needed")
+        raise CalibrationError(
+            f"{len(frames)} pictures to find the blur from, at least {_LEAST_FRAMES} are needed; photograph more"
+        )
     problem = _problem(frames, [two_level(codes) for codes in patterns], correspondence, usable)
     fits = [_fitted(problem, _STARTS_PX2[0])]
     if fits[0][2] > _MUCH_LEFT:

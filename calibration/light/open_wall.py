@@ -58,7 +58,9 @@ def estimate_open_wall(
     lit = np.isfinite(direct_over_irradiance) & (np.nan_to_num(direct_over_irradiance) > 0)
     seen = np.isfinite(global_light)
     if not (lit & seen).any():
-        raise CalibrationError("no patch is both lit and seen: the camera and the projector look at different places")
+        raise CalibrationError(
+            "no patch is both lit and seen: the camera and the projector look at different places; aim both at one wall"
+        )
     flux = float(np.median(direct_over_irradiance[lit])) / COMMON_REFLECTANCE
     reflectance = np.where(lit, direct_over_irradiance / flux, COMMON_REFLECTANCE)
     reflectance = np.clip(reflectance, LEAST_REFLECTANCE, MOST_REFLECTANCE)

@@ -142,7 +142,9 @@ def estimate_reflectance(
     lit = np.isfinite(direct_over_irradiance) & (np.nan_to_num(direct_over_irradiance) > 0)
     seen = np.isfinite(global_light)
     if not (lit & seen).any():
-        raise CalibrationError("no patch is both lit and seen: the camera and the projector look at different places")
+        raise CalibrationError(
+            "no patch is both lit and seen: the camera and the projector look at different places; aim both at one wall"
+        )
     n = len(irradiance)
     problem = _Room(
         direct_over_irradiance=np.where(lit, direct_over_irradiance, 0.0),

@@ -100,7 +100,7 @@ def separate(
         _insert(low, image.copy(), np.minimum, np.maximum)
         count += 1
     if high is None or count < 2 * kept:
-        raise CalibrationError(f"{count} checker frames, at least {2 * kept} are needed")
+        raise CalibrationError(f"{count} checker frames, at least {2 * kept} are needed; photograph more shifts")
     bright, dark = high[1:].mean(axis=0), low[1:].mean(axis=0)
     direct = (bright - dark) / (1 - leak)
     global_ = 2 * (dark - leak * bright) / (1 - leak**2)

@@ -75,7 +75,10 @@ def fit_mixing(white: NDArray[np.floating], pure: Sequence[NDArray[np.floating]]
     raw = np.median(share, axis=0)
     sums = raw.sum(axis=1)
     if not (sums > 0).all():
-        raise CalibrationError(f"colour mixing: no light from red, green and blue (sums {_listed(sums)} of white)")
+        raise CalibrationError(
+            f"colour mixing: no light from red, green and blue (sums {_listed(sums)} of white); does the picture "
+            "mode show colours, and does the camera see the picture?"
+        )
     _refuse_boost(1 / sums)
     matrix = raw / sums[:, None]
     _refuse_alike(matrix)

@@ -100,7 +100,9 @@ def _refuse_little(levels: FloatArray, terms: FloatArray, full_scale_dn: float) 
             "pictures; there have to be more pictures than terms, e.g. at least 4 shifts of a sinusoid"
         )
     if pixels < _LEAST_SAMPLES:
-        raise CalibrationError(f"response from patterns: {pixels} pixels, at least {_LEAST_SAMPLES} are needed")
+        raise CalibrationError(
+            f"response from patterns: {pixels} pixels, at least {_LEAST_SAMPLES} are needed; give more of the picture"
+        )
     span = float(np.ptp(levels)) / full_scale_dn
     if span < _LEAST_SPAN:
         raise CalibrationError(

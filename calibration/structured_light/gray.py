@@ -175,7 +175,7 @@ def _searched(bits: int, run: int) -> tuple[int, ...]:
         return False
 
     if not extend():
-        raise CalibrationError(f"no cyclic Gray code of {bits} bits with runs of {run}")
+        raise CalibrationError(f"no cyclic Gray code of {bits} bits with runs of {run}; ask for shorter runs")
     return tuple(path)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.devices.protocols import RawFrame
-from rig.files.pictures import srgb_of_linear
+from rig.files.colour.srgb import srgb_of_linear
 from rig.records import Record
 
 _BINS = 16

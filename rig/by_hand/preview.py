@@ -18,7 +18,7 @@ from rig.capture.rig import Rig
 from rig.devices.drivers import make_devices
 from rig.devices.protocols import Codes, RawFrame, gain_control_of
 from rig.errors import CaptureTimeout, DeviceLost, UsageError
-from rig.files.pictures import srgb_of_linear
+from rig.files.colour.srgb import srgb_of_linear
 from rig.profile.schema import Profile
 from rig.records import Record
 

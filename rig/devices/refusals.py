@@ -29,7 +29,9 @@ def check_exposure(exposure_s: float, range_s: tuple[float, float], whose: str =
     """Refuse an exposure that a camera cannot do. Raises SettingRefused."""
     possible = ExposureRange(*range_s)
     if not possible.holds(exposure_s):
-        raise SettingRefused(f"exposure {exposure_s:.6g} s is outside {whose} {possible} s")
+        raise SettingRefused(
+            f"exposure {exposure_s:.6g} s is outside {whose} {possible} s; correct camera.exposure_range_s"
+        )
 
 
 def check_gain(value: float, gain: Gain) -> None:

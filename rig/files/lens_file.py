@@ -217,7 +217,10 @@ def scan_tables(lenses: LensFile) -> str:
     """
     projector, pose = lenses.entry("projector"), lenses.projector_from_camera
     if projector is None or pose is None:
-        raise ProfileError("the lens file has no projector; a scan needs both lenses and their pose")
+        raise ProfileError(
+            "the lens file has no projector; a scan needs both lenses and their pose: "
+            "photograph boards that the projector lights, too (docs/how-to/lenses.md)"
+        )
     blocks = []
     for lens in lenses.lens:
         keys = ("focal_px", "principal_point_px", "distortion")

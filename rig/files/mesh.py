@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.files.colour.srgb import linear_of_srgb
 from rig.files.mesh_gloss import gloss_of_material
 from rig.files.obj_mesh import obj_with_cut_faces
-from rig.files.pictures import LUMINANCE, linear_of_srgb
+from rig.files.pictures import LUMINANCE
 from rig.files.ply_mesh import read_ply_mesh
 from sim.errors import SimulationError
 from sim.geometry.checks import mesh_faults, refuse, refuse_extent
@@ -121,7 +122,7 @@ def _loaded(path: Path) -> Any:
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: unknown mesh format {path.suffix!r}; there are {', '.join(FORMATS)}")
     if not path.is_file():
-        raise UsageError(f"{path}: no such file")
+        raise UsageError(f"{path}: no such file; check the name")
     try:
         if path.suffix.lower() == ".ply":
             return read_ply_mesh(path)

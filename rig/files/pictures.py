@@ -16,6 +16,10 @@ from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.files.atomic import write_bytes
+from rig.files.colour.spaces import ColourSpace, srgb_light
+from rig.files.colour.srgb import linear_of_srgb, srgb_of_linear
+from rig.files.colour.told import check_linear, in_words, told_space
+from rig.files.colour.transparency import check_opaque
 
 Float32Array = NDArray[np.float32]
 Codes = NDArray[np.uint8]
@@ -40,6 +44,8 @@ class ImageFile:
     """(H, W, C), upright: the orientation that a camera noted is applied."""
     channels: tuple[str, ...]
     """Names of the C channels."""
+    header: oiio.ImageSpec
+    """What the file says of itself."""
 
 
 def read_pixels(path: Path, sample_format: str = "") -> ImageFile:
@@ -73,9 +79,9 @@ def read_pixels(path: Path, sample_format: str = "") -> ImageFile:
     if pixels is None or problem:
         raise UsageError(f"{path}: is damaged ({_first_line(problem)}); copy or export it again")
     if math.prod(pixels.shape) == 0:
-        raise UsageError(f"{path}: has no pixels")
+        raise UsageError(f"{path}: has no pixels; export it again")
     upright = _upright(pixels, spec.get_int_attribute("Orientation", 1))
-    return ImageFile(upright, tuple(_printable(name) for name in spec.channelnames))
+    return ImageFile(upright, tuple(_printable(name) for name in spec.channelnames), spec)
 
 
 def _decoded(
@@ -120,7 +126,9 @@ class PictureLevels:
     levels: Float32Array
     """(H, W, C) grey levels, 0 … 255, linear in light."""
     is_linear: bool
-    """Whether the file's numbers were taken as linear light; else as sRGB."""
+    """Whether the file's numbers were taken as linear light; else as sRGB, or as the file's colour profile says."""
+    profile: str = ""
+    """In words: the colour space that the file tells and that was made sRGB; empty: none but sRGB."""
     lost_colours: bool = False
     """Whether colours became grey."""
 
@@ -130,7 +138,8 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
 
     Codes of 8 and 16 bits are sRGB, as everywhere, unless they are said to be linear light as in the paper (8-bit codes
     are then the levels, 16-bit codes are divided by 257); numbers with a point (0 … 1; EXR, some TIFF) always are
-    linear light. Transparency is ignored; the orientation that a camera noted is applied.
+    linear light. Another colour space that the file tells (a profile, a PNG's chunks, an EXR's chromaticities) is made
+    sRGB. The orientation that a camera noted is applied.
 
     Parameters
     ----------
@@ -142,25 +151,35 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
     Raises
     ------
     UsageError
-        The file is missing or unreadable, or has NaN, infinite or negative values.
+        The file is missing, unreadable or partly transparent, has NaN, infinite or negative values, or tells a colour
+        space that cannot be followed.
     """
     path = Path(path)
-    colours = _colours(path)
-    if colours.dtype not in (np.uint8, np.uint16) and colours.dtype.kind != "f":
+    colours, space = _colours(path)
+    has_points = colours.dtype.kind == "f"
+    if colours.dtype not in (np.uint8, np.uint16) and not has_points:
         raise UsageError(f"{path}: has numbers of the type {colours.dtype}; export it with 8 or 16 bits, or as EXR")
-    levels = _grey_levels(colours, is_linear=is_linear)
-    _check_levels(path, levels)
-    return PictureLevels(levels=levels, is_linear=is_linear or colours.dtype.kind == "f")
+    if space is None:
+        levels, words = _grey_levels(colours, is_linear=is_linear), ""
+    else:
+        check_linear(path, space, has_points=has_points, is_linear=is_linear)
+        light, beyond = srgb_light(colours, space)
+        levels, words = light * np.float32(255), in_words(space, beyond)
+    _check_levels(path, levels if space is None else np.asarray(colours, dtype=np.float32))
+    return PictureLevels(levels=levels, is_linear=is_linear or has_points, profile=words)
 
 
-def _colours(path: Path) -> NDArray[np.generic]:
-    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it."""
+def _colours(path: Path) -> tuple[NDArray[np.generic], ColourSpace | None]:
+    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it; its colour space, None for sRGB."""
     image = read_pixels(path)
     known = next((names for names in _PICTURE_CHANNELS if set(names) <= set(image.channels)), None)
     if known is None:
         there = ", ".join(image.channels)
         raise UsageError(f"{path}: has channels {there}; a picture needs R, G, B or Y: export it as such")
-    return image.pixels[..., [image.channels.index(name) for name in known]]
+    if "A" in image.channels:
+        check_opaque(path, image.pixels[..., image.channels.index("A")])
+    colours = image.pixels[..., [image.channels.index(name) for name in known]]
+    return colours, told_space(path, image.header, len(known))
 
 
 def _grey_levels(picture: NDArray[np.generic], *, is_linear: bool) -> Float32Array:
@@ -185,16 +204,22 @@ def _check_levels(path: Path, levels: Float32Array) -> None:
 
 
 def read_codes(path: Path) -> Codes:
-    """Read a picture as a display takes it: (H, W, 3) codes, red first; of 16 bits the upper eight.
+    """Read a picture as a display takes it: (H, W, 3) codes of sRGB, red first; of 16 bits the upper eight.
+
+    A colour space that the file tells is made sRGB, as by :func:`read_picture`.
 
     Raises
     ------
     UsageError
-        The file is missing or unreadable, or has no codes of 8 or 16 bits.
+        The file is missing, unreadable or partly transparent, has no codes of 8 or 16 bits, or tells a colour space
+        that cannot be followed.
     """
-    colours = _colours(path)
+    colours, space = _colours(path)
     if colours.dtype not in (np.uint8, np.uint16):
         raise UsageError(f"{path}: has values of {colours.dtype}; export it with 8 or 16 bits")
+    if space is not None:
+        light, _ = srgb_light(colours, space)
+        colours = np.rint(255 * srgb_of_linear(light.astype(np.float64))).astype(np.uint8)
     eight = colours.astype(np.uint8) if colours.dtype == np.uint8 else (colours >> 8).astype(np.uint8)  # type: ignore[operator]
     return np.ascontiguousarray(np.broadcast_to(eight, (*eight.shape[:2], 3)))
 
@@ -362,13 +387,3 @@ def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
     result: Float32Array = levels.astype(np.float32)
     result.flags.writeable = False
     return result
-
-
-def linear_of_srgb(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Linear light of sRGB codes, both 0 … 1 (IEC 61966-2-1)."""
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
-
-
-def srgb_of_linear(share: NDArray[np.float64]) -> NDArray[np.float64]:
-    """SRGB codes of linear light, both 0 … 1 (IEC 61966-2-1)."""
-    return np.where(share <= 0.0031308, 12.92 * share, 1.055 * np.maximum(share, 0.0) ** (1 / 2.4) - 0.055)

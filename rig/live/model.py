@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from rig.files.pictures import linear_of_srgb
+from rig.files.colour.srgb import linear_of_srgb
 from rig.profile.schema import Profile
 from rig.session import Session
 from rig.stages.linear_light import RadiometricCalibration

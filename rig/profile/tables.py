@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import AfterValidator, Field, JsonValue, model_validator
 
 from calibration.radiometry.mosaic import MosaicPattern
+from rig.devices.plausible import Electrons, MetresOfPatch, SecondsOfDelay, SecondsOfWaiting, plausible
 from rig.devices.protocols import ExposureRange
 from rig.files.toml import Table
 
@@ -28,28 +29,12 @@ MOST_PATCHES = 15_000
 MOST_PX = 128 << 20
 """Of a device: one frame of more, in numbers, fills a gigabyte, and a session takes hundreds."""
 
-
-def _plausible(low: float, high: float, advice: str) -> AfterValidator:
-    """Return a check that a number can be meant as it is; the advice names the mistake that is made most often."""
-
-    def check(given: float | None) -> float | None:
-        if given is not None and not low <= given <= high:
-            raise ValueError(f"is {given:g}, plausible are {low:g} ... {high:g}: {advice}")
-        return given
-
-    return AfterValidator(check)
-
-
-SecondsOfDelay = Annotated[float, Field(ge=0), _plausible(0, 5, "seconds, not milliseconds?")]
-MetresByTape = Annotated[float, Field(gt=0), _plausible(0.01, 30, "metres, not centimetres or millimetres?")]
-MetresOfWall = Annotated[float, Field(gt=0), _plausible(0.05, 200, "metres, not centimetres or millimetres?")]
-DegreesOfView = Annotated[float, Field(gt=0, lt=180), _plausible(2, 175, "degrees, not radians?")]
-SecondsOfWaiting = Annotated[float, Field(ge=0), _plausible(0, 900, "seconds, not milliseconds?")]
-SecondsOfExposure = Annotated[float, Field(gt=0), _plausible(1e-6, 600, "seconds, not milliseconds or microseconds?")]
-MetresOfPatch = Annotated[float, Field(gt=0), _plausible(0.005, 20, "metres, not centimetres or millimetres?")]
-Electrons = Annotated[float, Field(ge=0), _plausible(0, 1e7, "electrons, not digital numbers?")]
-Multiple = Annotated[float, Field(gt=0), _plausible(1e-3, 1000, "times camera.exposure_s, not seconds?")]
-Hertz = Annotated[float, Field(gt=0), _plausible(0.1, 2000, "hertz, not seconds a frame or kilohertz?")]
+MetresByTape = Annotated[float, Field(gt=0), plausible(0.01, 30, "metres, not centimetres or millimetres?")]
+MetresOfWall = Annotated[float, Field(gt=0), plausible(0.05, 200, "metres, not centimetres or millimetres?")]
+DegreesOfView = Annotated[float, Field(gt=0, lt=180), plausible(2, 175, "degrees, not radians?")]
+SecondsOfExposure = Annotated[float, Field(gt=0), plausible(1e-6, 600, "seconds, not milliseconds or microseconds?")]
+Multiple = Annotated[float, Field(gt=0), plausible(1e-3, 1000, "times camera.exposure_s, not seconds?")]
+Hertz = Annotated[float, Field(gt=0), plausible(0.1, 2000, "hertz, not seconds a frame or kilohertz?")]
 
 
 def _possible(given: ExposureRange) -> ExposureRange:

@@ -56,7 +56,9 @@ def only(by_name: Mapping[Key, Value]) -> Value:
     values = list(by_name.values())
     if len(values) != 1:
         names = ", ".join(map(str, by_name)) or "none"
-        raise SessionError(f"this version works with one camera and one projector; there are {names}")
+        raise SessionError(
+            f"this version works with one camera and one projector, there are {names}; take the others from the profile"
+        )
     return values[0]
 
 

@@ -7,7 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from rig.session import Session
 from rig.stages.showing.cube import cube_layout
 
 Float32Array = NDArray[np.float32]
-Light = Literal["sRGB", "linear light"]
 _OFF_SHAPE = 0.01
 """By which a picture's width over height may be off: sizes are whole pixels."""
 DEFAULT = "default"
@@ -36,8 +35,8 @@ class ShownTarget(Record):
     """What was to be seen."""
 
     name: str
-    light: Light
-    """How its file was read."""
+    light: str
+    """How its file was read: sRGB, linear light, or the colour space that it told."""
     lost_colours: bool
     """Its colours became grey, for the rig is grey."""
     placed: str = ""
@@ -58,7 +57,7 @@ class Target:
     name: str
     levels: Float32Array
     """(H, W, C); C = 1, or 3 in colour."""
-    light: Light = "linear light"
+    light: str = "linear light"
     """How the numbers of its file were read."""
     lost_colours: bool = False
     """Its file has colours, which a grey rig cannot show."""
@@ -173,11 +172,10 @@ def last_target(session: Session) -> Target | None:
 
 def shown_target(settings: Mapping[str, Any]) -> ShownTarget:
     """Return what the settings of a step say of its target; older versions took all codes as linear light."""
-    light: Light = "sRGB" if settings.get("light") == "sRGB" else "linear light"
     placement = settings.get("placement")
     return ShownTarget(
         name=str(settings["target"]),
-        light=light,
+        light=str(settings.get("light", "linear light")),
         lost_colours=bool(settings.get("lost_colours")),
         placed=TargetTable.model_validate(placement).words if placement else "",
     )
@@ -249,5 +247,5 @@ def _is_test_picture(path: str | Path) -> bool:
 
 
 def _target(path: str | Path, read: PictureLevels) -> Target:
-    light: Light = "linear light" if read.is_linear else "sRGB"
+    light: str = "linear light" if read.is_linear else "sRGB"
     return Target(name=Path(path).name, levels=read.levels, light=light, lost_colours=read.lost_colours)

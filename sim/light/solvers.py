@@ -68,7 +68,7 @@ def conjugate_gradients(multiply: Product, right: FloatArray, tolerance: float, 
     worst = float(np.sqrt((rr / np.maximum(goal, TINY)).max()) * tolerance)
     raise SimulationError(
         f"conjugate gradients: relative residual {worst:.1e} after {limit} steps, wanted {tolerance:.0e}; "
-        "the reflectance is too close to 1 for this tolerance"
+        "the reflectance is too close to 1 for this tolerance: lower the one, or raise the other"
     )
 
 
@@ -105,7 +105,9 @@ def jacobi(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 
         previous, B = B, E + G @ B
         if np.abs(B - previous).max() <= tolerance * np.abs(E).max():
             return B, step
-    raise SimulationError(f"Jacobi: not within {tolerance:.0e} after {limit} steps; the spectral radius is near 1")
+    raise SimulationError(
+        f"Jacobi: not within {tolerance:.0e} after {limit} steps: spectral radius near 1; use conjugate gradients"
+    )
 
 
 def gauss_seidel(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: int = 5_000) -> tuple[FloatArray, int]:
@@ -117,7 +119,8 @@ def gauss_seidel(G: FloatArray, E: FloatArray, tolerance: float = 1e-10, limit: 
         if np.abs(B - previous).max() <= tolerance * np.abs(E).max():
             return B, sweep
     raise SimulationError(
-        f"Gauss-Seidel: not within {tolerance:.0e} after {limit} sweeps; the spectral radius is near 1"
+        f"Gauss-Seidel: not within {tolerance:.0e} after {limit} sweeps, for the spectral radius is near 1; "
+        "use conjugate gradients"
     )
 
 

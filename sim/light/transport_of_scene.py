@@ -311,7 +311,7 @@ def smooth_view(scene: Surface, hits: Hits, reflectance: FloatArray) -> csr_arra
     if isinstance(scene, Mesh):
         return mesh_view(scene, hits, reflectance)
     if not isinstance(scene, Scene):
-        raise SimulationError(f"no view of {scene.name}: it is neither gridded rectangles nor a mesh")
+        raise SimulationError(f"no view of {scene.name}: it is neither gridded rectangles nor a mesh; make it one")
     pieces = []
     shape = (len(hits.patch), scene.n_patches)
     for index, face in enumerate(scene.faces):

@@ -81,7 +81,9 @@ def gloss_of_cells(cells: AdaptivePatches, surface: Surface, gloss: Gloss) -> Gl
     above_m = ABOVE * float(np.ptp(np.asarray(cells.vertices).reshape(-1, 3), axis=0).max())
     patch = trace(surface, cells.centres + above_m * cells.normals, -cells.normals).patch
     if (patch < 0).any():
-        raise SimulationError(f"{surface.name}: {int((patch < 0).sum())} cells lie on none of its patches")
+        raise SimulationError(
+            f"{surface.name}: {int((patch < 0).sum())} cells lie on none of its patches; give cells of this surface"
+        )
     return Gloss(gloss.share[patch], gloss.roughness[patch])
 
 

@@ -219,7 +219,7 @@ def _krylov(system: System, method: Callable[..., tuple[FloatArray, int]], optio
     operator = LinearOperator((system.n, system.n), matvec=system.apply, dtype=np.float64)
     B, status = method(operator, system.E, rtol=TOLERANCE, atol=0.0, maxiter=2000, **options)
     if status:
-        raise SimulationError(f"{method.__name__}: not within {TOLERANCE:g} after 2000 steps")
+        raise SimulationError(f"{method.__name__}: not within {TOLERANCE:g} after 2000 steps; tell the authors")
     return Solved(np.asarray(B), {"matvecs": system.products})
 
 

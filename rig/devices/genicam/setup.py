@@ -158,7 +158,10 @@ def check_control(device: int, name: str) -> None:
     except AravisError as error:
         raise DeviceLost(f"{name} does not answer ({error}); check cable and power") from error
     if not privilege.value & _CONTROLLED:
-        raise DeviceLost(f"{name} is not controlled by this program any more: it was off, or heartbeats were lost")
+        raise DeviceLost(
+            f"{name} is not controlled by this program any more: it was off, or heartbeats were lost; check cable and "
+            "power, then run the same command again"
+        )
 
 
 def set_packets(camera: int, wishes: GenicamWishes) -> int:

@@ -266,7 +266,9 @@ def from_profile(settings: CameraSettings, clock: Clock) -> StillCamera:
     if form == "JPEG" and (settings.mosaic is not None or settings.bit_depth != 8):
         raise ProfileError("camera.pixel_format: JPEG has a bit depth of 8 and no mosaic; correct them, or take RAW")
     if form == "RAW" and settings.channels != 3:
-        raise ProfileError("camera.channels: a raw file has three; with mosaic its pixels are left as they are")
+        raise ProfileError(
+            "camera.channels: a raw file has three; write 3, or name its filters in camera.mosaic for one channel"
+        )
     try:
         options = StillOptions.model_validate(dict(settings.options))
     except ValidationError as error:

@@ -105,7 +105,7 @@ class Readback:
         return shown.height_px, shown.width_px
 
     def _dark(self) -> DeviceLost:
-        return DeviceLost(f"{self._found.full_name} is dark: no program shows anything on it")
+        return DeviceLost(f"{self._found.full_name} is dark: no program shows anything on it; start the one that does")
 
     def picture(self) -> NDArray[np.uint8]:
         """(H, W, 3) uint8 codes, red first, as they are sent to the display; a copy.

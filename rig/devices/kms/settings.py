@@ -76,7 +76,9 @@ def choose_path(card: Card, connector: Connector) -> Path:
     types = {plane.id: card.properties(plane.id) for plane in planes}
     fitting = [plane for plane in planes if _is_usable(plane, types[plane.id], controller)]
     if not fitting:
-        raise SettingRefused(f"{card.name} has no plane for {connector.name} that shows 32-bit pixels")
+        raise SettingRefused(
+            f"{card.name} has no plane for {connector.name} that shows 32-bit pixels; use driver = 'window'"
+        )
     plane = fitting[0].id
     return Path(
         connector=connector.id,

@@ -181,7 +181,10 @@ def _known(document: _Document, path: Path) -> KnownPair:
     file = path.parent / (document.lens_file or "")
     pair = read_lens_file(file).pair()
     if pair is None:
-        raise ProfileError(f"{path}: lens_file: {file} has no projector; a scan needs both lenses and their pose")
+        raise ProfileError(
+            f"{path}: lens_file: {file} has no projector; a scan needs both lenses and their pose: "
+            "photograph boards that the projector lights, too (docs/how-to/lenses.md)"
+        )
     lenses = []
     for name, device, (height, width), vector in zip(
         ("camera", "projector"), (document.camera, document.projector), pair.shapes, pair.lenses, strict=True

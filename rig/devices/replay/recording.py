@@ -180,7 +180,7 @@ class ReplayCamera:
         started_s = max(after_s, self._clock.now_s())
         if started_s + self._exposure_s - self._clock.now_s() > timeout_s:
             self._clock.wait_until_s(self._clock.now_s() + timeout_s)
-            raise CaptureTimeout(f"no frame within {timeout_s:g} s: the exposure would end later")
+            raise CaptureTimeout(f"no frame within {timeout_s:g} s: the exposure would end later; allow more time")
         pixels = self._next(name).read()
         if pixels.shape != self.shape:
             raise DeviceLost(
@@ -197,7 +197,8 @@ class ReplayCamera:
         if not frames:
             known = ", ".join(f"{e:.6g}" for e in sorted({f.exposure_s or 0.0 for f in every}))
             raise DeviceLost(
-                f"{self._recording.source}: the recording has {name!r} exposed {known} s, not {self._exposure_s:.6g} s"
+                f"{self._recording.source}: the recording has {name!r} exposed {known} s, not {self._exposure_s:.6g} "
+                "s; replay it with the settings that it was made with"
             )
         key = (name, self._exposure_s)
         index = self._used.get(key, 0)

@@ -76,5 +76,8 @@ def box_world_of(profile: RigSettings) -> SimulatedWorld:
     """Make the same of a profile whose world is a box. Raises ProfileError for another."""
     world = simulated_world_of(profile)
     if not isinstance(world, SimulatedWorld):
-        raise ProfileError(f"{profile.path}: simulation.scene: only for boxes, not for a scene")
+        raise ProfileError(
+            f"{profile.path}: simulation.scene: is there, but this works with a simulated box only; leave it out and "
+            "give simulation.size_m, or take another profile"
+        )
     return world

@@ -10,10 +10,22 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from rig.devices.plausible import (
+    Degrees,
+    Electrons,
+    HertzOfLight,
+    MetresOfFocus,
+    MetresOfLens,
+    MetresOfPatch,
+    MetresOfPlace,
+    SecondsOfDelay,
+    SecondsOfWarmUp,
+)
 from rig.files.toml import Table
 
 Item = TypeVar("Item")
 Vector3 = tuple[float, float, float]
+Place = tuple[MetresOfPlace, MetresOfPlace, MetresOfPlace]
 FaceName = Literal["floor", "ceiling", "x0", "x1", "y0", "y1"]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Reflectance = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -75,12 +87,12 @@ class SimulatedLensSettings(Table):
 
     name: Annotated[str, Field(min_length=1)]
     """The camera's or projector's, as the profile calls it."""
-    position_m: Vector3
-    look_at_m: Vector3
-    roll_deg: float = 0.0
-    turned_deg: Vector3 = (0.0, 0.0, 0.0)
+    position_m: Place
+    look_at_m: Place
+    roll_deg: Degrees = 0.0
+    turned_deg: tuple[Degrees, Degrees, Degrees] = (0.0, 0.0, 0.0)
     """By how much it was turned since, as a rotation vector about its own axes right, down and forward."""
-    moved_m: Vector3 = (0.0, 0.0, 0.0)
+    moved_m: Place = (0.0, 0.0, 0.0)
     """By how much its lens was shifted since, along the room's axes; it looks along where it did."""
     focal_px: Annotated[float, Field(gt=0)]
     principal_point_px: tuple[float, float]
@@ -92,9 +104,9 @@ class SimulatedLensSettings(Table):
     """Standard deviation of the lens's Gaussian blur in the device's own pixels, on the axis."""
     corner_blur_px: Annotated[float, Field(ge=0.0)] | None = None
     """The same half a diagonal from the axis, with its square between; None: as on the axis."""
-    aperture_m: NotNegative = 0.0
+    aperture_m: MetresOfLens = 0.0
     """Diameter of the lens's opening: what is not at `focus_m` is blurred; 0: all depths are sharp."""
-    focus_m: Annotated[float, Field(gt=0)] | None = None
+    focus_m: MetresOfFocus | None = None
     """Depth along the axis that is in focus."""
 
     @model_validator(mode="after")
@@ -109,8 +121,8 @@ class SimulatedCameraSettings(SimulatedLensSettings):
 
     sensitivity_e_per_s: Annotated[float, Field(gt=0)]
     """Electrons a second for a radiosity of 1."""
-    full_well_e: Annotated[float, Field(gt=0)] = 32000.0
-    read_noise_e: Annotated[float, Field(ge=0)] = 6.0
+    full_well_e: Annotated[Electrons, Field(gt=0)] = 32000.0
+    read_noise_e: Electrons = 6.0
     black_level_dn: Annotated[float, Field(ge=0)] = 64.0
     compression: Annotated[float, Field(ge=0, le=1)] = 0.0
     """Response y (1 + c) / (1 + c y): 0 is linear."""
@@ -127,13 +139,13 @@ class SimulatedCameraSettings(SimulatedLensSettings):
     """Frames of which the lower half is missing."""
     sequence_restart_rate: Share = 0.0
     """Frames at which the counter begins anew."""
-    time_stamp_jitter_s: NotNegative = 0.0
+    time_stamp_jitter_s: SecondsOfDelay = 0.0
     """Largest error of a time stamp, either way."""
     pipeline_frames: FrameCount = 0
     """Frame periods by which what a frame shows is older than its time stamp."""
     exposure_delay_frames: FrameCount = 0
     """Frames for which a new exposure is not yet in force; they say so."""
-    readout_s: NotNegative = 0.0
+    readout_s: SecondsOfDelay = 0.0
     """Rolling shutter: by how much the last row is exposed later than the first."""
     unplugged_s: tuple[Interval, ...] = ()
     frozen_s: tuple[Interval, ...] = ()
@@ -151,16 +163,16 @@ class SimulatedProjectorSettings(SimulatedLensSettings):
     """Of all channels, or of red, green and blue."""
     s_shape: Share = 0.0
     """Share of a smooth step in the response, the rest a power law."""
-    latency_s: Annotated[float, Field(ge=0)] = 0.0
+    latency_s: SecondsOfDelay = 0.0
     """From the time stamp of the display to light."""
-    jitter_s: Annotated[float, Field(ge=0)] = 0.0
+    jitter_s: SecondsOfDelay = 0.0
     white_boost: Annotated[float, Field(ge=0)] = 0.0
     """A white segment's part: white is brighter by this share than red, green and blue together."""
     mixing: tuple[MixingRow, MixingRow, MixingRow] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     """Light that each band (row) of a colour camera gets from red, green and blue; a grey one sees the rows' mean."""
     lamp_drift: Annotated[float, Field(ge=-0.5, le=0.5)] = 0.0
     """By how much the lamp is darker at the clock's 0 than when it is warm, share of the latter."""
-    lamp_warm_up_s: Annotated[float, Field(gt=0)] = 60.0
+    lamp_warm_up_s: SecondsOfWarmUp = 60.0
     """In which all but 1/e of that is made up for."""
     unplugged_s: tuple[Interval, ...] = ()
 
@@ -205,19 +217,19 @@ class SimulationSettings(Table):
     """Overrule those of the scene, by name."""
     rays: Annotated[int, Field(ge=16, le=16384)] = 1024
     """From each sample of a scene's light to the rest of it."""
-    size_m: Vector3 = (0.0, 0.0, 0.0)
+    size_m: Place = (0.0, 0.0, 0.0)
     """Of the box, or of the room of a library's scene; a mesh file has its own."""
     reflectance: dict[FaceName, Colour] = Field(default_factory=dict)
     """Mean reflectance of each face; a face of a box that is not named is open."""
     texture: Share = 0.0
     """Half range of the smooth variation on each face."""
     posters: tuple[Poster, ...] = ()
-    cell_size_m: Annotated[float, Field(gt=0)] = 0.12
+    cell_size_m: MetresOfPatch = 0.12
     pixel_samples: Annotated[int, Field(ge=1, le=4)] = 2
     """Samples of a pixel along each axis, of camera and projector."""
     ambient: Annotated[float, Field(ge=0)] = 0.0
     """Irradiance of room light on every surface; relative, as the projector's."""
-    ambient_flicker_hz: Annotated[float, Field(ge=0)] = 0.0
+    ambient_flicker_hz: HertzOfLight = 0.0
     """How often a second the room light swells; mains lamps do twice a period: 100 or 120."""
     ambient_flicker: Share = 0.0
     """By how much, share of its mean."""

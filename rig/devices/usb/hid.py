@@ -164,7 +164,10 @@ class LibusbTransport:
         endpoints = self._device.get_active_configuration()[(self._number, 0)].endpoints()
         ways = {usb.util.endpoint_direction(endpoint.bEndpointAddress): endpoint for endpoint in endpoints}
         if set(ways) != {usb.util.ENDPOINT_IN, usb.util.ENDPOINT_OUT}:
-            raise DeviceError(f"{self._found.name}: interface {self._number} has not one endpoint each way; use hidraw")
+            raise DeviceError(
+                f"{self._found.name}: interface {self._number} has not one endpoint each way, so this program cannot "
+                "control it alone; go by the kernel's driver: sudo modprobe usbhid"
+            )
         self._in, self._out = ways[usb.util.ENDPOINT_IN], ways[usb.util.ENDPOINT_OUT]
 
     def write_report(self, report: bytes) -> None:

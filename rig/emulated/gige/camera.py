@@ -129,7 +129,10 @@ class EmulatedGigeCamera:
             if server:
                 library.call("g_object_unref", server)
             self.unplug()
-            raise DeviceError(f"no camera could be put on {self.address}: Aravis does not serve there")
+            raise DeviceError(
+                f"no camera could be put on {self.address}: Aravis does not serve there; "
+                "name an address that a network card of this machine has (`ip address`)"
+            )
         self._server, self._fake = server, library.call("arv_gv_fake_camera_get_fake_camera", server)
         self._set_up()
         if self._feeder is not None:

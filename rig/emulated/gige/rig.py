@@ -51,7 +51,11 @@ def sensor_of(profile: Profile) -> EmulatedSensor:
     first = camera.pixel_format or "Mono12"
     known = PIXEL_FORMATS.get(first)
     if known is None or known.mosaic != camera.mosaic:
-        raise ProfileError(f"{profile.path}: camera.pixel_format: {first!r} is no format of the emulated camera")
+        fitting = ", ".join(name for name, one in PIXEL_FORMATS.items() if one.mosaic == camera.mosaic)
+        raise ProfileError(
+            f"{profile.path}: camera.pixel_format: {first!r} is no format of the emulated camera; with this mosaic it "
+            f"has {fitting}"
+        )
     if known.numbers == 1:
         begin = "Mono" if camera.mosaic is None else _FILTERS[camera.mosaic]
         formats = dict.fromkeys([first, *(begin + kind for kind in _KINDS)])

@@ -252,7 +252,7 @@ def _connect(port: int, theirs: socket.socket, speed: UsbSpeed) -> bool:
     except OSError as error:
         if error.errno == errno.EBUSY:
             return False
-        raise DeviceError(f"the kernel refuses a USB device at port {port}: {error}") from error
+        raise DeviceError(f"the kernel refuses a USB device at port {port}: {error}; look at dmesg") from error
     finally:
         os.close(descriptor)
     return True

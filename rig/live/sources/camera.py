@@ -96,7 +96,9 @@ def best_camera(device_id: str, shape: tuple[int, int], clock: Clock) -> Camera:
     known = [ability for ability in abilities.formats if ability.pixel_format.strip() in _FORMATS]
     if not known:
         offered = ", ".join(sorted({ability.pixel_format for ability in abilities.formats})) or "none"
-        raise DeviceError(f"camera {device_id} offers {offered}; live pictures need one of {', '.join(_FORMATS)}")
+        raise DeviceError(
+            f"camera {device_id} offers {offered}, live pictures need one of {', '.join(_FORMATS)}; take another camera"
+        )
 
     def rank(ability: FormatAbility) -> tuple[bool, int, float, int]:
         covers = ability.height_px >= shape[0] and ability.width_px >= shape[1]

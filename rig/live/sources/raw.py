@@ -48,7 +48,8 @@ def check_size(name: str, size: tuple[int, int]) -> None:
     height, width = size
     if not (0 < width <= _LARGEST_PX and 0 < height <= _LARGEST_PX and width * height <= _MOST_PX):
         raise PipeBroken(
-            f"{name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px and {_MOST_PX >> 20} megapixels"
+            f"{name}: a picture of {width} x {height} px; the limit is {_LARGEST_PX} px and "
+            f"{_MOST_PX >> 20} megapixels: make it smaller, or correct its header"
         )
 
 
@@ -144,7 +145,9 @@ class StreamSource:
             self._clock.wait_until_s(self._clock.now_s() + _LOOK_S)
             return
         if self._filled or self._header:
-            raise PipeBroken(f"{self.name}: ended in the middle of a picture, after {self._filled} bytes of it")
+            raise PipeBroken(
+                f"{self.name}: ended in the middle of a picture, after {self._filled} bytes of it; is --size right?"
+            )
         raise SourceEnded
 
     def _read_header(self) -> int:
@@ -245,7 +248,9 @@ class SharedMemorySource:
         if self._header()[2] != before:
             return False
         if count < self._pixels.nbytes:
-            raise PipeBroken(f"{self._path}: says {shape[1]} x {shape[0]} px, but has {count} bytes of picture")
+            raise PipeBroken(
+                f"{self._path}: says {shape[1]} x {shape[0]} px, but has {count} bytes of picture; correct its writer"
+            )
         self._last = before
         return True
 

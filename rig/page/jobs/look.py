@@ -55,7 +55,7 @@ def _obey(order: JsonObject, preview: Preview, wire: Wire) -> None:
 
 def _number(value: Json) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise UsageError(f"{str(value)[:40]!r} is no number")
+        raise UsageError(f"{str(value)[:40]!r} is no number; give digits")
     return float(value)
 
 

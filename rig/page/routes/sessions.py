@@ -109,7 +109,7 @@ def side_by_side(request: Request) -> Response:
 def _folder(request: Request) -> Path:
     folder = workplace_of(request).folders.session(name_of(request))
     if not is_session(folder):
-        raise SessionError(f"{folder.name}: there is no session of that name")
+        raise SessionError(f"{folder.name}: there is no session of that name any more; load the page anew")
     return folder
 
 

@@ -70,7 +70,7 @@ def profile_text(request: Request) -> Response:
     own = folders.own_profile(name)
     path = own if own.is_file() else shipped_folder() / f"{name}.toml"
     if not path.is_file():
-        raise ProfileError(f"{name}: no such profile")
+        raise ProfileError(f"{name}: no such profile; it was moved or deleted, load the page anew")
     return answer({"name": name, "own": own.is_file(), "text": path.read_text(encoding="utf-8")})
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.light.faces import away_from_edges
-from rig.files.pictures import png_of, srgb_of_linear
+from rig.files.colour.srgb import srgb_of_linear
+from rig.files.pictures import png_of
 from rig.stages.maps.sampling import sample
 from rig.stages.model import FittedScene
 from rig.stages.scene_model import SceneModel, face_of_pixels, white_irradiance

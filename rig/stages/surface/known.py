@@ -90,7 +90,9 @@ def known_settings(profile: Profile) -> JsonObject:
         return {}
     path = mesh_path(profile, profile.surface)
     if not path.is_file():
-        raise UsageError(f"{path}: no such file, which [surface] file names")
+        raise UsageError(
+            f"{path}: no such file, which [surface] file names; correct it (its path begins at the profile)"
+        )
     own = profile.surface
     return {"file_sha256": sha256_of(path), "unit": own.unit, "up": own.up}
 

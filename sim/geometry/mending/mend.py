@@ -80,7 +80,7 @@ def cleaned_facets(name: str, facets: Facets, merge_m: float | None = None) -> t
     left, remarks = cleaned(facets, merge_m)
     refuse_remarks(name, remarks)
     if not left.n_facets:
-        raise DamagedMesh(f"mesh {name}: no facet has an area", tuple(remarks))
+        raise DamagedMesh(f"mesh {name}: no facet has an area; export surfaces, and check the scale", tuple(remarks))
     return left, tuple(remarks)
 
 

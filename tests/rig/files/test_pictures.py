@@ -84,11 +84,6 @@ def test_exr_pictures_go_from_one_to_255(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_picture(tmp_path / "p.exr").levels[0, 0], [63.75, 127.5, 255.0])
 
 
-def test_transparency_does_not_darken_a_picture(tmp_path: Path) -> None:
-    cv2.imwrite(str(tmp_path / "p.png"), np.full((2, 2, 4), (10, 20, 200, 128), dtype=np.uint8))
-    np.testing.assert_array_equal(read_picture(tmp_path / "p.png", is_linear=True).levels[0, 0], [200, 20, 10])
-
-
 def test_a_jpeg_is_turned_as_its_camera_noted(tmp_path: Path) -> None:
     left_dark = np.zeros((16, 32, 3), np.uint8)
     left_dark[:, 16:] = 255

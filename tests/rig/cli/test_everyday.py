@@ -1,0 +1,96 @@
+"""What one meets every day, by the real command line: a plan's title, plain signs, pages, exports, a recommendation."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from rig.cli.app import run_command
+from tests.rig.conftest import CHROMIUM
+from tests.rig.terminal.test_terminal import on_terminal
+
+if TYPE_CHECKING:
+    from tests.rig.conftest import Finished
+
+Capture = pytest.CaptureFixture[str]
+
+
+@pytest.mark.parametrize("columns", [80, 60])
+def test_the_title_of_a_plan_is_whole_and_tells_the_time_left(tmp_path: Path, columns: int) -> None:
+    folder = tmp_path / "a-session-whose-name-is-about-as-long-as-names-get"
+    command = [sys.executable, "-m", "rig", "run", str(folder), "-p", "ci-tiny", "--dry-run"]
+    plain = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", on_terminal(command, columns)).replace("\r", "")
+    title = " ".join(plain[: plain.index("│")].split("┌")[0].split())
+    assert re.search(r"with ci-tiny: 0 of 10 steps done, \d+ frames and less than a minute to go", title), plain
+    lines = [line for line in plain.splitlines() if str(folder) not in line]
+    assert max(map(len, lines)) <= columns
+
+
+def test_a_terminal_without_utf_8_shows_a_plan_and_a_refusal_in_plain_signs(tmp_path: Path) -> None:
+    own = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONIOENCODING": "ascii", "PYTHONCOERCECLOCALE": "0"}
+    for words, status in (
+        (["run", str(tmp_path / "new"), "-p", "ci-tiny", "--dry-run"], 0),
+        (["run", "--help"], 0),
+        (["simulate", "corner", "--tolerance", "0"], 2),
+    ):
+        said = subprocess.run([sys.executable, "-m", "rig", *words], capture_output=True, env=own, check=False)
+        assert said.returncode == status, said.stderr
+        assert (said.stdout + said.stderr).isascii()
+        assert b"Traceback" not in said.stderr
+        assert b"\\u" not in said.stdout + said.stderr
+
+
+def test_an_export_is_png_unless_said_otherwise(capsys: Capture, finished: Finished, tmp_path: Path) -> None:
+    assert run_command(["export", str(finished.folder), "-o", str(tmp_path / "pictures"), "--json"]) == 0
+    count = json.loads(capsys.readouterr().out)["files"]
+    there = list((tmp_path / "pictures").rglob("*.png"))
+    assert len(there) == count > 100
+    assert not list((tmp_path / "pictures").rglob("*.exr"))
+    assert all(path.read_bytes().startswith(b"\x89PNG\r\n") for path in there[:10])
+
+
+def test_the_page_of_strategies_opens_with_what_to_use_and_why(finished: Finished, tmp_path: Path) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "session")
+    assert run_command(["compare-strategies", str(folder), "--strategies", "none,direct,bounded"]) == 0
+    page = (folder / "strategies.html").read_text("utf-8")
+    plain = " ".join(re.sub(r"<[^>]*>", " ", re.sub(r"<(script|style)>.*?</\1>", " ", page, flags=re.DOTALL)).split())
+    assert re.search(
+        r"Use bounded : photographed, it leaves a mean error of [\d.]+ grey levels", plain.replace(":", " :")
+    )
+    assert plain.index("photographed, it leaves a mean error") < plain.index("Speed against error")
+
+
+def test_charts_of_a_check_have_the_lines_of_their_limits(tmp_path: Path) -> None:
+    target = tmp_path / "check.html"
+    assert run_command(["check", "-p", "ci-tiny", "--only", "latency,linearity", "--report", str(target)]) in (0, 1)
+    charts = [
+        base64.b64decode(data).decode("utf-8")
+        for data in re.findall(r"data:image/svg\+xml;base64,([A-Za-z0-9+/=]+)", target.read_text("utf-8"))
+    ]
+    assert len(charts) == 2
+    for chart in charts:
+        assert "<!-- limit " in chart, "words are outlines, their text stands beside them"
+        assert "stroke-dasharray" in chart
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_a_picture_of_the_report_enlarges_until_a_click(chromium, finished: Finished) -> None:
+    page = chromium.new_page(viewport={"width": 1200, "height": 800})
+    page.goto((finished.folder / "report.html").as_uri())
+    picture = page.locator("main img:not(.scale)").first
+    before = picture.bounding_box()["width"]
+    picture.click()
+    large = page.locator(".shown img")
+    assert large.bounding_box()["width"] > 1.5 * before
+    large.click()
+    assert page.locator(".shown").count() == 0
+    page.close()
