@@ -187,10 +187,10 @@ def simulate(
     Example: rig simulate paper-room --projector-at 1.2,1.2,1.2 --look-at 2.2,2.2,1.2 --output light/
     """
     from rig.offline.mesh_file import MeshOptions
+    from rig.offline.projector import projector_of
     from rig.offline.simulate import (
         SimulationRequest,
         plan_simulation,
-        projector_of,
         reflectances_of,
         run_planned,
         tolerance_of,

@@ -26,6 +26,10 @@ class GlossSummary(Record):
     """That is above the tolerance: the lobes are simulated."""
     bend: float
     """Times as much as light of matte patches, that light of lobes may vary within patches; at least 1."""
+    rays: int
+    """Pairs from each glossy patch that the noise asks for, if lobes are simulated."""
+    noise: float
+    """That they are expected to leave."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,10 +71,14 @@ class SimulationOutcome(Record):
     closure_max: float
     energy_balance: float
     products: int
+    noise: float | None = None
+    """RMS that the rays of lobes left, from two halves of them, percent of white; None: no lobes."""
     error: float | None = None
     """Root mean square against a refined solution, percent of white; None: not checked."""
     error_max: float | None = None
     refined_patches: int | None = None
+    refined_noise: float | None = None
+    """RMS that the rays of lobes left of the refined solution, percent of white; ``error`` is free of it."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,10 +7,21 @@ import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from math import hypot
 from pathlib import Path
 
 from rig.errors import UsageError
-from rig.offline.gloss import GlossyScene, gloss_of_mesh, reason_of, summary_of_gloss, with_gloss
+from rig.offline.gloss import (
+    NOISE_SHARE,
+    GlossyScene,
+    Lobes,
+    gloss_of_mesh,
+    lobes_for,
+    planned_for_lobes,
+    reason_of,
+    summary_of_gloss,
+    with_gloss,
+)
 from rig.offline.mesh_file import MeshFile, MeshOptions, open_mesh_file
 from rig.offline.records import (
     Estimate,
@@ -25,11 +36,10 @@ from sim.errors import SimulationError
 from sim.form_factors.compressed import CompressedFormFactors
 from sim.form_factors.sampled import SampledFormFactors
 from sim.geometry.mending.mend import MendedMesh
-from sim.light.gloss.material import Gloss
 from sim.light.lighting import PlacedProjector
 from sim.planning.check import largest_check, refined_check
 from sim.planning.cost import Cost
-from sim.planning.gloss import GlossySimulation, gloss_cost, gloss_of_cells, glossy_simulation, refined_gloss_check
+from sim.planning.gloss import GlossySimulation, gloss_of_cells, refined_gloss_check
 from sim.planning.plan import Plan, plan
 from sim.planning.simplified_plan import SimplifyingPlanner
 from sim.planning.simulation import Simulation, simulate
@@ -42,8 +52,6 @@ MESH_SUFFIXES = (".obj", ".ply", ".stl", ".gltf", ".glb")
 MESH_LIGHT = "floor"
 """Standard light of a mesh file."""
 CHECK = "check against a refined solution"
-FARTHEST_M = 1000.0
-"""Of a projector from the origin: the largest scene is as large."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,55 +114,16 @@ def reflectances_of(text: str) -> tuple[float, ...]:
     return values
 
 
-def projector_of(
-    at: str | None, look_at: str | None, fov_deg: float | None, light: str | None
-) -> PlacedProjector | None:
-    """Return the projector that ``rig simulate`` was told of; None for none.
-
-    Raises
-    ------
-    UsageError
-        For half of what is needed, numbers that are none, an impossible lens or aim, or a light beside it.
-    """
-    if at is None and look_at is None and fov_deg is None:
-        return None
-    if at is None or look_at is None:
-        raise UsageError("--projector-at and --look-at belong together, e.g. 1.2,1.2,1.2 and 2.2,2.2,1.2")
-    if light is not None:
-        raise UsageError("--projector-at takes the place of --light; leave one out")
-    fov = 100.0 if fov_deg is None else fov_deg
-    if not 1 <= fov <= 160:
-        raise UsageError(f"--fov {fov:g}: lenses have 1 ... 160 degrees")
-    placed = PlacedProjector(
-        position_m=_point("--projector-at", at), look_at_m=_point("--look-at", look_at), hfov_deg=fov
-    )
-    try:
-        _ = placed.pose
-    except SimulationError as error:
-        raise UsageError(f"--look-at {look_at}: the aim is at the lens, or straight up or down; move it") from error
-    return placed
-
-
-def _point(option: str, text: str) -> tuple[float, float, float]:
-    try:
-        x, y, z = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise UsageError(
-            f"{option} {text}: give three numbers in metres, separated by commas, e.g. 1.2,1.2,1.2"
-        ) from error
-    if not all(abs(one) < FARTHEST_M for one in (x, y, z)):
-        raise UsageError(f"{option} {text}: give metres within {FARTHEST_M:g} m")
-    return x, y, z
-
-
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PlannedSimulation:
     """What is to be carried out."""
 
     plan: Plan
     """With matte patches."""
-    gloss: Gloss | None
-    """Of the plan's cells, where matte patches are not enough."""
+    lobes: Lobes | None
+    """Where matte patches are not enough."""
+    tolerance: float
+    """RMS over the surface. [% of white]"""
 
 
 def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[PlannedSimulation, SimulationResult]:
@@ -193,20 +162,27 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     try:
         planner = _planner(request, make_plan, on_step)
         found = _within(request, planner)
-        summary = summary_of_gloss(found.scene, found.plan, memory_mb)
+        allowed = None if request.seconds is not None else NOISE_SHARE * request.tolerance
+        summary = summary_of_gloss(found.scene, found.plan, memory_mb, allowed)
         bend = 1.0 if summary is None or not summary.needed else summary.bend
         if bend > 1 and request.seconds is None:
-            found = _for_lobes(request.tolerance, bend, planner)
+            found = planned_for_lobes(request.tolerance, bend, planner)
         planned = found.plan
-        lobes = found.scene.gloss if summary is not None and summary.needed else None
-        gloss = None if lobes is None else gloss_of_cells(planned.cells, found.scene.surface, lobes)
+        lobes = None
+        if summary is not None and summary.needed and found.scene.gloss is not None:
+            gloss = gloss_of_cells(planned.cells, found.scene.surface, found.scene.gloss)
+            lobes = lobes_for(summary, gloss, allowed, request.tolerance)
+            summary = replace(summary, rays=lobes.rays, noise=lobes.noise)
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
-    more = Cost(0.0, 0.0) if gloss is None else gloss_cost(gloss)
-    tolerance = request.tolerance if request.seconds is None else bend * planned.tolerance_percent
-    error_percent = bend * planned.error_percent if summary is None or gloss is not None else summary.matte_error
-    return PlannedSimulation(plan=planned, gloss=gloss), SimulationResult(
+    more = Cost(0.0, 0.0) if lobes is None else lobes.cost
+    noise = 0.0 if lobes is None else lobes.noise
+    within_s = hypot(bend * planned.tolerance_percent, noise)
+    tolerance = request.tolerance if request.seconds is None else within_s
+    matte_error = None if summary is None or lobes is not None else summary.matte_error
+    error_percent = hypot(bend * planned.error_percent, noise) if matte_error is None else matte_error
+    return PlannedSimulation(plan=planned, lobes=lobes, tolerance=tolerance), SimulationResult(
         scene=request.scene,
         tolerance=tolerance,
         plan=_summary(planned, summary, tolerance, time.perf_counter() - started),
@@ -267,17 +243,6 @@ def _within(request: SimulationRequest, planner: Callable[[float], _PlannedScene
     return next(one for one in made if one.plan is chosen)
 
 
-def _for_lobes(tolerance: float, bend: float, planner: Callable[[float], _PlannedScene]) -> _PlannedScene:
-    """A plan fine enough for light that varies so many times as much. Raises UsageError."""
-    try:
-        return planner(tolerance / bend)
-    except SimulationError as error:
-        raise UsageError(
-            f"{tolerance:g} % with gloss needs patches for {tolerance / bend:.3g} %, as its light varies up to "
-            f"{bend:.2f} times as much within them: {error}"
-        ) from error
-
-
 def _glossy(request: SimulationRequest, file: MeshFile, mesh: MendedMesh) -> GlossyScene:
     """A file's mesh with the gloss that was asked for, else with its materials' own."""
     if request.gloss is None and request.roughness is None:
@@ -298,8 +263,8 @@ def run_planned(
     tracemalloc.start()
     try:
         simulation = simulate(planned.cells, planned.light, planned.model, in_percent("simulate", on_step))
-        if to_do.gloss is not None:
-            glossy = glossy_simulation(simulation, planned.light, to_do.gloss)
+        if to_do.lobes is not None:
+            glossy = to_do.lobes.simulated(simulation, planned.light, to_do.tolerance)
         seconds = time.perf_counter() - started
         peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
     except SimulationError as error:
@@ -313,7 +278,7 @@ def run_planned(
         keep(simulation)
     actual = _measured(simulation, seconds, peak_mb)
     if glossy is not None:
-        actual = replace(actual, residual=glossy.residual, products=glossy.products)
+        actual = replace(actual, residual=glossy.residual, products=glossy.products, noise=100 * glossy.noise)
     return _checked(actual, planned, glossy or simulation, on_step) if check else actual
 
 
@@ -397,4 +362,10 @@ def _checked(
     else:
         check = refined_check(simulation, planned.light, planned.model, largest, on_progress=progress)
     on_step(CHECK, 1, 1)
-    return replace(actual, error=100 * check.rms, error_max=100 * check.max, refined_patches=check.patches)
+    return replace(
+        actual,
+        error=100 * check.rms,
+        error_max=100 * check.max,
+        refined_patches=check.patches,
+        refined_noise=100 * check.noise if check.noise > 0 else None,
+    )

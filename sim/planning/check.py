@@ -35,6 +35,8 @@ class Check:
     max: float
     patches: int
     """Of the refined solution."""
+    noise: float = 0.0
+    """RMS over the surface that the rays of lobes left of the refined solution; ``rms`` is free of it."""
 
 
 def largest_check(model: Model, memory_mb: float) -> int:
@@ -93,14 +95,16 @@ def refined_check(
     largest = float(np.abs(difference).max())
     if model.sampling is not None and times == 1:
         coarse_light = simulation.irradiance_at(finer.cells.quarters().quarters())
-        squared = squared_at_points(finer, finer.irradiance, coarse_light, seed=refined(model).seed)
+        squared = squared_at_points(finer, (finer.irradiance, finer.irradiance), coarse_light, seed=refined(model).seed)
     else:
         squared = (places.areas[:, None] * difference**2).sum(axis=0)
     squared *= pieces / (pieces - 1) / places.areas.sum()
     return Check(float(np.sqrt(max(squared.max(), 0.0))), largest, fine.n_patches)
 
 
-def squared_at_points(finer: Simulation, means: FloatArray, coarse: FloatArray, *, seed: int) -> FloatArray:
+def squared_at_points(
+    finer: Simulation, means: tuple[FloatArray, FloatArray], coarse: FloatArray, *, seed: int
+) -> FloatArray:
     """Return the squared difference of radiosity times area at sixteenths of the patches of a finer solution.
 
     Rays leave all sixteenths of a patch in the same directions: they tell well how the light varies about its mean,
@@ -110,8 +114,8 @@ def squared_at_points(finer: Simulation, means: FloatArray, coarse: FloatArray, 
     ----------
     finer : Simulation
         Whose light the rays bring.
-    means : (P, C) array
-        Irradiance of its patches; 1 = white.
+    means : two (P, C) arrays
+        Irradiance of its patches; 1 = white. Where it is noisy, two whose noise is independent.
     coarse : (16 P, C) array
         Irradiance at the sixteenths that it is compared with; 1 = white.
     seed : int
@@ -126,9 +130,9 @@ def squared_at_points(finer: Simulation, means: FloatArray, coarse: FloatArray, 
     areas, squared = places.areas.reshape(PIECES, -1), []
     share = areas / finer.cells.areas
     for channel, rho in enumerate(finer.reflectance.T):
-        beside = means[:, channel] - coarse[:, channel].reshape(PIECES, -1)
-        streams = _light_at_points(finer, channel, seed)
-        one, other = (beside + light - (share * light).sum(axis=0) for light in streams)
+        ours = coarse[:, channel].reshape(PIECES, -1)
+        streams = zip(means, _light_at_points(finer, channel, seed), strict=True)
+        one, other = (mean[:, channel] - ours + light - (share * light).sum(axis=0) for mean, light in streams)
         squared.append(float((areas * rho**2 * one * other).sum()))
     return np.array(squared)
 

@@ -11,7 +11,7 @@ from sim.errors import SimulationError
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.rays import trace
 from sim.geometry.surface import Surface
-from sim.light.gloss.exchange import RAYS_AT_A_TIME, glossy_form_factors
+from sim.light.gloss.exchange import MOST_RAYS, RAYS_AT_A_TIME, glossy_form_factors
 from sim.light.gloss.material import Gloss
 from sim.light.gloss.walks import GlossySurface
 from sim.light.lighting import Lighting
@@ -23,11 +23,15 @@ from sim.planning.gloss_places import places_on
 from sim.planning.simulation import Model, Simulation, light_at, simulate
 from sim.progress import OnProgress, unheard
 
-RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 16, 1 << 14, 1 << 21
-"""Pairs of rays from each glossy patch: 0.4 % rms of the mean light in a room of 1,024 patches, 1,024 leave 0.2 %. Of
-all of them together between the last two numbers, but 16 at least: patches of a fine mesh share what is around them."""
+RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 32, 1 << 14, 1 << 21
+"""Pairs of rays from each glossy patch, half of them for each of two solutions whose difference tells their noise. Of
+all of them together between the last two numbers, but 32 at least: patches of a fine mesh share what is around them."""
+MOST_PAIRS = 1 << 24
+"""Of all patches together, where less noise is asked for: two minutes of one core."""
+NEEDED = 1.2
+"""Pairs that are taken over those that the measured noise asks for, where it falls with the root of their number."""
 LAMP_POINTS = 1 << 18
-"""On all glossy patches, from which the lamp's light goes on."""
+"""On all glossy patches at a time, from which the lamp's light goes on."""
 FIRST_S, PAIR_S, PAIR_MB, KEPT_MB = 0.3, 7e-6, 1e-3, 2.5e-4
 """Of the table of albedos; of a pair of rays, with the lamp's point that goes with it; memory of a pair at work, and of
 what is kept of it. Measured on 80 to 3,531 patches, all glossy, on two busy cores."""
@@ -59,12 +63,23 @@ class GlossySimulation:
     slopes: FloatArray | None
     """(P, 3, C) gradients of the irradiance, as of :class:`Simulation`: those of the matte one, and of what lobes add
     those that neighbours tell. None: one number a patch."""
+    halves: tuple[FloatArray, FloatArray]
+    """(P, C) irradiances of two solutions by half of the rays each, of which everything here is the mean."""
+    noise: float
+    """RMS over the surface of the radiosity that the rays of lobes left, from those two; of the worst colour."""
+    rays: int
+    """Pairs from each glossy patch, of both together."""
     residual: float
     products: int
 
     def irradiance_at(self, pieces: AdaptivePatches) -> FloatArray:
         """Return the irradiance at the centres of pieces of the patches, as that of :class:`Simulation`."""
         return light_at(pieces, self.matte.cells, self.irradiance, self.slopes)
+
+    def halves_at(self, pieces: AdaptivePatches) -> tuple[FloatArray, FloatArray]:
+        """Return that of the two solutions by half of the rays each, whose noise is independent."""
+        one, other = (light_at(pieces, self.matte.cells, half, _slopes(self.matte, half)) for half in self.halves)
+        return one, other
 
 
 def gloss_of_cells(cells: AdaptivePatches, surface: Surface, gloss: Gloss) -> Gloss:
@@ -88,9 +103,17 @@ def gloss_of_cells(cells: AdaptivePatches, surface: Surface, gloss: Gloss) -> Gl
 
 
 def glossy_simulation(
-    matte: Simulation, light: Lighting, gloss: Gloss, *, rays: int | None = None, seed: int = 0
+    matte: Simulation,
+    light: Lighting,
+    gloss: Gloss,
+    *,
+    rays: int | None = None,
+    noise: float | None = None,
+    seed: int = 0,
 ) -> GlossySimulation:
     """Return the light of a scene with glossy patches, from that of matte ones that send back as much of even light.
+
+    It is solved twice, by half of the rays each: the mean is returned, and half of the difference is its noise.
 
     Parameters
     ----------
@@ -101,7 +124,11 @@ def glossy_simulation(
     gloss : Gloss
         Of its cells.
     rays : int, optional
-        Pairs from each glossy patch; None: 256, fewer where there are many patches.
+        Pairs from each glossy patch, 32 at least; None: 256, fewer where there are many patches.
+    noise : float, optional
+        That they may leave, RMS over the surface; 1 = white. Where they leave more, it is done again by as many as
+        that needs, twice as many at least, up to the most there are: the result says what they left. None: whatever
+        they leave.
     seed : int
         Another one for other rays.
 
@@ -114,12 +141,52 @@ def glossy_simulation(
     SimulationError
         Where matte and glossy reflection together are above 1.
     """
-    rho = _matte_part(matte, gloss)
-    cells = replace(matte.cells, reflectance=rho.max(axis=1))
     rays = rays_each(gloss, RAYS) if rays is None else rays
-    points = int(np.clip(LAMP_POINTS // max(int(gloss.glossy.sum()), 1), FEWEST_RAYS, rays))
+    found = _by_halves(matte, light, gloss, rays=rays, seed=seed)
+    most = max(most_rays(gloss), rays)
+    # The noise of few patches is itself not known well: it may take more than one step.
+    while noise is not None and found.noise > noise and found.rays < most:
+        rays = min(max(rays_for(found.noise, found.rays, noise), 2 * found.rays), most)
+        found = _by_halves(matte, light, gloss, rays=rays, seed=seed)
+    return found
+
+
+def _by_halves(matte: Simulation, light: Lighting, gloss: Gloss, *, rays: int, seed: int) -> GlossySimulation:
+    rho = _matte_part(matte, gloss)
+    both = [_solved(matte, light, gloss, rho, rays=rays // 2, seed=2 * seed + half) for half in (0, 1)]
+    irradiance = (both[0].irradiance + both[1].irradiance) / 2
+    glossy = GlossySimulation(
+        matte=matte,
+        gloss=gloss,
+        reflectance=rho,
+        by_gloss=(both[0].by_gloss + both[1].by_gloss) / 2,
+        B=(both[0].B + both[1].B) / 2,
+        irradiance=irradiance,
+        slopes=_slopes(matte, irradiance),
+        halves=(both[0].irradiance, both[1].irradiance),
+        noise=0.0,
+        rays=rays,
+        residual=max(half.residual for half in both),
+        products=matte.products + sum(half.products for half in both),
+    )
+    return replace(glossy, noise=_noise(glossy))
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _Solved:
+    """Light by some rays."""
+
+    by_gloss: FloatArray
+    B: FloatArray
+    irradiance: FloatArray
+    residual: float
+    products: int
+
+
+def _solved(matte: Simulation, light: Lighting, gloss: Gloss, rho: FloatArray, *, rays: int, seed: int) -> _Solved:
+    cells = replace(matte.cells, reflectance=rho.max(axis=1))
     factors = glossy_form_factors(cells, matte.factors, gloss, rays=rays, seed=seed)
-    by_gloss = places_on(GlossySurface.of(cells, gloss), points, seed).lamp_by_gloss(light)
+    by_gloss = _lamp_by_gloss(GlossySurface.of(cells, gloss), light, rays, seed)
     direct = np.divide(matte.E, matte.reflectance, out=np.zeros_like(matte.E), where=matte.reflectance > 0)
     E = rho * (direct + by_gloss[:, None])
     solutions = [
@@ -129,18 +196,32 @@ def glossy_simulation(
     B = np.stack([solution.B for solution in solutions], axis=1)
     # What matte light is by each patch's own rays, and is not by factors made reciprocal; without rays nothing.
     own_rays = matte.irradiance - matte.factors.apply(matte.B)
-    irradiance = np.maximum(factors.apply(B) + own_rays, 0.0) + by_gloss[:, None]
-    return GlossySimulation(
-        matte=matte,
-        gloss=gloss,
-        reflectance=rho,
+    return _Solved(
         by_gloss=by_gloss,
         B=np.maximum(B + rho * own_rays, 0.0),
-        irradiance=irradiance,
-        slopes=_slopes(matte, irradiance),
+        irradiance=np.maximum(factors.apply(B) + own_rays, 0.0) + by_gloss[:, None],
         residual=max(solution.residual for solution in solutions),
-        products=matte.products + sum(solution.products for solution in solutions),
+        products=sum(solution.products for solution in solutions),
     )
+
+
+def _lamp_by_gloss(glossy: GlossySurface, light: Lighting, points: int, seed: int) -> FloatArray:
+    """(P,) irradiance by light that came straight from the lamp to glossy patches, from some points on each."""
+    glossy_patches = max(int(glossy.gloss.glossy.sum()), 1)
+    parts = -(-points * glossy_patches // LAMP_POINTS)
+    each = max(points // parts, 1)
+    found = [places_on(glossy, each, (seed, part)).lamp_by_gloss(light) for part in range(parts)]
+    return np.asarray(np.mean(found, axis=0))
+
+
+def _noise(glossy: GlossySimulation) -> float:
+    """RMS over the surface of half the difference of two halves, where light is linear on quarters of patches."""
+    cells = glossy.matte.cells
+    pieces = cells if glossy.slopes is None else cells.quarters()
+    one, other = glossy.halves_at(pieces)
+    rho = np.tile(glossy.matte.reflectance, (pieces.n_patches // cells.n_patches, 1))
+    squared = pieces.areas @ (rho * (one - other) / 2) ** 2
+    return float(np.sqrt(squared.max() / pieces.areas.sum()))
 
 
 def refined_gloss_check(
@@ -153,6 +234,9 @@ def refined_gloss_check(
     on_progress: OnProgress = unheard,
 ) -> Check:
     """Return the difference from a solution on finer cells with other rays, as ``refined_check`` does.
+
+    The finer solution's two halves are compared apart, and the differences multiplied: the noise of its own rays leaves
+    no bias, that of the solution itself is part of its error.
 
     Parameters
     ----------
@@ -178,19 +262,21 @@ def refined_gloss_check(
     for _ in range(times):
         fine = fine.quarters()
     gloss = Gloss(np.tile(glossy.gloss.share, pieces), np.tile(glossy.gloss.roughness, pieces))
-    rays = max(FEWEST_RAYS, 4 * rays_each(glossy.gloss, 2 * RAYS) // pieces) if rays is None else rays
+    if rays is None:
+        rays = max(FEWEST_RAYS, 4 * max(rays_each(glossy.gloss, 2 * RAYS), glossy.rays) // pieces)
     matte = simulate(fine, light, refined(model), on_progress)
     finer = glossy_simulation(matte, light, gloss, rays=rays, seed=OTHER_SEED)
     places = fine.quarters() if model.linear else fine
-    difference = finer.irradiance_at(places) - glossy.irradiance_at(places)
-    difference *= np.tile(matte.reflectance, (places.n_patches // fine.n_patches, 1))
+    ours, rho = glossy.irradiance_at(places), np.tile(matte.reflectance, (places.n_patches // fine.n_patches, 1))
+    one, other = (rho * (half - ours) for half in finer.halves_at(places))
     if model.sampling is not None and times == 1:
         at_points = glossy.irradiance_at(fine.quarters().quarters())
-        squared = squared_at_points(matte, finer.irradiance, at_points, seed=OTHER_SEED)
+        squared = squared_at_points(matte, finer.halves, at_points, seed=OTHER_SEED)
     else:
-        squared = (places.areas[:, None] * difference**2).sum(axis=0)
+        squared = (places.areas[:, None] * one * other).sum(axis=0)
     squared *= pieces / (pieces - 1) / fine.areas.sum()
-    return Check(float(np.sqrt(max(squared.max(), 0.0))), float(np.abs(difference).max()), fine.n_patches)
+    largest = float(np.abs(one + other).max() / 2)
+    return Check(float(np.sqrt(max(squared.max(), 0.0))), largest, fine.n_patches, finer.noise)
 
 
 def bend_by_lobes(surface: Surface, gloss: Gloss) -> float:
@@ -222,9 +308,19 @@ def rays_each(gloss: Gloss, most: int) -> int:
     return int(np.clip(ALL_RAYS // glossy, FEWEST_RAYS, max(most, LEAST_OF_ALL // glossy)))
 
 
-def gloss_cost(gloss: Gloss) -> Cost:
-    """Return what gloss adds to a simulation, by constants measured on one core of two."""
-    pairs = int(gloss.glossy.sum()) * rays_each(gloss, RAYS)
+def most_rays(gloss: Gloss) -> int:
+    """Return the most pairs of rays from each glossy patch."""
+    return int(np.clip(MOST_PAIRS // max(int(gloss.glossy.sum()), 1), FEWEST_RAYS, 2 * MOST_RAYS))
+
+
+def rays_for(noise: float, rays: int, allowed: float) -> int:
+    """Return the pairs from each glossy patch that leave ``allowed`` noise where ``rays`` left ``noise``."""
+    return int(np.ceil(NEEDED * rays * (noise / allowed) ** 2))
+
+
+def gloss_cost(gloss: Gloss, rays: int) -> Cost:
+    """Return what gloss adds to a simulation by pairs of rays each, by constants measured on one core of two."""
+    pairs = int(gloss.glossy.sum()) * rays
     return Cost(seconds=FIRST_S + PAIR_S * pairs, peak_mb=PAIR_MB * min(pairs, RAYS_AT_A_TIME) + KEPT_MB * pairs)
 
 

@@ -129,10 +129,10 @@ class Places:
         return np.asarray(values.reshape(-1, self.count).mean(axis=1))
 
 
-def places_on(glossy: GlossySurface, count: int, seed: int) -> Places:
+def places_on(glossy: GlossySurface, count: int, seed: int | tuple[int, int]) -> Places:
     """Spread ``count`` points evenly over each glossy patch, with even chances for what comes after."""
     patches = np.flatnonzero(glossy.gloss.glossy)
-    random = np.random.default_rng((seed, 4))
+    random = np.random.default_rng((*np.atleast_1d(seed).tolist(), 4))
     chances = ((even_points(count, 8) + random.uniform(size=(len(patches), 1, 8))) % 1.0).reshape(-1, 8)
     patch = np.repeat(patches, count)
     return Places(

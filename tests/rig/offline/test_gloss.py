@@ -8,8 +8,12 @@ import trimesh
 
 from rig.cli.app import run_command
 from rig.errors import UsageError
+from rig.offline.gloss import NOISE_SHARE, lobes_for, summary_of_gloss, with_gloss
 from rig.offline.simulate import SimulationRequest, run_simulate
 from rig.terminal import silent
+from sim.planning.gloss import gloss_of_cells
+from sim.planning.plan import plan
+from sim.scenes.catalogue import SURFACES
 
 
 def simulated(**request):
@@ -41,6 +45,42 @@ def test_much_gloss_is_simulated_and_keeps_the_tolerance():
     assert result.estimated.error <= 3.0
     assert 0.3 < result.actual.error < 3.0
     assert result.actual.residual < 1e-4
+
+
+def test_the_noise_of_the_lobes_rays_is_in_the_error_that_is_stated():
+    request = SimulationRequest(scene="paper-room", tolerance=7.0, reflectance=(0.3,), gloss=0.5, roughness=0.2)
+    result = run_simulate(request, silent, check=True)
+    assert 1.0 < result.actual.noise < 1.3 * result.plan.gloss.noise
+    assert result.plan.gloss.noise < result.estimated.error < 7.0
+    assert result.actual.error < result.estimated.error
+    assert result.actual.refined_noise > 1.0
+
+
+def test_a_smaller_tolerance_takes_the_rays_that_its_noise_needs():
+    wide, narrow = (lobes_at(tolerance) for tolerance in (8.0, 1.0))
+    assert narrow.rays > 2 * wide.rays
+    assert wide.noise < NOISE_SHARE * 8.0
+    assert narrow.noise == pytest.approx(NOISE_SHARE * 1.0, rel=0.2)
+
+
+def lobes_at(tolerance):
+    scene = with_gloss(SURFACES["paper-room"].build(), 0.5, 0.2, (0.3,))
+    made = plan(scene.as_matte, 8.0, "projector")
+    allowed = NOISE_SHARE * tolerance
+    summary = summary_of_gloss(scene, made, 1000.0, allowed)
+    return lobes_for(summary, gloss_of_cells(made.cells, scene.surface, scene.gloss), allowed, tolerance)
+
+
+def test_a_tolerance_that_the_most_rays_do_not_reach_is_refused_before_they_are_sent():
+    with pytest.raises(UsageError, match=r"0.02 % with gloss: .* pairs of rays .* noise, 0.0086 % is allowed; try"):
+        lobes_at(0.02)
+
+
+def test_noise_beyond_what_is_allowed_is_refused(monkeypatch):
+    monkeypatch.setattr("sim.planning.gloss.MOST_PAIRS", 1 << 14)
+    request = SimulationRequest(scene="paper-room", tolerance=5.0, reflectance=(0.3,), gloss=0.5, roughness=0.2)
+    with pytest.raises(UsageError, match=r"5 % with gloss: .* noise, 2.1 % is allowed; try a tolerance of"):
+        run_simulate(request, silent)
 
 
 def test_colours_have_one_solve_each_under_gloss_too():

@@ -9,6 +9,7 @@ from sim.light.gloss.lobe import frames_of, lobe
 from sim.light.gloss.material import Gloss, matte_equivalent
 from sim.light.lighting import make_test_lighting
 from sim.planning.gloss import (
+    FEWEST_RAYS,
     RAYS,
     bend_by_lobes,
     gloss_cost,
@@ -118,7 +119,7 @@ def test_by_rays_quarters_whose_sixteenths_get_light_by_rays_find_what_sixteenth
     model = Model(method="rays", visibility="rays", residual=1e-5, sampling=0.01)
     found = glossy_simulation(simulate(cells, light, model), light, Gloss.of(cells, 0.1, 0.5))
     fitting, not_fitting = (
-        refined_gloss_check(found, light, model, times * cells.n_patches, rays=16) for times in (16, 4)
+        refined_gloss_check(found, light, model, times * cells.n_patches, rays=32) for times in (16, 4)
     )
     assert (fitting.patches, not_fitting.patches) == (16 * cells.n_patches, 4 * cells.n_patches)
     assert 0.95 < not_fitting.rms / fitting.rms < 1.25
@@ -134,9 +135,10 @@ def test_cells_have_the_gloss_of_what_they_lie_on():
 def test_many_patches_share_their_rays_and_the_cost_grows_with_them():
     few, many = (Gloss(np.full(n, 0.1), np.full(n, 0.3)) for n in (100, 1_000_000))
     assert rays_each(few, RAYS) == RAYS
-    assert rays_each(many, RAYS) == 16
-    assert gloss_cost(few).seconds < gloss_cost(many).seconds
-    assert gloss_cost(few).peak_mb < gloss_cost(many).peak_mb
+    assert rays_each(many, RAYS) == FEWEST_RAYS
+    assert gloss_cost(few, 256).seconds < gloss_cost(many, 32).seconds
+    assert gloss_cost(few, 256).peak_mb < gloss_cost(many, 32).peak_mb
+    assert gloss_cost(few, 256).seconds < gloss_cost(few, 4096).seconds
 
 
 def test_a_gloss_above_what_patches_reflect_in_all_is_refused():
@@ -163,3 +165,50 @@ def test_a_room_with_lobes_is_planned_for_light_of_one_number_a_patch():
     room = SURFACES["paper-room"].build()
     assert plan(room, 1.0).model.method == "rays"
     assert plan(room, 1.0, one_number=True).model.method == "closed_form"
+
+
+def strong_gloss(**more):
+    return glossy(paper_room().with_reflectance(0.3), Gloss.of(paper_room().with_reflectance(0.3), 0.5, 0.2), **more)
+
+
+def test_two_halves_of_the_rays_tell_the_noise_that_other_rays_show():
+    runs = [strong_gloss(seed=seed, rays=128)[0] for seed in range(8)]
+    cells, rho = runs[0].matte.cells, runs[0].matte.reflectance[:, 0]
+    variance = np.var([rho * run.irradiance[:, 0] for run in runs], axis=0, ddof=1)
+    scatter = np.sqrt(cells.areas @ variance / cells.areas.sum())
+    assert scatter > 0.01
+    assert np.sqrt(np.mean([run.noise**2 for run in runs])) == pytest.approx(scatter, rel=0.2)
+
+
+def test_where_less_noise_is_asked_for_there_are_as_many_rays_as_that_needs():
+    few, wanted = strong_gloss(rays=64)[0], 0.008
+    less = strong_gloss(rays=64, noise=wanted)[0]
+    assert wanted < few.noise
+    assert less.noise < wanted
+    assert 2 * few.rays < less.rays < 16 * few.rays
+    assert strong_gloss(rays=64, noise=2 * few.noise)[0].rays == few.rays
+
+
+def test_where_the_most_rays_leave_more_noise_than_asked_for_the_result_says_so(monkeypatch):
+    monkeypatch.setattr("sim.planning.gloss.MOST_PAIRS", 1 << 15)
+    found, made = strong_gloss(noise=0.002)
+    assert found.rays * made.patches <= 1 << 15
+    assert found.noise > 0.002
+
+
+def test_the_noise_of_a_checks_own_rays_is_not_taken_for_an_error():
+    found, made = strong_gloss(rays=4096)
+    few, many = (refined_gloss_check(found, made.light, made.model, 4 * made.patches, rays=rays) for rays in (64, 2048))
+    assert few.noise > 0.02 > 4 * many.noise
+    assert few.rms == pytest.approx(many.rms, rel=0.15)
+
+
+def test_a_check_finds_the_noise_of_the_solution_itself():
+    def squared_error(found, made):
+        return refined_gloss_check(found, made.light, made.model, 4 * made.patches, rays=512).rms ** 2
+
+    noisy = [strong_gloss(rays=64, seed=seed) for seed in range(6)]
+    added = np.mean([squared_error(*one) for one in noisy]) - squared_error(*strong_gloss(rays=4096))
+    # On quarters a check raises squares by 4/3, those of noise as well.
+    noise = np.sqrt(np.mean([found.noise**2 for found, _ in noisy]))
+    assert np.sqrt(3 / 4 * added) == pytest.approx(noise, rel=0.2)
