@@ -37,7 +37,7 @@ NOISE_SHARE, NOISE_POWER = 0.5, 1.4
 """Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them."""
 BIAS = 1.4
 """What senders of one number a patch change, over what their slopes tell: shadows within them count as much. Over
-five random corners and two lights it is 1.5 in squares together, mostly 1.1 to 1.7, once 3.1 (0.35 % for 0.11)."""
+five random corners and two lights it is 1.5 in squares together, single cases 0 to 3.1 (0.35 % for 0.11)."""
 BIAS_SHARE = 0.5
 """Of the goal's square; where senders change more, those that vary most are quartered, and light bounces anew."""
 SENDERS_CUT = 0.9
