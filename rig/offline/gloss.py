@@ -50,7 +50,7 @@ PATCHES_SHARE, NOISE_SHARE = 0.9, 0.43
 """Of a tolerance, that patches and the rays of lobes may leave; together, in squares, less than 1. Four times the pairs
 halve the noise, and four times the patches the error that they leave, at more cost each."""
 NOISE_SAFETY = 1.2
-"""On the noise that the coarse plan's rays left: two halves of 256 pairs tell it within some 20 % (16 tries, two rooms)."""
+"""On the noise that the coarse plan's rays left: halves of 256 pairs tell it within some 20 % (16 tries, two rooms)."""
 FAR_TOO_MANY = 2.0
 """Times the most pairs, beyond which it is not worth trying."""
 
