@@ -82,7 +82,7 @@ class VideoSource:
 
 
 class FolderSource:
-    """The pictures of a folder in the order of their names, in a given pace; unreadable ones are passed over."""
+    """The pictures of a folder in the order of their names, in a given pace; refused ones are passed over and told."""
 
     def __init__(self, folder: Path, rate_hz: float):
         self._folder = folder
@@ -116,14 +116,18 @@ class FolderSource:
 
     def read(self, _timeout_s: float) -> Picture | None:
         """Decode the next picture. Raises SourceEnded, PictureBroken when none can be read."""
+        refused: list[str] = []
         while self._left:
-            pixels = _read_picture(self._left.pop())
-            if pixels is not None:
-                self._good += 1
-                return Picture(pixels)
+            try:
+                pixels = read_codes(self._left.pop())
+            except UsageError as error:
+                refused.append(f"passed over: {error}")
+                continue
+            self._good += 1
+            return Picture(pixels, passed_over="\n".join(refused))
         if self._good == 0:
             raise PictureBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
-        raise SourceEnded
+        raise SourceEnded("\n".join(refused))
 
     def close(self) -> None:
         """Forget what is left."""
@@ -183,14 +187,6 @@ class StillSource:
     def close(self) -> None:
         """Forget it."""
         self._until_s = None
-
-
-def _read_picture(path: Path) -> Pixels | None:
-    """(H, W, 3), red first; None when it cannot be read."""
-    try:
-        return read_codes(path)
-    except UsageError:
-        return None
 
 
 class PatternSource:

@@ -175,10 +175,12 @@ class Reader:
         while not (self._stop.is_set() or self._next.is_set()):
             try:
                 picture = source.read(_READ_S)
-            except SourceEnded:
+            except SourceEnded as end:
+                self._note_once(str(end))
                 self._mailbox.hold(self._count * (period_s or 0.0))
                 return
             if picture is not None:
+                self._note_once(picture.passed_over)
                 self._fitter.fit(picture, self._mailbox.writable())
                 self._mailbox.offer(None if period_s is None else self._count * period_s)
                 self._count += 1
@@ -188,3 +190,9 @@ class Reader:
     def _note(self, text: str) -> None:
         if len(self.notes) < _KEPT_NOTES:
             self.notes.append(text)
+
+    def _note_once(self, text: str) -> None:
+        """Keep each line that is new: a folder that is played for ever passes over the same each time."""
+        for line in text.splitlines():
+            if line not in self.notes:
+                self._note(line)

@@ -48,7 +48,7 @@ class PipeBroken(SourceBroken):
 
 
 class SourceEnded(Exception):
-    """A source has no more pictures; nothing is wrong."""
+    """A source has no more pictures; its text, if any, tells what was passed over last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +59,8 @@ class Picture:
     """(H, W, 3), of any size."""
     is_bgr: bool = False
     """Blue first, as OpenCV has it; else red first."""
+    passed_over: str = ""
+    """What the source could not give before it, and why; empty when nothing was left out."""
 
 
 class Source(Protocol):

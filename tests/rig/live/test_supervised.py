@@ -13,6 +13,7 @@ import pytest
 from rig.cli.app import run_command
 from rig.devices.protocols import Codes, Shown
 from rig.devices.simulated.display import ClockedDisplay
+from rig.files.pictures import write_png
 from rig.live import pipeline
 
 CAMERA, FILM, PICTURE, GONE, STREAM = 20, 21, 22, 23, 24
@@ -156,6 +157,23 @@ def test_keep_going_tells_a_source_that_stays_away_and_waits_longer_each_time(
     assert (ended, told["ended_by"]) == (PICTURE, "time")
     tries = [note for note in told["notes"] if "letter.png" in note]
     assert 2 <= len(tries) <= 3, "at 0, 0.5 and 1.5 s"
+
+
+def test_pictures_of_a_folder_that_are_passed_over_are_told_once_each(
+    capsys: pytest.CaptureFixture[str], watched: type[Watched], tmp_path: Path
+) -> None:
+    folder = tmp_path / "slides"
+    folder.mkdir()
+    write_png(folder / "1.png", np.full((48, 64, 3), 90, np.uint8))
+    for name in ("0-first.png", "2-last.png"):
+        (folder / name).write_bytes(b"\x89PNG and nothing more")
+    ended, told = show(capsys, "--source", str(folder), "--loop", "--seconds", "2")
+    assert ended == 0
+    passed_over = [note for note in told["notes"] if note.startswith("passed over")]
+    assert [name for name in ("0-first.png", "2-last.png") for note in passed_over if name in note] == [
+        "0-first.png",
+        "2-last.png",
+    ]
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
