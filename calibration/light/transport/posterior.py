@@ -108,7 +108,7 @@ class Photographs:
                 f"{self.difference.shape}, variance {self.variance.shape}; a row each, a column a place"
             )
         if not (self.variance > 0).all():
-            raise CalibrationError("a photograph has no variance at some place; give one above 0 everywhere")
+            raise CalibrationError("a photograph does not say everywhere how uncertain it is; give variances above 0")
 
     @classmethod
     def none(cls, prior: TransportPrior) -> Photographs:

@@ -33,7 +33,8 @@ REFERENCE_ERROR = 5e-4
 TOLERANCES: Mapping[Size, tuple[float, ...]] = {"quick": (), "default": (1e-2,), "full": (1e-2,)}
 """Of compressed factors: with 0.001 a ball of 104 facets takes ten times as long as with exact ones."""
 MATTE, SHARE, ROUGHNESS = 0.4, 0.3, 0.3
-PAIRS = {"quick": (16,), "default": (16, 64, 256), "full": (16, 64, 256, 1024)}
+PAIRS = {"quick": (32,), "default": (32, 64, 256), "full": (32, 64, 256, 1024)}
+"""Of each glossy patch, half of them in each of the two solutions; 32 are the fewest."""
 REFERENCE = 8
 """The reference has so many times more pairs of rays than the most."""
 GLOSS_SAMPLING = 2e-3
