@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.arrays import FloatArray
-from calibration.errors import CalibrationError
 from calibration.light.reflectance import (
     COMMON_REFLECTANCE,
     COMMON_SPREAD,
@@ -19,6 +18,7 @@ from calibration.light.reflectance import (
     MOST_REFLECTANCE,
     ReflectanceFit,
     ReflectanceSource,
+    lit_and_seen,
 )
 
 _MOST_RETURNED = 0.95
@@ -55,12 +55,7 @@ def estimate_open_wall(
     CalibrationError
         If no patch is both lit and seen.
     """
-    lit = np.isfinite(direct_over_irradiance) & (np.nan_to_num(direct_over_irradiance) > 0)
-    seen = np.isfinite(global_light)
-    if not (lit & seen).any():
-        raise CalibrationError(
-            "no patch is both lit and seen: the camera and the projector look at different places; aim both at one wall"
-        )
+    lit, seen = lit_and_seen(direct_over_irradiance, global_light)
     flux = float(np.median(direct_over_irradiance[lit])) / COMMON_REFLECTANCE
     reflectance = np.where(lit, direct_over_irradiance / flux, COMMON_REFLECTANCE)
     reflectance = np.clip(reflectance, LEAST_REFLECTANCE, MOST_REFLECTANCE)

@@ -95,6 +95,23 @@ def arriving_light(fit: ReflectanceFit, irradiance: FloatArray, form_factors: Fl
     return np.asarray(form_factors @ radiosity)
 
 
+def lit_and_seen(direct_over_irradiance: FloatArray, global_light: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """(P,) patches that the projector lights, and (P,) that the camera sees.
+
+    Raises
+    ------
+    CalibrationError
+        If no patch is both.
+    """
+    lit = np.isfinite(direct_over_irradiance) & (np.nan_to_num(direct_over_irradiance) > 0)
+    seen = np.isfinite(global_light)
+    if not (lit & seen).any():
+        raise CalibrationError(
+            "no patch is both lit and seen: the camera and the projector look at different places; aim both at one wall"
+        )
+    return lit, seen
+
+
 def estimate_reflectance(
     direct_over_irradiance: FloatArray,
     global_light: FloatArray,
@@ -139,12 +156,7 @@ def estimate_reflectance(
     ----------
     J. Dehos et al., 2014, doi 10.1007/s10055-013-0233-x, equations 1 and 2: the model that is inverted.
     """
-    lit = np.isfinite(direct_over_irradiance) & (np.nan_to_num(direct_over_irradiance) > 0)
-    seen = np.isfinite(global_light)
-    if not (lit & seen).any():
-        raise CalibrationError(
-            "no patch is both lit and seen: the camera and the projector look at different places; aim both at one wall"
-        )
+    lit, seen = lit_and_seen(direct_over_irradiance, global_light)
     n = len(irradiance)
     problem = _Room(
         direct_over_irradiance=np.where(lit, direct_over_irradiance, 0.0),

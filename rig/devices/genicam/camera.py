@@ -173,7 +173,7 @@ class GenicamCamera:
                 undo=undo,
             )
             if self._left_waiting:  # the trigger may have been understood, and its frame be exposed now
-                opened.quiet_until_s = self._clock.now_s() + opened.exposure_s + SILENCE_S
+                opened.stay_quiet(self._clock.now_s() + opened.exposure_s + SILENCE_S)
             called("arv_camera_start_acquisition", camera, wishes.name)
             opened.undo, self._opened = undo.pop_all(), opened
 
@@ -235,8 +235,7 @@ class GenicamCamera:
             self._check_control(opened)
             if seen.early:  # or its clock is not what was learned of it
                 opened.answers.forget()
-                due_s = self._clock.now_s() + opened.exposure_s + ANSWER_S
-                opened.quiet_until_s = max(opened.quiet_until_s, due_s)
+                opened.stay_quiet(self._clock.now_s() + opened.exposure_s + ANSWER_S)
             raise CaptureTimeout(
                 f"{self._name}: no frame that was exposed after the picture settled came within {timeout_s:g} s: "
                 f"{seen}; {self._remedy(opened, seen)}, or raise timing.timeout_s"
@@ -257,7 +256,7 @@ class GenicamCamera:
             opened.features.do("TriggerSoftware")
             sent_s = self._clock.now_s()
             if sent_s > began_s + SENT_ONCE_S:  # then another frame may follow the first, and pass for the next one
-                opened.quiet_until_s = sent_s + opened.exposure_s + SILENCE_S
+                opened.stay_quiet(sent_s + opened.exposure_s + SILENCE_S)
             limit_s = min(until_s, sent_s + opened.exposure_s + ANSWER_S)
             filled, doubted = answer(opened, self._clock, (began_s, limit_s), seen)
             if doubted is not None:  # it was the answer, the quickest so far
@@ -280,8 +279,7 @@ class GenicamCamera:
 
         Its time stamp tells it where there is one to compare with; where there is none, it is waited for.
         """
-        due_s = sent_s + opened.exposure_s + ANSWER_S * (1 if opened.answers.is_known else 2)
-        opened.quiet_until_s = max(opened.quiet_until_s, due_s)
+        opened.stay_quiet(sent_s + opened.exposure_s + ANSWER_S * (1 if opened.answers.is_known else 2))
         called("arv_camera_stop_acquisition", opened.camera, self._name)
         called("arv_camera_start_acquisition", opened.camera, self._name)
         opened.stream.drop_waiting()

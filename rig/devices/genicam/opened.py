@@ -35,3 +35,7 @@ class OpenGenicam:
     """A trigger was sent, and its frame has not come."""
     missed: int = 0
     """Frames that came incomplete since the last good one."""
+
+    def stay_quiet(self, until_s: float) -> None:
+        """Trigger nothing until then, or until the later time that was asked for before."""
+        self.quiet_until_s = max(self.quiet_until_s, until_s)

@@ -40,7 +40,7 @@ def is_quiet(opened: OpenGenicam, clock: Clock, times_s: tuple[float, float], se
         dropped = opened.stream.drop_waiting()
         if dropped:
             seen.frames, seen.early = seen.frames + dropped, seen.early + dropped
-            opened.quiet_until_s = max(opened.quiet_until_s, now_s + opened.exposure_s + SILENCE_S)
+            opened.stay_quiet(now_s + opened.exposure_s + SILENCE_S)
         if now_s >= opened.quiet_until_s:
             return True
         clock.wait_until_s(min(opened.quiet_until_s, until_s))

@@ -124,10 +124,10 @@ class FolderSource:
                 refused.append(f"passed over: {error}")
                 continue
             self._good += 1
-            return Picture(pixels, passed_over="\n".join(refused))
+            return Picture(pixels, passed_over=tuple(refused))
         if self._good == 0:
             raise PictureBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
-        raise SourceEnded("\n".join(refused))
+        raise SourceEnded(*refused)
 
     def close(self) -> None:
         """Forget what is left."""

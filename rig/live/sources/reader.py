@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
@@ -176,7 +176,7 @@ class Reader:
             try:
                 picture = source.read(_READ_S)
             except SourceEnded as end:
-                self._note_once(str(end))
+                self._note_once(end.args)
                 self._mailbox.hold(self._count * (period_s or 0.0))
                 return
             if picture is not None:
@@ -191,8 +191,8 @@ class Reader:
         if len(self.notes) < _KEPT_NOTES:
             self.notes.append(text)
 
-    def _note_once(self, text: str) -> None:
-        """Keep each line that is new: a folder that is played for ever passes over the same each time."""
-        for line in text.splitlines():
-            if line not in self.notes:
-                self._note(line)
+    def _note_once(self, texts: Iterable[str]) -> None:
+        """Keep each that is new: a folder that is played for ever passes over the same each time."""
+        for text in texts:
+            if text not in self.notes:
+                self._note(text)

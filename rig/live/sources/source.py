@@ -48,7 +48,7 @@ class PipeBroken(SourceBroken):
 
 
 class SourceEnded(Exception):
-    """A source has no more pictures; its text, if any, tells what was passed over last."""
+    """A source has no more pictures; its arguments, if any, tell what was passed over last."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,8 +59,8 @@ class Picture:
     """(H, W, 3), of any size."""
     is_bgr: bool = False
     """Blue first, as OpenCV has it; else red first."""
-    passed_over: str = ""
-    """What the source could not give before it, and why; empty when nothing was left out."""
+    passed_over: tuple[str, ...] = ()
+    """What the source could not give before it, and why."""
 
 
 class Source(Protocol):
