@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from rig.errors import RigError
 from rig.live.pipeline import LivePipeline, open_pipeline
 from rig.live.plan import LivePlan
 from rig.live.results import Recorded, ShowResult, SourceFailure
 from rig.live.show.controls import NoRemote, RemoteControl
 from rig.live.show.frame_statistics import resident_mb
 from rig.live.show.priority import realtime_priority
+from rig.live.sources.source import SourceBroken
 from rig.live.watcher import ShowWatcher
 from rig.stages.error_tree import one_error_tree
 from rig.terminal.signals import EndSignals, Interrupted
@@ -158,7 +158,13 @@ def status_line(pipeline: LivePipeline) -> str:
     )
 
 
-def _failure(error: RigError | None) -> SourceFailure | None:
+def _failure(pipeline: LivePipeline, progress: _Progress, seconds: float | None) -> SourceFailure | None:
+    """What a source failed with; that none gave a picture in all the time there was is a failure, too."""
+    error = pipeline.reader.failure
+    if error is None and progress.ended_by == "time" and pipeline.loop.statistics.frames == 0:
+        error = SourceBroken(
+            f"{pipeline.reader.name}: no picture came in {seconds:g} s; start what writes it, or show it for longer"
+        )
     if error is None:
         return None
     return SourceFailure(kind=type(error).__name__, message=str(error), exit_status=error.exit_code)
@@ -179,7 +185,7 @@ def _result(
         model=plan.model_origin,
         ended_by=progress.ended_by,
         signal=None if received is None else signal.Signals(received).name,
-        failure=_failure(pipeline.reader.failure),
+        failure=_failure(pipeline, progress, plan.request.seconds),
         recorded=None if recorder is None else Recorded(recorder.frames, recorder.photographs),
         notes=(*plan.notes, *pipeline.notes, *pipeline.reader.notes, *([] if recorder is None else recorder.notes)),
         light_latency_ms=plan.light_latency_ms,

@@ -17,6 +17,7 @@ import mmap
 import os
 import re
 import select
+import stat
 import struct
 from pathlib import Path
 
@@ -94,6 +95,9 @@ class StreamSource:
             self._descriptor = os.dup(0) if self._path is None else os.open(self._path, os.O_RDONLY | os.O_NONBLOCK)
         except OSError as error:
             raise PipeBroken(f"{self._path}: cannot be read: {error.strerror}; make it with mkfifo") from error
+        if stat.S_ISDIR(os.fstat(self._descriptor).st_mode):
+            self.close()
+            raise PipeBroken(f"{self.name or self._path}: is a folder; give a named pipe that mkfifo made, or a file")
         with contextlib.suppress(OSError):  # a file, or a limit of the system's
             fcntl.fcntl(self._descriptor, _SET_PIPE_SIZE, _PIPE_BYTES)
         self._begun, self._filled = False, 0

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from rig.devices.protocols import Codes, Shown
 from rig.devices.simulated.display import ClockedDisplay
 from rig.files.pictures import write_png
 from rig.live import pipeline
+from rig.live.sources import raw
 
 CAMERA, FILM, PICTURE, GONE, STREAM = 20, 21, 22, 23, 24
 
@@ -101,6 +103,23 @@ def test_each_source_that_fails_has_a_status_of_its_own(
     assert told["failure"]["kind"] == kind
     assert told["failure"]["exit_status"] == status
     assert told["failure"]["message"] in told["notes"]
+
+
+def test_a_pipe_that_nobody_writes_to_is_no_show_that_went_well(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    os.mkfifo(tmp_path / "silent")
+    ended, told = show(capsys, "--source", tmp_path / "silent", "--seconds", "0.3")
+    assert (ended, told["ended_by"], told["frames"]) == (STREAM, "time", 0)
+    assert told["failure"]["message"].startswith("silent: no picture came in 0.3 s; ")
+
+
+def test_a_source_so_slow_that_the_time_is_over_before_it_fails_is_told_all_the_same(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(raw.StreamSource, "open", lambda _: time.sleep(0.4))
+    ended, told = show(capsys, "--source", f"pipe:{tmp_path}", "--seconds", "0.1")
+    assert (ended, told["ended_by"], told["frames"]) == (STREAM, "time", 0)
 
 
 def test_a_source_that_fails_is_told_also_when_the_next_one_is_shown(
