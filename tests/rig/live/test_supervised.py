@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 
 from rig.cli.app import run_command
+from rig.devices.clock import SystemClock
 from rig.devices.protocols import Codes, Shown
 from rig.devices.simulated.display import ClockedDisplay
 from rig.files.pictures import write_png
@@ -117,7 +117,8 @@ def test_a_pipe_that_nobody_writes_to_is_no_show_that_went_well(
 def test_a_source_so_slow_that_the_time_is_over_before_it_fails_is_told_all_the_same(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(raw.StreamSource, "open", lambda _: time.sleep(0.4))
+    clock = SystemClock()
+    monkeypatch.setattr(raw.StreamSource, "open", lambda _: clock.wait_until_s(clock.now_s() + 0.4))
     ended, told = show(capsys, "--source", f"pipe:{tmp_path}", "--seconds", "0.1")
     assert (ended, told["ended_by"], told["frames"]) == (STREAM, "time", 0)
 
