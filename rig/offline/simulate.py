@@ -223,7 +223,13 @@ def _planner(
             scenes[id(mesh)] = _glossy(request, file, mesh)
         return make_plan(scenes[id(mesh)], tolerance, mesh.by_rays)
 
-    planner = SimplifyingPlanner(original=file.facets, mend=file.mend, oriented=file.oriented, make_plan=plan_mesh)
+    planner = SimplifyingPlanner(
+        original=file.facets,
+        mend=file.mend,
+        oriented=file.oriented,
+        make_plan=plan_mesh,
+        on_part=lambda label, share: on_step(label, int(100 * share), 100),
+    )
 
     def plan_file(tolerance: float) -> _PlannedScene:
         made = planner.plan(tolerance)

@@ -36,7 +36,7 @@ FEWEST_RAYS, PIECE_RAYS, MOST_RAYS = 8, 32, 128
 """Of a sixteenth, to measure with: more where noise hides whether the goal is met, fewer of pieces, which are small."""
 NOISE_SHARE, NOISE_POWER = 0.5, 1.4
 """Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them."""
-SENDER_RAYS, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS = 1 << 15, 8, 256
+SENDER_RAYS, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS = 1 << 13, 8, 256
 """Of all patches together, to learn what senders of one number change, and limits of those from each."""
 BIAS_SHARE = 0.5
 """Of the goal's square; where senders change more, those that vary most are quartered, and light bounces anew."""
@@ -323,9 +323,10 @@ class _Pieces:
             one, other = (
                 self.bounces.all_of(self.start.reflectance * shift) for shift in senders.shifts(rays, self.stream)
             )
-            squared = self.start.areas * one * other
-            doubt = TOTAL_SURE * float(np.sqrt((squared**2).sum()))
-            sure = max(float(squared.sum()), 0.0) + doubt
+            noise = (one - other) ** 2 / 2
+            variance = self.start.areas**2 * noise * (2 * np.maximum(one * other, 0.0) + noise)
+            doubt = TOTAL_SURE * float(np.sqrt(variance.sum()))
+            sure = max(float(self.start.areas @ (one * other)), 0.0) + doubt
             if doubt <= NOISE_SHARE * BIAS_SHARE * self.goal**2 * self.area or 4 * rays > MOST_SENDER_RAYS:
                 return float(np.sqrt(sure / self.area))
             rays *= 4
