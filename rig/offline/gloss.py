@@ -121,6 +121,7 @@ def gloss_of_mesh(path: Path, soup: TriangleSoup, mesh: Mesh, reflectances: tupl
 def summary_of_gloss(
     scene: GlossyScene,
     planned: Plan,
+    *,
     memory_mb: float,
     allowed: float | None,
     lamp: str | PlacedProjector | None = None,

@@ -166,7 +166,9 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
         found = _within(request, planner)
         allowed = None if request.seconds is not None else NOISE_SHARE * request.tolerance
         told = in_percent("try lobes", on_step)
-        summary = summary_of_gloss(found.scene, found.plan, memory_mb, allowed, lamp, told)
+        summary = summary_of_gloss(
+            found.scene, found.plan, memory_mb=memory_mb, allowed=allowed, lamp=lamp, on_progress=told
+        )
         bend = 1.0 if summary is None or not summary.needed else summary.bend
         if bend > 1 and request.seconds is None:
             found = planned_for_lobes(request.tolerance, bend, planner)

@@ -1,8 +1,8 @@
 """Other ways to the light of a mesh than rays alone: exact factors, compressed ones, and lobes beside matte patches.
 
 A ball in a corner, in white light everywhere, on one thread. Exact factors with exact shadows, and compressed ones,
-take so long that they are measured on a thousand facets at most, beside rays, whose error they are told from. Of lobes the
-light is known by many more pairs of rays.
+take so long that they are measured on a thousand facets at most, beside rays, whose error they are told from. Of lobes
+the light is known by many more pairs of rays.
 """
 
 from __future__ import annotations

@@ -89,7 +89,7 @@ def lobes_at(tolerance):
     scene = with_gloss(SURFACES["paper-room"].build(), 0.5, 0.2, (0.3,))
     made = plan(scene.as_matte, 8.0, "projector")
     allowed = NOISE_SHARE * tolerance
-    summary = summary_of_gloss(scene, made, 1000.0, allowed)
+    summary = summary_of_gloss(scene, made, memory_mb=1000.0, allowed=allowed)
     return lobes_for(summary, gloss_of_cells(made.cells, scene.surface, scene.gloss), allowed, tolerance)
 
 
