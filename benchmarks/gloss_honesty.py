@@ -3,6 +3,7 @@
     .venv/bin/python benchmarks/gloss_honesty.py paper-room
     .venv/bin/python benchmarks/gloss_honesty.py --bend paper-room sloped-room
     .venv/bin/python benchmarks/gloss_honesty.py --kept paper-room sloped-room
+    .venv/bin/python benchmarks/gloss_honesty.py --pairs paper-room corner-with-ball
 
 ``rig simulate`` estimates it on a plan of 4 %, tens of patches. Here the same figures stand beside those of a plan
 of 1 %: error between surfaces, as seen, and in highlights, per cent of white; and the error of the glossy
@@ -11,6 +12,7 @@ solution at 2 % against one of four or sixteen times the patches and eight times
 ``--bend``: how much larger the error of a plan's patches is with lobes than with matte patches that send back as much,
 both on sixteenths, and what it adds, in squares, over the share of light that lobes send
 (``sim.planning.gloss.BEND``). ``--kept``: whether ``rig simulate`` keeps its tolerance; exit status 1 where not.
+``--pairs``: processor time of a pair of rays in light from everywhere and from a place (``sim.planning.gloss.PAIR_S``).
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ BENDING = (
     (0.5, 0.2, 0.8),
 )
 """Matte reflectance, share and roughness."""
+PAIRS = (64, 256)
 
 
 def main() -> int:
@@ -50,10 +53,11 @@ def main() -> int:
     parser.add_argument("scenes", nargs="*", default=SCENES, metavar="SCENE")
     parser.add_argument("--bend", action="store_true")
     parser.add_argument("--kept", action="store_true")
+    parser.add_argument("--pairs", action="store_true")
     parser.add_argument("--percent", type=float, default=4.0, help="tolerance of --bend and --kept")
     wanted = parser.parse_args()
     set_threads(1)
-    row = bend_row if wanted.bend else kept_row if wanted.kept else effect_row
+    row = bend_row if wanted.bend else kept_row if wanted.kept else pair_row if wanted.pairs else effect_row
     glosses = BENDING if wanted.bend or wanted.kept else [(REFLECTANCE, *gloss) for gloss in GLOSS]
     kept = [row(name, gloss, wanted.percent) for name in wanted.scenes for gloss in glosses]
     return 0 if all(kept) else 1
@@ -81,6 +85,29 @@ def bend_row(name: str, gloss: tuple[float, float, float], percent: float) -> bo
         f"added over that {np.sqrt(max(ratio**2 - 1, 0.0)) / sent:.2f}",
         flush=True,
     )
+    return True
+
+
+def pair_row(name: str, gloss: tuple[float, float, float], percent: float) -> bool:
+    """Print what a pair of rays takes, from two numbers of them; always True."""
+    reflectance, share, roughness = gloss
+    scene = with_gloss(SURFACES[name].build(), share, roughness, (reflectance,))
+    if scene.gloss is None:
+        return True
+    for light in ("uniform", "projector"):
+        made = plan(scene.as_matte, percent, light, one_number=True)
+        matte = simulate(made.cells, made.light, made.model)
+        lobes, taken_s = gloss_of_cells(made.cells, scene.surface, scene.gloss), []
+        for rays in PAIRS:
+            started = time.process_time()
+            glossy_simulation(matte, made.light, lobes, rays=rays)
+            taken_s.append(time.process_time() - started)
+        pair_us = 1e6 * (taken_s[1] - taken_s[0]) / (made.patches * (PAIRS[1] - PAIRS[0]))
+        print(
+            f"{name:16s} gloss {share:.2f} roughness {roughness:.1f} {light:9s} {made.patches} patches, "
+            f"{pair_us:.1f} us a pair",
+            flush=True,
+        )
     return True
 
 

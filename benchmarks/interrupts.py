@@ -69,6 +69,18 @@ def work():
     simulate(made.cells, made.light, made.model)
 again(work)
 """,
+    "lobes": """
+from sim.light.lighting import make_test_lighting
+from sim.geometry.adaptive_patches import coarsest_patches
+from sim.light.gloss.material import Gloss
+from sim.planning.gloss import glossy_simulation
+from sim.planning.simulation import Model, simulate
+from sim.scenes.cluttered import corner_with_ball
+cells = coarsest_patches(corner_with_ball(20_000))
+light = make_test_lighting("uniform", cells)
+matte = simulate(cells, light, Model(method="rays", visibility="rays", residual=1e-5, sampling=0.02))
+again(lambda: glossy_simulation(matte, light, Gloss.of(cells, 0.1, 0.3)))
+""",
     "trees": """
 from sim import _kernel
 from sim.scenes.cluttered import corner_with_ball

@@ -81,7 +81,7 @@ def row(name: str, tolerance: float) -> float:
         for method in METHODS:
             if turn and taken[method] > SHORT_S:
                 continue
-            limit_s = 600.0 if method == "auto" else max(LEAST_S, PATIENCE * taken["auto"])
+            limit_s = 600.0 if method == "auto" else max(LEAST_S, PATIENCE * min(taken["auto"], 200.0))
             try:
                 with ended_after(limit_s):
                     seconds, used = seconds_of(SCENES[name](), method, tolerance)
@@ -89,8 +89,11 @@ def row(name: str, tolerance: float) -> float:
                 continue
             taken[method] = min(taken[method], seconds)
             choice = used if method == "auto" else choice
+        if taken["auto"] == float("inf"):
+            print(f"| {name} | {tolerance:g} | refused | – | – | – | – | |", flush=True)
+            return 0.0
     ratio = max(taken["auto"], UNTOLD) / max(min(taken.values()), UNTOLD)
-    times = " | ".join(f"{taken[method]:.2f}" for method in METHODS)
+    times = " | ".join("–" if taken[method] == float("inf") else f"{taken[method]:.2f}" for method in METHODS)
     print(f"| {name} | {tolerance:g} | {choice} | {times} | {ratio:.2f} |", flush=True)
     return ratio
 

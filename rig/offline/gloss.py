@@ -16,7 +16,7 @@ from sim.geometry.mesh import Mesh
 from sim.geometry.scene import Scene
 from sim.geometry.surface import Surface
 from sim.light.gloss.material import Gloss, matte_equivalent
-from sim.light.lighting import Lighting
+from sim.light.lighting import Lighting, PlacedProjector
 from sim.planning.cost import Cost
 from sim.planning.gloss import (
     FEWEST_RAYS,
@@ -33,6 +33,7 @@ from sim.planning.gloss import (
 from sim.planning.gloss_effect import GlossEffect, gloss_effect
 from sim.planning.plan import Plan, plan
 from sim.planning.simulation import Simulation, simulate
+from sim.progress import OnProgress, unheard
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -117,17 +118,25 @@ def gloss_of_mesh(path: Path, soup: TriangleSoup, mesh: Mesh, reflectances: tupl
         raise UsageError(f"{path}: {error}; lower --reflectance, or give --gloss 0") from error
 
 
-def summary_of_gloss(scene: GlossyScene, planned: Plan, memory_mb: float, allowed: float | None) -> GlossSummary | None:
+def summary_of_gloss(
+    scene: GlossyScene,
+    planned: Plan,
+    *,
+    memory_mb: float,
+    allowed: float | None,
+    lamp: str | PlacedProjector | None = None,
+    on_progress: OnProgress = unheard,
+) -> GlossSummary | None:
     """Estimate on a coarse plan by how much matte patches would be wrong, and how many rays lobes need.
 
-    ``allowed`` is the noise that those may leave in % of white; None: what the usual number leaves. Raises
-    SimulationError.
+    ``allowed`` is the noise that those may leave in % of white; None: what the usual number leaves. ``lamp`` is what
+    was planned for; None: the test lighting of that name. Raises SimulationError.
     """
     if scene.gloss is None:
         return None
     tolerance = max(planned.tolerance_percent, PROBE_PERCENT)
-    coarse = plan(scene.as_matte, tolerance, planned.light.name, memory_limit_mb=memory_mb)
-    probe = _lobes_on(coarse, scene.surface, scene.gloss)
+    coarse = plan(scene.as_matte, tolerance, lamp or planned.light.name, memory_limit_mb=memory_mb)
+    probe = _lobes_on(coarse, scene.surface, scene.gloss, on_progress)
     effect = gloss_effect(probe, coarse.light)
     rays = probe.rays if allowed is None else max(rays_for(100 * probe.noise, probe.rays, allowed), FEWEST_RAYS)
     noise = 100 * NOISE_SAFETY * probe.noise * float(np.sqrt(probe.rays / rays))
@@ -151,9 +160,10 @@ def effect_on(coarse: Plan, surface: Surface, gloss: Gloss) -> GlossEffect:
     return gloss_effect(_lobes_on(coarse, surface, gloss), coarse.light)
 
 
-def _lobes_on(coarse: Plan, surface: Surface, gloss: Gloss) -> GlossySimulation:
+def _lobes_on(coarse: Plan, surface: Surface, gloss: Gloss, on_progress: OnProgress = unheard) -> GlossySimulation:
     cells = gloss_of_cells(coarse.cells, surface, gloss)
-    return glossy_simulation(simulate(coarse.cells, coarse.light, coarse.model), coarse.light, cells)
+    matte = simulate(coarse.cells, coarse.light, coarse.model)
+    return glossy_simulation(matte, coarse.light, cells, on_progress=on_progress)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -169,15 +179,16 @@ class Lobes:
     noise: float
     """That they are expected to leave, % of white."""
 
-    @property
-    def cost(self) -> Cost:
-        """What they add to a simulation."""
-        return gloss_cost(self.gloss, self.rays)
+    def cost(self, light: Lighting) -> Cost:
+        """Return what they add to a simulation."""
+        return gloss_cost(self.gloss, self.rays, light)
 
-    def simulated(self, matte: Simulation, light: Lighting, tolerance: float) -> GlossySimulation:
+    def simulated(
+        self, matte: Simulation, light: Lighting, tolerance: float, on_progress: OnProgress
+    ) -> GlossySimulation:
         """Return the light with lobes. Raises UsageError where even the most rays leave more noise than allowed."""
         allowed = None if self.allowed is None else self.allowed / 100
-        found = glossy_simulation(matte, light, self.gloss, rays=self.rays, noise=allowed)
+        found = glossy_simulation(matte, light, self.gloss, rays=self.rays, noise=allowed, on_progress=on_progress)
         if allowed is not None and found.noise > allowed:
             raise UsageError(_too_noisy(tolerance, 100 * found.noise, found.rays))
         return found
@@ -217,6 +228,14 @@ def planned_for_lobes(tolerance: float, bend: float, planner: Callable[[float], 
             f"{tolerance:g} % with gloss needs patches for {wanted:.3g} %, as its light varies up to "
             f"{bend:.2f} times as much within them, and rays leave noise: {error}"
         ) from error
+
+
+def seconds_of_lobes(scene: GlossyScene, planned: Plan) -> float:
+    """Return what lobes are expected to add to a plan's solution, by the usual number of rays; 0 without gloss [s]."""
+    if scene.gloss is None:
+        return 0.0
+    cells = gloss_of_cells(planned.cells, scene.surface, scene.gloss)
+    return gloss_cost(cells, rays_each(cells, RAYS), planned.light).seconds
 
 
 def reason_of(summary: GlossSummary, tolerance: float) -> str:

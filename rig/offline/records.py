@@ -73,6 +73,8 @@ class SimulationOutcome(Record):
     products: int
     noise: float | None = None
     """RMS that the rays of lobes left, from two halves of them, percent of white; None: no lobes."""
+    lobe_rays: int | None = None
+    """Pairs that each glossy patch did send; None: no lobes."""
     error: float | None = None
     """Root mean square against a refined solution, percent of white; None: not checked."""
     error_max: float | None = None

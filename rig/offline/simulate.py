@@ -13,12 +13,14 @@ from pathlib import Path
 from rig.errors import UsageError
 from rig.offline.gloss import (
     NOISE_SHARE,
+    PROBE_PERCENT,
     GlossyScene,
     Lobes,
     gloss_of_mesh,
     lobes_for,
     planned_for_lobes,
     reason_of,
+    seconds_of_lobes,
     summary_of_gloss,
     with_gloss,
 )
@@ -163,7 +165,10 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
         planner = _planner(request, make_plan, on_step)
         found = _within(request, planner)
         allowed = None if request.seconds is not None else NOISE_SHARE * request.tolerance
-        summary = summary_of_gloss(found.scene, found.plan, memory_mb, allowed)
+        told = in_percent("try lobes", on_step)
+        summary = summary_of_gloss(
+            found.scene, found.plan, memory_mb=memory_mb, allowed=allowed, lamp=lamp, on_progress=told
+        )
         bend = 1.0 if summary is None or not summary.needed else summary.bend
         if bend > 1 and request.seconds is None:
             found = planned_for_lobes(request.tolerance, bend, planner)
@@ -176,7 +181,7 @@ def plan_simulation(request: SimulationRequest, on_step: OnStep) -> tuple[Planne
     except SimulationError as error:
         raise UsageError(str(error)) from error
     on_step("plan", 1, 1)
-    more = Cost(0.0, 0.0) if lobes is None else lobes.cost
+    more = Cost(0.0, 0.0) if lobes is None else lobes.cost(planned.light)
     noise = 0.0 if lobes is None else lobes.noise
     within_s = hypot(bend * planned.tolerance_percent, noise)
     tolerance = request.tolerance if request.seconds is None else within_s
@@ -220,7 +225,13 @@ def _planner(
             scenes[id(mesh)] = _glossy(request, file, mesh)
         return make_plan(scenes[id(mesh)], tolerance, mesh.by_rays)
 
-    planner = SimplifyingPlanner(original=file.facets, mend=file.mend, oriented=file.oriented, make_plan=plan_mesh)
+    planner = SimplifyingPlanner(
+        original=file.facets,
+        mend=file.mend,
+        oriented=file.oriented,
+        make_plan=plan_mesh,
+        on_part=lambda label, share: on_step(label, int(100 * share), 100),
+    )
 
     def plan_file(tolerance: float) -> _PlannedScene:
         made = planner.plan(tolerance)
@@ -230,17 +241,25 @@ def _planner(
 
 
 def _within(request: SimulationRequest, planner: Callable[[float], _PlannedScene]) -> _PlannedScene:
-    """The plan for a request's tolerance, or for its time."""
+    """The plan for a request's tolerance, or for its time, of which lobes on a coarse plan and its own are part."""
     if request.seconds is None:
         return planner(request.tolerance)
-    made: list[_PlannedScene] = []
+    made: list[tuple[Plan, _PlannedScene]] = []
+    lobes_s = coarse_s = 0.0
 
     def make_plan(tolerance: float) -> Plan:
-        made.append(planner(tolerance))
-        return made[-1].plan
+        nonlocal lobes_s, coarse_s
+        found = planner(tolerance)
+        lobes_s = seconds_of_lobes(found.scene, found.plan)
+        coarse_s = lobes_s if tolerance >= PROBE_PERCENT or not made else coarse_s
+        made.append((replace(found.plan, seconds=found.plan.seconds + lobes_s + coarse_s), found))
+        return made[-1][0]
 
-    chosen = plan_within(make_plan, request.seconds)
-    return next(one for one in made if one.plan is chosen)
+    def with_lobes() -> str:
+        return f", {lobes_s + coarse_s:.2g} s of it for the lobes of gloss," if lobes_s else ""
+
+    chosen = plan_within(make_plan, request.seconds, beside=with_lobes)
+    return next(found for counted, found in made if counted is chosen)
 
 
 def _glossy(request: SimulationRequest, file: MeshFile, mesh: MendedMesh) -> GlossyScene:
@@ -264,7 +283,8 @@ def run_planned(
     try:
         simulation = simulate(planned.cells, planned.light, planned.model, in_percent("simulate", on_step))
         if to_do.lobes is not None:
-            glossy = to_do.lobes.simulated(simulation, planned.light, to_do.tolerance)
+            told = in_percent("trace lobes", on_step)
+            glossy = to_do.lobes.simulated(simulation, planned.light, to_do.tolerance, told)
         seconds = time.perf_counter() - started
         peak_mb = tracemalloc.get_traced_memory()[1] / 1e6
     except SimulationError as error:
@@ -278,7 +298,13 @@ def run_planned(
         keep(simulation)
     actual = _measured(simulation, seconds, peak_mb)
     if glossy is not None:
-        actual = replace(actual, residual=glossy.residual, products=glossy.products, noise=100 * glossy.noise)
+        actual = replace(
+            actual,
+            residual=glossy.residual,
+            products=glossy.products,
+            noise=100 * glossy.noise,
+            lobe_rays=glossy.rays,
+        )
     return _checked(actual, planned, glossy or simulation, on_step) if check else actual
 
 

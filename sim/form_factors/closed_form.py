@@ -19,6 +19,8 @@ from sim.geometry.surface import Surface
 
 ALIGNMENT_TOLERANCE = 1e-9
 """Sine of the angle up to which faces count as parallel or perpendicular."""
+NEAR_AN_AXIS = 0.99
+"""A patch whose normal has less along each axis is known to be none of them before its corners are looked at."""
 
 
 def applies(surface: Surface) -> bool:
@@ -98,7 +100,10 @@ def _axis_parallel(surface: Surface) -> Box | None:
     normal = surface.normals[0]
     u = along / np.linalg.norm(along)
     frame = np.stack([u, np.cross(normal, u), normal])
-    corners, normals = corners @ frame.T, surface.normals @ frame.T
+    normals = surface.normals @ frame.T
+    if np.abs(normals).max(axis=1).min() < NEAR_AN_AXIS:
+        return None
+    corners = corners @ frame.T
     low, high = corners.min(axis=1), corners.max(axis=1)
     axis = np.abs(normals).argmax(axis=1)
     patches = np.arange(len(corners))

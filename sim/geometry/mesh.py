@@ -134,7 +134,10 @@ class Mesh:
     def occluders(self) -> FloatArray:
         """(M, 4, 3) what something of the mesh lies behind: flat regions that are rectangles, else patches [m]."""
         covers, tolerance_m = self.topology.covers, 4 * WELD * self.topology.size_m
-        return _merged(self.vertices[covers], self.topology.region[covers], tolerance_m)
+        vertices, region = self.vertices[covers], self.topology.region[covers]
+        # A triangle that is a region of its own is no rectangle: of curved surfaces hardly any patch is looked at.
+        alone = (np.bincount(region)[region] == 1) & (vertices[:, 2] == vertices[:, 3]).all(axis=1)
+        return np.concatenate([_merged(vertices[~alone], region[~alone], tolerance_m), vertices[alone]])
 
     def with_reflectance(self, reflectance: ArrayLike) -> Mesh:
         """Return the same mesh with another reflectance.

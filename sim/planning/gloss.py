@@ -21,7 +21,7 @@ from sim.planning.check import Check, refined, squared_at_points
 from sim.planning.cost import Cost
 from sim.planning.gloss_places import places_on
 from sim.planning.simulation import Model, Simulation, light_at, simulate
-from sim.progress import OnProgress, unheard
+from sim.progress import OnProgress, part_of, unheard
 
 RAYS, FEWEST_RAYS, LEAST_OF_ALL, ALL_RAYS = 256, 32, 1 << 14, 1 << 21
 """Pairs of rays from each glossy patch, half of them for each of two solutions whose difference tells their noise. Of
@@ -32,14 +32,19 @@ NEEDED = 1.2
 """Pairs that are taken over those that the measured noise asks for, where it falls with the root of their number."""
 LAMP_POINTS = 1 << 18
 """On all glossy patches at a time, from which the lamp's light goes on."""
-FIRST_S, PAIR_S, PAIR_MB, KEPT_MB = 0.3, 7e-6, 1e-3, 2.5e-4
-"""Of the table of albedos; of a pair of rays, with the lamp's point that goes with it; memory of a pair at work, and of
-what is kept of it. Measured on 80 to 3,531 patches, all glossy, on two busy cores."""
+FIRST_S, PAIR_S, PLACED_PAIR_S = 0.3, 4e-6, 1.1e-5
+"""Of the table of albedos; of a pair of rays with the lamp's point that goes with it, in light from everywhere and from
+a place, whose shadows are looked for: 3.5 to 5.5 and 8.7 to 12.6 microseconds of processor time, 6 to 2,144 patches
+(benchmarks/gloss_honesty.py --pairs)."""
+PAIR_MB, KEPT_MB = 1e-3, 2.5e-4
+"""Memory of a pair at work, and of what is kept of it: 80 to 3,531 patches, all glossy."""
 BEND = 2.5
 """What lobes add to the error that patches leave, in squares, over the share of all reflected light that they send. In
 rooms of gloss 0.1 to 0.6 and roughness 0.1 to 0.8, on patches for 3 and 4 %, it was 0.9 to 2.1, and 2.4 where lobes
 sent 0.14 of the light (benchmarks/gloss_honesty.py --bend)."""
 OTHER_SEED = 1_000_033
+MATTE_SHARE, PAIRS_SHARE = 0.3, 0.7
+"""Of the work, roughly: a check's matte light, and of lobes the pairs of rays before the lamp's points."""
 ABOVE = 1e-6
 """Of the surface's size: from there a cell looks down on the patch that it is part of."""
 
@@ -110,6 +115,7 @@ def glossy_simulation(
     rays: int | None = None,
     noise: float | None = None,
     seed: int = 0,
+    on_progress: OnProgress = unheard,
 ) -> GlossySimulation:
     """Return the light of a scene with glossy patches, from that of matte ones that send back as much of even light.
 
@@ -131,6 +137,8 @@ def glossy_simulation(
         they leave.
     seed : int
         Another one for other rays.
+    on_progress : callable
+        Is told the share that is done; where rays may have to be sent again, each time half of what is left.
 
     Returns
     -------
@@ -142,18 +150,29 @@ def glossy_simulation(
         Where matte and glossy reflection together are above 1.
     """
     rays = rays_each(gloss, RAYS) if rays is None else rays
-    found = _by_halves(matte, light, gloss, rays=rays, seed=seed)
-    most = max(most_rays(gloss), rays)
+    most, begun = max(most_rays(gloss), rays), 0.0
     # The noise of few patches is itself not known well: it may take more than one step.
-    while noise is not None and found.noise > noise and found.rays < most:
-        rays = min(max(rays_for(found.noise, found.rays, noise), 2 * found.rays), most)
-        found = _by_halves(matte, light, gloss, rays=rays, seed=seed)
-    return found
+    while True:
+        end = 1.0 if noise is None or rays == most else (1 + begun) / 2
+        found = _by_halves(matte, light, gloss, rays=rays, seed=seed, on_progress=part_of(on_progress, begun, end))
+        if noise is None or found.noise <= noise or rays == most:
+            return found
+        rays, begun = min(max(rays_for(found.noise, rays, noise), 2 * rays), most), end
 
 
-def _by_halves(matte: Simulation, light: Lighting, gloss: Gloss, *, rays: int, seed: int) -> GlossySimulation:
+def _by_halves(
+    matte: Simulation, light: Lighting, gloss: Gloss, *, rays: int, seed: int, on_progress: OnProgress
+) -> GlossySimulation:
     rho = _matte_part(matte, gloss)
-    both = [_solved(matte, light, gloss, rho, rays=rays // 2, seed=2 * seed + half) for half in (0, 1)]
+    both = [
+        _solved(
+            *(matte, light, gloss, rho),
+            rays=rays // 2,
+            seed=2 * seed + half,
+            on_progress=part_of(on_progress, half / 2, (half + 1) / 2),
+        )
+        for half in (0, 1)
+    ]
     irradiance = (both[0].irradiance + both[1].irradiance) / 2
     glossy = GlossySimulation(
         matte=matte,
@@ -183,10 +202,21 @@ class _Solved:
     products: int
 
 
-def _solved(matte: Simulation, light: Lighting, gloss: Gloss, rho: FloatArray, *, rays: int, seed: int) -> _Solved:
+def _solved(
+    matte: Simulation,
+    light: Lighting,
+    gloss: Gloss,
+    rho: FloatArray,
+    *,
+    rays: int,
+    seed: int,
+    on_progress: OnProgress,
+) -> _Solved:
     cells = replace(matte.cells, reflectance=rho.max(axis=1))
-    factors = glossy_form_factors(cells, matte.factors, gloss, rays=rays, seed=seed)
-    by_gloss = _lamp_by_gloss(GlossySurface.of(cells, gloss), light, rays, seed)
+    told = part_of(on_progress, 0.0, PAIRS_SHARE)
+    factors = glossy_form_factors(cells, matte.factors, gloss, rays=rays, seed=seed, on_progress=told)
+    told = part_of(on_progress, PAIRS_SHARE, 1.0)
+    by_gloss = _lamp_by_gloss(GlossySurface.of(cells, gloss), light, rays, seed=seed, on_progress=told)
     direct = np.divide(matte.E, matte.reflectance, out=np.zeros_like(matte.E), where=matte.reflectance > 0)
     E = rho * (direct + by_gloss[:, None])
     solutions = [
@@ -205,12 +235,17 @@ def _solved(matte: Simulation, light: Lighting, gloss: Gloss, rho: FloatArray, *
     )
 
 
-def _lamp_by_gloss(glossy: GlossySurface, light: Lighting, points: int, seed: int) -> FloatArray:
+def _lamp_by_gloss(
+    glossy: GlossySurface, light: Lighting, points: int, *, seed: int, on_progress: OnProgress
+) -> FloatArray:
     """(P,) irradiance by light that came straight from the lamp to glossy patches, from some points on each."""
     glossy_patches = max(int(glossy.gloss.glossy.sum()), 1)
     parts = -(-points * glossy_patches // LAMP_POINTS)
     each = max(points // parts, 1)
-    found = [places_on(glossy, each, (seed, part)).lamp_by_gloss(light) for part in range(parts)]
+    found = []
+    for part in range(parts):
+        found.append(places_on(glossy, each, (seed, part)).lamp_by_gloss(light))
+        on_progress((part + 1) / parts)
     return np.asarray(np.mean(found, axis=0))
 
 
@@ -248,7 +283,7 @@ def refined_gloss_check(
     rays : int, optional
         Pairs from each of the refined glossy patches; None: eight times as many in all as otherwise.
     on_progress : callable
-        Is told the share that is done, where form factors are compressed or come from rays.
+        Is told the share that is done.
 
     Returns
     -------
@@ -264,8 +299,9 @@ def refined_gloss_check(
     gloss = Gloss(np.tile(glossy.gloss.share, pieces), np.tile(glossy.gloss.roughness, pieces))
     if rays is None:
         rays = max(FEWEST_RAYS, 4 * max(rays_each(glossy.gloss, 2 * RAYS), glossy.rays) // pieces)
-    matte = simulate(fine, light, refined(model), on_progress)
-    finer = glossy_simulation(matte, light, gloss, rays=rays, seed=OTHER_SEED)
+    matte = simulate(fine, light, refined(model), part_of(on_progress, 0.0, MATTE_SHARE))
+    told = part_of(on_progress, MATTE_SHARE, 1.0)
+    finer = glossy_simulation(matte, light, gloss, rays=rays, seed=OTHER_SEED, on_progress=told)
     places = fine.quarters() if model.linear else fine
     ours, rho = glossy.irradiance_at(places), np.tile(matte.reflectance, (places.n_patches // fine.n_patches, 1))
     one, other = (rho * (half - ours) for half in finer.halves_at(places))
@@ -318,10 +354,11 @@ def rays_for(noise: float, rays: int, allowed: float) -> int:
     return int(np.ceil(NEEDED * rays * (noise / allowed) ** 2))
 
 
-def gloss_cost(gloss: Gloss, rays: int) -> Cost:
-    """Return what gloss adds to a simulation by pairs of rays each, by constants measured on one core of two."""
+def gloss_cost(gloss: Gloss, rays: int, light: Lighting) -> Cost:
+    """Return what gloss adds to a simulation by pairs of rays each, by constants measured on one core."""
     pairs = int(gloss.glossy.sum()) * rays
-    return Cost(seconds=FIRST_S + PAIR_S * pairs, peak_mb=PAIR_MB * min(pairs, RAYS_AT_A_TIME) + KEPT_MB * pairs)
+    pair_s = PAIR_S if light.source_m is None else PLACED_PAIR_S
+    return Cost(seconds=FIRST_S + pair_s * pairs, peak_mb=PAIR_MB * min(pairs, RAYS_AT_A_TIME) + KEPT_MB * pairs)
 
 
 def _slopes(matte: Simulation, irradiance: FloatArray) -> FloatArray | None:

@@ -21,6 +21,7 @@ from sim.geometry.adaptive_patches import AdaptivePatches, joined
 from sim.light.lighting import Emission, Lighting, emission, remember_emission
 from sim.planning.adapt import gradients, squared_light_edges
 from sim.planning.linear_light import Senders, Variation, variation_within
+from sim.planning.uneven_senders import UnevenSenders
 from sim.progress import OnProgress, unheard
 
 QUARTERS = 4
@@ -35,9 +36,8 @@ FEWEST_RAYS, PIECE_RAYS, MOST_RAYS = 8, 32, 128
 """Of a sixteenth, to measure with: more where noise hides whether the goal is met, fewer of pieces, which are small."""
 NOISE_SHARE, NOISE_POWER = 0.5, 1.4
 """Of the goal's square that the measurement's noise may take before there are more rays, and how it falls with them."""
-BIAS = 1.4
-"""What senders of one number a patch change, over what their slopes tell: shadows within them count as much. Over
-five random corners and two lights it is 1.5 in squares together, single cases 0 to 3.1 (0.35 % for 0.11)."""
+SENDER_RAYS, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS = 1 << 13, 8, 256
+"""Of all patches together, to learn what senders of one number change, and limits of those from each."""
 BIAS_SHARE = 0.5
 """Of the goal's square; where senders change more, those that vary most are quartered, and light bounces anew."""
 SENDERS_CUT = 0.9
@@ -307,12 +307,29 @@ class _Pieces:
         self.rays = int(np.clip(2 ** np.ceil(np.log2(FEWEST_RAYS * more)), FEWEST_RAYS, MOST_RAYS))
         seen = self._seen(self.cells, self.own)
         self.squared, self.noise = self._scaled(self.cells, seen)
-        self.varies = self.start.areas * rho**2 * seen.beside_constant
+        self.varies = self.start.areas * rho**2 * (seen.beside_constant + self.lit.variance)
         self.doubt = TOTAL_SURE * float(np.sqrt((self.noise**2).sum()))
-        # What reaches a pocket where light is trapped bounces there many times.
-        moved = [self.bounces.all_of(rho * shift) for shift in seen.shifts.T]
-        shift = float(self.start.areas @ (moved[0] * moved[1]))
-        self.bias = BIAS * float(np.sqrt(max(shift, 0.0) / self.area))
+        senders = UnevenSenders(cells=self.start, light=self.light, lit=self.lit, pieces=seen.pieces)
+        self.bias = self._bias_by(senders)
+
+    def _bias_by(self, senders: UnevenSenders) -> float:
+        """RMS over the surface of what senders of one number change, by as many rays as it takes to tell if it counts.
+
+        Its own noise is added to its square.
+        """
+        rays = int(np.clip(SENDER_RAYS // self.start.n_patches, FEWEST_SENDER_RAYS, MOST_SENDER_RAYS))
+        while True:
+            # What reaches a pocket where light is trapped bounces there many times.
+            one, other = (
+                self.bounces.all_of(self.start.reflectance * shift) for shift in senders.shifts(rays, self.stream)
+            )
+            noise = (one - other) ** 2 / 2
+            variance = self.start.areas**2 * noise * (2 * np.maximum(one * other, 0.0) + noise)
+            doubt = TOTAL_SURE * float(np.sqrt(variance.sum()))
+            sure = max(float(self.start.areas @ (one * other)), 0.0) + doubt
+            if doubt <= NOISE_SHARE * BIAS_SHARE * self.goal**2 * self.area or 4 * rays > MOST_SENDER_RAYS:
+                return float(np.sqrt(sure / self.area))
+            rays *= 4
 
     @property
     def error(self) -> float:

@@ -29,6 +29,15 @@ PLAN_SHARE = 0.7
 
 MakePlan = Callable[[MendedMesh, float], Plan]
 """From a mesh and a tolerance [% of white] to its plan."""
+OnPart = Callable[[str, float], None]
+"""Is told which part of the work is being done, and the share of it that is."""
+SIMPLIFY, MEND, JUDGE = "simplify the mesh", "mend the mesh", "hold it against all facets"
+COLLAPSED, TURNED, TRACED = 0.5, 0.7, 0.9
+"""Shares of them, roughly: once there are fewer facets; once all are turned alike, and rays are traced."""
+
+
+def unheard_part(label: str, share: float) -> None:
+    """Tell nobody."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -52,6 +61,8 @@ class SimplifyingPlanner:
     oriented: Callable[[Facets], Facets]
     """Lights the sides of facets that a mesh of them would light."""
     make_plan: MakePlan
+    on_part: OnPart = unheard_part
+    """Is told what is done beside plans."""
     _points: TracedPoints | None = field(default=None, init=False)
     _meshes: dict[int, MendedMesh] = field(default_factory=dict, init=False)
 
@@ -89,22 +100,32 @@ class SimplifyingPlanner:
 
     def _mesh(self, count: int) -> MendedMesh:
         if count not in self._meshes:
-            whole = count >= self.original.n_facets
-            self._meshes[count] = self.mend(self.original if whole else simplified(self.original, count))
+            label = SIMPLIFY if count < self.original.n_facets else MEND
+            self.on_part(label, 0.0)
+            fewer = simplified(self.original, count) if count < self.original.n_facets else self.original
+            self.on_part(label, COLLAPSED)
+            self._meshes[count] = self.mend(fewer)
+            self.on_part(label, 1.0)
         return self._meshes[count]
 
     def _error(self, made: Plan) -> SimplificationError:
+        self.on_part(JUDGE, 0.0)
         if self._points is None:
-            self._points = TracedPoints.of(self.oriented(self.original))
+            turned = self.oriented(self.original)
+            self.on_part(JUDGE, TURNED)
+            self._points = TracedPoints.of(turned)
+        self.on_part(JUDGE, TRACED)
         solved = simulate(made.cells, made.light, made.model)
         facets, cell = _in_triangles(made.cells, solved)
-        return simplification_error(
+        error = simplification_error(
             self._points,
             facets,
             solved.B[cell, 0],
             solved.irradiance[cell, 0],
             spectral_radius=solved.spectral_radius,
         )
+        self.on_part(JUDGE, 1.0)
+        return error
 
 
 def _in_triangles(cells: AdaptivePatches, solved: Simulation) -> tuple[Facets, IntArray]:

@@ -17,7 +17,7 @@ GROWTH = 3.3
 power, rays as its -1.4th."""
 
 
-def plan_within(make_plan: Callable[[float], Plan], seconds: float) -> Plan:
+def plan_within(make_plan: Callable[[float], Plan], seconds: float, *, beside: Callable[[], str] = str) -> Plan:
     """Return the plan of the smallest tolerance whose planning and solution fit into a time.
 
     Parameters
@@ -26,6 +26,8 @@ def plan_within(make_plan: Callable[[float], Plan], seconds: float) -> Plan:
         From a tolerance [% of white] to a plan.
     seconds : float
         For all plans and the solution together. [s]
+    beside : callable
+        Returns what else the last plan's seconds are of, for the message of a refusal; nothing by itself.
 
     Returns
     -------
@@ -49,8 +51,8 @@ def plan_within(make_plan: Callable[[float], Plan], seconds: float) -> Plan:
         if after_s + GROWTH * (after_s - before_s + made.seconds) > seconds:
             break
     if best is None:
+        needed = f"{after_s + made.seconds:.2g} s{beside() or ','}"
         raise SimulationError(
-            f"{tolerance:g} % takes about {after_s + made.seconds:.2g} s, the limit is {seconds:g} s; give more time, "
-            "or a coarser surface"
+            f"{tolerance:g} % takes about {needed} the limit is {seconds:g} s; give more time, or a coarser surface"
         )
     return best

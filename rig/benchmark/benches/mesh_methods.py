@@ -1,8 +1,8 @@
 """Other ways to the light of a mesh than rays alone: exact factors, compressed ones, and lobes beside matte patches.
 
 A ball in a corner, in white light everywhere, on one thread. Exact factors with exact shadows, and compressed ones,
-take so long that they are measured on hundreds of facets; beside rays, whose error they are told from. Of lobes the
-light is known by many more pairs of rays.
+take so long that they are measured on a thousand facets at most, beside rays, whose error they are told from. Of lobes
+the light is known by many more pairs of rays.
 """
 
 from __future__ import annotations
@@ -27,7 +27,8 @@ from sim.planning.gloss import glossy_simulation
 from sim.planning.simulation import Model, simulate
 from sim.scenes.cluttered import corner_with_ball
 
-FACETS = {"quick": 100, "default": 200, "full": 500}
+FACETS = {"quick": 100, "default": 200, "full": 1_000}
+GLOSSY_FACETS = {"quick": 100, "default": 1_000, "full": 2_144}
 REFERENCE_ERROR = 5e-4
 """Of the rays that exact and compressed factors are held against; 1 = white."""
 TOLERANCES: Mapping[Size, tuple[float, ...]] = {"quick": (), "default": (1e-2,), "full": (1e-2,)}
@@ -47,8 +48,8 @@ LOBES_PERCENT = 1.0
 
 def method_points(size: Size) -> list[Point]:
     """Measure exact and compressed factors against rays, and lobes against more of theirs."""
-    scene = corner_with_ball(FACETS[size])
-    return [*_factors(scene, TOLERANCES[size]), *_lobes(scene, size)]
+    factors = _factors(corner_with_ball(FACETS[size]), TOLERANCES[size])
+    return [*factors, *_lobes(corner_with_ball(GLOSSY_FACETS[size]), size)]
 
 
 def method_bars(points: list[Point]) -> list[Criterion]:

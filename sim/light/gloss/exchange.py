@@ -27,6 +27,7 @@ from sim.light.gloss.lobe import frames_of
 from sim.light.gloss.material import Gloss
 from sim.light.gloss.walks import GlossySurface, even_points
 from sim.light.radiosity import FormFactorOperator
+from sim.progress import OnProgress, unheard
 
 RAYS_AT_A_TIME = 1 << 16
 """Their arrays take some 70 MB."""
@@ -89,7 +90,13 @@ class DenseGlossyFormFactors(FormFactors):
 
 
 def glossy_form_factors(
-    surface: Surface, form_factors: FormFactorOperator, gloss: Gloss, *, rays: int = 256, seed: int = 0
+    surface: Surface,
+    form_factors: FormFactorOperator,
+    gloss: Gloss,
+    *,
+    rays: int = 256,
+    seed: int = 0,
+    on_progress: OnProgress = unheard,
 ) -> DenseGlossyFormFactors | GlossyFormFactors:
     """Return form factors extended by light that glossy patches pass on between others.
 
@@ -103,6 +110,8 @@ def glossy_form_factors(
         Pairs of rays from each glossy patch.
     seed : int
         Another one for other rays; the same one for the same, whatever the number of threads.
+    on_progress : callable
+        Is told the share of the rays that have been sent.
 
     Returns
     -------
@@ -122,7 +131,7 @@ def glossy_form_factors(
         )
     if not 16 <= rays <= MOST_RAYS:
         raise SimulationError(f"{rays} rays from a glossy patch; give 16 ... {MOST_RAYS:,}")
-    pairs = _pairs(glossy, rays, seed)
+    pairs = _pairs(glossy, rays, seed, on_progress)
     by_gloss = _scaled(pairs, form_factors.exchange(gloss.share), 1 - gloss.share)
     if not isinstance(form_factors, FormFactors):
         return GlossyFormFactors(base=form_factors, by_gloss=by_gloss)
@@ -148,7 +157,7 @@ class _Pairs:
     """(P,) of a patch's light that meets gloss, the share that comes to rest: leaves no further lobe and no opening."""
 
 
-def _pairs(glossy: GlossySurface, rays: int, seed: int) -> _Pairs:
+def _pairs(glossy: GlossySurface, rays: int, seed: int, on_progress: OnProgress) -> _Pairs:
     n = glossy.surface.n_patches
     patches = np.flatnonzero(glossy.gloss.glossy)
     square = even_points(rays, 6)
@@ -165,6 +174,7 @@ def _pairs(glossy: GlossySurface, rays: int, seed: int) -> _Pairs:
         met += np.bincount(found.first, values[found.started] * glossy.gloss.share[found.glossy], minlength=n)
         settled = values[found.pair] * found.share * (1 - glossy.gloss.share[found.other])
         rest += np.bincount(found.one, settled, minlength=n)
+        on_progress((first + len(some)) / len(patches))
     kept = np.divide(rest, met, out=np.zeros(n), where=met > 0)
     return _Pairs(exchange=csr_array((total + total.T) / 2), kept=kept)
 

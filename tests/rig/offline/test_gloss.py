@@ -9,8 +9,9 @@ import trimesh
 from rig.cli.app import run_command
 from rig.errors import UsageError
 from rig.offline.gloss import NOISE_SHARE, lobes_for, summary_of_gloss, with_gloss
-from rig.offline.simulate import SimulationRequest, run_simulate
+from rig.offline.simulate import SimulationRequest, plan_simulation, run_simulate
 from rig.terminal import silent
+from sim.light.lighting import PlacedProjector
 from sim.planning.gloss import gloss_of_cells
 from sim.planning.plan import plan
 from sim.scenes.catalogue import SURFACES
@@ -47,13 +48,34 @@ def test_much_gloss_is_simulated_and_keeps_the_tolerance():
     assert result.actual.residual < 1e-4
 
 
-def test_the_noise_of_the_lobes_rays_is_in_the_error_that_is_stated():
+@pytest.fixture(scope="module")
+def noisy():
+    """A checked result with noisy lobes, and what was told of its progress."""
+    told = []
     request = SimulationRequest(scene="paper-room", tolerance=7.0, reflectance=(0.3,), gloss=0.5, roughness=0.2)
-    result = run_simulate(request, silent, check=True)
+    result = run_simulate(request, lambda label, done, total: told.append((label, done / total)), check=True)
+    return result, told
+
+
+def test_the_noise_of_the_lobes_rays_is_in_the_error_that_is_stated(noisy):
+    result, _ = noisy
     assert 1.0 < result.actual.noise < 1.3 * result.plan.gloss.noise
     assert result.plan.gloss.noise < result.estimated.error < 7.0
     assert result.actual.error < result.estimated.error
     assert result.actual.refined_noise > 1.0
+
+
+@pytest.mark.parametrize("label", ["try lobes", "trace lobes", "check against a refined solution"])
+def test_progress_is_told_while_lobes_are_tried_traced_and_checked(noisy, label):
+    shares = [share for one, share in noisy[1] if one == label]
+    assert len(shares) >= 4
+    assert shares == sorted(shares)
+    assert shares[-1] <= 1.0
+
+
+def test_the_number_of_rays_that_were_sent_is_that_of_the_plan_or_more(noisy):
+    result, _ = noisy
+    assert result.as_json()["actual"]["lobe_rays"] >= result.plan.gloss.rays >= 32
 
 
 def test_a_smaller_tolerance_takes_the_rays_that_its_noise_needs():
@@ -67,7 +89,7 @@ def lobes_at(tolerance):
     scene = with_gloss(SURFACES["paper-room"].build(), 0.5, 0.2, (0.3,))
     made = plan(scene.as_matte, 8.0, "projector")
     allowed = NOISE_SHARE * tolerance
-    summary = summary_of_gloss(scene, made, 1000.0, allowed)
+    summary = summary_of_gloss(scene, made, memory_mb=1000.0, allowed=allowed)
     return lobes_for(summary, gloss_of_cells(made.cells, scene.surface, scene.gloss), allowed, tolerance)
 
 
@@ -81,6 +103,39 @@ def test_noise_beyond_what_is_allowed_is_refused(monkeypatch):
     request = SimulationRequest(scene="paper-room", tolerance=5.0, reflectance=(0.3,), gloss=0.5, roughness=0.2)
     with pytest.raises(UsageError, match=r"5 % with gloss: .* noise, 2.1 % is allowed; try a tolerance of"):
         run_simulate(request, silent)
+
+
+def test_a_limit_of_time_counts_the_lobes(monkeypatch):
+    request = {"scene": "corner", "reflectance": (0.5,), "gloss": 0.2, "roughness": 0.2, "light": "floor"}
+    cheap, dear = (limited(monkeypatch, pair_s, **request) for pair_s in (1e-9, 3e-5))
+    assert cheap.plan.gloss.needed
+    assert dear.plan.patches < cheap.plan.patches
+    assert max(cheap.estimated.seconds, dear.estimated.seconds) < 2.0
+
+
+def limited(monkeypatch, pair_s, **request):
+    """Planned for 2 s, where a pair of rays is expected to take so long, on a clock that stands still."""
+    monkeypatch.setattr("sim.planning.gloss.PAIR_S", pair_s)
+    monkeypatch.setattr("sim.planning.time_limit.time.perf_counter", lambda: 0.0)
+    monkeypatch.setattr("sim.planning.time_limit.FINEST_PERCENT", 1.0)
+    return plan_simulation(SimulationRequest(tolerance=1.0, seconds=2.0, **request), silent)[1]
+
+
+def test_a_time_that_the_lobes_alone_would_take_is_refused_with_what_all_would_take(monkeypatch):
+    monkeypatch.setattr("sim.planning.gloss.PAIR_S", 0.1)
+    request = SimulationRequest(
+        scene="corner", tolerance=1.0, seconds=5.0, reflectance=(0.5,), gloss=0.2, roughness=0.2, light="floor"
+    )
+    with pytest.raises(UsageError, match=r"16 % takes about .* s of it for the lobes of gloss, the limit is 5 s"):
+        run_simulate(request, silent)
+
+
+def test_lobes_are_tried_in_the_light_of_the_projector_that_was_placed(monkeypatch):
+    tried = []
+    monkeypatch.setattr("rig.offline.gloss.plan", lambda *given, **_: tried.append(given[2]) or plan(*given))
+    placed = PlacedProjector(position_m=(0.5, 0.5, 0.5), look_at_m=(0.2, 0.2, 0.0))
+    simulated(reflectance=(0.5,), gloss=0.2, roughness=0.3, projector=placed, tolerance=8.0)
+    assert tried == [placed]
 
 
 def test_colours_have_one_solve_each_under_gloss_too():

@@ -104,10 +104,17 @@ def test_very_many_facets_are_simplified_as_far_as_the_tolerance_allows(tmp_path
     monkeypatch.setattr(simplified_plan, "PLANNED_AS_THEY_ARE", 3_000)
     monkeypatch.setattr(simplified_plan, "COARSEST", 500)
     scene, facets = ball_file(tmp_path, 6_000)
+    told = {}
+
+    def on_step(label, done, total):
+        told.setdefault(label, []).append(done / total)
+
     coarse, fine = (
-        run_simulate(SimulationRequest(scene=scene, tolerance=tolerance, light="uniform", reflectance=(0.6,)), silent)
+        run_simulate(SimulationRequest(scene=scene, tolerance=tolerance, light="uniform", reflectance=(0.6,)), on_step)
         for tolerance in (8.0, 2.5)
     )
+    assert told["simplify the mesh"][:3] == [0.0, 0.5, 1.0]
+    assert told["hold it against all facets"][:4] == [0.0, 0.7, 0.9, 1.0]
     assert coarse.mesh.file_facets == facets.n_facets
     assert coarse.mesh.facets < 1_000 < fine.plan.patches
     assert coarse.estimated.error <= 8.0

@@ -136,9 +136,11 @@ def test_many_patches_share_their_rays_and_the_cost_grows_with_them():
     few, many = (Gloss(np.full(n, 0.1), np.full(n, 0.3)) for n in (100, 1_000_000))
     assert rays_each(few, RAYS) == RAYS
     assert rays_each(many, RAYS) == FEWEST_RAYS
-    assert gloss_cost(few, 256).seconds < gloss_cost(many, 32).seconds
-    assert gloss_cost(few, 256).peak_mb < gloss_cost(many, 32).peak_mb
-    assert gloss_cost(few, 256).seconds < gloss_cost(few, 4096).seconds
+    everywhere, placed = (make_test_lighting(name, coarsest_patches(ROOM)) for name in ("uniform", "projector"))
+    assert gloss_cost(few, 256, everywhere).seconds < gloss_cost(many, 32, everywhere).seconds
+    assert gloss_cost(few, 256, everywhere).peak_mb < gloss_cost(many, 32, everywhere).peak_mb
+    assert gloss_cost(few, 256, everywhere).seconds < gloss_cost(few, 4096, everywhere).seconds
+    assert gloss_cost(few, 256, everywhere).seconds < gloss_cost(few, 256, placed).seconds
 
 
 def test_a_gloss_above_what_patches_reflect_in_all_is_refused():

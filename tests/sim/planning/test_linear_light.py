@@ -70,7 +70,7 @@ def test_even_light_in_a_closed_surface_varies_nowhere():
     senders = Senders.even(sphere, np.ones(sphere.n_patches))
     seen = variation_within(sphere, np.arange(sphere.n_patches), senders, rays=8, stream=1)
     assert seen.beside_constant == pytest.approx(0, abs=1e-20)
-    assert seen.shifts == pytest.approx(0, abs=1e-12)
+    assert seen.pieces[0] == pytest.approx(0, abs=1e-12)
 
 
 def test_senders_with_slopes_send_what_they_have_where_rays_meet_them():
