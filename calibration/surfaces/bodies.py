@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -14,16 +16,17 @@ _CLOSE = 1e-3
 """Of the room's size, between a back and its front, or the wall behind it: rays have to tell them apart."""
 _TOUCHING = 0.01
 """Of the room's size: corners of two sides of a box are a few millimetres apart, two things a hand's breadth."""
+_UPRIGHT = 0.5
+"""Of a normal, its upward share at most: walls, screens and sides of boxes stand, tops lie."""
 
 
-def as_deep_as_wide(
+def guesses_of_backs(
     vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, flat: BoolArray, box: RoomBox
-) -> FloatArray:
-    """Put the backs of things behind their fronts as far as these are wide, or as far as the next wall.
+) -> list[FloatArray]:
+    """Return where the backs of things may be: those of bodies as deep as wide, and those of upright fronts, too.
 
-    Columns, vases and boxes are about as deep as they are wide. What they hide from both devices lies behind them, away
-    from the middle between the two. A flat part that touches no other is a screen or a table's top: its back stays
-    close behind.
+    Columns, vases and boxes are about as deep as they are wide. An upright flat part that touches no other is a screen,
+    or the one side of a column that is seen: light has to tell. One that lies is a table's top, and stays thin.
 
     Parameters
     ----------
@@ -40,20 +43,55 @@ def as_deep_as_wide(
 
     Returns
     -------
+    list of (V, 3)
+        Corners of the backs, a guess each; none where all are tops. [m]
+    """
+    thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))[part]
+    bodies, fronts = set(), set()
+    for one in np.unique(thing):
+        mine = thing == one
+        if len(np.unique(part[mine])) > 1 or not flat[part[mine]].all():
+            bodies.add(int(one))
+        elif _is_upright(vertices_m[triangles[mine]]):
+            fronts.add(int(one))
+    guesses = [some for some in (bodies, bodies | fronts if fronts else set()) if some]
+    return [as_deep_as_wide(vertices_m, triangles, thing, deep=deep, box=box) for deep in guesses]
+
+
+def as_deep_as_wide(
+    vertices_m: FloatArray, triangles: IntArray, thing: IntArray, *, deep: Collection[int], box: RoomBox
+) -> FloatArray:
+    """Put the backs of some things behind their fronts as far as these are wide, or as far as the next wall.
+
+    What they hide from both devices lies behind them, away from the middle between the two.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3)
+        Corners of the fronts, in the room. [m]
+    triangles : (T, 3) int
+        Corners of each triangle.
+    thing : (T,) int
+        That each belongs to.
+    deep
+        Of the things, those that go on; the backs of others stay close behind.
+    box : RoomBox
+        The room, and the devices in it.
+
+    Returns
+    -------
     (V, 3)
         Corners of the backs. [m]
     """
     behind = vertices_m.copy()
     from_m = (box.camera.position_m + box.projector.position_m) / 2
     close_m = _CLOSE * max(box.size_m)
-    thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))
-    for one in np.unique(thing[part]):
-        mine = np.unique(triangles[thing[part] == one])
-        is_sheet = bool(flat[thing == one].all() and (thing == one).sum() == 1)
+    for one in np.unique(thing):
+        mine = np.unique(triangles[thing == one])
         away = vertices_m[mine].mean(axis=0) - from_m
         away[2] = 0.0
         away /= max(float(np.linalg.norm(away)), float(np.finfo(np.float64).tiny))
-        wide_m = 0.0 if is_sheet else float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0)))
+        wide_m = float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0))) if one in deep else 0.0
         depth_m = np.clip(_to_wall_m(vertices_m[mine], away, box) - close_m, close_m, max(wide_m, close_m))
         behind[mine] = vertices_m[mine] + depth_m[:, None] * away
     return behind
@@ -77,6 +115,13 @@ def rim_of(triangles: IntArray) -> tuple[IntArray, IntArray]:
     _, first, count = np.unique(low * (int(sides.max(initial=0)) + 1) + high, return_index=True, return_counts=True)
     alone = np.sort(first[count == 1])
     return sides[alone], alone % len(triangles)
+
+
+def _is_upright(corners_m: FloatArray) -> bool:
+    """Whether triangles (T, 3, 3) stand rather than lie."""
+    a, b, c = corners_m.swapaxes(0, 1)
+    normal = np.cross(b - a, c - a).sum(axis=0)
+    return bool(abs(normal[2]) < _UPRIGHT * np.linalg.norm(normal))
 
 
 def _to_wall_m(points_m: FloatArray, away: FloatArray, box: RoomBox) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,8 +80,8 @@ def fitted_room(
 
 def chosen_room(
     light: SplitLight, room: Callable[[StandingRecord | None], BareRoom], found: FoundStanding | None
-) -> tuple[FittedRoom, FittedRoom | None]:
-    """Return the room whose guesses of what nobody saw explain the light best, and one with the other guess of backs.
+) -> tuple[FittedRoom, tuple[FittedRoom, ...]]:
+    """Return the room whose guesses of what nobody saw explain the light best, and those with other guesses of backs.
 
     Parameters
     ----------
@@ -89,19 +90,17 @@ def chosen_room(
     room
         Makes a room of what stands in it.
     found
-        That; None in a box. The other guess is None there, too, and of a known mesh, which has backs of its own.
+        That; None in a box. There are no other guesses there, nor of a known mesh, which has backs of its own.
     """
     fitted = fitted_room(light, room, None if found is None else found.record)
-    if found is None or fitted.standing is None:
-        return fitted, None
+    if found is None:
+        return fitted, ()
     if found.carried_on is not None:
         fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
-    deep = None if fitted.standing is None else found.with_deep_backs(fitted.standing)
-    if deep is None:
-        return fitted, None
-    body = fitted_room(light, room, deep)
-    taken = better_explained(fitted, body)
-    return taken, fitted if taken is body else body
+    standing = fitted.standing or found.record
+    guesses = [fitted, *(fitted_room(light, room, other) for other in found.with_other_backs(standing))]
+    taken = reduce(better_explained, guesses)
+    return taken, tuple(one for one in guesses if one is not taken)
 
 
 def better_explained(seen: FittedRoom, guessed: FittedRoom) -> FittedRoom:
