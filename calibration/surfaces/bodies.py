@@ -16,6 +16,8 @@ _CLOSE = 1e-3
 """Of the room's size, between a back and its front, or the wall behind it: rays have to tell them apart."""
 _TOUCHING = 0.01
 """Of the room's size: corners of two sides of a box are a few millimetres apart, two things a hand's breadth."""
+_LEAST_WIDE = 0.2
+"""Of a front, what its back has at least of its width and height: a point is no surface."""
 _UPRIGHT = 0.5
 """Of a normal, its upward share at most: walls, screens and sides of boxes stand, tops lie."""
 
@@ -61,9 +63,10 @@ def guesses_of_backs(
 def as_deep_as_wide(
     vertices_m: FloatArray, triangles: IntArray, thing: IntArray, *, deep: Collection[int], box: RoomBox
 ) -> FloatArray:
-    """Put the backs of some things behind their fronts as far as these are wide, or as far as the next wall.
+    """Let some things reach as far back from their nearest point as they are wide, or to the next wall.
 
-    What they hide from both devices lies behind them, away from the middle between the two.
+    What they hide from both devices lies behind them, away from the middle between the two: no part of a back may be
+    where a device looks past the front.
 
     Parameters
     ----------
@@ -84,17 +87,43 @@ def as_deep_as_wide(
         Corners of the backs. [m]
     """
     behind = vertices_m.copy()
-    from_m = (box.camera.position_m + box.projector.position_m) / 2
+    devices_m = np.stack([box.camera.position_m, box.projector.position_m])
     close_m = _CLOSE * max(box.size_m)
     for one in np.unique(thing):
         mine = np.unique(triangles[thing == one])
-        away = vertices_m[mine].mean(axis=0) - from_m
+        front_m = vertices_m[mine]
+        away = front_m.mean(axis=0) - devices_m.mean(axis=0)
         away[2] = 0.0
         away /= max(float(np.linalg.norm(away)), float(np.finfo(np.float64).tiny))
-        wide_m = float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0))) if one in deep else 0.0
-        depth_m = np.clip(_to_wall_m(vertices_m[mine], away, box) - close_m, close_m, max(wide_m, close_m))
-        behind[mine] = vertices_m[mine] + depth_m[:, None] * away
+        # Along the view, across it, and upwards.
+        axes = np.stack([away, (-away[1], away[0], 0.0), (0.0, 0.0, 1.0)])
+        wide_m = float(np.ptp(front_m @ axes[1])) if one in deep else 0.0
+        most_m = np.maximum(_to_wall_m(front_m, away, box) - close_m, close_m)
+        depth_m = np.stack([np.full_like(most_m, close_m), most_m])
+        behind[mine] = _hidden_behind(front_m @ axes.T, devices_m @ axes.T, wide_m, depth_m) @ axes
     return behind
+
+
+def _hidden_behind(front_m: FloatArray, devices_m: FloatArray, reach_m: float, depth_m: FloatArray) -> FloatArray:
+    """(N, 3) corners of a back along, across and up, behind a front (N, 3) that reaches so far from its nearest point.
+
+    How far each may be behind its own corner, least and most, is `depth_m` (2, N). A ray from a device (2, 3) to a
+    place t of the front's distance behind it passes the front where it does; a back is as much narrower as that asks.
+    """
+    nearest_m = float(front_m[:, 0].min())
+    distance_m = np.maximum(nearest_m - devices_m[:, 0], depth_m[0, 0])
+    behind_m = np.clip(nearest_m + reach_m - front_m[:, 0], *depth_m)
+    found = front_m + behind_m[:, None] * (1.0, 0.0, 0.0)
+    beyond = behind_m[:, None] / distance_m
+    for axis in (1, 2):
+        low, high = front_m[:, axis].min(), front_m[:, axis].max()
+        ends = np.stack([low + beyond * (low - devices_m[:, axis]), high + beyond * (high - devices_m[:, axis])])
+        first, last = np.maximum(ends[0].max(axis=1), low), np.minimum(ends[1].min(axis=1), high)
+        least = _LEAST_WIDE * (high - low) / 2
+        middle = (first + last) / 2
+        first, last = np.minimum(first, middle - least), np.maximum(last, middle + least)
+        found[:, axis] = first + (front_m[:, axis] - low) / max(high - low, depth_m[0, 0]) * (last - first)
+    return np.asarray(found)
 
 
 def things_of(

@@ -164,7 +164,9 @@ def _modelled(
     return bands, _scene_models(session, fitted.geometry, surfaces, fitted.gains)
 
 
-def _sigma_of_backs(models: list[SceneModel], others: list[SceneModel], rooms: tuple[FittedRoom, FittedRoom]) -> FloatArray:
+def _sigma_of_backs(
+    models: list[SceneModel], others: list[SceneModel], rooms: tuple[FittedRoom, FittedRoom]
+) -> FloatArray:
     """(H, W, B) relative deviation of global light by another guess of the backs of things; rooms: taken, and not."""
     chances = probabilities(*rooms)
     return np.stack([sigma_of_backs(*one) for one in zip(models, others, chances, strict=True)], axis=-1)

@@ -1,4 +1,4 @@
-"""What light would do with another guess of what nobody saw of things: part of the deviation of all that rests on it."""
+"""What light would do with other guesses of what nobody saw of things: part of what is not known of it."""
 
 from __future__ import annotations
 

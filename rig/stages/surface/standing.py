@@ -102,12 +102,8 @@ class FoundStanding:
         if self.box is None or not record.triangles:
             return ()
         vertices, triangles = np.array(record.vertices_m), np.array(record.triangles)
-        guesses = guesses_of_backs(
-            vertices, triangles, np.array(record.part), flat=np.array(record.flat), box=self.box
-        )
-        return tuple(
-            replace(record, backs_m=tuple((x, y, z) for x, y, z in backs_m.tolist())) for backs_m in guesses
-        )
+        guesses = guesses_of_backs(vertices, triangles, np.array(record.part), flat=np.array(record.flat), box=self.box)
+        return tuple(replace(record, backs_m=tuple((x, y, z) for x, y, z in backs_m.tolist())) for backs_m in guesses)
 
 
 def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> FoundStanding | None:
