@@ -64,7 +64,7 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
 def _sides(
     vertices_m: FloatArray, behind_m: FloatArray, triangles: NDArray[np.intp]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return (S, 4, 3) triangles between the rims of fronts and backs, and (S,) the front's triangle that each is of."""
+    """Return (S, 4, 3) triangles between rims of fronts and backs, and (S,) the front's triangle that each is of."""
     rim, owner = rim_of(triangles)
     (a, b), (c, d) = (corners[rim].swapaxes(0, 1) for corners in (vertices_m, behind_m))
     sides = np.concatenate([np.stack([b, a, c, c], axis=1), np.stack([b, c, d, d], axis=1)])

@@ -52,7 +52,7 @@ def test_a_body_whose_depth_is_seen_is_no_deeper_than_wide():
 @pytest.mark.parametrize("aside_m", [-0.9, 0.0, 0.9])
 @pytest.mark.parametrize("bottom_m", [0.0, 0.5, 1.6])
 def test_no_back_is_where_a_device_looks_past_the_front(aside_m, bottom_m):
-    corners = front(3.0) + (aside_m, 0.0, bottom_m - 0.5)
+    corners = front(3.0) + np.array([aside_m, 0.0, bottom_m - 0.5])
     (backs_m,) = guesses(corners)
     for device_m in (BOX.camera.position_m, BOX.projector.position_m):
         through = device_m + (backs_m - device_m) * (3.0 - device_m[1]) / (backs_m[:, 1:2] - device_m[1])
@@ -79,7 +79,8 @@ def test_a_flat_part_alone_that_lies_is_a_top_and_stays_thin():
 
 def test_beside_a_body_a_front_is_thin_in_one_guess_and_deep_in_the_other():
     # Two panes that touch are of one box; the square at the left stands alone.
-    squares = [front(3.0) - (1.2, 0, 0), front(3.0), front(3.0) + (0.602, 0, 0)]
+    pane_m = np.array([0.602, 0.0, 0.0])
+    squares = [front(3.0) - 2 * pane_m, front(3.0), front(3.0) + pane_m]
     screen, column = guesses(np.concatenate(squares), flat=[True] * 3)
     depth_m = [np.linalg.norm(backs_m - np.concatenate(squares), axis=1) for backs_m in (screen, column)]
     assert depth_m[0][:4].max() < 0.01
