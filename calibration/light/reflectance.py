@@ -49,6 +49,9 @@ _DIRECT_ERROR = 0.018
 """Relative standard deviation of a patch's mean direct light: what is not seen of it differs from what is."""
 _ITERATIONS = 60
 """Of the light's way to and fro: at a mean reflectance of 0.8 what is left after them is 1e-6."""
+_SETTLED = 1e-8
+"""Of the most light that arrives anywhere: what one more way to and fro may change when they end. Slopes are taken over
+steps of 1e-3, so that they are true to 1e-5."""
 
 
 class ReflectanceSource(IntEnum):
@@ -279,7 +282,9 @@ class _Room:
                 own = global_light / np.maximum(self.seen_from @ arriving, 1e-12)
                 rho = np.where(global_only, np.clip(own, LEAST_REFLECTANCE, MOST_REFLECTANCE), rho)
             radiosity = rho * (lighting + arriving)
-            arriving = self.form_factors @ radiosity
+            before, arriving = arriving, self.form_factors @ radiosity
+            if np.abs(arriving - before).max() <= _SETTLED * arriving.max():
+                break
         return rho, np.asarray(self.seen_from @ arriving)
 
     def fit(self, z: FloatArray, covariance: FloatArray) -> ReflectanceFit:

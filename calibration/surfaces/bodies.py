@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
@@ -14,16 +16,19 @@ _CLOSE = 1e-3
 """Of the room's size, between a back and its front, or the wall behind it: rays have to tell them apart."""
 _TOUCHING = 0.01
 """Of the room's size: corners of two sides of a box are a few millimetres apart, two things a hand's breadth."""
+_LEAST_WIDE = 0.2
+"""Of a front, what its back has at least of its width and height: a point is no surface."""
+_UPRIGHT = 0.5
+"""Of a normal, its upward share at most: walls, screens and sides of boxes stand, tops lie."""
 
 
-def as_deep_as_wide(
+def guesses_of_backs(
     vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, flat: BoolArray, box: RoomBox
-) -> FloatArray:
-    """Put the backs of things behind their fronts as far as these are wide, or as far as the next wall.
+) -> list[FloatArray]:
+    """Return where the backs of things may be: those of bodies as deep as wide, and those of upright fronts, too.
 
-    Columns, vases and boxes are about as deep as they are wide. What they hide from both devices lies behind them, away
-    from the middle between the two. A flat part that touches no other is a screen or a table's top: its back stays
-    close behind.
+    Columns, vases and boxes are about as deep as they are wide. An upright flat part that touches no other is a screen,
+    or the one side of a column that is seen: light has to tell. One that lies is a table's top, and stays thin.
 
     Parameters
     ----------
@@ -40,23 +45,85 @@ def as_deep_as_wide(
 
     Returns
     -------
+    list of (V, 3)
+        Corners of the backs, a guess each; none where all are tops. [m]
+    """
+    thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))[part]
+    bodies, fronts = set(), set()
+    for one in np.unique(thing):
+        mine = thing == one
+        if len(np.unique(part[mine])) > 1 or not flat[part[mine]].all():
+            bodies.add(int(one))
+        elif _is_upright(vertices_m[triangles[mine]]):
+            fronts.add(int(one))
+    guesses = [some for some in (bodies, bodies | fronts if fronts else set()) if some]
+    return [as_deep_as_wide(vertices_m, triangles, thing, deep=deep, box=box) for deep in guesses]
+
+
+def as_deep_as_wide(
+    vertices_m: FloatArray, triangles: IntArray, thing: IntArray, *, deep: Collection[int], box: RoomBox
+) -> FloatArray:
+    """Let some things reach as far back from their nearest point as they are wide, or to the next wall.
+
+    What they hide from both devices lies behind them, away from the middle between the two: no part of a back may be
+    where a device looks past the front.
+
+    Parameters
+    ----------
+    vertices_m : (V, 3)
+        Corners of the fronts, in the room. [m]
+    triangles : (T, 3) int
+        Corners of each triangle.
+    thing : (T,) int
+        That each belongs to.
+    deep
+        Of the things, those that go on; the backs of others stay close behind.
+    box : RoomBox
+        The room, and the devices in it.
+
+    Returns
+    -------
     (V, 3)
         Corners of the backs. [m]
     """
     behind = vertices_m.copy()
-    from_m = (box.camera.position_m + box.projector.position_m) / 2
+    devices_m = np.stack([box.camera.position_m, box.projector.position_m])
     close_m = _CLOSE * max(box.size_m)
-    thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))
-    for one in np.unique(thing[part]):
-        mine = np.unique(triangles[thing[part] == one])
-        is_sheet = bool(flat[thing == one].all() and (thing == one).sum() == 1)
-        away = vertices_m[mine].mean(axis=0) - from_m
+    for one in np.unique(thing):
+        mine = np.unique(triangles[thing == one])
+        front_m = vertices_m[mine]
+        away = front_m.mean(axis=0) - devices_m.mean(axis=0)
         away[2] = 0.0
         away /= max(float(np.linalg.norm(away)), float(np.finfo(np.float64).tiny))
-        wide_m = 0.0 if is_sheet else float(np.ptp(vertices_m[mine] @ (-away[1], away[0], 0.0)))
-        depth_m = np.clip(_to_wall_m(vertices_m[mine], away, box) - close_m, close_m, max(wide_m, close_m))
-        behind[mine] = vertices_m[mine] + depth_m[:, None] * away
+        # Along the view, across it, and upwards.
+        axes = np.stack([away, (-away[1], away[0], 0.0), (0.0, 0.0, 1.0)])
+        wide_m = float(np.ptp(front_m @ axes[1])) if one in deep else 0.0
+        most_m = np.maximum(_to_wall_m(front_m, away, box) - close_m, close_m)
+        depth_m = np.stack([np.full_like(most_m, close_m), most_m])
+        behind[mine] = _hidden_behind(front_m @ axes.T, devices_m @ axes.T, wide_m, depth_m) @ axes
     return behind
+
+
+def _hidden_behind(front_m: FloatArray, devices_m: FloatArray, reach_m: float, depth_m: FloatArray) -> FloatArray:
+    """(N, 3) corners of a back along, across and up, behind a front (N, 3) that reaches so far from its nearest point.
+
+    How far each may be behind its own corner, least and most, is `depth_m` (2, N). A ray from a device (2, 3) to a
+    place t of the front's distance behind it passes the front where it does; a back is as much narrower as that asks.
+    """
+    nearest_m = float(front_m[:, 0].min())
+    distance_m = np.maximum(nearest_m - devices_m[:, 0], depth_m[0, 0])
+    behind_m = np.clip(nearest_m + reach_m - front_m[:, 0], *depth_m)
+    found = front_m + behind_m[:, None] * (1.0, 0.0, 0.0)
+    beyond = behind_m[:, None] / distance_m
+    for axis in (1, 2):
+        low, high = front_m[:, axis].min(), front_m[:, axis].max()
+        ends = np.stack([low + beyond * (low - devices_m[:, axis]), high + beyond * (high - devices_m[:, axis])])
+        first, last = np.maximum(ends[0].max(axis=1), low), np.minimum(ends[1].min(axis=1), high)
+        least = _LEAST_WIDE * (high - low) / 2
+        middle = (first + last) / 2
+        first, last = np.minimum(first, middle - least), np.maximum(last, middle + least)
+        found[:, axis] = first + (front_m[:, axis] - low) / max(high - low, depth_m[0, 0]) * (last - first)
+    return np.asarray(found)
 
 
 def things_of(
@@ -77,6 +144,13 @@ def rim_of(triangles: IntArray) -> tuple[IntArray, IntArray]:
     _, first, count = np.unique(low * (int(sides.max(initial=0)) + 1) + high, return_index=True, return_counts=True)
     alone = np.sort(first[count == 1])
     return sides[alone], alone % len(triangles)
+
+
+def _is_upright(corners_m: FloatArray) -> bool:
+    """Whether triangles (T, 3, 3) stand rather than lie."""
+    a, b, c = corners_m.swapaxes(0, 1)
+    normal = np.cross(b - a, c - a).sum(axis=0)
+    return bool(abs(normal[2]) < _UPRIGHT * np.linalg.norm(normal))
 
 
 def _to_wall_m(points_m: FloatArray, away: FloatArray, box: RoomBox) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -30,7 +30,7 @@ from rig.stages.light.fit import (
     bare_room,
     lit_pixels,
 )
-from rig.stages.light.other_backs import probability_of, sigma_of_backs
+from rig.stages.light.other_backs import probabilities, sigma_of_backs, with_other_guesses
 from rig.stages.light.records import BandModel, CameraModel, ModelRecord, ProjectorModel
 from rig.stages.light.unseen_walls import PlacedByLight, SeenInWhite, place_unseen_walls, shift_of, unmeasured_axes
 from rig.stages.maps.uncertainty import SMOOTHING_SHARE, LightUncertainty, light_uncertainty
@@ -104,7 +104,7 @@ def model_settings(session: Session) -> JsonObject:
         **known_settings(profile),
         "patches": "finer where something stands",
         **(
-            {"backs": "close behind, or things as deep as wide; told by sigma"}
+            {"backs": "close behind, or bodies as deep as wide, or fronts, too; the best explained; told by all sigmas"}
             if profile.surface.kind == "free"
             else {}
         ),
@@ -136,7 +136,8 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     on_step("build model", 1, 4)
     room = partial(bare_room, measured, session.profile.room.patch_size_m, shift_of(placed))
     light = SplitLight(bands=bands, lit=lit, border=border, projector_xy_px=projector_xy_px)
-    fitted, other = chosen_room(light, room, found)
+    fitted, others = chosen_room(light, room, found)
+    fitted = with_other_guesses(fitted, others)
     if fitted.standing is not None:
         step.save_record("standing", fitted.standing)
     on_step("build model", 3, 4)
@@ -145,8 +146,9 @@ def build_model(session: Session, step: Step, on_step: OnStep) -> None:
     of_white = [_of_white(scene_model, one, lit, border) for scene_model, one in zip(models, bands, strict=True)]
     gains, ratios = [gain for gain, _ in of_white], [ratio for _, ratio in of_white]
     maps = layers("gain", np.stack(gains, axis=-1)) | layers("global_gain", np.stack(ratios, axis=-1))
-    if other is not None:
-        maps |= layers("unseen", _sigma_of_backs(models, _modelled(session, light, other)[1], (fitted, other)))
+    if others:
+        apart = [_sigma_of_backs(models, _modelled(session, light, other)[1], (fitted, other)) for other in others]
+        maps |= layers("unseen", np.linalg.norm(apart, axis=0))
     step.save_image("direct-gain", {**maps, "lit": lit.astype(np.float32)}, folder="maps")
     record = _record(session.profile, fitted.vignetting, fits, bands=band_models, lit=lit)
     step.save_record("model", replace(record, placed=placed))
@@ -162,10 +164,11 @@ def _modelled(
     return bands, _scene_models(session, fitted.geometry, surfaces, fitted.gains)
 
 
-def _sigma_of_backs(models: list[SceneModel], others: list[SceneModel], rooms: Sequence[FittedRoom]) -> FloatArray:
+def _sigma_of_backs(
+    models: list[SceneModel], others: list[SceneModel], rooms: tuple[FittedRoom, FittedRoom]
+) -> FloatArray:
     """(H, W, B) relative deviation of global light by another guess of the backs of things; rooms: taken, and not."""
-    fits = zip(*(room.fits for room in rooms), strict=True)
-    chances = [probability_of(other.usual_misfit, taken.usual_misfit) for taken, other in fits]
+    chances = probabilities(*rooms)
     return np.stack([sigma_of_backs(*one) for one in zip(models, others, chances, strict=True)], axis=-1)
 
 

@@ -24,8 +24,8 @@ FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 
 _CLEARLY = 0.9
-"""Of the global light that is left unexplained, what may be left at most with parts carried on, or backs, that nobody
-saw: in the simulated `l-room`, where parts go on, 0.3 to 0.7; in random world 113, whose columns are deep, 0.71."""
+"""Of the global light that is left unexplained, what may be left at most with parts carried on that nobody saw: in the
+simulated `l-room`, where parts go on, 0.3 to 0.7."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -79,8 +79,8 @@ def fitted_room(
 
 def chosen_room(
     light: SplitLight, room: Callable[[StandingRecord | None], BareRoom], found: FoundStanding | None
-) -> tuple[FittedRoom, FittedRoom | None]:
-    """Return the room whose guesses of what nobody saw explain the light best, and one with the other guess of backs.
+) -> tuple[FittedRoom, tuple[FittedRoom, ...]]:
+    """Return the room whose guesses of what nobody saw explain the light best, and those with other guesses of backs.
 
     Parameters
     ----------
@@ -89,19 +89,18 @@ def chosen_room(
     room
         Makes a room of what stands in it.
     found
-        That; None in a box. The other guess is None there, too, and of a known mesh, which has backs of its own.
+        That; None in a box. There are no other guesses there, nor of a known mesh, which has backs of its own.
     """
     fitted = fitted_room(light, room, None if found is None else found.record)
-    if found is None or fitted.standing is None:
-        return fitted, None
+    if found is None:
+        return fitted, ()
     if found.carried_on is not None:
         fitted = better_explained(fitted, fitted_room(light, room, found.carried_on))
-    deep = None if fitted.standing is None else found.with_deep_backs(fitted.standing)
-    if deep is None:
-        return fitted, None
-    body = fitted_room(light, room, deep)
-    taken = better_explained(fitted, body)
-    return taken, fitted if taken is body else body
+    standing = fitted.standing or found.record
+    guesses = [fitted, *(fitted_room(light, room, other) for other in found.with_other_backs(standing))]
+    # That a thing has depth is as likely beforehand as that it has none: the one that explains more is taken.
+    taken = min(guesses, key=lambda one: one.unexplained)
+    return taken, tuple(one for one in guesses if one is not taken)
 
 
 def better_explained(seen: FittedRoom, guessed: FittedRoom) -> FittedRoom:

@@ -1,10 +1,16 @@
-"""What light would do with another guess of what nobody saw of things: part of a predicted picture's deviation."""
+"""What light would do with other guesses of what nobody saw of things: part of what is not known of it."""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import partial, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.light.reflectance import ReflectanceFit, ReflectanceSource
+from rig.stages.light.choice import FittedRoom
 from rig.stages.scene_model import SceneModel, camera_view
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +34,51 @@ def probability_of(other_misfit: float, misfit: float) -> float:
     """
     costs = [_INDEPENDENT * np.log(one**2 + _LEAST_MISFIT**2) for one in (misfit, other_misfit)]
     return float(1 / (1 + np.exp(np.clip((costs[1] - costs[0]) / 2, -50, 50))))
+
+
+def probabilities(taken: FittedRoom, other: FittedRoom) -> list[float]:
+    """Return how likely the other room is than the one taken, of both, in each band."""
+    pairs = zip(other.fits, taken.fits, strict=True)
+    return [probability_of(one.usual_misfit, mine.usual_misfit) for one, mine in pairs]
+
+
+def with_other_guesses(taken: FittedRoom, others: Iterable[FittedRoom]) -> FittedRoom:
+    """Return the room with what other guesses make of its reflectances and flux in their standard deviations."""
+    return replace(taken, fits=reduce(partial(_with_other, taken), others, taken.fits))
+
+
+def _with_other(taken: FittedRoom, known: list[ReflectanceFit], other: FittedRoom) -> list[ReflectanceFit]:
+    fits = zip(known, other.fits, probabilities(taken, other), strict=True)
+    return [known_as_well_as(*one) for one in fits]
+
+
+def known_as_well_as(taken: ReflectanceFit, other: ReflectanceFit, probability: float) -> ReflectanceFit:
+    """Return a fit whose standard deviations reach for what another guess of the room says.
+
+    Patches of the two rooms are not the same ones, so reflectances are taken to differ as their means do, of what is
+    lit and seen, of what is only seen, and of what is neither: what a guess changes is how much light comes back, and
+    by that the flux, which all lit patches share.
+
+    Parameters
+    ----------
+    taken, other
+        Of the two rooms.
+    probability
+        Of the other one.
+    """
+    share = np.sqrt(max(probability, _EVEN))
+    variance = taken.sigma**2
+    for source in ReflectanceSource:
+        mine, others = (fit.reflectance[fit.source == source] for fit in (taken, other))
+        if mine.size and others.size:
+            ratio = others.mean() / max(float(mine.mean()), _NO_LIGHT)
+            variance[taken.source == source] += (share * (ratio - 1) * mine) ** 2
+    return replace(
+        taken,
+        sigma=np.sqrt(variance),
+        flux_sigma=float(np.hypot(taken.flux_sigma, share * (other.flux - taken.flux))),
+        unseen_sigma=float(np.hypot(taken.unseen_sigma, share * (other.unseen_reflectance - taken.unseen_reflectance))),
+    )
 
 
 def sigma_of_backs(taken: SceneModel, other: SceneModel, probability: float) -> FloatArray:

@@ -46,13 +46,8 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
         behind = vertices - _BACK_SHARE * max(geometry.surface.size_m) * _normals(vertices, triangles)
         if standing.backs_m is not None:
             behind = np.array(standing.backs_m)
-            rim, owner = rim_of(triangles)
-            a, b = vertices[rim].swapaxes(0, 1)
-            wide = np.linalg.norm(np.cross(b - a, behind[rim[:, 0]] - a), axis=1) > _NO_AREA_M2
-            rim, owner = rim[wide], owner[wide]
-            corners.append(
-                np.stack([vertices[rim[:, 1]], vertices[rim[:, 0]], behind[rim[:, 0]], behind[rim[:, 1]]], 1)
-            )
+            sides, owner = _sides(vertices, behind, triangles)
+            corners.append(sides)
             region.append(first + n_parts + part[owner])
         corners.append(behind[triangles[:, ::-1]][:, [0, 1, 2, 2]])
         region.append(first + n_parts + part)
@@ -64,6 +59,18 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
         reflectance=np.full(len(fine.region) + sum(len(some) for some in region), 0.5),
         region=np.concatenate([fine.region, *region]),
     )
+
+
+def _sides(
+    vertices_m: FloatArray, behind_m: FloatArray, triangles: NDArray[np.intp]
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return (S, 4, 3) triangles between rims of fronts and backs, and (S,) the front's triangle that each is of."""
+    rim, owner = rim_of(triangles)
+    (a, b), (c, d) = (corners[rim].swapaxes(0, 1) for corners in (vertices_m, behind_m))
+    sides = np.concatenate([np.stack([b, a, c, c], axis=1), np.stack([b, c, d, d], axis=1)])
+    double_m2 = np.linalg.norm(np.cross(sides[:, 1] - sides[:, 0], sides[:, 2] - sides[:, 0]), axis=1)
+    wide = double_m2 > _NO_AREA_M2
+    return sides[wide], np.concatenate([owner, owner])[wide]
 
 
 def _normals(vertices_m: FloatArray, triangles: NDArray[np.intp]) -> FloatArray:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry.room import RoomBox
 from calibration.surfaces.before_walls import apart_from_walls, before_walls
-from calibration.surfaces.bodies import as_deep_as_wide
+from calibration.surfaces.bodies import guesses_of_backs
 from calibration.surfaces.continued import Continued, continued
 from calibration.surfaces.flat_parts import parts_of
 from calibration.surfaces.pieces import pieces_of
@@ -94,13 +94,16 @@ class FoundStanding:
     box: RoomBox | None = None
     """The room and the devices in it; None of a known mesh, which has backs of its own."""
 
-    def with_deep_backs(self, record: StandingRecord) -> StandingRecord | None:
-        """Return one of the records with its things as deep as they are wide; None where none of it was seen so."""
+    def with_other_backs(self, record: StandingRecord) -> tuple[StandingRecord, ...]:
+        """Return one of the records with its things as deep as they are wide, in each way that they may be.
+
+        None of a known mesh, nor where nothing was seen that may be deep.
+        """
         if self.box is None or not record.triangles:
-            return None
+            return ()
         vertices, triangles = np.array(record.vertices_m), np.array(record.triangles)
-        backs_m = as_deep_as_wide(vertices, triangles, np.array(record.part), flat=np.array(record.flat), box=self.box)
-        return replace(record, backs_m=tuple((x, y, z) for x, y, z in backs_m.tolist()))
+        guesses = guesses_of_backs(vertices, triangles, np.array(record.part), flat=np.array(record.flat), box=self.box)
+        return tuple(replace(record, backs_m=tuple((x, y, z) for x, y, z in backs_m.tolist())) for backs_m in guesses)
 
 
 def standing_of(session: Session, geometry: GeometryRecord, shift_m: Point) -> FoundStanding | None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rig.stages.light import choice
 from rig.stages.light.choice import FittedRoom, better_explained
 from rig.stages.surface.scene import scene_of
 from rig.stages.surface.standing import StandingRecord
@@ -85,6 +86,20 @@ def test_what_nobody_saw_is_taken_only_where_light_is_clearly_better_explained(u
     seen = FittedRoom(standing=None, geometry=nothing, gains=[], vignetting=nothing, fits=[_fit(0.048)])
     more = replace(seen, fits=[_fit(unexplained)])
     assert (better_explained(seen, more) is more) == taken
+
+
+@pytest.mark.parametrize("least", [0, 1, 2])
+def test_of_several_guesses_of_backs_the_one_that_leaves_least_is_taken_and_the_others_are_kept(least, monkeypatch):
+    leaves = {name: 0.047 if k == least else 0.048 for k, name in enumerate(("thin", "bodies", "fronts, too"))}
+
+    def fitted(_light, _room, standing):
+        return SimpleNamespace(standing=standing, unexplained=leaves[standing])
+
+    monkeypatch.setattr(choice, "fitted_room", fitted)
+    found = SimpleNamespace(record="thin", carried_on=None, with_other_backs=lambda _of: ("bodies", "fronts, too"))
+    taken, others = choice.chosen_room(None, None, found)
+    assert taken.standing == list(leaves)[least]
+    assert {one.standing for one in others} == set(leaves) - {taken.standing}
 
 
 def _fit(global_rms):
