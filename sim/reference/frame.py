@@ -23,7 +23,9 @@ def wanted_light(model: FrameModel, codes: CodeArray, gain: float = 1.0) -> Floa
     ]
     inverse = layers(model.inverse_direct)
     sums = patch_sums(model, inverse * target) - model.black_emission
-    irradiance = np.stack([matrix @ row for matrix, row in zip(_three(model.inverse.values), sums, strict=True)])
+    irradiance = np.stack(
+        [model.nodes.matrix @ (matrix @ row) for matrix, row in zip(_three(model.inverse.values), sums, strict=True)]
+    )
     irradiance = np.maximum(irradiance, 0.0)
     q = inverse * target - layers(model.offset) - layers(model.view_gain) * seen(model, irradiance)
     return np.asarray(np.einsum("cb,bhw->chw", np.linalg.inv(model.mixing), q))
@@ -39,7 +41,7 @@ def patch_sums(model: FrameModel, light: FloatArray) -> FloatArray:
 
 
 def seen(model: FrameModel, irradiance: FloatArray) -> FloatArray:
-    """Return (3, H, W) irradiance (3, W) of the viewed patches, bilinear in each pixel's cell."""
+    """Return (3, H, W) irradiance (3, W) of the nodes, bilinear in each pixel's cell."""
     cells = model.cells
     corner = irradiance[:, cells.corners[cells.runs.value[cells.runs.of_pixels(model.shape), 0]]]
     x, y = cells.place / 255.0
