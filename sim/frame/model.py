@@ -51,8 +51,8 @@ class FrameModel:
     view_gain: Packed
     """Camera value of unit irradiance from all patches at a pixel, over D."""
     sum_rows: NDArray[np.int32]
-    """(R,) rows that sums over patches are taken from: all, or one of each two to four by a fixed pattern and of patches
-    that have none of these."""
+    """(R,) rows that sums over patches are taken from: all, or one of each two to four by a fixed pattern, and of
+    patches that have none of these."""
     row_scale: FloatArray
     """(L,) emission from all rows over that from these rows, for even light."""
     emission: Packed

@@ -4,69 +4,18 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
-#include <numeric>
 #include <utility>
 #include <vector>
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "frame/model_arrays.hpp"
 
 namespace kernel::frame {
 namespace {
 
 // Rows of a picture, and of a matrix, are shared out in so many parts, whatever the number of threads.
 constexpr std::int64_t CHUNKS = 16, PARTS = 8;
-
-template <class T, int Dimensions>
-In<T, Dimensions> array_of(const nb::object &owner, const char *name) {
-    return nb::cast<In<T, Dimensions>>(owner.attr(name));
-}
-
-Layers layers_of(const nb::object &packed) {
-    const auto bits = array_of<std::uint16_t, 3>(packed, "bits");
-    const auto unit = array_of<double, 1>(packed, "unit");
-    Layers layers{};
-    const std::size_t n = bits.shape(0), size = bits.shape(1) * bits.shape(2);
-    for (std::size_t b = 0; b < BANDS; ++b) {
-        layers.band[b] = bits.data() + std::min(b, n - 1) * size;
-        layers.unit[b] = static_cast<float>(unit.data()[std::min(b, n - 1)]);
-    }
-    return layers;
-}
-
-Runs runs_of(const nb::object &runs) {
-    return {array_of<std::int32_t, 1>(runs, "row").data(), array_of<std::int32_t, 1>(runs, "start").data(),
-            array_of<std::int32_t, 2>(runs, "value").data()};
-}
-
-// Sums with weights: of each of n, those from start to the next.
-struct Means {
-    std::int64_t n = 0;
-    std::vector<std::int32_t> start, of;
-    std::vector<float> weight;
-
-    float sum(std::int64_t i, const float *values) const {
-        float all = 0;
-        for (std::int32_t k = start[i]; k < start[i + 1]; ++k) all += weight[k] * values[of[k]];
-        return all;
-    }
-
-    // The same weights by what they are of.
-    Means transposed(std::int64_t count) const {
-        Means by{count, std::vector<std::int32_t>(count + 1), std::vector<std::int32_t>(of.size()),
-                 std::vector<float>(of.size())};
-        for (const std::int32_t each : of) ++by.start[each + 1];
-        std::partial_sum(by.start.begin(), by.start.end(), by.start.begin());
-        std::vector<std::int32_t> next(by.start.begin(), by.start.end() - 1);
-        for (std::int64_t i = 0; i < n; ++i)
-            for (std::int32_t k = start[i]; k < start[i + 1]; ++k) {
-                const std::int32_t to = next[of[k]]++;
-                by.of[to] = static_cast<std::int32_t>(i);
-                by.weight[to] = weight[k];
-            }
-        return by;
-    }
-};
 
 // A sim.frame.model.FrameModel, whose arrays it keeps: nobody may change them meanwhile. One frame at a time.
 class Kernel {
@@ -96,7 +45,8 @@ class Kernel {
                    static_cast<std::int64_t>(entries.shape(1)), static_cast<std::int64_t>(entries.shape(2))};
         matrices_ = static_cast<std::int64_t>(entries.shape(0));
         pixels_.n_lit = matrix_.columns;
-        set_nodes(model.attr("nodes"));
+        nodes_ = means_of(model.attr("nodes"));
+        of_patch_ = nodes_.transposed(matrix_.rows);
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
         set_responses(response, cubics, array_of<std::uint8_t, 3>(model, "dither"));
@@ -157,14 +107,6 @@ class Kernel {
     }
 
   private:
-    void set_nodes(const nb::object &means) {
-        const auto start = array_of<std::int32_t, 1>(means, "start"), of = array_of<std::int32_t, 1>(means, "patch");
-        const auto weight = array_of<float, 1>(means, "weight");
-        nodes_ = {static_cast<std::int64_t>(start.shape(0)) - 1, {start.data(), start.data() + start.shape(0)},
-                  {of.data(), of.data() + of.shape(0)}, {weight.data(), weight.data() + weight.shape(0)}};
-        of_patch_ = nodes_.transposed(matrix_.rows);
-    }
-
     void set_responses(const In<std::uint32_t, 2> &response, const In<float, 3> &cubics,
                        const In<std::uint8_t, 3> &dither) {
         for (std::size_t k = 0; k < dither.size(); ++k) dither_.push_back(dither.data()[k] / 256.0f);
@@ -372,8 +314,9 @@ class Kernel {
         return matrix;
     }
 
-    // Irradiance of the viewed patches by what the lit ones emit, of the nodes and between the corners of the cells. Where
-    // the inverse asks for light below 0, there is none: it would be made up for elsewhere, and black would not be black.
+    // Irradiance of the viewed patches by what the lit ones emit, then of the nodes, and between the corners of the
+    // cells. Where the inverse asks for light below 0, there is none: it would be made up for elsewhere, and black would
+    // not be black.
     void irradiate() {
         const std::int64_t viewed = matrix_.rows, n = nodes_.n;
 #pragma omp for schedule(static)

@@ -229,12 +229,17 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &ligh
         CellSums sums(last, load(x + rest), load(y + rest));
         for (int k = begin; k < rest; k += BLOCK) sums.add(load_light(light, k), load(x + k), load(y + k));
         const FourSums four = lanes_sums(sums.plain, sums.by_x, sums.by_y, sums.by_both);
-        const Four along_x = four.of[1] / 255, along_y = four.of[2] / 255, both = four.of[3] / (255 * 255);
+        constexpr float STEP = 1.0f / 255;
+        const Four along_x = four.of[1] * STEP, along_y = four.of[2] * STEP, both = four.of[3] * (STEP * STEP);
         const std::int32_t *corner = pixels.corners + 4 * static_cast<std::int64_t>(cell);
-        add_four(returned + SUM_LANES * static_cast<std::int64_t>(corner[0]), four.of[0] - along_x - along_y + both);
-        add_four(returned + SUM_LANES * static_cast<std::int64_t>(corner[1]), along_x - both);
-        add_four(returned + SUM_LANES * static_cast<std::int64_t>(corner[2]), along_y - both);
-        add_four(returned + SUM_LANES * static_cast<std::int64_t>(corner[3]), both);
+        const auto add_to = [&](int k, const Four &sum) {
+            add_four(returned + SUM_LANES * static_cast<std::int64_t>(corner[k]), sum);
+        };
+        add_to(0, four.of[0] - along_x - along_y + both);
+        add_to(1, along_x - both);
+        if (corner[2] == corner[3]) return add_to(2, along_y);  // a triangle: all cells of a mesh
+        add_to(2, along_y - both);
+        add_to(3, both);
     });
 }
 
