@@ -101,16 +101,20 @@ def live_mesh(width_px: int, height_px: int, patch_size_m: float = PATCH_OF_MESH
     """Build the same room with a ball in its corner, all of it a mesh as a session measures it."""
     ball = (np.array(BALL_M) + BALL_RADIUS_M * icosphere(BALL_SUBDIVISIONS))[:, [0, 1, 2, 2]]
     paint = (BALL_REFLECTANCE,) * 3
-    return _mesh_in_room("room with a ball", patch_size_m, ball, paint, (width_px, height_px))
+    return _mesh_in_room(
+        "room with a ball", ball, patch_size_m=patch_size_m, paint=paint, size_px=(width_px, height_px)
+    )
 
 
 def live_relief(width_px: int, height_px: int) -> LiveScene:
     """Build a mesh nearly all of which is lit: a wavy sheet around the projector, closed by a coarse room."""
-    return _mesh_in_room("relief", COARSE_M, _sheet(), SHEET_REFLECTANCE, (width_px, height_px))
+    return _mesh_in_room(
+        "relief", _sheet(), patch_size_m=COARSE_M, paint=SHEET_REFLECTANCE, size_px=(width_px, height_px)
+    )
 
 
 def _mesh_in_room(
-    name: str, patch_size_m: float, thing: FloatArray, paint: tuple[float, ...], size_px: tuple[int, int]
+    name: str, thing: FloatArray, *, patch_size_m: float, paint: tuple[float, ...], size_px: tuple[int, int]
 ) -> LiveScene:
     """The room and a thing in it as one mesh."""
     room = paper_room(patch_size_m=patch_size_m)
