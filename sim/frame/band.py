@@ -46,18 +46,17 @@ def band_of_pixels(transport: LightTransport) -> BandOfPixels:
 
 
 def inverse_of_sums(
-    band: BandOfPixels, sums: csr_array, lit: IntArray, nodes: csr_array, *, share: FloatArray, gain_ratio: float
+    band: BandOfPixels, sums: csr_array, lit: IntArray, viewed: IntArray, *, share: FloatArray, gain_ratio: float
 ) -> FloatArray:
-    """Return (W, L) from sums over a patch's pixels to the irradiance of what pixels look between, as viewed."""
+    """Return (V, L) from sums over a patch's pixels to the irradiance of the viewed patches."""
     transport = band.transport
-    viewed = np.unique(np.concatenate([nodes.indices, csr_array(transport.view).indices]))
     S = csr_array(diags_array(share) @ sums)
     loop = (S @ diags_array(band.inverse) @ csr_array(transport.view)).tocsc()[:, viewed].toarray()
     H = _interreflection(transport, lit, viewed) + band.known.by_view[viewed] @ band.known.by_patch[:, lit]
     r = np.linalg.solve(np.eye(len(viewed)) + H @ loop, H)
     rho = band.reflectance[viewed]
     per_irradiance = np.divide(gain_ratio, rho, out=np.zeros_like(rho), where=rho > 0)
-    return np.asarray(nodes[:, viewed] @ (per_irradiance[:, None] * r * share))
+    return np.asarray(per_irradiance[:, None] * r * share)
 
 
 def _interreflection(transport: LightTransport, lit: IntArray, viewed: IntArray) -> FloatArray:

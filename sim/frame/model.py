@@ -6,7 +6,8 @@ q_b = (t - black_b) / D - (V / D) r_b with r_b = M S D⁻¹ (t - black_b) and M 
 as in sim.compensation.strategies.exact). M is dense and of patch size; the rest is arithmetic a pixel. Two
 simplifications make pixels independent of one another: a pixel lights one patch only (its light on the others is moved
 there, power kept), and V is bilinear between the same four patches over a run. On a mesh these four, then three, are
-nodes, means of the patches about a corner or patches themselves (sim.light.mesh_view): V = W N, and N M is kept for M.
+nodes, means of the patches about a corner or patches themselves (sim.light.mesh_view): V = W N. M and N are kept, not
+N M: there are more nodes than patches, and M is what a frame reads most of beside the picture.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from sim.arrays import BoolArray, CodeArray, FloatArray, IntArray
 from sim.errors import SimulationError
 from sim.frame.band import BandOfPixels, band_of_pixels, inverse_of_sums
 from sim.frame.packed import Packed, PackedRows, packed, packed_rows
-from sim.frame.runs import BilinearCells, CellView, Runs, cells_of, runs_of
+from sim.frame.runs import BilinearCells, CellView, NodeMeans, Runs, cells_of, runs_of
 from sim.light.colour import ColourTransport
 from sim.light.gloss.transport import GlossyTransport
 from sim.light.mesh_view import NodeView
@@ -32,7 +33,7 @@ CHANNELS = 3
 DITHER_PX = 64
 """Side of the dither pattern, which repeats over the picture. [px]"""
 ROWS_OF_A_SUM = 14
-"""A patch's sum takes no fewer rows than this, or all."""
+"""A patch of mean size has no fewer rows in its sum than this, or all."""
 ONE_LAYER = 2e-3
 """Bands whose geometry differs by less than this share use one layer for it."""
 
@@ -50,7 +51,8 @@ class FrameModel:
     view_gain: Packed
     """Camera value of unit irradiance from all patches at a pixel, over D."""
     sum_rows: NDArray[np.int32]
-    """(R,) rows that sums over patches are taken from: all, or one of each two to four by a fixed pattern."""
+    """(R,) rows that sums over patches are taken from: all, or one of each two to four by a fixed pattern, and of
+    patches that have none of these."""
     row_scale: FloatArray
     """(L,) emission from all rows over that from these rows, for even light."""
     emission: Packed
@@ -59,8 +61,10 @@ class FrameModel:
     """Pixels of a row that light the same patch."""
     cells: BilinearCells
     """Pixels of a row that see the same four patches, and where between them."""
+    nodes: NodeMeans
+    """Of the viewed patches' irradiance: what the cells' corners have."""
     inverse: PackedRows
-    """(layers, W, L) from S D⁻¹ (t - black), emission as of the first band, to irradiance of the viewed patches."""
+    """(layers, V, L) from S D⁻¹ (t - black), emission as of the first band, to irradiance of the viewed patches."""
     curvature: FloatArray
     """(layers, L) S D⁻² Sᵀ, emission as of the first band."""
     black_emission: FloatArray
@@ -145,8 +149,9 @@ def frame_model(
     lit = np.unique(patch[emission > 0])
     index = np.minimum(np.searchsorted(lit, patch), len(lit) - 1)
     sums = csr_array((emission, (index, np.arange(len(places)))), shape=(len(lit), len(places)))
+    viewed = np.unique(np.concatenate([nodes.indices, *(csr_array(band.transport.view).indices for band in light)]))
     inverse = [
-        inverse_of_sums(band, sums, lit, nodes, share=share[k][lit], gain_ratio=gain_share[k])
+        inverse_of_sums(band, sums, lit, viewed, share=share[k][lit], gain_ratio=gain_share[k])
         for k, band in enumerate(light)
     ]
     curvature = np.stack([sums.power(2) @ band.inverse**2 for band in light])
@@ -163,6 +168,7 @@ def frame_model(
         emission=image.packed([emission]),
         patch_runs=runs_of(index, places, shape),
         cells=cells.cells,
+        nodes=NodeMeans.of_matrix(nodes[:, viewed]),
         inverse=packed_rows(np.stack(inverse)),
         curvature=curvature,
         black_emission=seen_black,
@@ -333,12 +339,17 @@ def _sum_rows(
     """Rows for sums over patches, and what the left-out ones are made up for with.
 
     One row of each group, by the ones in the group's binary number (as Thue and Morse): no picture's stripes repeat
-    like that.
+    like that. A patch that has none of these rows, a small one, adds the first of its own: its light would be nowhere.
     """
     step = int(np.clip(np.sqrt(len(places) / n_lit) / ROWS_OF_A_SUM, 1, 4))
     groups = np.arange(shape[0] // step)
     rows = groups * step + np.bitwise_count(groups) % step
-    taken = np.isin(places // shape[1], rows)
+    row, some = places // shape[1], np.flatnonzero(emission > 0)
+    first_of = np.full(n_lit, shape[0])
+    np.minimum.at(first_of, index[some], row[some])
+    missed = np.setdiff1d(index[some], index[some[np.isin(row[some], rows)]])
+    rows = np.union1d(rows, first_of[missed])
+    taken = np.isin(row, rows)
     whole, part = (np.bincount(index[some], emission[some], n_lit) for some in (slice(None), taken))
     scale = np.divide(whole, part, out=np.zeros(n_lit), where=part > 0)
     return rows.astype(np.int32), scale

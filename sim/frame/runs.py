@@ -43,11 +43,39 @@ class BilinearCells:
     """Between which patches' centres each pixel looks."""
 
     corners: NDArray[np.int32]
-    """(C, 4) viewed patches at the corners (x, y) = (0, 0), (1, 0), (0, 1), (1, 1) of each cell."""
+    """(C, 4) nodes at the corners (x, y) = (0, 0), (1, 0), (0, 1), (1, 1) of each cell."""
     runs: Runs
     """Values: cells."""
     place: CodeArray
     """(2, H, W) x and y within the cell, in 255ths."""
+
+
+@dataclass(frozen=True, eq=False)
+class NodeMeans:
+    """What stands at the corners of cells: means of viewed patches; on gridded walls one patch each."""
+
+    start: NDArray[np.int32]
+    """(W + 1,) first entry of each node, and the number of entries."""
+    patch: NDArray[np.int32]
+    """(E,) viewed patch of each entry."""
+    weight: NDArray[np.float32]
+    """(E,) its share of the mean."""
+    n_patches: int
+    """Viewed patches, V."""
+
+    @classmethod
+    def of_matrix(cls, weights: csr_array) -> NodeMeans:
+        """Return means with the rows (W, V) of a matrix as weights."""
+        rows = csr_array(weights)
+        rows.sort_indices()
+        start, patch = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
+        return cls(start, patch, rows.data.astype(np.float32), rows.shape[1])
+
+    @property
+    def matrix(self) -> csr_array:
+        """(W, V) the weights as a matrix."""
+        entries = (self.weight.astype(np.float64), self.patch, self.start)
+        return csr_array(entries, shape=(len(self.start) - 1, self.n_patches))
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +84,7 @@ class CellView:
 
     cells: BilinearCells
     viewed: IntArray
-    """(W,) patches that the cells' values stand for."""
+    """(W,) what the nodes at the cells' corners are: columns of the view."""
     misfit: float
     """Largest share of a pixel's view that a product of two linear shares leaves out."""
 

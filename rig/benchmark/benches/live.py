@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from rig.benchmark.records import Criterion, Outcome, Point, Size, joined
 from rig.benchmark.references.live_peers import NumpyFrame, OpenCvFrame
-from rig.benchmark.references.live_scene import LiveScene, live_mesh, live_scene, panning_frames
-from rig.benchmark.timing import Work, median_seconds
+from rig.benchmark.references.live_scene import LiveScene, live_mesh, live_relief, live_scene, panning_frames
+from rig.benchmark.timing import Work, median_seconds, processor_seconds
 from rig.terminal import OnStep
 from sim.compensation import compensate
 from sim.frame.compensator import FrameCompensator, FrameModel
@@ -29,14 +29,17 @@ PICTURES: dict[str, tuple[tuple[int, int, float], ...]] = {
     "full": ((1920, 1080, 0.2), (3840, 2160, 0.2)),
 }
 """Width, height [px], patch size [m]."""
-MESHES: dict[str, tuple[tuple[int, int], ...]] = {"quick": (), "default": ((1920, 1080),), "full": ((1920, 1080),)}
-"""Width, height of pictures on a mesh of 2150 patches. [px]"""
+MESHES: dict[str, Callable[[int, int], LiveScene]] = {"on a mesh": live_mesh, "on a lit mesh": live_relief}
+"""Of 2150 patches, 842 of them lit, and of 1968, of which 1613 are lit."""
+ON_MESHES: dict[str, tuple[tuple[int, int], ...]] = {"quick": (), "default": ((1920, 1080),), "full": ((1920, 1080),)}
+"""Width, height of pictures on meshes. [px]"""
 CERTIFIED: dict[str, tuple[int, int, int]] = {"quick": (96, 54, 4), "default": (320, 180, 8), "full": (480, 270, 12)}
 """Width, height, frames of the pictures whose optimum is certified."""
 FRAMES = 6
 LIMITS_S = {
     "1920x1080": {"exact": 5e-3, "bounded": 1 / 60},
     "1920x1080 on a mesh": {"exact": 8e-3, "bounded": 14e-3},
+    "1920x1080 on a lit mesh": {"exact": 8e-3, "bounded": 14e-3},
 }
 """Of a frame, by the problem."""
 FASTER = {"opencv": 7.0, "numpy": 15.0}
@@ -54,9 +57,10 @@ def run(size: Size, on_step: OnStep) -> Outcome:
     for number, (width, height, patch_size_m) in enumerate(pictures):
         on_step(f"frames of {width} x {height}", number, len(pictures) + 1)
         found.append(_picture(live_scene(width, height, patch_size_m), f"{width}x{height}", size))
-    for width, height in MESHES[size]:
-        on_step(f"frames of {width} x {height} on a mesh", len(pictures), len(pictures) + 1)
-        found.append(_picture(live_mesh(width, height), f"{width}x{height} on a mesh", size))
+    for width, height in ON_MESHES[size]:
+        for name, mesh in MESHES.items():
+            on_step(f"frames of {width} x {height} {name}", len(pictures), len(pictures) + 1)
+            found.append(_picture(mesh(width, height), f"{width}x{height} {name}", size))
     on_step("certified optimum", len(pictures), len(pictures) + 1)
     found.append(_certified(*CERTIFIED[size]))
     on_step("certified optimum", len(pictures) + 1, len(pictures) + 1)
@@ -72,8 +76,15 @@ def _picture(live: LiveScene, problem: str, size: Size) -> Outcome:
     definition = reference_frame(model, frames[-1]).astype(int)
     points = []
     for name, method in methods.items():
+        # Before the picture that is looked at: all of them lie in the same memory.
+        processor_ms = 1e3 * processor_seconds(works[name])
         shown = [method(frame) for frame in frames][-1]
-        detail = {"threads": threads(), "lit": model.n_lit, "frames_per_second": 1 / seconds[name]}
+        detail = {
+            "threads": threads(),
+            "lit": model.n_lit,
+            "frames_per_second": 1 / seconds[name],
+            "processor_ms": processor_ms,
+        }
         if name != "bounded":
             detail["largest_lsb"] = float(np.abs(shown - definition).max())
         error = live.error(frames[-1], shown)

@@ -39,6 +39,7 @@ class _Prepared:
         self.eotf: Float32 = np.asarray((model.target_scale[:, None] * model.eotf).T[:, None, :], dtype=np.float32)
         self.sums = csr_array((emission.astype(np.float32), (patch, np.arange(n))), shape=(model.n_lit, n))
         self.black: Float32 = model.black_emission.astype(np.float32)
+        # On gridded walls, which peers are for, a node is a patch.
         matrices = model.inverse.values.astype(np.float32)
         self.matrices = np.broadcast_to(matrices, (3, *matrices.shape[1:]))
         self.unmixing: Float32 = np.linalg.inv(model.mixing).astype(np.float32)

@@ -42,10 +42,14 @@ PAINT = {
 MIXING = np.array([[1.0, 0.08, 0.01], [0.06, 1.0, 0.07], [0.01, 0.05, 1.0]])
 POSITION_M, AIM_M = (1.2, 1.2, 1.2), (2.2, 2.2, 1.2)
 PAN_PX = 8
-PATCH_OF_MESH_M = 0.33
+PATCH_OF_MESH_M, COARSE_M = 0.33, 0.8
 BALL_M, BALL_RADIUS_M, BALL_SUBDIVISIONS = (3.2, 3.2, 1.0), 0.7, 3
 """Of a ball of 1280 triangles, which makes the mesh 2150 patches."""
 BALL_REFLECTANCE = 0.6
+SHEET_TRIANGLES = (38, 24)
+"""Pairs along and up of a bent sheet, which makes its mesh 1968 patches, four in five of them lit."""
+SHEET_REFLECTANCE = (0.6, 0.5, 0.4)
+SHEET_TURN_DEG, SHEET_AWAY_M, SHEET_WAVES_M = (-13.0, 103.0), 2.0, 0.25
 MESH_RAYS = 256
 """Of each patch: what is timed does not depend on their noise."""
 
@@ -95,25 +99,46 @@ def live_scene(width_px: int, height_px: int, patch_size_m: float) -> LiveScene:
 
 def live_mesh(width_px: int, height_px: int, patch_size_m: float = PATCH_OF_MESH_M) -> LiveScene:
     """Build the same room with a ball in its corner, all of it a mesh as a session measures it."""
-    room = paper_room(patch_size_m=patch_size_m)
     ball = (np.array(BALL_M) + BALL_RADIUS_M * icosphere(BALL_SUBDIVISIONS))[:, [0, 1, 2, 2]]
-    n_walls, first = room.n_patches, len(room.faces)
-    mesh = Mesh(
-        name="room with a ball",
-        vertices=np.concatenate([room.vertices, ball]),
-        reflectance=np.full(n_walls + len(ball), 0.5),
-        region=np.concatenate([room.region, np.full(len(ball), first)]),
+    paint = (BALL_REFLECTANCE,) * 3
+    return _mesh_in_room(
+        "room with a ball", ball, patch_size_m=patch_size_m, paint=paint, size_px=(width_px, height_px)
     )
-    paint = [
-        np.concatenate(
-            [
-                *(np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces),
-                np.full(len(ball), BALL_REFLECTANCE),
-            ]
-        )
-        for band in range(3)
-    ]
-    return _lit(mesh, form_factors(mesh, "rays", rays=MESH_RAYS), paint, (width_px, height_px))
+
+
+def live_relief(width_px: int, height_px: int) -> LiveScene:
+    """Build a mesh nearly all of which is lit: a wavy sheet around the projector, closed by a coarse room."""
+    return _mesh_in_room(
+        "relief", _sheet(), patch_size_m=COARSE_M, paint=SHEET_REFLECTANCE, size_px=(width_px, height_px)
+    )
+
+
+def _mesh_in_room(
+    name: str, thing: FloatArray, *, patch_size_m: float, paint: tuple[float, ...], size_px: tuple[int, int]
+) -> LiveScene:
+    """The room and a thing in it as one mesh."""
+    room = paper_room(patch_size_m=patch_size_m)
+    mesh = Mesh(
+        name=name,
+        vertices=np.concatenate([room.vertices, thing]),
+        reflectance=np.full(room.n_patches + len(thing), 0.5),
+        region=np.concatenate([room.region, np.full(len(thing), len(room.faces))]),
+    )
+    walls = [[np.full(face.n_patches, PAINT[face.name][band]) for face in room.faces] for band in range(3)]
+    bands = [np.concatenate([*walls[band], np.full(len(thing), paint[band])]) for band in range(3)]
+    return _lit(mesh, form_factors(mesh, "rays", rays=MESH_RAYS), bands, size_px)
+
+
+def _sheet() -> FloatArray:
+    """(1824, 4, 3) triangles that face the projector."""
+    along, up = (np.linspace(0, 1, count + 1) for count in SHEET_TRIANGLES)
+    u, v = np.meshgrid(along, up, indexing="ij")
+    angle = np.deg2rad(SHEET_TURN_DEG[0] + (SHEET_TURN_DEG[1] - SHEET_TURN_DEG[0]) * u)
+    away_m = SHEET_AWAY_M + SHEET_WAVES_M * np.sin(9 * u + 1) * np.cos(5 * v)
+    x, y = POSITION_M[0] + away_m * np.cos(angle), POSITION_M[1] + away_m * np.sin(angle)
+    points = np.stack([x, y, 0.06 + 2.28 * v], axis=-1)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    return np.concatenate([np.stack(corners, axis=2).reshape(-1, 4, 3) for corners in ((a, c, b, b), (a, d, c, c))])
 
 
 def _lit(surface: Scene | Mesh, factors: FormFactors, paint: list[FloatArray], size_px: tuple[int, int]) -> LiveScene:

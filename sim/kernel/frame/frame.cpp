@@ -9,34 +9,13 @@
 
 #include "arrays.hpp"
 #include "bindings.hpp"
+#include "frame/model_arrays.hpp"
 
 namespace kernel::frame {
 namespace {
 
 // Rows of a picture, and of a matrix, are shared out in so many parts, whatever the number of threads.
 constexpr std::int64_t CHUNKS = 16, PARTS = 8;
-
-template <class T, int Dimensions>
-In<T, Dimensions> array_of(const nb::object &owner, const char *name) {
-    return nb::cast<In<T, Dimensions>>(owner.attr(name));
-}
-
-Layers layers_of(const nb::object &packed) {
-    const auto bits = array_of<std::uint16_t, 3>(packed, "bits");
-    const auto unit = array_of<double, 1>(packed, "unit");
-    Layers layers{};
-    const std::size_t n = bits.shape(0), size = bits.shape(1) * bits.shape(2);
-    for (std::size_t b = 0; b < BANDS; ++b) {
-        layers.band[b] = bits.data() + std::min(b, n - 1) * size;
-        layers.unit[b] = static_cast<float>(unit.data()[std::min(b, n - 1)]);
-    }
-    return layers;
-}
-
-Runs runs_of(const nb::object &runs) {
-    return {array_of<std::int32_t, 1>(runs, "row").data(), array_of<std::int32_t, 1>(runs, "start").data(),
-            array_of<std::int32_t, 2>(runs, "value").data()};
-}
 
 // A sim.frame.model.FrameModel, whose arrays it keeps: nobody may change them meanwhile. One frame at a time.
 class Kernel {
@@ -65,8 +44,9 @@ class Kernel {
         matrix_ = {entries.data(), array_of<float, 2>(inverse, "unit").data(),
                    static_cast<std::int64_t>(entries.shape(1)), static_cast<std::int64_t>(entries.shape(2))};
         matrices_ = static_cast<std::int64_t>(entries.shape(0));
-        pixels_.n_viewed = matrix_.rows;
         pixels_.n_lit = matrix_.columns;
+        nodes_ = means_of(model.attr("nodes"));
+        of_patch_ = nodes_.transposed(matrix_.rows);
         const auto black = array_of<double, 2>(model, "black_emission");
         black_.assign(black.data(), black.data() + BANDS * pixels_.n_lit);
         set_responses(response, cubics, array_of<std::uint8_t, 3>(model, "dither"));
@@ -81,10 +61,11 @@ class Kernel {
             curvature_.insert(curvature_.end(), from, from + pixels_.n_lit);
         }
         for (auto *of_lit : {&emitted_, &adjoint_, &pull_}) of_lit->resize(BANDS * pixels_.n_lit);
-        for (auto *of_viewed : {&irradiance_, &returned_}) of_viewed->resize(BANDS * pixels_.n_viewed);
+        for (auto *of_viewed : {&irradiance_, &returned_}) of_viewed->resize(BANDS * matrix_.rows);
+        for (auto *of_node : {&node_irradiance_, &node_returned_}) of_node->resize(BANDS * nodes_.n);
         cells_.resize(n_cells_ * BANDS * 4);
         products_.resize(BANDS * PARTS * pixels_.n_lit);
-        partial_.resize(CHUNKS * BANDS * (pixels_.n_lit + pixels_.n_viewed));
+        partial_.resize(CHUNKS * SUM_LANES * (pixels_.n_lit + nodes_.n));
     }
 
     // Fills out; returns how many of the steered pixels' channels the range holds back.
@@ -237,7 +218,7 @@ class Kernel {
     }
 
     void forget_sums() {
-        const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
+        const std::int64_t lit = SUM_LANES * pixels_.n_lit, viewed = SUM_LANES * nodes_.n;
         std::fill(partial_.begin(), partial_.end(), 0.0);
         for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk)
             sums_[chunk] = {partial_.data() + chunk * lit, partial_.data() + CHUNKS * lit + chunk * viewed, 0};
@@ -259,16 +240,20 @@ class Kernel {
         each_chunk(n_rows_, [&](std::int64_t k, Sums &sums) {
             KERNEL_CALL(step_row(pixels_, frame_, rows_[k], sums));
         });
-        const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * pixels_.n_viewed;
+        const std::int64_t lit = BANDS * pixels_.n_lit, viewed = BANDS * matrix_.rows;
+        const double *returned = partial_.data() + CHUNKS * SUM_LANES * pixels_.n_lit;
 #pragma omp for schedule(static)
-        for (std::int64_t j = 0; j < viewed; ++j) {
-            const std::int64_t b = j / pixels_.n_viewed;
+        for (std::int64_t j = 0; j < BANDS * nodes_.n; ++j) {
+            const std::int64_t b = j / nodes_.n;
             const double unit = left_out() * weight_unit_ * per_packed(pixels_.gain, b);
-            returned_[j] = static_cast<float>(unit * added(partial_.data() + CHUNKS * lit, viewed, j));
+            node_returned_[j] = static_cast<float>(unit * added(returned, nodes_.n, j % nodes_.n, b));
         }
+#pragma omp for schedule(static)
+        for (std::int64_t j = 0; j < viewed; ++j)
+            returned_[j] = of_patch_.sum(j % matrix_.rows, node_returned_.data() + j / matrix_.rows * nodes_.n);
 #pragma omp for schedule(dynamic, 1)
         for (std::int64_t part = 0; part < BANDS * PARTS; ++part) {
-            const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit, rows = pixels_.n_viewed;
+            const std::int64_t b = part / PARTS, k = part % PARTS, n = pixels_.n_lit, rows = matrix_.rows;
             const float *x = returned_.data() + b * rows;
             float *out = products_.data() + part * n;
             std::fill(out, out + n, 0.0f);
@@ -304,16 +289,18 @@ class Kernel {
         clipped_ += clipped;
     }
 
-    // The chunks' sums in their order.
-    static double added(const double *partial, std::int64_t n, std::int64_t i) {
+    // The chunks' sums of a patch in a band, in their order.
+    static double added(const double *partial, std::int64_t n, std::int64_t patch, std::int64_t band) {
         double sum = 0;
-        for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk) sum += partial[chunk * n + i];
+        for (std::int64_t chunk = 0; chunk < CHUNKS; ++chunk)
+            sum += partial[SUM_LANES * (chunk * n + patch) + band];
         return sum;
     }
 
     double emission(std::int64_t i) const {
-        return row_scale_[i % pixels_.n_lit] * pixels_.emission.unit[0] * light_unit_[i / pixels_.n_lit] *
-               added(partial_.data(), BANDS * pixels_.n_lit, i);
+        const std::int64_t band = i / pixels_.n_lit, patch = i % pixels_.n_lit;
+        return row_scale_[patch] * pixels_.emission.unit[0] * light_unit_[band] *
+               added(partial_.data(), pixels_.n_lit, patch, band);
     }
 
     // How many rows each one of those that are summed stands for.
@@ -327,21 +314,26 @@ class Kernel {
         return matrix;
     }
 
-    // Irradiance of the viewed patches by what the lit ones emit, and between the corners of the cells. Where the
-    // inverse asks for light below 0, there is none: it would be made up for elsewhere, and black would not be black.
+    // Irradiance of the viewed patches by what the lit ones emit, then of the nodes, and between the corners of the
+    // cells. Where the inverse asks for light below 0, there is none: it would be made up for elsewhere, and black would
+    // not be black.
     void irradiate() {
-        const std::int64_t n = pixels_.n_viewed;
+        const std::int64_t viewed = matrix_.rows, n = nodes_.n;
+#pragma omp for schedule(static)
+        for (std::int64_t i = 0; i < BANDS * viewed; ++i) {
+            const float *light = emitted_.data() + i / viewed * pixels_.n_lit;
+            irradiance_[i] = KERNEL_CALL(product_row(matrix_of(i / viewed), i % viewed, light));
+        }
 #pragma omp for schedule(static)
         for (std::int64_t i = 0; i < BANDS * n; ++i) {
-            const std::int64_t b = i / n;
-            const float seen = KERNEL_CALL(product_row(matrix_of(b), i % n, emitted_.data() + b * pixels_.n_lit));
-            irradiance_[i] = static_cast<float>(-std::max(0.0f, seen) * per_packed(pixels_.gain, b));
+            const float seen = nodes_.sum(i % n, irradiance_.data() + i / n * viewed);
+            node_irradiance_[i] = static_cast<float>(-std::max(0.0f, seen) * per_packed(pixels_.gain, i / n));
         }
 #pragma omp for schedule(static)
         for (std::int64_t cell = 0; cell < n_cells_; ++cell)
             for (std::int64_t b = 0; b < BANDS; ++b) {
                 const std::int32_t *corner = pixels_.corners + 4 * cell;
-                const float *h = irradiance_.data() + b * n;
+                const float *h = node_irradiance_.data() + b * n;
                 float *to = cells_.data() + 4 * (BANDS * cell + b);
                 to[0] = h[corner[0]];
                 to[1] = (h[corner[1]] - h[corner[0]]) / 255;
@@ -359,6 +351,8 @@ class Kernel {
     const double *row_scale_;
     std::vector<double> black_, curvature_, partial_;
     std::vector<float> sample_, irradiance_, returned_, emitted_, adjoint_, pull_, cells_, products_;
+    std::vector<float> node_irradiance_, node_returned_;
+    Means nodes_, of_patch_;
     alignas(64) std::uint8_t target_bytes_[BANDS][3][256];
     alignas(64) float cubics_[BANDS][4][32];
     float target_light_[BANDS][256];

@@ -24,11 +24,11 @@ struct Runs {
 
 // Arrays of pixels, row by row.
 struct Pixels {
-    std::int64_t height, width, n_lit, n_viewed;
+    std::int64_t height, width, n_lit;
     Layers inverse, offset, gain, emission;
     const std::uint8_t *place_x, *place_y; // in the cell, in 255ths
     Runs patches, cells;
-    const std::int32_t *corners;           // (cells, 4) viewed patches
+    const std::int32_t *corners;           // (cells, 4) nodes
 };
 
 // What each code of a target asks for in a band, over D of 1: unit * number + none, the number of single precision with
@@ -73,10 +73,12 @@ struct Frame {
     bool smooth;                   // the cubics follow all responses
 };
 
-// Sums of a chunk of rows.
+// Sums of a chunk of rows: for each patch those of the bands, and one number more, so that they are added at once.
+constexpr int SUM_LANES = 4;
+
 struct Sums {
-    double *emitted;        // (3, L) S q
-    double *returned;       // (3, W) V^T D (q - the light that a pixel would choose); bounded only
+    double *emitted;        // (L, 4) S q
+    double *returned;       // (W, 4), by node: V^T D (q - the light that a pixel would choose); bounded only
     double squared;         // of predicted minus wanted camera values; bounded only
 };
 

@@ -50,6 +50,43 @@ inline Four lanes_sums(const Floats &a, const Floats &b, const Floats &c, const 
     return __builtin_shufflevector(all, all, 0, 1, 2, 3) + __builtin_shufflevector(all, all, 4, 5, 6, 7);
 }
 
+// Sums of the lanes of three vectors, four times; the last lanes are 0.
+struct FourSums {
+    Four of[4];
+};
+
+inline FourSums lanes_sums(const Floats (&a)[BANDS], const Floats (&b)[BANDS], const Floats (&c)[BANDS],
+                           const Floats (&d)[BANDS]) {
+#if defined(__AVX512F__)
+    // The same additions, for all four at once.
+    const auto halves = [](const Floats &x, const Floats &y) {
+        return Floats(_mm512_shuffle_f32x4(x, y, 0x44)) + Floats(_mm512_shuffle_f32x4(x, y, 0xee));
+    };
+    const auto pairs = [](const Floats &x, const Floats &y) {
+        return Floats(_mm512_unpacklo_ps(x, y)) + Floats(_mm512_unpackhi_ps(x, y));
+    };
+    const auto quarters = [&](const Floats (&x)[BANDS], const Floats (&y)[BANDS]) {
+        const Floats two = pairs(halves(x[0], y[0]), halves(x[1], y[1])), one = pairs(halves(x[2], y[2]), Floats{});
+        return Floats(_mm512_shuffle_ps(two, one, 0x44)) + Floats(_mm512_shuffle_ps(two, one, 0xee));
+    };
+    const Floats ab = quarters(a, b), cd = quarters(c, d);
+    return same_bits<FourSums>(Floats(_mm512_shuffle_f32x4(ab, cd, 0x88)) + Floats(_mm512_shuffle_f32x4(ab, cd, 0xdd)));
+#else
+    const Floats none{};
+    return {{lanes_sums(a[0], a[1], a[2], none), lanes_sums(b[0], b[1], b[2], none),
+             lanes_sums(c[0], c[1], c[2], none), lanes_sums(d[0], d[1], d[2], none)}};
+#endif
+}
+
+// to += four numbers.
+inline void add_four(double *to, const Four &numbers) {
+    typedef double FourDoubles __attribute__((vector_size(32)));
+    FourDoubles sum;
+    std::memcpy(&sum, to, sizeof sum);
+    sum += __builtin_convertvector(numbers, FourDoubles);
+    std::memcpy(to, &sum, sizeof sum);
+}
+
 inline float lanes_sum(const Floats &lanes) {
     const Eight eight = halves_sum(lanes);
     const Four four =

@@ -36,19 +36,20 @@ inline void ask(const Pixels &pixels, const Frame &frame, const Segment &at, Row
     });
 }
 
-inline float run_sum(const float *values, int begin, int end) {
-    Floats lanes{};
-    int k = begin;
-    for (; k + BLOCK <= end; k += BLOCK) lanes += load(values + k);
-    const Floats rest = load(values + k);
-    lanes += first_lanes(end - k, rest, Floats{});
-    return lanes_sum(lanes);
+// Sums of the bands over a run, one in each of the first three lanes.
+inline Four run_sums(const Row &light, int begin, int end) {
+    Floats sums[BANDS];
+    const int whole = (end - begin) / BLOCK * BLOCK;
+    for (int b = 0; b < BANDS; ++b) sums[b] = first_lanes(end - begin - whole, load(light[b] + begin + whole), Floats{});
+    for (int k = begin; k < begin + whole; k += BLOCK)
+        for (int b = 0; b < BANDS; ++b) sums[b] += load(light[b] + k);
+    return lanes_sums(sums[0], sums[1], sums[2], Floats{});
 }
 
 // emitted += light, by patch.
 inline void add_by_patch(const Pixels &pixels, const Segment &at, const Row &light, double *emitted) {
     each_run(pixels, pixels.patches, at, [&](int begin, int end, std::int32_t patch) {
-        for (int b = 0; b < BANDS; ++b) emitted[b * pixels.n_lit + patch] += run_sum(light[b], begin, end);
+        add_four(emitted + SUM_LANES * static_cast<std::int64_t>(patch), run_sums(light, begin, end));
     });
 }
 
@@ -192,7 +193,16 @@ inline Light nearest(const Frame &frame, const Light &asked, const Light &weight
 
 // Sums over a run of light, and of it times x, times y and times both.
 struct CellSums {
-    Floats plain[BANDS]{}, by_x[BANDS]{}, by_y[BANDS]{}, by_both[BANDS]{};
+    Floats plain[BANDS], by_x[BANDS], by_y[BANDS], by_both[BANDS];
+
+    CellSums(const Light &light, const Floats &x, const Floats &y) {
+        for (int b = 0; b < BANDS; ++b) {
+            plain[b] = light.band[b];
+            by_x[b] = light.band[b] * x;
+            by_y[b] = light.band[b] * y;
+            by_both[b] = by_x[b] * y;
+        }
+    }
 
     void add(const Light &light, const Floats &x, const Floats &y) {
         for (int b = 0; b < BANDS; ++b) {
@@ -213,22 +223,23 @@ inline void add_by_cell(const Pixels &pixels, const Segment &at, const Row &ligh
         store(x + k, place.x), store(y + k, place.y);
     });
     each_run(pixels, pixels.cells, at, [&](int begin, int end, std::int32_t cell) {
-        CellSums sums;
-        int k = begin;
-        for (; k + BLOCK <= end; k += BLOCK) sums.add(load_light(light, k), load(x + k), load(y + k));
-        Light rest = load_light(light, k);
-        for (Floats &values : rest.band) values = first_lanes(end - k, values, Floats{});
-        sums.add(rest, load(x + k), load(y + k));
+        const int rest = begin + (end - begin) / BLOCK * BLOCK;
+        Light last = load_light(light, rest);
+        for (Floats &values : last.band) values = first_lanes(end - rest, values, Floats{});
+        CellSums sums(last, load(x + rest), load(y + rest));
+        for (int k = begin; k < rest; k += BLOCK) sums.add(load_light(light, k), load(x + k), load(y + k));
+        const FourSums four = lanes_sums(sums.plain, sums.by_x, sums.by_y, sums.by_both);
+        constexpr float STEP = 1.0f / 255;
+        const Four along_x = four.of[1] * STEP, along_y = four.of[2] * STEP, both = four.of[3] * (STEP * STEP);
         const std::int32_t *corner = pixels.corners + 4 * static_cast<std::int64_t>(cell);
-        for (int b = 0; b < BANDS; ++b) {
-            const Four four = lanes_sums(sums.plain[b], sums.by_x[b], sums.by_y[b], sums.by_both[b]);
-            const float all = four[0], x = four[1] / 255, y = four[2] / 255, xy = four[3] / (255 * 255);
-            double *to = returned + b * pixels.n_viewed;
-            to[corner[0]] += all - x - y + xy;
-            to[corner[1]] += x - xy;
-            to[corner[2]] += y - xy;
-            to[corner[3]] += xy;
-        }
+        const auto add_to = [&](int k, const Four &sum) {
+            add_four(returned + SUM_LANES * static_cast<std::int64_t>(corner[k]), sum);
+        };
+        add_to(0, four.of[0] - along_x - along_y + both);
+        add_to(1, along_x - both);
+        if (corner[2] == corner[3]) return add_to(2, along_y);  // a triangle: all cells of a mesh
+        add_to(2, along_y - both);
+        add_to(3, both);
     });
 }
 
