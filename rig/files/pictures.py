@@ -137,9 +137,9 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
     """Read a target picture of C = 1 or 3 channels.
 
     Codes of 8 and 16 bits are sRGB, as everywhere, unless they are said to be linear light as in the paper (8-bit codes
-    are then the levels, 16-bit codes are divided by 257); numbers with a point (0 … 1; EXR, some TIFF) always are
-    linear light. Another colour space that the file tells (a profile, a PNG's chunks, an EXR's chromaticities) is made
-    sRGB. The orientation that a camera noted is applied.
+    are then the levels, 16-bit codes are divided by 257); numbers with a point (0 … 1; EXR, some TIFF) are linear
+    light, unless a profile in the file says otherwise. Another colour space that the file tells (a profile, a PNG's
+    chunks, an EXR's chromaticities) is made sRGB. The orientation that a camera noted is applied.
 
     Parameters
     ----------
@@ -156,21 +156,22 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
     """
     path = Path(path)
     colours, space = _colours(path)
-    has_points = colours.dtype.kind == "f"
-    if colours.dtype not in (np.uint8, np.uint16) and not has_points:
+    is_told_linear = is_linear
+    is_linear |= colours.dtype.kind == "f" and (space is None or space.is_linear)
+    if colours.dtype not in (np.uint8, np.uint16) and colours.dtype.kind != "f":
         raise UsageError(f"{path}: has numbers of the type {colours.dtype}; export it with 8 or 16 bits, or as EXR")
     if space is None:
         levels, words = _grey_levels(colours, is_linear=is_linear), ""
     else:
-        check_linear(path, space, has_points=has_points, is_linear=is_linear)
+        _check_space(path, colours, space, is_told_linear=is_told_linear)
         light, beyond = srgb_light(colours, space)
         levels, words = light * np.float32(255), in_words(space, beyond)
     _check_levels(path, levels if space is None else np.asarray(colours, dtype=np.float32))
-    return PictureLevels(levels=levels, is_linear=is_linear or has_points, profile=words)
+    return PictureLevels(levels=levels, is_linear=is_linear, profile=words)
 
 
 def _colours(path: Path) -> tuple[NDArray[np.generic], ColourSpace | None]:
-    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it; its colour space, None for sRGB."""
+    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it; its colour space, None for codes of sRGB."""
     image = read_pixels(path)
     known = next((names for names in _PICTURE_CHANNELS if set(names) <= set(image.channels)), None)
     if known is None:
@@ -179,7 +180,20 @@ def _colours(path: Path) -> tuple[NDArray[np.generic], ColourSpace | None]:
     if "A" in image.channels:
         check_opaque(path, image.pixels[..., image.channels.index("A")])
     colours = image.pixels[..., [image.channels.index(name) for name in known]]
-    return colours, told_space(path, image.header, len(known))
+    space = told_space(path, image.header, len(known))
+    is_usual = space is not None and space.is_srgb and colours.dtype.kind != "f"
+    return colours, None if is_usual else space
+
+
+def _check_space(path: Path, colours: NDArray[np.generic], space: ColourSpace, *, is_told_linear: bool) -> None:
+    """Refuse what the file's own colour space contradicts."""
+    if is_told_linear:
+        check_linear(path, space)
+    if colours.dtype.kind == "f" and not space.is_linear and colours.max() > _BRIGHTEST / 255:
+        raise UsageError(
+            f"{path}: numbers up to {colours.max():.4g}, but 1 is white in its colour profile {space.name}; scale it, "
+            "or export linear light without a profile"
+        )
 
 
 def _grey_levels(picture: NDArray[np.generic], *, is_linear: bool) -> Float32Array:
@@ -203,8 +217,23 @@ def _check_levels(path: Path, levels: Float32Array) -> None:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PictureCodes:
+    """A picture as a display takes it."""
+
+    codes: Codes
+    """(H, W, 3) of sRGB, red first; of a pattern also (H, W)."""
+    profile: str = ""
+    """In words: the colour space that the file tells and that was made sRGB; empty: none but sRGB."""
+
+
 def read_codes(path: Path) -> Codes:
-    """Read a picture as a display takes it: (H, W, 3) codes of sRGB, red first; of 16 bits the upper eight.
+    """Return the codes of :func:`read_shown` alone, and raise as it does."""
+    return read_shown(path).codes
+
+
+def read_shown(path: Path) -> PictureCodes:
+    """Read a picture as a display takes it: codes of sRGB; of 16 bits the upper eight.
 
     A colour space that the file tells is made sRGB, as by :func:`read_picture`.
 
@@ -217,11 +246,14 @@ def read_codes(path: Path) -> Codes:
     colours, space = _colours(path)
     if colours.dtype not in (np.uint8, np.uint16):
         raise UsageError(f"{path}: has values of {colours.dtype}; export it with 8 or 16 bits")
+    words = ""
     if space is not None:
-        light, _ = srgb_light(colours, space)
+        light, beyond = srgb_light(colours, space)
+        words = in_words(space, beyond)
         colours = np.rint(255 * srgb_of_linear(light.astype(np.float64))).astype(np.uint8)
     eight = colours.astype(np.uint8) if colours.dtype == np.uint8 else (colours >> 8).astype(np.uint8)  # type: ignore[operator]
-    return np.ascontiguousarray(np.broadcast_to(eight, (*eight.shape[:2], 3)))
+    codes = np.ascontiguousarray(np.broadcast_to(eight, (*eight.shape[:2], 3)))
+    return PictureCodes(codes=codes, profile=words)
 
 
 def png_of(codes: Codes, compression: int | None = None) -> bytes:

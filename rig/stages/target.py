@@ -215,7 +215,7 @@ def load_target(
     channels
         C of the target.
     is_linear
-        Codes of 8 and 16 bits are linear light; else sRGB. EXR always is linear light.
+        As for :func:`rig.files.pictures.read_picture`.
 
     Raises
     ------
@@ -247,5 +247,5 @@ def _is_test_picture(path: str | Path) -> bool:
 
 
 def _target(path: str | Path, read: PictureLevels) -> Target:
-    light: str = "linear light" if read.is_linear else "sRGB"
+    light = read.profile or ("linear light" if read.is_linear else "sRGB")
     return Target(name=Path(path).name, levels=read.levels, light=light, lost_colours=read.lost_colours)

@@ -11,7 +11,7 @@ import numpy as np
 
 from rig.devices.protocols import Clock
 from rig.errors import UsageError
-from rig.files.pictures import read_codes
+from rig.files.pictures import PictureCodes, read_shown
 from rig.live.sources.source import FilmBroken, Picture, PictureBroken, Pixels, SourceEnded, SourceGone
 
 PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
@@ -116,18 +116,19 @@ class FolderSource:
 
     def read(self, _timeout_s: float) -> Picture | None:
         """Decode the next picture. Raises SourceEnded, PictureBroken when none can be read."""
-        refused: list[str] = []
+        told: list[str] = []
         while self._left:
             try:
-                pixels = read_codes(self._left.pop())
+                path = self._left.pop()
+                read = read_shown(path)
             except UsageError as error:
-                refused.append(f"passed over: {error}")
+                told.append(f"passed over: {error}")
                 continue
             self._good += 1
-            return Picture(pixels, passed_over=tuple(refused))
+            return Picture(read.codes, told=(*told, *_taken_as(path, read)))
         if self._good == 0:
             raise PictureBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
-        raise SourceEnded(*refused)
+        raise SourceEnded(*told)
 
     def close(self) -> None:
         """Forget what is left."""
@@ -174,11 +175,11 @@ class StillSource:
         now_s = self._clock.now_s()
         if self._until_s is None:
             try:
-                pixels = read_codes(self._path)
+                read = read_shown(self._path)
             except UsageError as error:
                 raise PictureBroken(str(error)) from error
             self._until_s = math.inf if self._hold_s is None else now_s + self._hold_s
-            return Picture(pixels)
+            return Picture(read.codes, told=_taken_as(self._path, read))
         if now_s >= self._until_s:
             raise SourceEnded
         self._clock.wait_until_s(min(now_s + timeout_s, self._until_s))
@@ -187,6 +188,10 @@ class StillSource:
     def close(self) -> None:
         """Forget it."""
         self._until_s = None
+
+
+def _taken_as(path: Path, read: PictureCodes) -> tuple[str, ...]:
+    return (f"{path.name}: taken as {read.profile}",) if read.profile else ()
 
 
 class PatternSource:

@@ -3,7 +3,7 @@
 import json
 import os
 import signal
-import time
+import threading
 from collections.abc import Callable
 from pathlib import Path
 
@@ -117,7 +117,7 @@ def test_a_pipe_that_nobody_writes_to_is_no_show_that_went_well(
 def test_a_source_so_slow_that_the_time_is_over_before_it_fails_is_told_all_the_same(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(raw.StreamSource, "open", lambda _: time.sleep(0.4))
+    monkeypatch.setattr(raw.StreamSource, "open", lambda _: threading.Event().wait(0.4))
     ended, told = show(capsys, "--source", f"pipe:{tmp_path}", "--seconds", "0.1")
     assert (ended, told["ended_by"], told["frames"]) == (STREAM, "time", 0)
 
