@@ -12,6 +12,7 @@ import numpy as np
 from rig.devices.protocols import Clock
 from rig.errors import UsageError
 from rig.files.pictures import PictureCodes, read_shown
+from rig.live.sources.film_colours import check_colours
 from rig.live.sources.source import FilmBroken, Picture, PictureBroken, Pixels, SourceEnded, SourceGone
 
 PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
@@ -33,6 +34,7 @@ class VideoSource:
         self._announced = 0
         self._count = 0
         self._pixels: Pixels | None = None
+        self._told: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -54,6 +56,7 @@ class VideoSource:
         video = cv2.VideoCapture(str(self._path))
         if not video.isOpened():
             raise FilmBroken(f"{self._path}: is no video that can be read; convert it to MP4 or MKV")
+        self._told = check_colours(self._path)
         rate_hz, announced = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
         self._rate_hz = rate_hz if math.isfinite(rate_hz) and rate_hz > 0 else _USUAL_RATE_HZ
         self._announced = int(announced) if math.isfinite(announced) and announced > 0 else 0
@@ -67,7 +70,7 @@ class VideoSource:
         if there and pixels is not None:
             self._pixels = np.asarray(pixels, dtype=np.uint8)
             self._count += 1
-            return Picture(self._pixels, is_bgr=True)
+            return Picture(self._pixels, is_bgr=True, told=self._told)
         if self._count == 0 or self._count < _WHOLE * self._announced:
             raise FilmBroken(
                 f"{self._path}: breaks off after {self._count} of {self._announced} pictures; copy or convert it again"

@@ -9,12 +9,14 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from rig.cli.app import run_command
+from rig.session import Session
 from tests.rig.conftest import CHROMIUM
 from tests.rig.terminal.test_terminal import on_terminal
 
@@ -56,6 +58,42 @@ def test_an_export_is_png_unless_said_otherwise(capsys: Capture, finished: Finis
     assert len(there) == count > 100
     assert not list((tmp_path / "pictures").rglob("*.exr"))
     assert all(path.read_bytes().startswith(b"\x89PNG\r\n") for path in there[:10])
+
+
+def test_a_report_is_written_elsewhere_while_another_process_works_on_the_session(
+    capsys: Capture, finished: Finished, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "session")
+    with Session.open(folder):
+        before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+        assert run_command(["report", str(folder)]) == 4
+        assert run_command(["report", str(folder), "-o", str(tmp_path / "elsewhere.html")]) == 0
+        assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    assert "What each strategy shows" in (tmp_path / "elsewhere.html").read_text("utf-8")
+    assert run_command(["report", str(folder), "-o", str(tmp_path / "none" / "elsewhere.html")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+@pytest.fixture
+def read_only(finished: Finished, tmp_path: Path) -> Iterator[Path]:
+    """A session on a disk that cannot be written; only root can make one."""
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    if subprocess.run(["mount", "--bind", finished.folder, folder], capture_output=True, check=False).returncode:
+        pytest.skip("needs the right to mount a file system")
+    subprocess.run(["mount", "-o", "remount,bind,ro", folder], check=True)
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+def test_a_session_on_a_disk_that_cannot_be_written_is_read_by_each_verb_that_only_reads(
+    capsys: Capture, read_only: Path, tmp_path: Path
+) -> None:
+    assert run_command(["report", str(read_only)]) == 4
+    assert f"rig report {read_only} -o report.html" in " ".join(capsys.readouterr().err.split())
+    assert run_command(["report", str(read_only), "-o", str(tmp_path / "report.html")]) == 0
+    assert run_command(["export", str(read_only), "-o", str(tmp_path / "pictures")]) == 0
+    assert run_command(["run", str(read_only), "--dry-run"]) == 0
 
 
 def test_the_page_of_strategies_opens_with_what_to_use_and_why(finished: Finished, tmp_path: Path) -> None:

@@ -36,7 +36,7 @@ width_px = 64
 WAYS = (
     "run {folder}/new -p ci-tiny --target {picture} --fit --dry-run",
     "show {picture} -p ci-tiny --fit --seconds 0.1",
-    "live -p ci-tiny --strategy none --source {picture} --seconds 0.5",
+    "live -p ci-tiny --strategy none --source {picture} --seconds 3",
     "plan {folder}/room.toml --report {folder}/plan.html",
 )
 
