@@ -16,7 +16,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from rig.cli.app import run_command
+from rig.profile.schema import load_profile
+from rig.report import page
 from rig.session import Session
+from rig.stages.photograph import frame_notes
 from tests.rig.conftest import CHROMIUM
 from tests.rig.terminal.test_terminal import on_terminal
 
@@ -74,6 +77,17 @@ def test_a_report_is_written_elsewhere_while_another_process_works_on_the_sessio
     assert "there is no folder" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("number", "words"), [(0, "0 events"), (1, "1 event"), (2, "2 events")])
+def test_a_report_tells_one_event_and_two_events(
+    monkeypatch: pytest.MonkeyPatch, finished: Finished, tmp_path: Path, number: int, words: str
+) -> None:
+    notes = frame_notes(Session.read(finished.folder))
+    assert len(notes) >= number
+    monkeypatch.setattr(page, "frame_notes", lambda _: notes[:number])
+    assert run_command(["report", str(finished.folder), "-o", str(tmp_path / "report.html")]) == 0
+    assert re.search(rf"\d+ frames, {words} \(stale or lost", (tmp_path / "report.html").read_text("utf-8"))
+
+
 @pytest.fixture
 def read_only(finished: Finished, tmp_path: Path) -> Iterator[Path]:
     """A session on a disk that cannot be written; only root can make one."""
@@ -120,15 +134,33 @@ def test_charts_of_a_check_have_the_lines_of_their_limits(tmp_path: Path) -> Non
         assert "stroke-dasharray" in chart
 
 
+PAGES = {
+    "report": "",
+    "plan": "plan paper-room --no-search --report {page}",
+    "check": "check -p ci-tiny --only latency,linearity --report {page}",
+    "strategies": "compare-strategies {session} --strategies none,bounded --only-target --loop none",
+    "stopped": "run {session} -p {strict} --json",
+}
+"""What writes each page that has pictures; the report is there."""
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_a_picture_of_the_report_enlarges_until_a_click(chromium, finished: Finished) -> None:
-    page = chromium.new_page(viewport={"width": 1200, "height": 800})
-    page.goto((finished.folder / "report.html").as_uri())
-    picture = page.locator("main img:not(.scale)").first
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_picture_of_each_page_enlarges_until_a_click(chromium, finished: Finished, tmp_path: Path, kind: str) -> None:
+    session, strict, target = tmp_path / "session", tmp_path / "strict.toml", tmp_path / "page.html"
+    shutil.copytree(finished.folder, session)
+    text = load_profile("ci-tiny").path.read_text("utf-8")
+    strict.write_text(text.replace("distance_m = 4.876", "distance_m = 4.0"), "utf-8")
+    if kind != "report":
+        run_command(PAGES[kind].format(session=session, strict=strict, page=target).split())
+    own = {"report": "report.html", "stopped": "report.html", "strategies": "strategies.html"}
+    view = chromium.new_page(viewport={"width": 1200, "height": 800})
+    view.goto((session / own[kind] if kind in own else target).as_uri())
+    picture = view.locator("main img:not(.scale)").first
     before = picture.bounding_box()["width"]
     picture.click()
-    large = page.locator(".shown img")
-    assert large.bounding_box()["width"] > 1.5 * before
+    large = view.locator(".shown img")
+    assert large.bounding_box()["width"] >= max(before, 0.7 * 1200)
     large.click()
-    assert page.locator(".shown").count() == 0
-    page.close()
+    assert view.locator(".shown").count() == 0
+    view.close()
