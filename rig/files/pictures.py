@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +17,7 @@ from rig.errors import UsageError
 from rig.files.atomic import write_bytes
 from rig.files.colour.spaces import ColourSpace, srgb_light
 from rig.files.colour.srgb import linear_of_srgb, srgb_of_linear
-from rig.files.colour.told import check_linear, in_words, told_space
+from rig.files.colour.told import check_linear, check_white, in_words, told_space
 from rig.files.colour.transparency import check_opaque
 
 Float32Array = NDArray[np.float32]
@@ -163,7 +162,10 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
     if space is None:
         levels, words = _grey_levels(colours, is_linear=is_linear), ""
     else:
-        _check_space(path, colours, space, is_told_linear=is_told_linear)
+        if is_told_linear:
+            check_linear(path, space)
+        if colours.dtype.kind == "f":
+            check_white(path, space, float(colours.max()))
         light, beyond = srgb_light(colours, space)
         levels, words = light * np.float32(255), in_words(space, beyond)
     _check_levels(path, levels if space is None else np.asarray(colours, dtype=np.float32))
@@ -183,17 +185,6 @@ def _colours(path: Path) -> tuple[NDArray[np.generic], ColourSpace | None]:
     space = told_space(path, image.header, len(known))
     is_usual = space is not None and space.is_srgb and colours.dtype.kind != "f"
     return colours, None if is_usual else space
-
-
-def _check_space(path: Path, colours: NDArray[np.generic], space: ColourSpace, *, is_told_linear: bool) -> None:
-    """Refuse what the file's own colour space contradicts."""
-    if is_told_linear:
-        check_linear(path, space)
-    if colours.dtype.kind == "f" and not space.is_linear and colours.max() > _BRIGHTEST / 255:
-        raise UsageError(
-            f"{path}: numbers up to {colours.max():.4g}, but 1 is white in its colour profile {space.name}; scale it, "
-            "or export linear light without a profile"
-        )
 
 
 def _grey_levels(picture: NDArray[np.generic], *, is_linear: bool) -> Float32Array:
@@ -402,20 +393,3 @@ def read_picture_in_channels(path: str | os.PathLike[str], *, channels: int, is_
         raise UsageError(f"{path}: grey levels up to {levels.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
     own = np.ascontiguousarray(in_channels(levels, channels), dtype=np.float32)
     return replace(read, levels=own, lost_colours=lost_colours)
-
-
-@lru_cache(maxsize=4)
-def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """Return a photograph (H, W, C) in the public domain that covers a shape, mean 123 and sd 46; read only.
-
-    Iterates, since the range clips; mean and deviation count all channels together.
-    """
-    import skimage.data  # here, for it takes its time
-
-    picture = np.asarray(skimage.data.astronaut(), dtype=np.float32)  # type: ignore[no-untyped-call]
-    levels = fitted(in_channels(picture, channels), shape)
-    for _ in range(30):
-        levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
-    result: Float32Array = levels.astype(np.float32)
-    result.flags.writeable = False
-    return result

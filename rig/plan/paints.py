@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -100,7 +100,7 @@ def read_paints(path: Path) -> PaintFile:
     return read_model(PaintFile, raw, path, _problems)
 
 
-def _problems(data: dict[str, Any]) -> list[str]:
+def _problems(data: Mapping[str, Any]) -> list[str]:
     """What no single table shows: sources that are missing, and numbers that stand in no quotation."""
     paints, sources = data.get("paints"), data.get("sources")
     if not isinstance(paints, dict) or not isinstance(sources, dict):

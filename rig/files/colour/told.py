@@ -20,6 +20,8 @@ _GAMMA_OF_SRGB = (0.44, 0.47)
 _REMEDY = "convert the picture to sRGB in an image editor, and export it again"
 _UNCALIBRATED, _ADOBE = 0xFFFF, 2
 """Of Exif's ColorSpace: neither sRGB nor told; Adobe RGB, as some cameras put it."""
+_WHITE = 1 + 1e-4
+"""And what a conversion rounds."""
 _PRIMARIES = {1: spaces.SRGB_PRIMARIES, 12: spaces.P3_PRIMARIES}
 """By code points of ITU-T H.273; curves are taken of 8, linear, and 13, sRGB."""
 
@@ -72,6 +74,21 @@ def check_linear(path: Path, space: ColourSpace) -> None:
         raise UsageError(
             f"{path}: its colour profile {space.name} says that its numbers are no linear light; leave --linear out, "
             "or export it without a profile"
+        )
+
+
+def check_white(path: Path, space: ColourSpace, highest: float) -> None:
+    """Refuse numbers with a point that lie above the white of a colour space that is no linear light.
+
+    Raises
+    ------
+    UsageError
+        They do.
+    """
+    if not space.is_linear and highest > _WHITE:
+        raise UsageError(
+            f"{path}: numbers up to {highest:.4g}, but 1 is white in its colour profile {space.name}; scale it, or "
+            "export linear light without a profile"
         )
 
 
