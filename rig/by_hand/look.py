@@ -56,6 +56,8 @@ class Look(Record):
     figures: PhotographFigures
     photograph: str | None = None
     """PNG that was written."""
+    profile: str = ""
+    """In words: the colour space that the picture's file told and that was made sRGB; empty: none but sRGB."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -183,7 +185,7 @@ class _Looker:
     def __init__(self, rig: Rig, request: LookRequest, on_step: OnStep):
         self._rig = rig
         self._name = request.show
-        self._codes = picture_named(request.show, rig.profile, fit=request.fit)
+        self._picture = picture_named(request.show, rig.profile, fit=request.fit)
         self._exposure_s = request.exposure_s or rig.profile.camera.exposure_s
         self.first = self._frame() if request.exposure_s else self._well_exposed(on_step)
 
@@ -192,6 +194,7 @@ class _Looker:
         frame, full_scale_dn = self._frame(), self._rig.camera.full_scale_dn
         taken = Look(
             picture=self._name,
+            profile=self._picture.profile,
             exposure_s=frame.exposure_s,
             width_px=frame.pixels.shape[1],
             height_px=frame.pixels.shape[0],
@@ -200,7 +203,7 @@ class _Looker:
         return taken, frame
 
     def _frame(self) -> RawFrame:
-        return self._rig.shoot(self._codes, name=self._file_safe, exposure_s=self._exposure_s)
+        return self._rig.shoot(self._picture.codes, name=self._file_safe, exposure_s=self._exposure_s)
 
     @property
     def _file_safe(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
-from rig.files.pictures import cover, read_codes
+from rig.files.pictures import PictureCodes, cover, read_shown
 from rig.profile.schema import Profile
 from rig.profile.tables import ProjectorProfile
 
@@ -116,13 +117,13 @@ def spots_of(profile: Profile) -> tuple[tuple[float, float], ...]:
     return tuple((float(round(x * projector.width_px)), float(round(y * projector.height_px))) for x, y in _SPOTS_AT)
 
 
-def picture_named(name: str, profile: Profile, *, fit: bool = False) -> Codes:
+def picture_named(name: str, profile: Profile, *, fit: bool = False) -> PictureCodes:
     """Return what a projector is to show: a picture of :data:`PATTERNS`, the spots of the tape step, or a file's.
 
     Parameters
     ----------
     name
-        Of a pattern, or path of a file; its codes are shown as they are, as any program would.
+        Of a pattern, or path of a file; its codes are shown as they are, as any program would, of sRGB.
     profile
         Of the rig.
     fit
@@ -130,7 +131,7 @@ def picture_named(name: str, profile: Profile, *, fit: bool = False) -> Codes:
 
     Returns
     -------
-    ndarray of uint8
+    PictureCodes
         (H, W) or (H, W, 3) of the projector's shape.
 
     Raises
@@ -140,17 +141,18 @@ def picture_named(name: str, profile: Profile, *, fit: bool = False) -> Codes:
     """
     projector = profile.projector
     if name == SPOTS:
-        return spots(projector, spots_of(profile))
+        return PictureCodes(codes=spots(projector, spots_of(profile)))
     if name in PATTERNS:
-        return PATTERNS[name](projector.shape)
+        return PictureCodes(codes=PATTERNS[name](projector.shape))
     path = Path(name)
     if not path.is_file():
         known = ", ".join((*PATTERNS, SPOTS))
         raise UsageError(f"{name}: neither a picture's file nor a pattern; the patterns are {known}")
-    codes = read_codes(path)
+    read = read_shown(path)
+    codes = read.codes
     if codes.shape[:2] != projector.shape and not fit:
         raise UsageError(
             f"{path}: {codes.shape[1]} x {codes.shape[0]} px, but the projector has {projector.width_px} x "
             f"{projector.height_px} px; resize the picture, or add --fit to crop and scale it"
         )
-    return np.ascontiguousarray(cover(codes, projector.shape, cv2.INTER_CUBIC))
+    return replace(read, codes=np.ascontiguousarray(cover(codes, projector.shape, cv2.INTER_CUBIC)))

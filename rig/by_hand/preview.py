@@ -149,7 +149,7 @@ class Preview:
             raise UsageError(f"{profile.path}: a recording has no view of now; give a rig's profile")
         self._rig = rig or Rig(profile, *make_devices(profile, real_time=True))
         self._settings = settings
-        self._codes: Codes = picture_named(settings.picture, profile, fit=True)
+        self._codes: Codes = picture_named(settings.picture, profile, fit=True).codes
         self._picture = settings.picture
         self._exposure_s = 0.0
         self._gain: CameraGain | None = None
@@ -206,7 +206,7 @@ class Preview:
 
     def show(self, picture: str) -> None:
         """Hold another picture. Raises UsageError when there is none of that name."""
-        self._codes = picture_named(picture, self._rig.profile, fit=True)
+        self._codes = picture_named(picture, self._rig.profile, fit=True).codes
         self._picture = picture
         self._first()
 

@@ -34,6 +34,8 @@ class ShownPicture(Record):
     """key q, time over, or the name of a signal."""
     spots_px: tuple[tuple[float, float], ...] | None = None
     """Where the crosses were, (x, y)."""
+    profile: str = ""
+    """In words: the colour space that the picture's file told and that was made sRGB; empty: none but sRGB."""
 
 
 def show_picture(
@@ -73,21 +75,22 @@ def show_picture(
     if seconds is not None and not (math.isfinite(seconds) and seconds > 0):
         raise UsageError(f"--seconds {seconds:g} is no time to show a picture; give a number above 0, or leave it out")
     rig = load_runnable_profile(profile)
-    codes, clock = picture_named(name, rig, fit=fit), SystemClock()
+    picture, clock = picture_named(name, rig, fit=fit), SystemClock()
     projector = _projector(rig)
     with ExitStack() as stack:
         signals = stack.enter_context(EndSignals())
         keyboard = stack.enter_context(Keyboard())
         stack.callback(projector.close)
         projector.open()
-        projector.show(codes, name=name)
+        projector.show(picture.codes, name=name)
         started_s = clock.now_s()
-        on_shown(_sentence(name, rig, seconds))
+        on_shown(_sentence(name, picture.profile, rig, seconds))
         end = _hold(projector, signals, keyboard, until_s=math.inf if seconds is None else started_s + seconds)
     return ShownPicture(
         picture=name,
-        width_px=codes.shape[1],
-        height_px=codes.shape[0],
+        width_px=picture.codes.shape[1],
+        height_px=picture.codes.shape[0],
+        profile=picture.profile,
         seconds=clock.now_s() - started_s,
         ended_by=end,
         spots_px=spots_of(rig) if name == SPOTS else None,
@@ -117,10 +120,12 @@ def _hold(projector: Projector, signals: EndSignals, keyboard: Keyboard, *, unti
     return "time over"
 
 
-def _sentence(name: str, profile: Profile, seconds: float | None) -> str:
+def _sentence(name: str, colours: str, profile: Profile, seconds: float | None) -> str:
     ends = "q or Ctrl-C ends it" if seconds is None else f"for {seconds:g} s, or until q"
     where = " (simulated: nobody sees it)" if profile.projector.driver == "simulated" else ""
-    return f"{name} is on {profile.projector.output or profile.projector.name}{where}; {ends}{_tape(name, profile)}"
+    told = f", taken as {colours}," if colours else ""
+    output = profile.projector.output or profile.projector.name
+    return f"{name}{told} is on {output}{where}; {ends}{_tape(name, profile)}"
 
 
 def _tape(name: str, profile: Profile) -> str:

@@ -22,7 +22,8 @@ def print_look(look: Look) -> None:
         ("at zero [% of the pixels]", 100 * figures.black_share),
         ("sharpness (more is sharper)", figures.sharpness),
     ]
-    print_table(f"{look.width_px} x {look.height_px} px of {look.picture!r}", ("", "value"), rows)
+    told = f", taken as {look.profile}" if look.profile else ""
+    print_table(f"{look.width_px} x {look.height_px} px of {look.picture!r}{told}", ("", "value"), rows)
     highest = max(figures.histogram)
     bins = [
         (f"{100 * k / len(figures.histogram):.0f} %", 100 * share, bar(share / highest, _BAR))

@@ -77,6 +77,16 @@ def help_of(*verb: Annotated[str, Parameter(help="Verb to explain; default: all.
     return 0
 
 
+_ZSH_CALL = """
+if [[ ${funcstack[1]} == _rig ]]; then
+  _cyclopts_rig "$@"
+else
+  compdef _cyclopts_rig rig
+fi
+"""
+"""What the generator leaves out: it defines the function that completes, and nothing calls it."""
+
+
 def completion(
     shell: Annotated[Literal["bash", "zsh", "fish"], Parameter(help="bash, zsh or fish.")],
 ) -> int:
@@ -87,7 +97,8 @@ def completion(
 
     Example: rig completion bash
     """
-    print(app.generate_completion(shell=shell))
+    script = app.generate_completion(shell=shell)
+    print(script + _ZSH_CALL if shell == "zsh" else script)
     return 0
 
 

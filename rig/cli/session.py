@@ -227,13 +227,23 @@ def recheck(
     return 0 if result.within_limits else 1
 
 
-def report(session: SessionFolder, *, as_json: Json = False) -> int:
+def report(
+    session: SessionFolder,
+    *,
+    output: Annotated[
+        Path | None,
+        Parameter(name=["--output", "-o"], help="HTML file instead of the session's own; the session is only read."),
+    ] = None,
+    as_json: Json = False,
+) -> int:
     """Write report.html of a session that has been compared.
 
     Example: rig report runs/first
+
+    Example: rig report /media/archive/first -o first.html
     """
     from rig.run.session import rewrite_report
 
-    path = rewrite_report(session)
+    path = rewrite_report(session, output)
     print_json({"report": str(path)}) if as_json else print(path)
     return 0

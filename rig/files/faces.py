@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.terminal.line import counted
 from sim.geometry.mending.polygons import cut_polygon
 
 FloatArray = NDArray[np.float64]
@@ -47,5 +48,6 @@ def refuse_faces(path: Path, faults: Sequence[str]) -> None:
     if faults:
         more = f"; and {len(faults) - NAMED} more" if len(faults) > NAMED else ""
         raise UsageError(
-            f"{path}: {len(faults)} faces are no surfaces: {'; '.join(faults[:NAMED])}{more}; correct or remove them"
+            f"{path}: no surface can be made of {counted(len(faults), 'face')}: {'; '.join(faults[:NAMED])}{more}; "
+            "correct or remove them"
         )

@@ -8,6 +8,7 @@ import numpy as np
 
 from rig.errors import UsageError
 from rig.files.faces import pieces, refuse_faces
+from rig.terminal.line import counted
 
 
 def obj_with_cut_faces(path: Path) -> str:
@@ -30,7 +31,7 @@ def obj_with_cut_faces(path: Path) -> str:
             if any(not 0 <= corner < len(points) for corner in corners):
                 faults.append(f"line {i + 1} has corners {' '.join(tokens)}, there are 1 ... {len(points)}")
             elif len(tokens) < 3:
-                faults.append(f"line {i + 1} has {len(tokens)} corners")
+                faults.append(f"line {i + 1} has {counted(len(tokens), 'corner')}")
             elif len(tokens) > 3:
                 cut, fault = pieces(points[corners])
                 lines[i] = "\n".join("f " + " ".join(tokens[k] for k in piece) for piece in cut)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,7 +17,7 @@ from rig.errors import UsageError
 from rig.files.atomic import write_bytes
 from rig.files.colour.spaces import ColourSpace, srgb_light
 from rig.files.colour.srgb import linear_of_srgb, srgb_of_linear
-from rig.files.colour.told import check_linear, in_words, told_space
+from rig.files.colour.told import check_linear, check_white, in_words, told_space
 from rig.files.colour.transparency import check_opaque
 
 Float32Array = NDArray[np.float32]
@@ -137,9 +136,9 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
     """Read a target picture of C = 1 or 3 channels.
 
     Codes of 8 and 16 bits are sRGB, as everywhere, unless they are said to be linear light as in the paper (8-bit codes
-    are then the levels, 16-bit codes are divided by 257); numbers with a point (0 … 1; EXR, some TIFF) always are
-    linear light. Another colour space that the file tells (a profile, a PNG's chunks, an EXR's chromaticities) is made
-    sRGB. The orientation that a camera noted is applied.
+    are then the levels, 16-bit codes are divided by 257); numbers with a point (0 … 1; EXR, some TIFF) are linear
+    light, unless a profile in the file says otherwise. Another colour space that the file tells (a profile, a PNG's
+    chunks, an EXR's chromaticities) is made sRGB. The orientation that a camera noted is applied.
 
     Parameters
     ----------
@@ -156,21 +155,25 @@ def read_picture(path: str | os.PathLike[str], *, is_linear: bool = False) -> Pi
     """
     path = Path(path)
     colours, space = _colours(path)
-    has_points = colours.dtype.kind == "f"
-    if colours.dtype not in (np.uint8, np.uint16) and not has_points:
+    is_told_linear = is_linear
+    is_linear |= colours.dtype.kind == "f" and (space is None or space.is_linear)
+    if colours.dtype not in (np.uint8, np.uint16) and colours.dtype.kind != "f":
         raise UsageError(f"{path}: has numbers of the type {colours.dtype}; export it with 8 or 16 bits, or as EXR")
     if space is None:
         levels, words = _grey_levels(colours, is_linear=is_linear), ""
     else:
-        check_linear(path, space, has_points=has_points, is_linear=is_linear)
+        if is_told_linear:
+            check_linear(path, space)
+        if colours.dtype.kind == "f":
+            check_white(path, space, float(colours.max()))
         light, beyond = srgb_light(colours, space)
         levels, words = light * np.float32(255), in_words(space, beyond)
     _check_levels(path, levels if space is None else np.asarray(colours, dtype=np.float32))
-    return PictureLevels(levels=levels, is_linear=is_linear or has_points, profile=words)
+    return PictureLevels(levels=levels, is_linear=is_linear, profile=words)
 
 
 def _colours(path: Path) -> tuple[NDArray[np.generic], ColourSpace | None]:
-    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it; its colour space, None for sRGB."""
+    """(H, W, 3) red, green, blue, or (H, W, 1) grey, as the file has it; its colour space, None for codes of sRGB."""
     image = read_pixels(path)
     known = next((names for names in _PICTURE_CHANNELS if set(names) <= set(image.channels)), None)
     if known is None:
@@ -179,7 +182,9 @@ def _colours(path: Path) -> tuple[NDArray[np.generic], ColourSpace | None]:
     if "A" in image.channels:
         check_opaque(path, image.pixels[..., image.channels.index("A")])
     colours = image.pixels[..., [image.channels.index(name) for name in known]]
-    return colours, told_space(path, image.header, len(known))
+    space = told_space(path, image.header, len(known))
+    is_usual = space is not None and space.is_srgb and colours.dtype.kind != "f"
+    return colours, None if is_usual else space
 
 
 def _grey_levels(picture: NDArray[np.generic], *, is_linear: bool) -> Float32Array:
@@ -203,8 +208,23 @@ def _check_levels(path: Path, levels: Float32Array) -> None:
         )
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class PictureCodes:
+    """A picture as a display takes it."""
+
+    codes: Codes
+    """(H, W, 3) of sRGB, red first; of a pattern also (H, W)."""
+    profile: str = ""
+    """In words: the colour space that the file tells and that was made sRGB; empty: none but sRGB."""
+
+
 def read_codes(path: Path) -> Codes:
-    """Read a picture as a display takes it: (H, W, 3) codes of sRGB, red first; of 16 bits the upper eight.
+    """Return the codes of :func:`read_shown` alone, and raise as it does."""
+    return read_shown(path).codes
+
+
+def read_shown(path: Path) -> PictureCodes:
+    """Read a picture as a display takes it: codes of sRGB; of 16 bits the upper eight.
 
     A colour space that the file tells is made sRGB, as by :func:`read_picture`.
 
@@ -217,11 +237,14 @@ def read_codes(path: Path) -> Codes:
     colours, space = _colours(path)
     if colours.dtype not in (np.uint8, np.uint16):
         raise UsageError(f"{path}: has values of {colours.dtype}; export it with 8 or 16 bits")
+    words = ""
     if space is not None:
-        light, _ = srgb_light(colours, space)
+        light, beyond = srgb_light(colours, space)
+        words = in_words(space, beyond)
         colours = np.rint(255 * srgb_of_linear(light.astype(np.float64))).astype(np.uint8)
     eight = colours.astype(np.uint8) if colours.dtype == np.uint8 else (colours >> 8).astype(np.uint8)  # type: ignore[operator]
-    return np.ascontiguousarray(np.broadcast_to(eight, (*eight.shape[:2], 3)))
+    codes = np.ascontiguousarray(np.broadcast_to(eight, (*eight.shape[:2], 3)))
+    return PictureCodes(codes=codes, profile=words)
 
 
 def png_of(codes: Codes, compression: int | None = None) -> bytes:
@@ -370,20 +393,3 @@ def read_picture_in_channels(path: str | os.PathLike[str], *, channels: int, is_
         raise UsageError(f"{path}: grey levels up to {levels.max():.4g}, the limit is 255 (1.0 in an EXR); scale it")
     own = np.ascontiguousarray(in_channels(levels, channels), dtype=np.float32)
     return replace(read, levels=own, lost_colours=lost_colours)
-
-
-@lru_cache(maxsize=4)
-def astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
-    """Return a photograph (H, W, C) in the public domain that covers a shape, mean 123 and sd 46; read only.
-
-    Iterates, since the range clips; mean and deviation count all channels together.
-    """
-    import skimage.data  # here, for it takes its time
-
-    picture = np.asarray(skimage.data.astronaut(), dtype=np.float32)  # type: ignore[no-untyped-call]
-    levels = fitted(in_channels(picture, channels), shape)
-    for _ in range(30):
-        levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
-    result: Float32Array = levels.astype(np.float32)
-    result.flags.writeable = False
-    return result

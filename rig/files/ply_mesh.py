@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rig.errors import UsageError
 from rig.files.atomic import write_bytes
 from rig.files.faces import pieces, refuse_faces
+from rig.terminal.line import counted
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]
@@ -226,7 +227,7 @@ def _cut_faces(path: Path, points: FloatArray, lists: NDArray[Any] | list[NDArra
     for i, row in enumerate(lists):
         corners = np.asarray(row).astype(np.intp)
         if len(corners) < 3:
-            faults.append(f"face {i} has {len(corners)} corners")
+            faults.append(f"face {i} has {counted(len(corners), 'corner')}")
         elif ((corners < 0) | (corners >= len(points))).any():
             faults.append(_missing(i, corners, len(points)))
         else:

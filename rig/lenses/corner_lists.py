@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import ProfileError
+from rig.terminal.line import counted
 
 FloatArray = NDArray[np.float64]
 LastColumn = Literal["level", "weight"]
@@ -109,11 +110,11 @@ def _wrong_counts(path: Path, lists: Mapping[str, CornerList | None], corners: i
     counts = sorted(set(wrong.values()))
     if len(counts) == 1 and len(wrong) > len(lists) // 2:
         return [
-            f"{path}: lists {counts[0]} corners a picture ({len(wrong)} pictures), the board has {corners}: correct "
-            "[board] columns and rows (inner corners, not squares)"
+            f"{path}: lists {counted(counts[0], 'corner')} a picture ({counted(len(wrong), 'picture')}), the board has "
+            f"{corners}: correct [board] columns and rows (inner corners, not squares)"
         ]
     return [
-        f"{path}: {name}: lists {n} corners, the board has {corners}: write a line for each, `{name} - - -` for those "
-        "that were not seen, or one such line for no board"
+        f"{path}: {name}: lists {counted(n, 'corner')}, the board has {corners}: write a line for each, "
+        f"`{name} - - -` for those that were not seen, or one such line for no board"
         for name, n in wrong.items()
     ]

@@ -13,6 +13,7 @@ from calibration.structured_light.code import CODES
 from calibration.structured_light.gray import bits_for
 from rig.errors import ProfileError
 from rig.files.toml import Table, read_model
+from rig.terminal.line import counted
 
 _Count = Annotated[int, Field(ge=1)]
 _NotNegative = Annotated[int, Field(ge=0)]
@@ -188,8 +189,8 @@ def _in_sequence(view: ViewTable, shape: tuple[int, int]) -> dict[str, str]:
     ]
     if len(view.sequence) not in (len(names), len(names) + 2):
         raise ProfileError(
-            f"view.{view.name}.sequence: names {len(view.sequence)} photographs; a projector of {shape[1]} × "
-            f"{shape[0]} steps needs {len(names)} (each bit and its inverse, columns before rows), or {len(names) + 2} "
-            "with white and black at the end"
+            f"view.{view.name}.sequence: names {counted(len(view.sequence), 'photograph')}; a projector of "
+            f"{shape[1]} × {shape[0]} steps needs {len(names)} (each bit and its inverse, columns before rows), or "
+            f"{len(names) + 2} with white and black at the end"
         )
     return dict(zip((*names, "white", "black"), view.sequence, strict=False))

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import math
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from rig.errors import UsageError
+from rig.errors import ProfileError, UsageError
 from rig.files.toml import Table, read_model
 from rig.plan.request import NamedPaint, Paint
 from rig.profile.hardware_facts import FOLDER, Fact, FactSource
@@ -23,7 +27,9 @@ _POLYNOMIAL = (1.1914, -0.22533, 0.23352, -0.020484, 0.00081939)
 """Of a Munsell value V: Y in percent (ASTM D1535-08)."""
 
 
-class _PaintFile(Table):
+class PaintFile(Table):
+    """Cited paints by name, and the documents that say so."""
+
     schema_: Annotated[Literal[1], Field(alias="schema")]
     sources: dict[str, FactSource]
     paints: dict[str, Fact[float]]
@@ -73,9 +79,57 @@ def chosen_paint(paint: Paint, own: tuple[NamedPaint, ...], where: str) -> Chose
 
 
 @cache
-def known_paints() -> _PaintFile:
+def known_paints() -> PaintFile:
     """Return the cited paints."""
-    return read_model(_PaintFile, _PAINT_FILE.read_bytes(), _PAINT_FILE, lambda _: [])
+    return read_paints(_PAINT_FILE)
+
+
+def read_paints(path: Path) -> PaintFile:
+    """Read a file of cited paints.
+
+    Raises
+    ------
+    ProfileError
+        It cannot be read, is no such file, names a source that is not there, or has a reflectance that no paint has or
+        that its source's words do not say.
+    """
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ProfileError(f"{path}: cannot be read: {error.strerror}; install procam-rig again") from error
+    return read_model(PaintFile, raw, path, _problems)
+
+
+def _problems(data: Mapping[str, Any]) -> list[str]:
+    """What no single table shows: sources that are missing, and numbers that stand in no quotation."""
+    paints, sources = data.get("paints"), data.get("sources")
+    if not isinstance(paints, dict) or not isinstance(sources, dict):
+        return []
+    problems = []
+    for name, fact in paints.items():
+        if not isinstance(fact, dict):
+            continue
+        value, quote = fact.get("value"), fact.get("quote")
+        if fact.get("source") not in sources:
+            problems.append(
+                f"paints.{name}.source: no source is called {fact.get('source')!r}; there are {_listed(sources)}"
+            )
+        if not isinstance(value, float) or not isinstance(quote, str):
+            continue
+        if not LOWEST <= value <= HIGHEST:
+            problems.append(f"paints.{name}.value: is {value:g}; paints lie in {LOWEST:g} ... {HIGHEST:g}")
+        elif not any(math.isclose(value, said * unit) for said in _numbers(quote) for unit in (1, 0.01)):
+            problems.append(f"paints.{name}.value: is {value:g}, which its quotation does not say; correct either")
+    return problems
+
+
+def _numbers(quote: str) -> list[float]:
+    """The numbers of a quotation but for lengths: the 5 of 5mm is no reflectance."""
+    return [float(number) for number in re.findall(r"(?<![\d.])(?:\d+(?:\.\d+)?|\.\d+)(?![\d]|\.\d|\s*mm)", quote)]
+
+
+def _listed(names: Iterable[object]) -> str:
+    return ", ".join(map(str, names))
 
 
 def _checked(value: float, where: str) -> float:

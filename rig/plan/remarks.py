@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from rig.plan.records import PlanResult
 from rig.plan.request import PlanRequest
+from rig.plan.shown import colours_told
 
 LITTLE_CONTRAST = 10.0
 """Checker contrast below which a picture looks washed out: ISO 15008 asks 5:1 of signs at night, films more."""
@@ -27,6 +28,7 @@ def remarks_on(result: PlanResult, request: PlanRequest) -> PlanResult:
             *_people(result),
             *_light(request),
             *_fineness(result, request),
+            *colours_told(request.show.pictures),
         ),
     )
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rig import plug_ins
 from rig.errors import UsageError
 from rig.files.photographs import PHOTOGRAPHS, photograph
-from rig.files.pictures import read_picture_of_shape
+from rig.files.pictures import read_picture, read_picture_of_shape
 from rig.plan.light import LitRoom
 from rig.plan.measures import checker
 from rig.plan.records import PlannedPicture, StrategyOutcome, UnreachedPart
@@ -69,6 +69,18 @@ def picture_levels(name: str, shape: tuple[int, int]) -> FloatArray:
         raise UsageError(f"show.pictures: {name!r} is neither a file nor one of {there}")
     levels = read_picture_of_shape(Path(name), shape, channels=1, fit=True, is_linear=False).levels
     return np.asarray(levels, dtype=np.float64)[..., 0]
+
+
+def colours_told(names: tuple[str, ...]) -> list[str]:
+    """Return a sentence of each picture file whose own colour space was made sRGB; it has been read before."""
+    read = [(Path(name).name, read_picture(name).profile) for name in names if not _is_own(name)]
+    return [f"{name} is taken as {profile}." for name, profile in read if profile]
+
+
+def _is_own(name: str) -> bool:
+    """Whether a name is that of a picture that is made here, not of a file."""
+    word, _, share = name.partition(":")
+    return word in ("grey", "white") or name == "checker" or (word in PHOTOGRAPHS and not share)
 
 
 @lru_cache(maxsize=8)

@@ -58,7 +58,10 @@ def _guesses(path: str, profile: Profile) -> list[str]:
     guessed = guessed_keys(profile.text)
     if not guessed:
         return []
-    return [f"{path}: still a guess ({GUESS}): {', '.join(guessed)}; rig check --apply measures some of them"]
+    return [
+        f"{path}: still a guess ({GUESS}): {', '.join(guessed)}; rig check --apply measures some of them; where you "
+        "measured one, take the word out of its line"
+    ]
 
 
 def _later(path: str, profile: Profile) -> list[str]:

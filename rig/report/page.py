@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
+from rig.files.atomic import write_bytes
 from rig.files.channels import image_of
 from rig.profile.apply import guessed_keys
 from rig.records import Verdict
@@ -123,15 +124,19 @@ class _SessionPage:
     footer: str
 
 
-def write_report(session: Session, result: SessionResult, on_step: OnStep) -> Path:
-    """Write report.html into a compared session and return its path."""
+def write_report(session: Session, result: SessionResult, on_step: OnStep, output: Path | None = None) -> Path:
+    """Write report.html into a compared session, or another file, which leaves the session alone; return its path."""
     on_step("write report", 0, 2)
     page = _page(session, result, load_model(session))
     on_step("write report", 1, 2)
-    path = session.write_report(rendered("report/session.html", page))
-    link_pages(session.path)
+    html = rendered("report/session.html", page)
+    if output is None:
+        output = session.write_report(html)
+        link_pages(session.path)
+    else:
+        write_bytes(output, html.encode())
     on_step("write report", 2, 2)
-    return path
+    return output
 
 
 def _page(session: Session, result: SessionResult, model: FittedScene) -> _SessionPage:

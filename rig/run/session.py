@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -10,7 +11,8 @@ from pathlib import Path
 
 from calibration.errors import CalibrationError
 from rig.capture.rig import Rig, open_rig
-from rig.errors import RigError
+from rig.errors import RigError, SessionError
+from rig.files.atomic import check_output
 from rig.run.plan import SessionPlan, plan_session
 from rig.run.request import SessionRequest
 from rig.run.results import partial_result, session_result
@@ -25,6 +27,7 @@ from rig.run.steps import (
     steps_up_to,
 )
 from rig.session import Session
+from rig.session.folder import typed
 from rig.stages.error_tree import one_error_tree
 from rig.stages.results import PartialResult, SessionResult, TruthErrors
 from rig.stages.target import CompensationRequest
@@ -65,10 +68,10 @@ def run_session(request: SessionRequest, on_step: OnStep = silent) -> SessionRes
     return replace(result, report=str(report), elapsed_s=time.perf_counter() - started_s)
 
 
-def _write_report(session: Session, result: SessionResult, on_step: OnStep) -> Path:
+def _write_report(session: Session, result: SessionResult, on_step: OnStep, output: Path | None = None) -> Path:
     from rig.report.page import write_report  # here, for what draws takes its time to load
 
-    return write_report(session, result, on_step)
+    return write_report(session, result, on_step, output)
 
 
 @contextmanager
@@ -99,8 +102,33 @@ def run_part(request: SessionRequest, verb: Verb, on_step: OnStep = silent) -> P
     return replace(result, elapsed_s=time.perf_counter() - started_s)
 
 
-def rewrite_report(folder: str | Path) -> Path:
-    """Write the report of a compared session again, and return its path."""
+def rewrite_report(folder: str | Path, output: Path | None = None) -> Path:
+    """Write the report of a compared session again, and return its path.
+
+    Parameters
+    ----------
+    folder
+        Of the session.
+    output
+        Another file than the session's own: the session is only read, be it another process's or on a disk that cannot
+        be written.
+
+    Raises
+    ------
+    SessionError
+        There is no such session, nothing was compared yet, or its folder cannot be written and no file is named.
+    UsageError
+        The file cannot stand where it was asked for.
+    """
+    if output is not None:
+        check_output(output)
+        session = Session.read(folder)
+        return _write_report(session, session.read_metrics(SessionResult), silent, output)
+    if Session.exists(folder) and not os.access(folder, os.W_OK):
+        raise SessionError(
+            f"{folder}: this folder cannot be written; name a file elsewhere: "
+            f"rig report {typed(Path(folder))} -o report.html"
+        )
     with Session.open(folder) as session:
         return _write_report(session, session.read_metrics(SessionResult), silent)
 

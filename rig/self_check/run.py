@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TypeVar
 
@@ -151,6 +151,8 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
         if name in _PARTS:
             tested.note_white()
             measured[name] = _measure(name, on_step, partial(_PARTS[name], check))
+            if name == "view" and latency is not None and measured[name].numbers is None:
+                measured |= _with_more_patience(check, measured, on_step)
     measured["frames"] = _rejections(tested)
     if isinstance(rig.camera, Advising):
         measured["transport"] = _transport(rig.camera)
@@ -162,6 +164,36 @@ def check_rig(rig: Rig, profile: Profile, on_step: OnStep, parts: Sequence[str] 
         frames_rejected=sum(tested.rejected().values()),
         latency_s=_distribution(latency) if latency else None,
     )
+
+
+def _with_more_patience(
+    check: _Check, measured: Mapping[str, PartResult[Record]], on_step: OnStep
+) -> dict[str, PartResult[Record]]:
+    """The view again, waiting longer and longer for each picture, and the latency that it needs.
+
+    Latency is measured with two pictures that are shown again and again; some displays and emulations take longer for
+    one that they never showed, and a session shows little else. Nothing, where waiting does not help.
+    """
+    rig = check.tested.rig
+    measured_s = waited_s = rig.profile.projector.latency_s
+    while waited_s < PATIENCE_S:
+        waited_s = min(2 * waited_s, PATIENCE_S)
+        rig.profile = with_generous_latency(rig.profile, waited_s)
+        view = _measure("view", on_step, partial(_PARTS["view"], check))
+        if view.numbers is not None:
+            needed = Verdict(
+                what="latency that pictures need which were never shown before",
+                value=waited_s,
+                limit=check.tested.promised_latency_s,
+                unit="s",
+                advice="give projector.latency_s the value suggested below; no compositor; a quicker graphics card",
+            )
+            latency = measured["latency"]
+            suggested = {**latency.suggested, "projector.latency_s": round(waited_s, 4)}
+            more = replace(latency, verdicts=(*latency.verdicts, needed), suggested=suggested)
+            return {"latency": more, "view": view}
+    rig.profile = with_generous_latency(rig.profile, measured_s)
+    return {}
 
 
 Numbers = TypeVar("Numbers", bound=Record)

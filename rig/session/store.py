@@ -27,6 +27,7 @@ from rig.session.folder import (
 from rig.session.ledger import METRICS_NAME, FileEntry, Ledger, hash_json
 from rig.session.lock import SessionLock
 from rig.session.step import Step, check_name
+from rig.terminal.line import counted
 
 Kind = TypeVar("Kind")
 
@@ -244,7 +245,7 @@ class Session:
         step = Step(self._ledger, run)
         if step.damaged_files:
             raise SessionCorrupt(
-                f"{self.path}: {len(step.damaged_files)} files of step {name!r} are lost or damaged, first "
+                f"{self.path}: lost or damaged: {counted(len(step.damaged_files), 'file')} of step {name!r}, first "
                 f"{step.damaged_files[0]}; run `rig {verb} {typed(self.path)}` to repeat what is missing"
             )
         return step

@@ -6,6 +6,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from rig import plug_ins
 from rig.errors import SessionCorrupt, SessionError, UsageError
 from rig.files.channels import image_of
-from rig.files.pictures import PictureLevels, astronaut, in_channels, read_picture_in_channels, read_picture_of_shape
+from rig.files.pictures import PictureLevels, fitted, in_channels, read_picture_in_channels, read_picture_of_shape
 from rig.profile.schema import Profile
 from rig.profile.target_table import TargetTable
 from rig.records import Record
@@ -215,7 +216,7 @@ def load_target(
     channels
         C of the target.
     is_linear
-        Codes of 8 and 16 bits are linear light; else sRGB. EXR always is linear light.
+        As for :func:`rig.files.pictures.read_picture`.
 
     Raises
     ------
@@ -223,7 +224,7 @@ def load_target(
         The file is missing, unreadable, of another size (unless `fit`), too bright, or not finite.
     """
     if path is None or _is_test_picture(path):
-        return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
+        return Target(name=_TEST_PICTURE, levels=_astronaut(shape, channels))
     return _target(path, read_picture_of_shape(path, shape, channels=channels, fit=fit, is_linear=is_linear))
 
 
@@ -238,7 +239,7 @@ def load_any_target(
         The file is missing, unreadable, too bright, or not finite.
     """
     if path is None or _is_test_picture(path):
-        return Target(name=_TEST_PICTURE, levels=astronaut(shape, channels))
+        return Target(name=_TEST_PICTURE, levels=_astronaut(shape, channels))
     return _target(path, read_picture_in_channels(path, channels=channels, is_linear=is_linear))
 
 
@@ -247,5 +248,22 @@ def _is_test_picture(path: str | Path) -> bool:
 
 
 def _target(path: str | Path, read: PictureLevels) -> Target:
-    light: str = "linear light" if read.is_linear else "sRGB"
+    light = read.profile or ("linear light" if read.is_linear else "sRGB")
     return Target(name=Path(path).name, levels=read.levels, light=light, lost_colours=read.lost_colours)
+
+
+@lru_cache(maxsize=4)
+def _astronaut(shape: tuple[int, int], channels: int = 1) -> Float32Array:
+    """Return a photograph (H, W, C) in the public domain that covers a shape, mean 123 and sd 46; read only.
+
+    Iterates, since the range clips; mean and deviation count all channels together.
+    """
+    import skimage.data  # here, for it takes its time
+
+    picture = np.asarray(skimage.data.astronaut(), dtype=np.float32)  # type: ignore[no-untyped-call]
+    levels = fitted(in_channels(picture, channels), shape)
+    for _ in range(30):
+        levels = np.clip((levels - levels.mean()) / max(float(levels.std()), 1e-6) * 46.0 + 123.0, 0.0, 255.0)
+    result: Float32Array = levels.astype(np.float32)
+    result.flags.writeable = False
+    return result

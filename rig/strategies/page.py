@@ -116,7 +116,7 @@ def _frame(title: str, subtitle: str, result: ComparisonResult) -> dict[str, obj
         "title": title,
         "subtitle": subtitle,
         "met": True,
-        "word": f"{len(result.pictures[0].rows)} strategies",
+        "word": counted(len(result.pictures[0].rows), "strategy", "strategies"),
         "verdict": f"{counted(len(result.pictures), 'picture')}; {counted(warned, 'result')} worse than direct light "
         "alone",
         "words": explained(_words_of(result)),

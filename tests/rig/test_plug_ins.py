@@ -18,6 +18,8 @@ from rig.cli.app import run_command
 from rig.errors import ProfileError, UsageError
 from rig.plug_ins import GROUPS, code_version, find_code, find_strategy, others, strategy_version
 from rig.profile.schema import Profile
+from rig.session import Session
+from rig.stages.results import SessionResult
 from tests.rig.conftest import Finished
 
 ROOT = Path(__file__).parents[2]
@@ -209,6 +211,22 @@ def test_a_strategy_that_fails_is_told_by_its_name_and_line(
 def test_an_unknown_name_is_refused_with_what_was_meant() -> None:
     with pytest.raises(UsageError, match=r"no strategy is named 'bunded'; did you mean bounded\?; there are none, dir"):
         find_strategy("bunded")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("acme")
+def test_a_session_uses_its_strategy_and_code_as_the_how_to_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page = (ROOT / "docs" / "how-to" / "plug-ins.md").read_text(encoding="utf-8")
+    script = page.rpartition("```text\n")[2].partition("```")[0]
+    monkeypatch.chdir(tmp_path)
+    exec(compile(script, "plug-ins.md", "exec"), {})
+    result = Session.read(tmp_path / "own").read_metrics(SessionResult)
+    assert {"none", "dimmed"} <= set(result.strategies)
+    assert float(capsys.readouterr().out) == result.strategies["dimmed"].measured.mean
+    shown = {event.get("name", "") for event in Session.read(tmp_path / "own").frame_log()}
+    assert any(name.startswith("mirrored-") for name in shown), "its patterns were photographed"
 
 
 @pytest.mark.parametrize("file", sorted(PACKAGE.rglob("*.[pt]*")), ids=lambda file: file.name)

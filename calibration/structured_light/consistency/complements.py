@@ -70,5 +70,6 @@ def refuse_stale_frames(
         raise CalibrationError(
             f"{one} and {inverse} do not add up to what the other pairs do at {100 * unlike[worst]:.0f} % of the lit "
             f"pixels (limit {100 * _MOST_UNLIKE:g} %): one of the two is a stale frame that shows another picture, or "
-            "something moved; photograph again, and measure the latency of the rig with `rig check`"
+            "something moved; measure the latency of the rig with `rig check`, or double projector.latency_s, and "
+            "begin a new session"
         )

@@ -13,6 +13,8 @@ from calibration.radiometry.mosaic import Mosaic, MosaicPattern
 from rig.errors import DeviceError, SettingRefused
 
 Pixels = NDArray[np.uint16]
+_START_OF_SCAN, _END_OF_IMAGE = b"\xff\xda", b"\xff\xd9"
+"""Markers of JPEG (ITU-T T.81, B.1.1.3), which never stand within a scan's data."""
 
 
 class WantedPicture(NamedTuple):
@@ -27,9 +29,11 @@ def from_jpeg(data: bytes, wanted: WantedPicture) -> Pixels:
     """Return a JPEG's numbers, (H, W, 1 or 3), not turned. Raises DeviceError when it holds no picture of the size."""
     grey = wanted.shape[2] == 1
     flags = (cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
-    picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    picture = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     if picture is None:
         raise DeviceError("the camera sent no JPEG; set its quality to JPEG alone, or pixel_format to RAW")
+    if data.find(_END_OF_IMAGE, data.rfind(_START_OF_SCAN)) < 0:  # the decoder makes grey of what is missing
+        raise DeviceError("the camera's JPEG breaks off before its end; try again, or change the cable or the card")
     _check_size(picture.shape[:2], wanted)
     return picture.astype(np.uint16)[..., None] if grey else np.ascontiguousarray(picture[..., ::-1]).astype(np.uint16)
 

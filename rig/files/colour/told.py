@@ -20,12 +20,14 @@ _GAMMA_OF_SRGB = (0.44, 0.47)
 _REMEDY = "convert the picture to sRGB in an image editor, and export it again"
 _UNCALIBRATED, _ADOBE = 0xFFFF, 2
 """Of Exif's ColorSpace: neither sRGB nor told; Adobe RGB, as some cameras put it."""
+_WHITE = 1 + 1e-4
+"""And what a conversion rounds."""
 _PRIMARIES = {1: spaces.SRGB_PRIMARIES, 12: spaces.P3_PRIMARIES}
 """By code points of ITU-T H.273; curves are taken of 8, linear, and 13, sRGB."""
 
 
 def told_space(path: Path, spec: oiio.ImageSpec, channels: int) -> ColourSpace | None:
-    """Return the colour space of a picture; None where the file says nothing, or sRGB.
+    """Return the colour space of a picture; None where the file says nothing.
 
     In this order: a PNG's cICP, a profile (ICC), a PNG's sRGB, gAMA and cHRM; Adobe RGB noted by a camera (Exif);
     chromaticities of an EXR.
@@ -51,7 +53,7 @@ def told_space(path: Path, spec: oiio.ImageSpec, channels: int) -> ColourSpace |
         raise UsageError(f"{path}: its colour profile {error}; {_REMEDY}") from error
     except ValueError as error:
         raise UsageError(f"{path}: what it says of its colours makes no sense here ({error}); {_REMEDY}") from error
-    if space is None or space.is_srgb:
+    if space is None:
         return None
     if len(space.curves) == channels:
         return space
@@ -60,33 +62,43 @@ def told_space(path: Path, spec: oiio.ImageSpec, channels: int) -> ColourSpace |
     raise UsageError(f"{path}: its colour profile {space.name} is for grey pictures, but it has colours; {_REMEDY}")
 
 
-def check_linear(path: Path, space: ColourSpace, *, has_points: bool, is_linear: bool) -> None:
-    """Refuse a picture whose colour space contradicts that its numbers are linear light.
-
-    Parameters
-    ----------
-    path, space
-        Of the picture.
-    has_points
-        Its numbers have a point, which always are linear light.
-    is_linear
-        Its numbers were said to be linear light.
+def check_linear(path: Path, space: ColourSpace) -> None:
+    """Refuse a picture that was said to be linear light, and whose own colour space says that it is not.
 
     Raises
     ------
     UsageError
-        It does.
+        It is not.
     """
-    if (has_points or is_linear) and not space.is_linear:
-        remedy = "export it with 8 or 16 bits" if has_points else "leave --linear out"
+    if not space.is_linear:
         raise UsageError(
-            f"{path}: its colour profile {space.name} says that its numbers are no linear light; {remedy}, or export "
-            "it without a profile"
+            f"{path}: its colour profile {space.name} says that its numbers are no linear light; leave --linear out, "
+            "or export it without a profile"
+        )
+
+
+def check_white(path: Path, space: ColourSpace, highest: float) -> None:
+    """Refuse numbers with a point that lie above the white of a colour space that is no linear light.
+
+    Raises
+    ------
+    UsageError
+        They do.
+    """
+    if not space.is_linear and highest > _WHITE:
+        raise UsageError(
+            f"{path}: numbers up to {highest:.4g}, but 1 is white in its colour profile {space.name}; scale it, or "
+            "export linear light without a profile"
         )
 
 
 def in_words(space: ColourSpace, beyond: float) -> str:
-    """Return what a person has to know of a picture that was made sRGB, of whose pixels a share has other colours."""
+    """Return what a person has to know of a picture that was made sRGB, of whose pixels a share has other colours.
+
+    Empty of one that is sRGB already.
+    """
+    if space.is_srgb:
+        return ""
     lost = f" ({beyond:.1%} of its pixels have colours that sRGB lacks: they are less vivid)" if beyond else ""
     return f"{space.name}{lost}"
 

@@ -11,7 +11,8 @@ import numpy as np
 
 from rig.devices.protocols import Clock
 from rig.errors import UsageError
-from rig.files.pictures import read_codes
+from rig.files.pictures import PictureCodes, read_shown
+from rig.live.sources.film_colours import check_colours
 from rig.live.sources.source import FilmBroken, Picture, PictureBroken, Pixels, SourceEnded, SourceGone
 
 PICTURE_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm"}
@@ -33,6 +34,7 @@ class VideoSource:
         self._announced = 0
         self._count = 0
         self._pixels: Pixels | None = None
+        self._told: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -54,6 +56,7 @@ class VideoSource:
         video = cv2.VideoCapture(str(self._path))
         if not video.isOpened():
             raise FilmBroken(f"{self._path}: is no video that can be read; convert it to MP4 or MKV")
+        self._told = check_colours(self._path)
         rate_hz, announced = video.get(cv2.CAP_PROP_FPS), video.get(cv2.CAP_PROP_FRAME_COUNT)
         self._rate_hz = rate_hz if math.isfinite(rate_hz) and rate_hz > 0 else _USUAL_RATE_HZ
         self._announced = int(announced) if math.isfinite(announced) and announced > 0 else 0
@@ -67,7 +70,7 @@ class VideoSource:
         if there and pixels is not None:
             self._pixels = np.asarray(pixels, dtype=np.uint8)
             self._count += 1
-            return Picture(self._pixels, is_bgr=True)
+            return Picture(self._pixels, is_bgr=True, told=self._told)
         if self._count == 0 or self._count < _WHOLE * self._announced:
             raise FilmBroken(
                 f"{self._path}: breaks off after {self._count} of {self._announced} pictures; copy or convert it again"
@@ -116,18 +119,19 @@ class FolderSource:
 
     def read(self, _timeout_s: float) -> Picture | None:
         """Decode the next picture. Raises SourceEnded, PictureBroken when none can be read."""
-        refused: list[str] = []
+        told: list[str] = []
         while self._left:
             try:
-                pixels = read_codes(self._left.pop())
+                path = self._left.pop()
+                read = read_shown(path)
             except UsageError as error:
-                refused.append(f"passed over: {error}")
+                told.append(f"passed over: {error}")
                 continue
             self._good += 1
-            return Picture(pixels, passed_over=tuple(refused))
+            return Picture(read.codes, told=(*told, *_taken_as(path, read)))
         if self._good == 0:
             raise PictureBroken(f"{self._folder}: none of its pictures can be read; export them again as PNG or JPEG")
-        raise SourceEnded(*refused)
+        raise SourceEnded(*told)
 
     def close(self) -> None:
         """Forget what is left."""
@@ -174,11 +178,11 @@ class StillSource:
         now_s = self._clock.now_s()
         if self._until_s is None:
             try:
-                pixels = read_codes(self._path)
+                read = read_shown(self._path)
             except UsageError as error:
                 raise PictureBroken(str(error)) from error
             self._until_s = math.inf if self._hold_s is None else now_s + self._hold_s
-            return Picture(pixels)
+            return Picture(read.codes, told=_taken_as(self._path, read))
         if now_s >= self._until_s:
             raise SourceEnded
         self._clock.wait_until_s(min(now_s + timeout_s, self._until_s))
@@ -187,6 +191,10 @@ class StillSource:
     def close(self) -> None:
         """Forget it."""
         self._until_s = None
+
+
+def _taken_as(path: Path, read: PictureCodes) -> tuple[str, ...]:
+    return (f"{path.name}: taken as {read.profile}",) if read.profile else ()
 
 
 class PatternSource:

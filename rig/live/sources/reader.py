@@ -180,7 +180,7 @@ class Reader:
                 self._mailbox.hold(self._count * (period_s or 0.0))
                 return
             if picture is not None:
-                self._note_once(picture.passed_over)
+                self._note_once(picture.told)
                 self._fitter.fit(picture, self._mailbox.writable())
                 self._mailbox.offer(None if period_s is None else self._count * period_s)
                 self._count += 1

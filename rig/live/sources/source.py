@@ -59,8 +59,8 @@ class Picture:
     """(H, W, 3), of any size."""
     is_bgr: bool = False
     """Blue first, as OpenCV has it; else red first."""
-    passed_over: tuple[str, ...] = ()
-    """What the source could not give before it, and why."""
+    told: tuple[str, ...] = ()
+    """What a person has to know: what the source could not give before it, and why; how its colours were taken."""
 
 
 class Source(Protocol):

@@ -117,7 +117,7 @@ def pattern(request: Request) -> Response:
     if name not in (*PATTERNS, SPOTS):
         raise HTTPException(404, f"there is no picture {name[:40]!r}")
     profile = workplace_of(request).folders.read_profile(name_of(request, "profile"))
-    return Response(png_of(picture_named(name, profile), 3), media_type="image/png")
+    return Response(png_of(picture_named(name, profile).codes, 3), media_type="image/png")
 
 
 def uploads(request: Request) -> Response:

@@ -9,12 +9,17 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from rig.cli.app import run_command
+from rig.profile.schema import load_profile
+from rig.report import page
+from rig.session import Session
+from rig.stages.photograph import frame_notes
 from tests.rig.conftest import CHROMIUM
 from tests.rig.terminal.test_terminal import on_terminal
 
@@ -58,6 +63,53 @@ def test_an_export_is_png_unless_said_otherwise(capsys: Capture, finished: Finis
     assert all(path.read_bytes().startswith(b"\x89PNG\r\n") for path in there[:10])
 
 
+def test_a_report_is_written_elsewhere_while_another_process_works_on_the_session(
+    capsys: Capture, finished: Finished, tmp_path: Path
+) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "session")
+    with Session.open(folder):
+        before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+        assert run_command(["report", str(folder)]) == 4
+        assert run_command(["report", str(folder), "-o", str(tmp_path / "elsewhere.html")]) == 0
+        assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    assert "What each strategy shows" in (tmp_path / "elsewhere.html").read_text("utf-8")
+    assert run_command(["report", str(folder), "-o", str(tmp_path / "none" / "elsewhere.html")]) == 2
+    assert "there is no folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("number", "words"), [(0, "0 events"), (1, "1 event"), (2, "2 events")])
+def test_a_report_tells_one_event_and_two_events(
+    monkeypatch: pytest.MonkeyPatch, finished: Finished, tmp_path: Path, number: int, words: str
+) -> None:
+    notes = frame_notes(Session.read(finished.folder))
+    assert len(notes) >= number
+    monkeypatch.setattr(page, "frame_notes", lambda _: notes[:number])
+    assert run_command(["report", str(finished.folder), "-o", str(tmp_path / "report.html")]) == 0
+    assert re.search(rf"\d+ frames, {words} \(stale or lost", (tmp_path / "report.html").read_text("utf-8"))
+
+
+@pytest.fixture
+def read_only(finished: Finished, tmp_path: Path) -> Iterator[Path]:
+    """A session on a disk that cannot be written; only root can make one."""
+    folder = tmp_path / "archive"
+    folder.mkdir()
+    if subprocess.run(["mount", "--bind", finished.folder, folder], capture_output=True, check=False).returncode:
+        pytest.skip("needs the right to mount a file system")
+    subprocess.run(["mount", "-o", "remount,bind,ro", folder], check=True)
+    yield folder
+    subprocess.run(["umount", folder], check=True)
+
+
+def test_a_session_on_a_disk_that_cannot_be_written_is_read_by_each_verb_that_only_reads(
+    capsys: Capture, read_only: Path, tmp_path: Path
+) -> None:
+    assert run_command(["report", str(read_only)]) == 4
+    assert f"rig report {read_only} -o report.html" in " ".join(capsys.readouterr().err.split())
+    assert run_command(["report", str(read_only), "-o", str(tmp_path / "report.html")]) == 0
+    assert run_command(["export", str(read_only), "-o", str(tmp_path / "pictures")]) == 0
+    assert run_command(["run", str(read_only), "--dry-run"]) == 0
+
+
 def test_the_page_of_strategies_opens_with_what_to_use_and_why(finished: Finished, tmp_path: Path) -> None:
     folder = shutil.copytree(finished.folder, tmp_path / "session")
     assert run_command(["compare-strategies", str(folder), "--strategies", "none,direct,bounded"]) == 0
@@ -82,15 +134,33 @@ def test_charts_of_a_check_have_the_lines_of_their_limits(tmp_path: Path) -> Non
         assert "stroke-dasharray" in chart
 
 
+PAGES = {
+    "report": "",
+    "plan": "plan paper-room --no-search --report {page}",
+    "check": "check -p ci-tiny --only latency,linearity --report {page}",
+    "strategies": "compare-strategies {session} --strategies none,bounded --only-target --loop none",
+    "stopped": "run {session} -p {strict} --json",
+}
+"""What writes each page that has pictures; the report is there."""
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-def test_a_picture_of_the_report_enlarges_until_a_click(chromium, finished: Finished) -> None:
-    page = chromium.new_page(viewport={"width": 1200, "height": 800})
-    page.goto((finished.folder / "report.html").as_uri())
-    picture = page.locator("main img:not(.scale)").first
+@pytest.mark.parametrize("kind", PAGES)
+def test_a_picture_of_each_page_enlarges_until_a_click(chromium, finished: Finished, tmp_path: Path, kind: str) -> None:
+    session, strict, target = tmp_path / "session", tmp_path / "strict.toml", tmp_path / "page.html"
+    shutil.copytree(finished.folder, session)
+    text = load_profile("ci-tiny").path.read_text("utf-8")
+    strict.write_text(text.replace("distance_m = 4.876", "distance_m = 4.0"), "utf-8")
+    if kind != "report":
+        run_command(PAGES[kind].format(session=session, strict=strict, page=target).split())
+    own = {"report": "report.html", "stopped": "report.html", "strategies": "strategies.html"}
+    view = chromium.new_page(viewport={"width": 1200, "height": 800})
+    view.goto((session / own[kind] if kind in own else target).as_uri())
+    picture = view.locator("main img:not(.scale)").first
     before = picture.bounding_box()["width"]
     picture.click()
-    large = page.locator(".shown img")
-    assert large.bounding_box()["width"] > 1.5 * before
+    large = view.locator(".shown img")
+    assert large.bounding_box()["width"] >= max(before, 0.7 * 1200)
     large.click()
-    assert page.locator(".shown").count() == 0
-    page.close()
+    assert view.locator(".shown").count() == 0
+    view.close()

@@ -9,6 +9,8 @@ import pytest
 from PIL import Image
 
 from rig.cli.app import run_command
+from rig.stages.target import load_target
+from tests.rig.files.test_picture_colours import profile
 
 Capture = pytest.CaptureFixture[str]
 
@@ -34,7 +36,7 @@ width_px = 64
 WAYS = (
     "run {folder}/new -p ci-tiny --target {picture} --fit --dry-run",
     "show {picture} -p ci-tiny --fit --seconds 0.1",
-    "live -p ci-tiny --strategy none --source {picture} --seconds 0.5",
+    "live -p ci-tiny --strategy none --source {picture} --seconds 3",
     "plan {folder}/room.toml --report {folder}/plan.html",
 )
 
@@ -42,7 +44,8 @@ WAYS = (
 def said(capsys: Capture, way: str, folder: Path) -> tuple[int, str]:
     (folder / "room.toml").write_text(ROOM, encoding="utf-8")
     status = run_command(way.format(folder=folder, picture=folder / "picture.png").split())
-    return status, " ".join(capsys.readouterr().err.split())
+    captured = capsys.readouterr()
+    return status, " ".join((captured.err + captured.out).split())
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.split()[0])
@@ -64,3 +67,22 @@ def test_a_profile_that_cannot_be_followed_is_refused_with_the_remedy(
     status, words = said(capsys, way, tmp_path)
     assert status == (22 if way.startswith("live") else 2)
     assert "its colour profile is damaged; convert the picture to sRGB" in words
+
+
+@pytest.mark.parametrize("way", [*WAYS[1:], "look -p ci-tiny --show {picture} --fit -o {folder}/look.png"])
+def test_a_profile_that_is_followed_is_named(capsys: Capture, tmp_path: Path, way: str) -> None:
+    Image.new("RGB", (64, 48), (0, 255, 0)).save(tmp_path / "picture.png", icc_profile=profile())
+    status, words = said(capsys, way, tmp_path)
+    assert status == 0
+    assert "taken as Display P3 (100.0% of its pixels have colours that sRGB lacks" in words
+
+
+def test_a_sessions_target_names_the_profile_that_was_followed(tmp_path: Path) -> None:
+    Image.new("RGB", (64, 48), (0, 255, 0)).save(tmp_path / "picture.png", icc_profile=profile())
+    sentence = load_target(tmp_path / "picture.png", (48, 64), channels=3).shown.sentence
+    assert sentence.startswith("picture.png, taken as Display P3 (100.0% of its pixels")
+
+
+def test_a_profile_of_srgb_is_not_worth_a_word(capsys: Capture, tmp_path: Path) -> None:
+    Image.new("RGB", (64, 48), (0, 255, 0)).save(tmp_path / "picture.png")
+    assert "taken as" not in said(capsys, WAYS[1], tmp_path)[1]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import pty
+import select
 import shutil
 import subprocess
 import sys
@@ -90,6 +92,49 @@ def test_completion_knows_every_verb(shell_name: str) -> None:
     if shutil.which(shell_name):
         checked = subprocess.run([shell_name, "-n"], input=said.stdout, capture_output=True, text=True, check=False)
         assert checked.returncode == 0, checked.stderr
+
+
+COMPLETED = {
+    "bash": 'source <({rig} completion bash); COMP_WORDS=(rig re); COMP_CWORD=1; _rig; echo "${{COMPREPLY[@]}}"',
+    "fish": "{rig} completion fish | source; complete -C 'rig re'",
+}
+
+
+@pytest.mark.parametrize("shell_name", COMPLETED)
+def test_a_shell_completes_a_verb(shell_name: str) -> None:
+    if not shutil.which(shell_name):
+        pytest.skip(f"{shell_name} is not installed")
+    line = COMPLETED[shell_name].format(rig=RIG)
+    said = subprocess.run([shell_name, "-c", line], capture_output=True, text=True, timeout=120, check=False)
+    assert {"recheck", "report"} <= set(said.stdout.split()), said.stderr
+
+
+@pytest.mark.skipif(not shutil.which("zsh"), reason="zsh is not installed")
+@pytest.mark.parametrize("way", ["file of fpath", "sourced"])
+def test_zsh_completes_a_verb(way: str, tmp_path: Path) -> None:
+    (tmp_path / "_rig").write_text(shell(f"{RIG} completion zsh").stdout, encoding="utf-8")
+    begin = f"autoload -Uz compinit; compinit -u -d {tmp_path}/dump"
+    begin = f"fpath=({tmp_path} $fpath); {begin}" if way == "file of fpath" else f"{begin}; source {tmp_path}/_rig"
+    master, slave = pty.openpty()
+    zsh = subprocess.Popen(["zsh", "-f", "-i"], stdin=slave, stdout=slave, stderr=slave, start_new_session=True)
+    os.close(slave)
+    try:
+        os.write(master, f"{begin}; print BEG''UN\n".encode())
+        until(master, b"BEGUN")
+        os.write(master, b"rig re\t\t")
+        assert b"recheck" in until(master, b"recheck")
+    finally:
+        zsh.kill()
+        zsh.wait()
+        os.close(master)
+
+
+def until(terminal: int, words: bytes) -> bytes:
+    """What a terminal says until these words, or for half a minute of silence."""
+    seen = b""
+    while words not in seen and select.select([terminal], [], [], 30)[0]:
+        seen += os.read(terminal, 4096)
+    return seen
 
 
 def test_the_version_has_a_short_option() -> None:

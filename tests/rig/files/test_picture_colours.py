@@ -159,6 +159,51 @@ def test_a_png_of_linear_codes_is_linear_light(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_picture(path, is_linear=True).levels[0, 0], CODES, atol=0.1)
 
 
+def float_tiff(path: Path, data: bytes | None, values: tuple[float, ...]) -> Path:
+    """Numbers with a point, as darkroom programs export them."""
+    spec = oiio.ImageSpec(2, 2, len(values), "float")
+    if data is not None:
+        spec.attribute("ICCProfile", f"uint8[{len(data)}]", np.frombuffer(data, np.uint8))
+    output = oiio.ImageOutput.create("tif")
+    assert output.open(str(path), spec)
+    assert output.write_image(np.broadcast_to(np.float32(values), (2, 2, len(values))).copy())
+    output.close()
+    return path
+
+
+@pytest.mark.parametrize(("primaries", "words"), [(SRGB_D50, ""), (P3_D50, "Display P3")])
+def test_numbers_with_a_point_follow_the_profile_of_their_file(
+    tmp_path: Path, primaries: tuple[tuple[float, float, float], ...], words: str
+) -> None:
+    data = profile(primaries)
+    read = read_picture(float_tiff(tmp_path / "a.tif", data, tuple(code / 255 for code in CODES)))
+    share = by_littlecms(data, CODES) / 255
+    linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(read.levels[0, 0] / 255, linear, atol=0.01)
+    assert (read.is_linear, read.profile) == (False, words)
+
+
+@pytest.mark.parametrize("data", [None, profile(SRGB_D50, trc=b"curv" + bytes(8), name="linear")])
+def test_numbers_with_a_point_are_linear_light_where_no_profile_says_otherwise(
+    tmp_path: Path, data: bytes | None
+) -> None:
+    read = read_picture(float_tiff(tmp_path / "a.tif", data, (0.5, 0.25, 0.125)))
+    np.testing.assert_allclose(read.levels[0, 0] / 255, (0.5, 0.25, 0.125), atol=2e-3)
+    assert read.is_linear
+
+
+def test_numbers_above_the_white_of_their_profile_are_refused(tmp_path: Path) -> None:
+    path = float_tiff(tmp_path / "a.tif", profile(SRGB_D50, name="sRGB IEC"), (1.5, 0.2, 0.1))
+    with pytest.raises(UsageError, match=r"numbers up to 1\.5, but 1 is white in its colour profile sRGB IEC; scale"):
+        read_picture(path)
+
+
+def test_numbers_with_a_point_said_to_be_linear_against_their_profile_are_a_contradiction(tmp_path: Path) -> None:
+    path = float_tiff(tmp_path / "a.tif", profile(), (0.5, 0.2, 0.1))
+    with pytest.raises(UsageError, match="Display P3 says that its numbers are no linear light; leave --linear out"):
+        read_picture(path, is_linear=True)
+
+
 def test_a_grey_profile_gives_grey_light(tmp_path: Path) -> None:
     path = png(tmp_path / "a.png", iccp(profile(trc=gamma_trc(1.75), name="Gray 1.75", space=b"GRAY")), pixel=(128,))
     assert read_picture(path).levels[0, 0, 0] == pytest.approx(255 * (128 / 255) ** 1.75, abs=0.1)

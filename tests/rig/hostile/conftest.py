@@ -1,5 +1,6 @@
 """The command line on a leash: four gigabytes, no traceback, an end that is an answer or a refusal in words."""
 
+import re
 import resource
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -11,6 +12,10 @@ from rig.cli.app import run_command
 
 MOST_BYTES = 4 << 30
 ANSWERS, REFUSALS = (0, 1), (1, 2, 3, 4, 20, 21, 22, 23, 24)
+
+_ONE_OF_MANY = re.compile(
+    r"(?<![\w.,])1 (?:event|file|frame|picture|photograph|step|view|corner|face|facet|triangle|point|design|problem)s\b"
+)
 
 
 @pytest.fixture(autouse=True)
@@ -38,6 +43,7 @@ def rig(capsys: pytest.CaptureFixture[str]) -> Callable[..., Said]:
         said = Said(status, captured.out, captured.err)
         assert "Traceback" not in said.err
         assert "not enough memory" not in said.err
+        assert not _ONE_OF_MANY.search(said.out + said.err), "one of a kind is told as one"
         assert status in (*ANSWERS, *REFUSALS), said
         if status in REFUSALS and "rig: " in said.err:
             assert len(said.err[said.err.index("rig: ") :]) > len("rig: ") + 10, "a refusal has words"

@@ -75,7 +75,9 @@ def test_check_applies_what_it_measured_and_tells_it(own: Path, capsys: pytest.C
 
 def test_guesses_are_listed_by_profile_check(own: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command(["profile", "check", str(own)]) == 0
-    assert "still a guess (MEASURE): projector.latency_s" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "still a guess (MEASURE): projector.latency_s" in said
+    assert "where you measured one, take the word out of its line" in said
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import pytest
 
 from rig.capture.rig import Rig
 from rig.devices.drivers import make_devices
-from rig.devices.protocols import Codes, RawFrame
+from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.self_check.parts.exposure import with_generous_latency
 from rig.self_check.parts.stability import shift_px
 from rig.self_check.run import check_rig
@@ -24,6 +24,31 @@ from tests.rig.self_check.rig_with_faults import (
 )
 
 # Faults of the camera
+
+
+class SlowForNewPictures(Through):
+    """A display that says too early that a picture is there, unless it is of one brightness, as a latency's are."""
+
+    EARLY_S = 0.15
+
+    def show(self, codes: Codes, *, name: str) -> Shown:
+        shown = self._inner.show(codes, name=name)
+        return shown if codes.min() == codes.max() else Shown(shown.on_screen_s - self.EARLY_S, name)
+
+
+def test_a_display_that_is_slower_for_new_pictures_is_given_the_latency_that_these_need() -> None:
+    profile = profile_of()
+    made = make_devices(profile)
+    slow = SlowForNewPictures(made.projector)
+    with Rig(with_generous_latency(profile), made.camera, slow, made.clock) as rig:
+        rig.set_exposure(profile.camera.exposure_s)
+        result = check_rig(rig, profile, silent, ("latency", "linearity", "view"))
+    latency = result.parts["latency"]
+    needed = next(row for row in latency.verdicts if row.what.startswith("latency that pictures need"))
+    assert not needed.met
+    assert needed.value > SlowForNewPictures.EARLY_S
+    assert latency.suggested["projector.latency_s"] == pytest.approx(needed.value, abs=1e-4)
+    assert result.parts["view"].numbers is not None
 
 
 def test_stale_frames_are_counted() -> None:
