@@ -63,7 +63,7 @@ def candidates(
     First comes the first fit whose planes explain nearly all points, or the one that explains most. A fit may explain
     all points and be wrong, and what holds it against the data sheets finds out: so the others follow, with those from
     the same starts that take fewer planes for walls and leave much less over, and then those that begin with one device
-    before the other.
+    before the other, which come first where no other start explains half of the points.
 
     Parameters
     ----------
@@ -85,12 +85,10 @@ def candidates(
         If flat walls explain less than half of the points in all of them.
     """
     fits = _fits(x1, x2, nominal, right_angles=right_angles, ahead=False)
-    tried: list[_Ends] = []
-    for ends in fits:
-        tried.append(ends)
-        if _merit(ends.squarest, right_angles) > _GOOD_SHARE:
-            break
-    tried.sort(key=lambda ends: -_merit(ends.squarest, right_angles))
+    ahead = _fits(x1, x2, nominal, right_angles=right_angles, ahead=True)
+    tried = _tried(fits, right_angles)
+    if not tried or tried[0].squarest.share < LEAST_INLIER_SHARE:
+        tried = _tried(ahead, right_angles)
     best = tried[0].squarest if tried else None
     if best is None or best.share < LEAST_INLIER_SHARE:
         raise CalibrationError(
@@ -98,7 +96,7 @@ def candidates(
             f"{100 * LEAST_INLIER_SHARE:.0f} %: most of what is seen is curved or furniture, or the fields of view "
             "in the profile are wrong; aim at bare, flat walls"
         )
-    rest = chain(fits, _fits(x1, x2, nominal, right_angles=right_angles, ahead=True))
+    rest = chain(fits, ahead)
     yield from (ends.squarest for ends in tried)
     yield from (ends.finer for ends in tried if ends.finer is not None)
     others = chain.from_iterable((ends.squarest, ends.finer) for ends in rest)
@@ -113,6 +111,16 @@ class _Ends:
     """Of fits that explain nearly as many points on walls at right angles as any, the one with least left over."""
     finer: BundleSolution | None
     """One that takes fewer planes for walls, and leaves much less over; None where there is none."""
+
+
+def _tried(fits: Iterator[_Ends], right_angles: bool) -> list[_Ends]:
+    """Take fits up to the first whose planes explain nearly all points; the one that explains most comes first."""
+    tried: list[_Ends] = []
+    for ends in fits:
+        tried.append(ends)
+        if _merit(ends.squarest, right_angles) > _GOOD_SHARE:
+            break
+    return sorted(tried, key=lambda ends: -_merit(ends.squarest, right_angles))
 
 
 def _fits(

@@ -12,11 +12,13 @@ from calibration.arrays import FloatArray
 _CLIPPED_SHARE, _BELOW, _WELL_ABOVE = 0.3, 0.02, 0.01
 """Of pixels: so many at one level, hardly one below and some more than one step above it, so noise is cut off there."""
 _ROUNDING_VARIANCE = 1 / 12
-_FLICKER = 0.02
-"""Of the light on black, from exposure to exposure, where nothing is known of it."""
-_IN_STEP_S = 0.1 / (2 * np.pi * 100)
-"""Times the light on black a second: what room light that swells by a tenth 100 times a second adds to each frame alike
-where it runs in step with them, however long they are. No exposure tells it from the black level."""
+_SWELL, _MAINS_HZ = 0.1, (100.0, 120.0)
+"""Of room light: by what share of its mean it swells (standard deviation), and how often a second, by the country."""
+_DRIFT = 0.02
+"""Of the light on black, from frame to frame, where it swells by :data:`_SWELL`; in proportion to that elsewhere."""
+_SHARES = (0.0, 0.1, 0.3, 1.0, 2.0)
+"""Of :data:`_SWELL`, out of step with the frames: none, hardly any, and what bright room lights do."""
+_ROUNDS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +28,9 @@ class BlackLevel:
     offset_dn: float
     sigma_dn: float
     """Standard error."""
+    in_step_dn: float = 0.0
+    """What room light in step with the frames adds to each of them alike, black or not, root mean square: frames of
+    anything else tell the level no better than this."""
     is_clipped: bool
     """Noise below it is cut off, as cameras with a tone curve do."""
 
@@ -45,6 +50,15 @@ def fit_black_level(levels: ArrayLike, exposures: ArrayLike) -> BlackLevel:
     BlackLevel
         The level that most pixels of the shortest exposure have where noise is cut off; else the straight line through
         the means, continued to 0. Pixels that light reaches hardly change either.
+
+    Notes
+    -----
+    Room light that swells by a share m at a frequency f adds a m / (2 pi f) (cos p - cos(p + 2 pi f t)) to an exposure
+    t that begins at phase p, beside a t. In step with the frames p is one phase: the first cosine passes for black at
+    every exposure, but the second leaves the straight line, unless all exposures are whole periods, where both are
+    gone. So a swell in step is fitted beside the line, held to a tenth of the light: the level's standard error has in
+    it what these exposures cannot tell. Out of step p is another in each frame; how much of it there is counts by how
+    likely it makes the means.
     """
     frames, times = np.asarray(levels, dtype=np.float64), np.asarray(exposures, dtype=np.float64)
     shortest = frames[times == times.min()]
@@ -69,17 +83,58 @@ def _is_clipped(shortest: FloatArray, lowest: float) -> bool:
 
 
 def _extended(times: FloatArray, means: FloatArray, variance: FloatArray) -> BlackLevel:
-    """Weighted straight line; room light that flickers makes long exposures less certain."""
+    """Straight line beside a swell in step; the mean over how much the light may swell out of step."""
     if len(np.unique(times)) < 2:
         sigma = float(np.sqrt(variance.mean() / len(means)))
         return BlackLevel(offset_dn=float(means.mean()), sigma_dn=sigma, is_clipped=False)
-    matrix = np.column_stack([np.ones_like(times), times / times.max()])
-    line = np.array([means.min(), max(float(np.ptp(means)), 0.0)])
-    for _ in range(3):
-        weight = 1 / np.sqrt(variance + (_FLICKER * line[1] * matrix[:, 1]) ** 2)
-        line = np.linalg.lstsq(matrix * weight[:, None], means * weight, rcond=None)[0]
-    covariance = np.linalg.pinv((matrix * weight[:, None]).T @ (matrix * weight[:, None]))
-    scatter = float((((means - matrix @ line) * weight) ** 2).sum() / max(len(times) - 2, 1))
-    sigma = float(np.sqrt(covariance[0, 0] * max(scatter, 1.0)))
-    in_step = _IN_STEP_S * max(float(line[1]), 0.0) / float(times.max())
-    return BlackLevel(offset_dn=float(line[0]), sigma_dn=float(np.hypot(sigma, in_step)), is_clipped=False)
+    light_dn_per_s = max(float(np.ptp(means)), 0.0) / float(times.max())
+    for _ in range(_ROUNDS):
+        noise = variance + _out_of_step(times, light_dn_per_s)
+        light_dn_per_s = max(_line(times, means, noise, light_dn_per_s).light_dn_per_s, 0.0)
+    out_of_step = _out_of_step(times, light_dn_per_s)
+    lines = [_line(times, means, variance + share**2 * out_of_step, light_dn_per_s) for share in _SHARES]
+    odds = np.exp(np.array([one.log_likelihood for one in lines]) - max(one.log_likelihood for one in lines))
+    offset = float(np.average([one.offset_dn for one in lines], weights=odds))
+    off = np.average([one.variance + (one.offset_dn - offset) ** 2 for one in lines], weights=odds)
+    in_step = np.average([one.in_step_square for one in lines], weights=odds)
+    sigma, in_step_dn = (float(np.sqrt(q)) for q in (off, in_step))
+    return BlackLevel(offset_dn=offset, sigma_dn=sigma, in_step_dn=in_step_dn, is_clipped=False)
+
+
+def _out_of_step(times: FloatArray, light_dn_per_s: float) -> FloatArray:
+    """(F,) variance of what a swell that begins at any phase adds, and slow changes of the light."""
+    swell_s = _SWELL * np.minimum(times, 1 / (2 * np.pi * _MAINS_HZ[0]))
+    return np.asarray(light_dn_per_s**2 * (swell_s**2 + (_DRIFT * times) ** 2))
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Line:
+    offset_dn: float
+    light_dn_per_s: float
+    variance: float
+    """Of the offset."""
+    in_step_square: float
+    """Mean square of what a swell in step adds to every frame alike. [dn²]"""
+    log_likelihood: float
+
+
+def _line(times: FloatArray, means: FloatArray, noise: FloatArray, light_dn_per_s: float) -> _Line:
+    """Least squares with a swell in step held to :data:`_SWELL`; scatter beyond the noise counts as noise."""
+    turns = 2 * np.pi * np.array(_MAINS_HZ)
+    size_dn = light_dn_per_s * _SWELL / turns / np.sqrt(len(turns))
+    swell = [size_dn * (1 - np.cos(turns * times[:, None])), size_dn * np.sin(turns * times[:, None])]
+    matrix = np.column_stack([np.ones_like(times), times / times.max(), *swell])
+    held = np.diag([0.0, 0.0, *np.ones(2 * len(turns))])
+    weighted = matrix / noise[:, None]
+    normal = matrix.T @ weighted + held
+    found = np.linalg.solve(normal, weighted.T @ means)
+    fit = float(((means - matrix @ found) ** 2 / noise).sum() + found @ held @ found)
+    covariance = np.linalg.inv(normal) * max(fit / max(len(times) - 2, 1), 1.0)
+    alike = np.array([0.0, 0.0, *size_dn, *np.zeros(len(turns))])
+    return _Line(
+        offset_dn=float(found[0]),
+        light_dn_per_s=float(found[1] / times.max()),
+        variance=float(covariance[0, 0]),
+        in_step_square=float((alike @ found) ** 2 + alike @ covariance @ alike),
+        log_likelihood=-0.5 * float(fit + np.log(noise).sum() + np.linalg.slogdet(normal)[1]),
+    )

@@ -58,6 +58,9 @@ WORDS: Mapping[str, str] = {
     "geometry: uncertainty of the places of devices and surfaces": (
         "Standard deviation of where the least certain device or measured wall is, of the room's longest side."
     ),
+    "geometry: what the least certain length or place is off by, once in a hundred": (
+        "2.58 of its standard deviations: so much, or more, in one rig of a hundred that state these."
+    ),
     "geometry: directions in which no wall was measured": "Along these the place of walls is only a guess.",
     "stripes of the code, wider than usual": "The lenses blur the code's own stripes away: places are rougher.",
     "valid share of the lit pixels": "Lit camera pixels for which the projector pixel is known.",

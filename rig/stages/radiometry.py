@@ -246,9 +246,8 @@ def _fit_camera(
     black = fit_black_level(dark.mean(axis=1), exposures)
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
-    least = 0.0 if black.is_clipped else black.sigma_dn
     response = fit_camera_response(
-        above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn, least_black_sigma_dn=least
+        above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn, least_black_sigma_dn=black.in_step_dn
     )
     noise = fit_camera_noise(above[:, 0], exposures, response)
     return RadiometricCalibration(

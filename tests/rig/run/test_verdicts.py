@@ -42,6 +42,17 @@ def test_a_room_whose_places_are_sure_is_within_its_limits(tiny_profile: Profile
     assert places(tiny_profile).value == pytest.approx(100 * 0.004 / 4.8)
 
 
+@pytest.mark.parametrize(("sigma_m", "off_percent"), [(0.0192, 1.03), (0.004, 0.43)])
+def test_how_far_off_the_least_certain_length_may_be_is_told_within_limits_too(
+    tiny_profile: Profile, sigma_m: float, off_percent: float
+) -> None:
+    rows = geometry_verdicts(replace(GEOMETRY, sigmas=SIGMAS_M | {"camera_y_m": sigma_m}), tiny_profile.limits)
+    told = next(row for row in rows if "once in a hundred" in row.what)
+    assert all(row.met for row in rows)
+    assert told.status == "info"
+    assert told.value == pytest.approx(off_percent, abs=0.01)
+
+
 def test_a_picture_out_of_focus_is_told_so_and_not_that_walls_are_bent(tiny_profile: Profile) -> None:
     blurred = replace(GEOMETRY, rms_px=0.6, stripes_times=3)
     rows = {row.what: row for row in geometry_verdicts(blurred, tiny_profile.limits)}

@@ -1,0 +1,96 @@
+"""Small pictures of walls many baselines away, where two walls differ by a few pixels of parallax."""
+
+import numpy as np
+import pytest
+
+from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.stereo import calibrate_stereo
+
+NOISE_PX = 0.03
+
+
+def nominal(room):
+    return NominalIntrinsics.of(
+        camera_shape=room.camera.shape,
+        projector_shape=room.projector.shape,
+        camera_hfov_deg=room.camera_hfov_deg,
+        projector_hfov_deg=room.projector_hfov_deg,
+    )
+
+
+@pytest.fixture(scope="module")
+def far_corner(room):
+    """A corner thirteen baselines away: `random_rigs.py --kind small --rigs 1 --seed 9724`."""
+    camera = {
+        "shape": (240, 320),
+        "focal_px": 290.0,
+        "principal_point_px": (160.0, 119.4),
+        "distortion": (0.016, 0.023, -0.0003, 0.0005, 0.0),
+        "position_m": (1.579, 4.561, 0.910),
+        "look_at_m": (3.095, 3.267, 1.079),
+        "roll_deg": 1.4,
+    }
+    projector = {
+        "shape": (192, 256),
+        "focal_px": 131.1,
+        "principal_point_px": (126.8, 206.3),
+        "distortion": (-0.026, -0.002, 0.0002, -0.0001, 0.0),
+        "position_m": (1.232, 4.630, 0.925),
+        "look_at_m": (2.436, 3.517, -0.221),
+        "roll_deg": -4.3,
+    }
+    return room.changed(
+        camera=camera,
+        projector=projector,
+        size_m=(6.394, 5.326, 2.464),
+        camera_hfov_deg=56.7,
+        projector_hfov_deg=88.96,
+        noise_px=NOISE_PX,
+        outlier_share=0.0,
+    )
+
+
+def test_a_wall_that_is_near_another_all_over_keeps_points(far_corner):
+    pair = calibrate_stereo(*far_corner.correspondences(2), nominal(far_corner))
+    walls = np.sqrt(np.diag(pair.uncertainty.covariance))[-len(pair.planes) :]
+    assert len(pair.planes) == 4
+    assert walls.max() < 0.1
+    assert pair.projector.focal_px[0] == pytest.approx(far_corner.projector.focal_px, rel=0.02)
+
+
+@pytest.fixture(scope="module")
+def camera_ahead(room):
+    """The camera a third of a metre before the projector, both looking into a corner; small-9713."""
+    camera = {
+        "shape": (240, 320),
+        "focal_px": 189.26,
+        "principal_point_px": (159.0, 121.7),
+        "distortion": (-0.0264, 0.0047, 0.0003, 0.0004, 0.0),
+        "position_m": (1.840, 3.420, 1.650),
+        "look_at_m": (1.006, 1.607, 1.522),
+        "roll_deg": 2.68,
+    }
+    projector = {
+        "shape": (192, 256),
+        "focal_px": 166.72,
+        "principal_point_px": (126.6, 170.0),
+        "distortion": (0.0185, -0.0046, -0.0004, 0.0, 0.0),
+        "position_m": (2.059, 3.663, 1.660),
+        "look_at_m": (1.209, 2.051, 0.837),
+        "roll_deg": 0.72,
+    }
+    return room.changed(
+        camera=camera,
+        projector=projector,
+        size_m=(3.586, 5.144, 2.997),
+        camera_hfov_deg=81.07,
+        projector_hfov_deg=75.28,
+        noise_px=NOISE_PX,
+        outlier_share=0.0,
+    )
+
+
+def test_one_device_before_the_other_is_tried_before_walls_are_called_curved(camera_ahead):
+    pair = calibrate_stereo(*camera_ahead.correspondences(2), nominal(camera_ahead))
+    assert pair.inlier_share > 0.9
+    assert pair.camera.focal_px[0] == pytest.approx(camera_ahead.camera.focal_px, rel=4 * pair.sigmas["camera_f"])
