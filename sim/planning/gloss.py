@@ -34,7 +34,7 @@ LAMP_POINTS = 1 << 18
 """On all glossy patches at a time, from which the lamp's light goes on."""
 FIRST_S, PAIR_S, PLACED_PAIR_S = 0.3, 4e-6, 1.1e-5
 """Of the table of albedos; of a pair of rays with the lamp's point that goes with it, in light from everywhere and from
-a place, whose shadows are looked for: 3.5 to 5.5 and 8.7 to 12.6 microseconds of processor time, 6 to 2,144 patches
+a place, whose shadows are looked for: 3.5 to 7.1 and 7.7 to 12.6 microseconds of processor time, 6 to 2,144 patches
 (benchmarks/gloss_honesty.py --pairs)."""
 PAIR_MB, KEPT_MB = 1e-3, 2.5e-4
 """Memory of a pair at work, and of what is kept of it: 80 to 3,531 patches, all glossy."""
