@@ -48,8 +48,8 @@ def _words_of_backs(deep: bool) -> str:
     if not deep:
         return "Their backs, which nobody saw, are taken to lie close behind their fronts."
     return (
-        "Bodies, of which nobody saw the backs, are taken to be as deep as they are wide: so the model explains more of "
-        "the global light than with backs close behind their fronts."
+        "Bodies, of which nobody saw the backs, are taken to be as deep as they are wide: so the model explains more "
+        "of the global light than with backs close behind their fronts."
     )
 
 
