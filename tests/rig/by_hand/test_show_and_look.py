@@ -49,7 +49,7 @@ def test_each_pattern_is_held_for_its_time_and_black_comes_last(
 ) -> None:
     assert run_command(["show", name, "-p", "ci-tiny", "--seconds", "0.05", "--json"]) == 0
     held, end = shown
-    assert np.array_equal(held, picture_named(name, tiny_profile))
+    assert np.array_equal(held, picture_named(name, tiny_profile).codes)
     assert end == "closed"
     result = json.loads(capsys.readouterr().out)
     assert result["ended_by"] == "time over"
@@ -69,7 +69,7 @@ def test_a_profile_without_spots_is_offered_two_inside_the_picture() -> None:
     text = text.replace("[[scale]]", '[[scale]]\nbetween = ["camera", "projector"]\nbaseline_m = 0.6')
     profile = Profile.parse(text.encode(), Path("lab.toml"))
     assert spots_of(profile) == ((38.0, 77.0), (218.0, 77.0))
-    assert picture_named("spots", profile)[77, 38] == 255
+    assert picture_named("spots", profile).codes[77, 38] == 255
 
 
 def test_stars_are_finest_in_the_middle_and_stripes_are_as_wide_as_they_say(tiny_profile: Profile) -> None:
