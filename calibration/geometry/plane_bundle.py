@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.geometry.bundle_residual import LandingError, landed, rays_of
@@ -34,6 +35,7 @@ _NOWHERE_PX = -1e6
 _LEAST_KEPT, _HALVINGS = 0.1, 4
 """Of a plane's points: where fewer are left away from edges, the margin is halved for it, so often at most. Without a
 point, small rig 9724 had a wall that nothing held."""
+_PARALLEL = np.cos(np.radians(30))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -196,7 +198,7 @@ def _label(scene: PlanarScene, x1: FloatArray, x2: FloatArray, *, limit_px: floa
     if margin_px <= 0:
         return label
     every = assigned(margin_px=0.0)
-    wanted = _LEAST_KEPT * np.bincount(every[every >= 0], minlength=len(scene.planes))
+    wanted = _LEAST_KEPT * np.bincount(every[every >= 0], minlength=len(scene.planes)) * _stand_apart(scene.planes)
     for _ in range(_HALVINGS):
         few = np.bincount(label[label >= 0], minlength=len(scene.planes)) < wanted
         if not few.any():
@@ -205,3 +207,9 @@ def _label(scene: PlanarScene, x1: FloatArray, x2: FloatArray, *, limit_px: floa
         nearer = assigned(margin_px=margin_px)
         label = np.where((nearer >= 0) & few[nearer], nearer, label)
     return label
+
+
+def _stand_apart(planes: FloatArray) -> NDArray[np.bool_]:
+    """(K,) planes that no other one is nearly parallel to: two that are may be strips of one curved wall."""
+    normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
+    return np.asarray((np.abs(normals @ normals.T) - np.eye(len(planes))).max(axis=1) < _PARALLEL)

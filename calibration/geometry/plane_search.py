@@ -63,7 +63,7 @@ def candidates(
     First comes the first fit whose planes explain nearly all points, or the one that explains most. A fit may explain
     all points and be wrong, and what holds it against the data sheets finds out: so the others follow, with those from
     the same starts that take fewer planes for walls and leave much less over, and then those that begin with one device
-    before the other, which come first where no other start explains half of the points.
+    before the other, which come first where no other start explains half of the points, and they nearly all.
 
     Parameters
     ----------
@@ -88,7 +88,8 @@ def candidates(
     ahead = _fits(x1, x2, nominal, right_angles=right_angles, ahead=True)
     tried = _tried(fits, right_angles)
     if not tried or tried[0].squarest.share < LEAST_INLIER_SHARE:
-        tried = _tried(ahead, right_angles)
+        last = _tried(ahead, right_angles)
+        tried = last if last and _merit(last[0].squarest, right_angles) > _GOOD_SHARE else tried
     best = tried[0].squarest if tried else None
     if best is None or best.share < LEAST_INLIER_SHARE:
         raise CalibrationError(

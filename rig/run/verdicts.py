@@ -17,7 +17,7 @@ _LEAST_WITHIN_3_SIGMA = 0.85
 three columns in a row, behind which nobody saw, the half-lit picture had 0.71 and white 0.98."""
 _ONCE_IN_A_HUNDRED = 2.58
 """Standard deviations. A session at its limit of 0.45 % is off by 1.2 % so often: said, not refused. A limit that rules
-1 % out so often, 0.39 %, would cost 4 of 9 small rigs, and a tape true to 0.3 % leaves 0.3 % to begin with."""
+1 % out so often, 0.39 %, would cost 7 of 14 small rigs, and a tape true to 0.3 % leaves 0.3 % to begin with."""
 _UNEXPLAINED_GLOBAL = 0.12
 """Of 20 random rooms, those at 0.07 and below had reflectances within 0.04, those at 0.17 and above 0.12 to 0.3 off."""
 _SWELL_PERCENT = 0.4
