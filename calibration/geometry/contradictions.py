@@ -76,7 +76,7 @@ def hold_against_all(
     check_flat(free or rough, a if free else x1)
     if free is not None:
         _check_angles(rough, free)
-    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label)
+    variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label, x2[rough.used])
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance, margin_share=margin_share)
     final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))

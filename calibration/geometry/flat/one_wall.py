@@ -115,7 +115,8 @@ def fit_where_flat(
 
 
 def _fit(x1: FloatArray, x2: FloatArray, rough: list[BundleSolution], weight: FloatArray) -> OneWall:
-    variance = min(observation_variance(fit.fit, x1[:_SOME][fit.used], fit.fit_label) for fit in rough)
+    a, b = x1[:_SOME], x2[:_SOME]
+    variance = min(observation_variance(fit.fit, a[fit.used], fit.fit_label, b[fit.used]) for fit in rough)
     held = Rounds(limits_px=(1.0,), iterations=_HELD_ITERATIONS, variance_px2=_HELD * variance)
     rounds = Rounds(limits_px=(1.0,), iterations=_ITERATIONS, variance_px2=variance)
 

@@ -102,7 +102,7 @@ def hold_pair(known: KnownPair, x1: FloatArray, x2: FloatArray) -> HeldPair:
     for _ in range(2):
         priors = Priors.independent(np.zeros(n), np.ones(n), variance)
         fit = robust_fit(residual, np.zeros(n), priors, iterations=_ITERATIONS, least_scale_px=_LEAST_SCALE_PX)
-        variance = observation_variance(fit, a, np.zeros(len(a), dtype=np.int64))
+        variance = observation_variance(fit, a, np.zeros(len(a), dtype=np.int64), b)
     left = covariance(fit, fit.priors.weight)
     return HeldPair(
         devices=known.devices(fit.z),

@@ -1,5 +1,6 @@
 """What self-calibration refuses, and why; and planes that stand for no points of their own."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -166,25 +167,45 @@ def test_the_derivative_of_landings_is_that_of_differences(room, corner):
         assert np.allclose(jacobian[k][inside], difference[inside], rtol=1e-3, atol=1e-2), k
 
 
-def test_sigmas_are_true_where_neighbours_share_their_error():
-    """A straight line through points in blocks of one error: errors of the slope over their sigma have rms 1."""
+def slopes_over_sigma(x1: np.ndarray, x2: np.ndarray | None, shared_errors: Iterator[np.ndarray]) -> float:
+    """Errors of planes through points with errors (N, 2), over their sigmas, root mean square: 1 if these are true."""
     random = np.random.default_rng(8)
-    x1 = np.stack(np.meshgrid(np.arange(0, 480, 4.0), np.arange(0, 360, 4.0)), -1).reshape(-1, 2)
-    block = (x1 // 8).astype(int)
     design = np.column_stack([x1[:, 0] / 480, x1[:, 1] / 360, np.ones(len(x1))])
     truth, ratios = np.array([1.0, 2.0, 3.0]), []
-    for _ in range(25):
-        shared = random.normal(0, 0.1, (90, 120, 2))[block[:, 1], block[:, 0]]
-        noise = 0.1 * random.normal(0, 0.3, shared.shape) + shared
+    for shared in shared_errors:
+        noise = random.normal(0, 0.03, shared.shape) + shared
 
         def residual(z, noise=noise):
             return np.stack([design @ z[:3], design @ z[3:]], axis=1) - (design @ truth)[:, None] - noise
 
         nothing = Priors.independent(np.zeros(6), np.full(6, np.inf), 1.0)
         fit = robust_fit(residual, np.zeros(6), nothing, iterations=5, least_scale_px=1)
-        variance = observation_variance(fit, x1, np.zeros(len(x1), dtype=np.int64))
+        variance = observation_variance(fit, x1, np.zeros(len(x1), dtype=np.int64), x2)
         ratios.append((fit.z - np.tile(truth, 2)) / np.sqrt(np.diag(covariance(fit, variance))))
-    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.15
+    return float(np.sqrt(np.mean(np.square(ratios))))
+
+
+CAMERA_PX = np.stack(np.meshgrid(np.arange(0, 480, 4.0), np.arange(0, 360, 4.0)), -1).reshape(-1, 2)
+
+
+def test_sigmas_are_true_where_neighbours_share_their_error():
+    random, block = np.random.default_rng(9), (CAMERA_PX // 8).astype(int)
+    errors = (random.normal(0, 0.1, (90, 120, 2))[block[:, 1], block[:, 0]] for _ in range(25))
+    assert 0.6 < slopes_over_sigma(CAMERA_PX, None, errors) < 1.15
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_sigmas_are_true_where_whole_lines_of_the_projector_share_their_error(axis):
+    """Codes err by lines, seen from beside: squares of the camera's picture alone make too little of it."""
+    projector_px = CAMERA_PX @ np.array([[0.5, 0.1], [-0.1, 0.4]]) + 40
+    line = (projector_px[:, axis] // 8).astype(int)
+
+    def errors() -> Iterator[np.ndarray]:
+        random = np.random.default_rng(10)
+        return (random.normal(0, 0.1, (60, 2))[line] for _ in range(25))
+
+    assert 0.5 < slopes_over_sigma(CAMERA_PX, projector_px, errors()) < 1.2
+    assert slopes_over_sigma(CAMERA_PX, None, errors()) > 1.5
 
 
 def test_a_spot_that_nothing_was_measured_around_is_refused_by_name(corner):
