@@ -41,7 +41,7 @@ const show = (img) => {
   shown.replaceChildren(large, words, saving);
   document.body.append(shown);
   returnTo = img;
-  saving.focus();
+  saving.focus({ preventScroll: true });
 };
 for (const img of document.querySelectorAll("main img:not(.scale)")) {
   img.tabIndex = 0;

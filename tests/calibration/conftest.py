@@ -6,6 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
+from calibration.geometry.epipolar import NominalIntrinsics
+
 
 @dataclass(frozen=True, kw_only=True)
 class Device:
@@ -129,6 +131,16 @@ class SyntheticRoom:
         wild = random.random(len(image)) < self.outlier_share
         image[wild] += random.uniform(-40, 40, (wild.sum(), 2))
         return xy, image
+
+    @property
+    def nominal(self):
+        """What the data sheets say of both lenses."""
+        return NominalIntrinsics.of(
+            camera_shape=self.camera.shape,
+            projector_shape=self.projector.shape,
+            camera_hfov_deg=self.camera_hfov_deg,
+            projector_hfov_deg=self.projector_hfov_deg,
+        )
 
     def changed(self, **values):
         """Another room; values of `camera` and `projector` are changes to them."""

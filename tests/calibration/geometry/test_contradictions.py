@@ -10,7 +10,6 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import LandingError, rays_of
 from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScene
 from calibration.geometry.contradictions import check_data_sheets, check_flat, is_flat, normal_deviate
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance
 from calibration.geometry.pinhole import PinholeModel
@@ -19,16 +18,6 @@ from calibration.geometry.planes import Axes, ExplainedPixels
 from calibration.geometry.robust_fit import Priors, robust_fit
 from calibration.geometry.stereo import StereoCalibration, scale_from_spots
 from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px, standing_planes
-
-
-def nominal(room):
-    return NominalIntrinsics.of(
-        camera_shape=room.camera.shape,
-        projector_shape=room.projector.shape,
-        camera_hfov_deg=room.camera_hfov_deg,
-        projector_hfov_deg=room.projector_hfov_deg,
-    )
-
 
 WALLS = {"x0": 0, "x1": 0, "y0": 1, "y1": 1, "floor": 2, "ceiling": 2}
 FACES = ("x1", "y1", "floor")
@@ -78,7 +67,7 @@ def fitted(room, corner, bend_px):
     label = plane_errors_px(scene, x1, x2).argmin(axis=0)
     near = plane_errors_px(scene, x1, x2).min(axis=0) < 1
     bent = x2 + bend_px * np.where(label == 0, np.sin(x1[:, 0] / 60) * np.sin(x1[:, 1] / 50), 0.0)[:, None]
-    error = LandingError(x1=x1[near], x2=bent[near], label=label[near], axes=scene.axes, nominal=nominal(room))
+    error = LandingError(x1=x1[near], x2=bent[near], label=label[near], axes=scene.axes, nominal=room.nominal)
     return refit(error, scene, 0.02), x1[near]
 
 
@@ -152,7 +141,7 @@ def test_points_of_several_boards_lie_among_each_other_and_those_of_a_room_do_no
 def test_the_derivative_of_landings_is_that_of_differences(room, corner):
     _, x1, x2 = corner
     axes = Axes(np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0], np.array([0, -1, 2]))
-    error = LandingError(x1=x1[::9], x2=x2[::9], label=np.arange(len(x1[::9])) % 3, axes=axes, nominal=nominal(room))
+    error = LandingError(x1=x1[::9], x2=x2[::9], label=np.arange(len(x1[::9])) % 3, axes=axes, nominal=room.nominal)
     z = np.random.default_rng(2).normal(0, 0.01, PLANES + 5)
     z[[0, 8]] += 1
     z[[1, 2, 9, 10]] += 0.5
@@ -256,7 +245,7 @@ def of_two_walls(room, corner, bend_px):
     two = replace(scene, planes=scene.planes[:2], axes=Axes(np.eye(3), np.full(2, -1)))
     errors = plane_errors_px(two, x1, bent)
     near, label = errors.min(axis=0) < 1, errors.argmin(axis=0)
-    error = LandingError(x1=x1[near], x2=bent[near], label=label[near], axes=two.axes, nominal=nominal(room))
+    error = LandingError(x1=x1[near], x2=bent[near], label=label[near], axes=two.axes, nominal=room.nominal)
     return replace(refit(error, two, 0.02), label=np.where(near, label, -1)), x1, bent
 
 

@@ -4,19 +4,9 @@ import numpy as np
 import pytest
 
 from calibration.geometry import plane_search
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.stereo import calibrate_stereo
 
 NOISE_PX = 0.03
-
-
-def nominal(room):
-    return NominalIntrinsics.of(
-        camera_shape=room.camera.shape,
-        projector_shape=room.projector.shape,
-        camera_hfov_deg=room.camera_hfov_deg,
-        projector_hfov_deg=room.projector_hfov_deg,
-    )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +42,7 @@ def far_corner(room):
 
 
 def test_a_wall_that_is_near_another_all_over_keeps_points(far_corner):
-    pair = calibrate_stereo(*far_corner.correspondences(2), nominal(far_corner))
+    pair = calibrate_stereo(*far_corner.correspondences(2), far_corner.nominal)
     walls = np.sqrt(np.diag(pair.uncertainty.covariance))[-len(pair.planes) :]
     assert len(pair.planes) == 4
     assert walls.max() < 0.1
@@ -67,5 +57,5 @@ def test_one_device_before_the_other_is_tried_before_walls_are_called_curved(far
     )
     x1, x2 = far_corner.correspondences(2)
     order = np.random.default_rng(0).permutation(len(x1))
-    found = next(plane_search.candidates(x1[order], x2[order], nominal(far_corner), right_angles=True))
+    found = next(plane_search.candidates(x1[order], x2[order], far_corner.nominal, right_angles=True))
     assert found.share > 0.9

@@ -7,7 +7,6 @@ import pytest
 
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import PlanarScene
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat import rivals
 from calibration.geometry.plane_bundle import Rounds, adjust
 from calibration.geometry.planes import Axes
@@ -86,24 +85,15 @@ def in_small_pictures(room, *, size_m, camera, projector, hfov_deg):
     return room.changed(size_m=size_m, camera=camera, projector=projector, **hfov, **few)
 
 
-def nominal_of(room):
-    return NominalIntrinsics.of(
-        camera_shape=room.camera.shape,
-        projector_shape=room.projector.shape,
-        camera_hfov_deg=room.camera_hfov_deg,
-        projector_hfov_deg=room.projector_hfov_deg,
-    )
-
-
 @pytest.fixture(scope="module")
 def pair_with_screen(room):
-    return calibrate_stereo(*with_things(room, SCREEN), nominal_of(room))
+    return calibrate_stereo(*with_things(room, SCREEN), room.nominal)
 
 
 @pytest.mark.slow
 def test_a_chest_a_degree_and_a_half_off_a_wall_does_not_refuse_a_square_room(room):
     # With its front held at right angles, as it passes for a wall, the points contradict the room by 16 sigma.
-    pair = calibrate_stereo(*with_things(room, CHEST), nominal_of(room))
+    pair = calibrate_stereo(*with_things(room, CHEST), room.nominal)
     assert sorted(axis for axis in pair.axes if axis >= 0) == [0, 0, 1, 2], "the room's own walls stay square"
     assert pair.axes.count(-1) == 1, "the chest stands as it likes"
 
@@ -142,7 +132,7 @@ def test_walls_behind_columns_are_found_in_pictures_of_320_pixels(room):
         Column(centre_m=(3.74, 3.67), radius_m=0.18),
         Column(centre_m=(4.26, 3.07), radius_m=0.385),
     ]
-    pair = calibrate_stereo(*with_things(small, *columns, step_px=1), nominal_of(small))
+    pair = calibrate_stereo(*with_things(small, *columns, step_px=1), small.nominal)
     sigma = float(pair.sigmas_of(lambda fit: np.array([fit.camera.focal_px[0]]))[0])
     assert abs(pair.camera.focal_px[0] - small.camera.focal_px) < 4 * sigma
 
@@ -158,7 +148,7 @@ def test_a_column_with_a_tenth_of_the_points_is_no_wall_that_was_left_out(room):
         hfov_deg=(101.2, 95.1),
     )
     columns = [Column(centre_m=(1.86, 3.15), radius_m=0.345), Column(centre_m=(3.54, 3.29), radius_m=0.37)]
-    pair = calibrate_stereo(*with_things(small, *columns, step_px=1), nominal_of(small))
+    pair = calibrate_stereo(*with_things(small, *columns, step_px=1), small.nominal)
     assert set(pair.axes) == {0, 1, 2}, "no tangent of a column stands beside the walls"
     assert pair.camera.focal_px[0] == pytest.approx(small.camera.focal_px, rel=0.003)
 
@@ -185,7 +175,7 @@ def test_two_things_askew_at_once_that_pass_for_walls_are_both_let_go(room, monk
     panel = Front(askew_deg=107.7, centre_m=(2.653, 4.023, 0.89), half_size_m=(0.154, 0.64))
     box = Front(askew_deg=37.7, centre_m=(3.75, 4.2, 0.6), half_size_m=(0.2, 0.6))
     xy, image = with_things(small, panel, box, step_px=2)
-    order, nominal = np.random.default_rng(0).permutation(len(xy)), nominal_of(small)
+    order, nominal = np.random.default_rng(0).permutation(len(xy)), small.nominal
     x1, x2, weight = xy[order], image[order], np.ones((len(xy), 2))
     walls = calibrate_stereo(x1, x2, nominal)
     things = np.array([plane_of(thing, small) for thing in (panel, box)])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from calibration.geometry import plane_search
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.pinhole import rotation_of, vector_of
 from calibration.geometry.planes import Axes, corner_axes
 from calibration.geometry.robust_fit import Priors, robust_fit
@@ -28,15 +27,6 @@ def test_a_rotation_however_small_comes_back_as_its_vector(angle_rad):
     assert vector_of(rotation_of(vector)) == pytest.approx(vector, rel=1e-6, abs=1e-15)
 
 
-def nominal(room):
-    return NominalIntrinsics.of(
-        camera_shape=room.camera.shape,
-        projector_shape=room.projector.shape,
-        camera_hfov_deg=room.camera_hfov_deg,
-        projector_hfov_deg=room.projector_hfov_deg,
-    )
-
-
 def focal_error(room, pair):
     return max(
         abs(pair.camera.focal_px[0] / room.camera.focal_px - 1),
@@ -56,16 +46,16 @@ def rounded_alike(room):
 
 def test_points_that_say_how_uncertain_they_are_do_less_harm(room, rounded_alike):
     x1, x2, sigma = rounded_alike
-    told = calibrate_stereo(x1, x2, nominal(room), sigma_px=sigma)
-    untold = calibrate_stereo(x1, x2, nominal(room))
+    told = calibrate_stereo(x1, x2, room.nominal, sigma_px=sigma)
+    untold = calibrate_stereo(x1, x2, room.nominal)
     assert focal_error(room, told) < 0.5 * focal_error(room, untold)
     assert told.sigmas["camera_f"] < untold.sigmas["camera_f"]
 
 
 def test_the_same_sigma_everywhere_changes_nothing(room):
     x1, x2 = room.correspondences(8)
-    plain = calibrate_stereo(x1, x2, nominal(room))
-    told = calibrate_stereo(x1, x2, nominal(room), sigma_px=np.full_like(x2, 0.1))
+    plain = calibrate_stereo(x1, x2, room.nominal)
+    told = calibrate_stereo(x1, x2, room.nominal, sigma_px=np.full_like(x2, 0.1))
     assert told.camera.focal_px == plain.camera.focal_px
     assert told.sigmas == plain.sigmas
 
@@ -75,7 +65,7 @@ def test_a_camera_before_the_projector_is_found(room):
     axis = np.subtract((4.8, 4.72, 1.2), room.projector.position_m)
     ahead = room.projector.position_m + 0.54 * axis / np.linalg.norm(axis) + [0.02, -0.01, 0.06]
     other = room.changed(camera={"position_m": tuple(ahead)})
-    pair = calibrate_stereo(*other.correspondences(5), nominal(other))
+    pair = calibrate_stereo(*other.correspondences(5), other.nominal)
     assert focal_error(other, pair) < 0.02
     relative = other.camera.rotation @ np.subtract(other.projector.position_m, other.camera.position_m)
     assert pair.projector.position_m == pytest.approx(relative / np.linalg.norm(relative), abs=0.03)
@@ -94,7 +84,7 @@ def test_a_square_corner_is_found_square_from_the_first_start(room, monkeypatch,
     monkeypatch.setattr(plane_search, "COLUMN_SHARES", plane_search.COLUMN_SHARES[:1])
     x1, x2 = small.correspondences(4)
     order = np.random.default_rng(seed).permutation(len(x1))
-    first = next(plane_search.candidates(x1[order], x2[order], nominal(small), right_angles=True))
+    first = next(plane_search.candidates(x1[order], x2[order], small.nominal, right_angles=True))
     assert first.share_on_axes > 0.98
     assert len(set(first.axes.of_plane.tolist())) == 3
 
@@ -139,7 +129,7 @@ def test_a_corridor_stays_one(room, faces):
         outlier_share=0.0,
         edge_bias_px=0.0,
     )
-    pair = calibrate_stereo(*corridor.correspondences(5), nominal(corridor))
+    pair = calibrate_stereo(*corridor.correspondences(5), corridor.nominal)
     normals = pair.planes / np.linalg.norm(pair.planes, axis=1, keepdims=True)
     assert (normals @ normals.T).min() == pytest.approx(-1.0, abs=1e-6), "two walls face each other"
     assert focal_error(corridor, pair) < 0.03

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from calibration.geometry.bundle_unknowns import PlanarScene
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import Axes
 from calibration.geometry.room import room_from_stereo
@@ -40,13 +39,7 @@ def crosses(origin, points):
 
 
 def test_the_wall_behind_a_partition_closes_the_room(room):
-    nominal = NominalIntrinsics.of(
-        camera_shape=room.camera.shape,
-        projector_shape=room.projector.shape,
-        camera_hfov_deg=room.camera_hfov_deg,
-        projector_hfov_deg=room.projector_hfov_deg,
-    )
-    pair = calibrate_stereo(*with_partition(room, *room.correspondences(3)), nominal)
+    pair = calibrate_stereo(*with_partition(room, *room.correspondences(3)), room.nominal)
     baseline_m = float(np.linalg.norm(np.subtract(room.camera.position_m, room.projector.position_m)))
     box = room_from_stereo(scale_from_baseline(pair, baseline_m), room.size_m)
     assert box.camera.position_m == pytest.approx(room.camera.position_m, abs=0.05)

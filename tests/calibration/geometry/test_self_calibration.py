@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
-from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.stereo import (
     calibrate_stereo,
     points_of_projector_pixels,
@@ -14,16 +13,7 @@ from calibration.geometry.stereo import (
 
 
 def calibrated(room, step_px=4, **options):
-    return calibrate_stereo(*room.correspondences(step_px), nominal(room), **options)
-
-
-def nominal(room):
-    return NominalIntrinsics.of(
-        camera_shape=room.camera.shape,
-        projector_shape=room.projector.shape,
-        camera_hfov_deg=room.camera_hfov_deg,
-        projector_hfov_deg=room.projector_hfov_deg,
-    )
+    return calibrate_stereo(*room.correspondences(step_px), room.nominal, **options)
 
 
 def baseline_m(room):
@@ -168,13 +158,13 @@ def test_no_baseline_is_refused_with_the_parallax_and_its_limit(room):
 def test_a_flat_scene_is_refused(room):
     camera_xy, projector_xy = flat_wall(room)
     with pytest.raises(CalibrationError, match="flat scene does not determine"):
-        calibrate_stereo(camera_xy, projector_xy, nominal(room))
+        calibrate_stereo(camera_xy, projector_xy, room.nominal)
 
 
 def test_few_correspondences_are_refused(room):
     camera_xy, projector_xy = room.correspondences(40)
     with pytest.raises(CalibrationError, match="at least 500 are needed"):
-        calibrate_stereo(camera_xy[:400], projector_xy[:400], nominal(room))
+        calibrate_stereo(camera_xy[:400], projector_xy[:400], room.nominal)
 
 
 def test_a_map_of_nonsense_is_refused(room):
@@ -182,4 +172,4 @@ def test_a_map_of_nonsense_is_refused(room):
     camera_xy = random.uniform(0, 900, (3000, 2))
     projector_xy = random.uniform(0, 700, (3000, 2))
     with pytest.raises(CalibrationError):
-        calibrate_stereo(camera_xy, projector_xy, nominal(room))
+        calibrate_stereo(camera_xy, projector_xy, room.nominal)
