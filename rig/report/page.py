@@ -144,12 +144,13 @@ def _page(session: Session, result: SessionResult, model: FittedScene) -> _Sessi
     names, notes = _in_order(load_compensation(session).strategies), frame_notes(session)
     before_and_after = learned_errors(session, model, load_compensation(session).best)
     focus, shadows = focus_of(model, load_separation_record(session)), shadow_map(model)
+    held = [row for row in result.limits if row.limit is not None]
     return _SessionPage(
         title=f"Session {session.path.name}",
         subtitle=f"{profile.name}: {profile.description}. Camera {profile.camera.width_px} × "
         f"{profile.camera.height_px} px, projector {profile.projector.width_px} × {profile.projector.height_px} px.",
         met=result.within_limits,
-        verdict=f"{sum(row.met for row in result.limits)} of {len(result.limits)} limits kept",
+        verdict=f"{sum(row.met for row in held)} of {len(held)} limits kept",
         failed=tuple(row for row in result.limits if not row.met),
         headline=_headline(result),
         brightness=f"{profile.brightness.target_white_share:g} × the median of projector white",

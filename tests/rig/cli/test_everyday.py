@@ -134,6 +134,13 @@ def test_charts_of_a_check_have_the_lines_of_their_limits(tmp_path: Path) -> Non
         assert "stroke-dasharray" in chart
 
 
+def test_the_verdict_counts_what_has_a_limit_and_not_what_only_informs(finished: Finished) -> None:
+    rows = json.loads((finished.folder / "metrics.json").read_text())["limits"]
+    held = sum(row["limit"] is not None for row in rows)
+    assert held < len(rows)
+    assert f" of {held} limits kept" in (finished.folder / "report.html").read_text("utf-8")
+
+
 PAGES = {
     "report": "",
     "plan": "plan paper-room --no-search --report {page}",
