@@ -9,6 +9,7 @@ rays and light of sixteenths of their own, leave no bias by noise in its square.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -40,6 +41,11 @@ class UnevenSenders:
     """Two times (16, P) what the irradiance of sixteenths, without the lamp, has over their patch's mean, with noise
     that is independent; pieces as ``cells.quarters().quarters()``; 1 = white."""
 
+    @cached_property
+    def places(self) -> FloatArray:
+        """(16, P, 3) centres of sixteenths. [m]."""
+        return self.cells.quarters().quarters().centres.reshape(PIECES, -1, 3)
+
     def shifts(self, rays: int, seed: int) -> tuple[FloatArray, FloatArray]:
         """Return twice (P,) the irradiance that senders of one number miss, with noise that is independent.
 
@@ -55,7 +61,6 @@ class UnevenSenders:
 
     def _shift(self, stream: int, rays: int, seed: int) -> FloatArray:
         cells, points = self.cells, even_points(rays, 4)
-        places = cells.quarters().quarters().centres.reshape(PIECES, -1, 3)
         above_m = ABOVE * float(np.ptp(cells.vertices.reshape(-1, 3), axis=0).max())
         found = []
         for first in range(0, cells.n_patches, RECEIVERS_AT_A_TIME):
@@ -69,15 +74,15 @@ class UnevenSenders:
             met = np.flatnonzero((hits.patch >= 0) & (hits.cos_incidence > 0))
             missed = np.zeros(len(patch))
             landed = begin[met] + hits.distance[met, None] * ways[met]
-            missed[met] = self._missed(hits.patch[met], landed, places, stream)
+            missed[met] = self._missed(hits.patch[met], landed, stream)
             found.append(missed.reshape(-1, rays).mean(axis=1))
         return np.concatenate(found)
 
-    def _missed(self, sender: IntArray, points_m: FloatArray, places: FloatArray, stream: int) -> FloatArray:
+    def _missed(self, sender: IntArray, points_m: FloatArray, stream: int) -> FloatArray:
         """(N,) radiosity that patches have at points over that which they are taken to send."""
         cells, nearest, least = self.cells, np.zeros(len(sender), dtype=np.intp), np.full(len(sender), np.inf)
         for k in range(PIECES):
-            squared = ((places[k, sender] - points_m) ** 2).sum(axis=1)
+            squared = ((self.places[k, sender] - points_m) ** 2).sum(axis=1)
             nearest, least = np.where(squared < least, k, nearest), np.minimum(squared, least)
         over = self.pieces[stream][nearest, sender]
         edged = np.flatnonzero(self.lit.variance[sender] > VARIES)

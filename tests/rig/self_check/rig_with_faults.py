@@ -104,3 +104,9 @@ class Checked:
     @property
     def failed(self) -> set[str]:
         return {part for part, verdict in self.result.rows if not verdict.met}
+
+
+def displaced(scene: np.ndarray, x: float, y: float) -> np.ndarray:
+    """Exactly, by the phases of its waves; what leaves on one side comes back on the other."""
+    wave_y, wave_x = np.fft.fftfreq(scene.shape[0])[:, None], np.fft.fftfreq(scene.shape[1])[None]
+    return np.fft.ifft2(np.fft.fft2(scene) * np.exp(-2j * np.pi * (wave_x * x + wave_y * y))).real

@@ -13,13 +13,13 @@ from rig.capture.rig import Rig
 from rig.devices.drivers import make_devices
 from rig.devices.protocols import Codes, RawFrame, Shown
 from rig.self_check.parts.exposure import with_generous_latency
-from rig.self_check.parts.stability import shift_px
 from rig.self_check.run import check_rig
 from rig.terminal import silent
 from tests.rig.self_check.rig_with_faults import (
     REFRESH_S,
     Checked,
     Through,
+    displaced,
     profile_of,
 )
 
@@ -313,25 +313,6 @@ def test_vibration_and_a_shift_of_the_camera_are_measured() -> None:
     assert checked.row("shift of the picture").value == pytest.approx(0.6 * np.sqrt(2), abs=0.25)
     assert not checked.row("vibration").met
     assert not checked.row("shift of the picture").met
-
-
-def displaced(scene: np.ndarray, x: float, y: float) -> np.ndarray:
-    """Exactly, by the phases of its waves; what leaves on one side comes back on the other."""
-    wave_y, wave_x = np.fft.fftfreq(scene.shape[0])[:, None], np.fft.fftfreq(scene.shape[1])[None]
-    return np.fft.ifft2(np.fft.fft2(scene) * np.exp(-2j * np.pi * (wave_x * x + wave_y * y))).real
-
-
-@pytest.mark.parametrize("shift", [(0.0, 0.0), (0.013, -0.31), (0.5, 0.5), (2.4, -1.7), (-7.25, 4.0)])
-@pytest.mark.parametrize(("shape", "grain_px"), [((240, 320), 2.0), ((240, 320), 1.0), ((700, 900), 4.0)])
-def test_shifts_are_found_to_a_fiftieth_of_a_pixel(
-    shift: tuple[float, float], shape: tuple[int, int], grain_px: float
-) -> None:
-    random = np.random.default_rng(2)
-    scene = 1000 + 1000 * grain_px * cv2.GaussianBlur(random.normal(0, 1, shape), (0, 0), grain_px)
-    kept = scene.copy()
-    found = shift_px(1.1 * displaced(scene, *shift) + random.normal(0, 5, shape) + 30, scene)
-    assert found == pytest.approx(shift, abs=0.02)
-    assert np.array_equal(scene, kept)
 
 
 def test_room_light_is_measured() -> None:

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array
 
-from sim import _kernel
 from sim.compensation import compensate
 from sim.frame.codes import fractional_code
 from sim.frame.compensator import FrameCompensator, frame_model
@@ -15,7 +14,16 @@ from sim.frame.tables import response_cubics
 from sim.geometry.optics import Pose
 from sim.light.transport import LightTransport
 from sim.reference.frame import reference_frame
-from tests.sim.frame.transports import GAMMA, S_CURVE, difference, in_colour, level, picture, transport
+from tests.sim.frame.transports import (
+    GAMMA,
+    S_CURVE,
+    check_same_bytes,
+    difference,
+    in_colour,
+    level,
+    picture,
+    transport,
+)
 
 
 @pytest.mark.parametrize("shape", [(29, 45), (17, 33), (1, 100), (40, 16), (23, 7), (9, 530)])
@@ -38,16 +46,7 @@ def test_threads_and_instruction_sets_change_no_byte(strategy):
     shape = (61, 83)
     colour = in_colour(shape[1], shape[0])
     model = frame_model(colour, shape, target_scale=level(colour), response=GAMMA)
-    codes = picture(shape)
-    first = FrameCompensator(model, strategy, threads=1).frame(codes)
-    for threads in (2, 3, 7):
-        assert np.array_equal(FrameCompensator(model, strategy, threads).frame(codes), first)
-    try:
-        for name in _kernel.instruction_sets():
-            _kernel.set_instruction_set(name)
-            assert np.array_equal(FrameCompensator(model, strategy).frame(codes), first)
-    finally:
-        _kernel.set_instruction_set(_kernel.best_instruction_set())
+    check_same_bytes(model, strategy, picture(shape), threads=(2, 3, 7))
 
 
 def test_a_smooth_response_is_followed_by_cubics_and_an_uneven_one_by_a_table():

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.sparse import csr_array, diags_array
 
-from sim import _kernel
 from sim.form_factors import form_factors
 from sim.frame.compensator import FIRST_STEPS, STEPS, FrameCompensator, frame_model
 from sim.geometry.mesh import Mesh
@@ -20,7 +19,7 @@ from sim.light.transport_of_scene import area_emission, irradiance_at
 from sim.reference.frame import patch_sums, reference_bounded, reference_frame
 from sim.scenes.gridded import room
 from sim.scenes.meshes import icosphere
-from tests.sim.frame.transports import GAMMA, POSE, S_CURVE, difference, in_colour, level, picture
+from tests.sim.frame.transports import GAMMA, POSE, S_CURVE, check_same_bytes, difference, in_colour, level, picture
 
 SEEDS = (1, 2, 31, 41)
 SIZE_M = (4.8, 4.8, 2.4)
@@ -156,16 +155,7 @@ def test_dark_and_bright_gains_lead_where_the_definition_does(model, strategy, g
 
 @pytest.mark.parametrize("strategy", ["exact", "bounded"])
 def test_threads_and_instruction_sets_change_no_byte_on_meshes(model, strategy):
-    codes = picture(model.shape)
-    first = FrameCompensator(model, strategy, threads=1).frame(codes)
-    for threads in (2, 5):
-        assert np.array_equal(FrameCompensator(model, strategy, threads).frame(codes), first)
-    try:
-        for name in _kernel.instruction_sets():
-            _kernel.set_instruction_set(name)
-            assert np.array_equal(FrameCompensator(model, strategy).frame(codes), first)
-    finally:
-        _kernel.set_instruction_set(_kernel.best_instruction_set())
+    check_same_bytes(model, strategy, picture(model.shape), threads=(2, 5))
 
 
 def test_gridded_walls_take_the_same_bounded_steps():

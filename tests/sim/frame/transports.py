@@ -3,7 +3,9 @@
 import numpy as np
 from scipy.sparse import csr_array, diags_array
 
+from sim import _kernel
 from sim.form_factors import form_factors
+from sim.frame.compensator import FrameCompensator
 from sim.geometry.optics import Lens, Pose, rays_at
 from sim.geometry.scene import intersect
 from sim.light.colour import ColourTransport
@@ -61,3 +63,16 @@ def picture(shape, seed=0):
 
 def difference(a, b):
     return np.abs(a.astype(int) - b.astype(int))
+
+
+def check_same_bytes(model, strategy, codes, *, threads):
+    """No count of threads and no instruction set changes a byte of a frame."""
+    first = FrameCompensator(model, strategy, threads=1).frame(codes)
+    for count in threads:
+        assert np.array_equal(FrameCompensator(model, strategy, count).frame(codes), first)
+    try:
+        for name in _kernel.instruction_sets():
+            _kernel.set_instruction_set(name)
+            assert np.array_equal(FrameCompensator(model, strategy).frame(codes), first)
+    finally:
+        _kernel.set_instruction_set(_kernel.best_instruction_set())
