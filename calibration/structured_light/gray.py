@@ -108,7 +108,7 @@ def words(code: CodeName, bits: int) -> Words:
         For an unknown code or more than 14 bits.
     """
     if not 1 <= bits <= MAX_BITS:
-        raise CalibrationError(f"a Gray code of {bits} bits: 1 to {MAX_BITS} are supported")
+        raise CalibrationError(f"a Gray code of {bits} bits; give 1 to {MAX_BITS}")
     if code == "gray":
         position = np.arange(2**bits)
         return np.asarray(position ^ (position >> 1), dtype=np.uint16)

@@ -53,7 +53,7 @@ def flat(shape: tuple[int, int], code: int, name: str | None = None) -> Pattern:
         If the code is outside 0 … 255.
     """
     if not 0 <= code <= WHITE:
-        raise CalibrationError(f"code {code} is outside 0 … {WHITE}")
+        raise CalibrationError(f"code {code} is outside 0 … {WHITE}; give one within it")
     return Pattern(name or f"level-{code:03d}", np.full(shape, code, dtype=np.uint8))
 
 

@@ -128,7 +128,7 @@ def open_mesh_file(path: Path, options: MeshOptions, reflectance: float | None, 
     if options.faults is not None and options.faults.suffix.lower() != ".ply":
         raise UsageError(f"--faults {options.faults}: it is written as PLY; give a name that ends in .ply")
     if options.merge_mm is not None and not 0 <= options.merge_mm < np.inf:
-        raise UsageError(f"--merge-mm {options.merge_mm:g}: a distance of 0 or more")
+        raise UsageError(f"--merge-mm {options.merge_mm:g}; give a distance of 0 or more, and finite")
     on_step("read the mesh", 0, 1)
     up = options.up or standard_up(path)
     soup = read_triangles(path, unit=options.unit or "m", up=up)

@@ -28,7 +28,7 @@ def projector_of(
         raise UsageError("--projector-at takes the place of --light; leave one out")
     fov = 100.0 if fov_deg is None else fov_deg
     if not 1 <= fov <= 160:
-        raise UsageError(f"--fov {fov:g}: lenses have 1 ... 160 degrees")
+        raise UsageError(f"--fov {fov:g}: lenses have 1 ... 160 degrees; give the horizontal field of view in degrees")
     placed = PlacedProjector(
         position_m=_point("--projector-at", at), look_at_m=_point("--look-at", look_at), hfov_deg=fov
     )

@@ -146,7 +146,10 @@ def _munsell(name: str, where: str) -> float:
     except ValueError as error:
         raise UsageError(f"{where}: {name!r}: write munsell-n5 or munsell-n5.5") from error
     if not 0.5 <= value <= 9.75:
-        raise UsageError(f"{where}: {name!r}: Munsell neutrals are made from N0.5 to N9.75")
+        raise UsageError(
+            f"{where}: {name!r}: Munsell neutrals are made from N0.5 to N9.75; "
+            "choose one of them, or give the reflectance as a number"
+        )
     return sum(c * value ** (k + 1) for k, c in enumerate(_POLYNOMIAL)) / 100
 
 

@@ -66,7 +66,7 @@ def picture_levels(name: str, shape: tuple[int, int]) -> FloatArray:
         return np.full(shape, _grey_level(name, word, share))
     if not Path(name).is_file():
         there = ", ".join((*PHOTOGRAPHS, "grey", "grey:0.5", "white", "checker"))
-        raise UsageError(f"show.pictures: {name!r} is neither a file nor one of {there}")
+        raise UsageError(f"show.pictures: {name!r} is neither a file nor one of {there}; correct the name")
     levels = read_picture_of_shape(Path(name), shape, channels=1, fit=True, is_linear=False).levels
     return np.asarray(levels, dtype=np.float64)[..., 0]
 

@@ -71,7 +71,9 @@ def run_recheck(request: RecheckRequest, on_step: OnStep = silent) -> Recheck:
 def _profile_of(request: RecheckRequest, before: Session) -> Profile:
     """The session's profile, or one that differs in where simulated devices stand."""
     if before.profile.camera.driver == "replay":
-        raise UsageError(f"{before.path}: a replayed session has no rig that could have moved")
+        raise UsageError(
+            f"{before.path}: a replayed session has no rig that could have moved; re-check a session of the rig itself"
+        )
     if request.profile is None:
         return before.profile
     profile = load_runnable_profile(request.profile)

@@ -67,7 +67,9 @@ def quantise(
     p = np.asarray(projector_image, dtype=np.float64)
     problem = prepare(transport, target, float(table[0]), float(table[-1]))
     if p.size != problem.target.size:
-        raise SimulationError(f"projector image of shape {p.shape} for a target of {problem.target.size} values")
+        raise SimulationError(
+            f"projector image of shape {p.shape} for a target of {problem.target.size} values; one value each"
+        )
     codes = to_codes(p, table, seed)
     light = table[codes]
     seen, ideal = (problem.transport.forward(image.reshape(problem.target.shape)) for image in (light, p))

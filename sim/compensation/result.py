@@ -157,9 +157,13 @@ def prepare(transport: Transport, target: ArrayLike, lower: float, upper: float)
     pixels = transport.shape[0] // channels
     if values.shape != ((pixels, channels) if colour else (pixels,)):
         bands = f" of {channels} bands" if colour else ""
-        raise SimulationError(f"target of shape {values.shape}; the transport has {pixels} camera pixels{bands}")
+        raise SimulationError(
+            f"target of shape {values.shape}; the transport has {pixels} camera pixels{bands}; resample it to them"
+        )
     if not np.isfinite(values).all():
-        raise SimulationError(f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite")
+        raise SimulationError(
+            f"target: {int((~np.isfinite(values)).sum())} of {values.size} values not finite; replace them"
+        )
     reach = _checked_reach(lower, upper)
     split = split_transport_of(transport)
     _check_numbers(split)

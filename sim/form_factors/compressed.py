@@ -199,7 +199,7 @@ def exact_rows(factors: CompressedFormFactors, rows: IntArray, x: ArrayLike) -> 
 
 def _apply(kernel: _kernel.CompressedMatrix, x: FloatArray, n_patches: int) -> FloatArray:
     if x.ndim not in (1, 2) or len(x) != n_patches:
-        raise SimulationError(f"light of shape {x.shape} for {n_patches} patches")
+        raise SimulationError(f"light of shape {x.shape} for {n_patches} patches; one value a patch, bands as columns")
     columns = np.ascontiguousarray(x.reshape(n_patches, -1))
     y = np.empty_like(columns)
     kernel.apply(columns, y)

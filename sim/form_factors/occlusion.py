@@ -132,4 +132,4 @@ def _check_pairs(surface: Surface, first: IntArray, second: IntArray) -> None:
     if first.ndim != 1 or first.shape != second.shape:
         raise SimulationError(f"pairs of shapes {first.shape} and {second.shape}; give (n,) both")
     if len(first) and not 0 <= min(first.min(), second.min()) <= max(first.max(), second.max()) < surface.n_patches:
-        raise SimulationError(f"pairs name patches outside 0 ... {surface.n_patches - 1}")
+        raise SimulationError(f"pairs name patches outside 0 ... {surface.n_patches - 1}; give pairs of this surface")

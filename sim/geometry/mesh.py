@@ -181,7 +181,9 @@ class Mesh:
     def _checked_region(self, region: IntArray, topology: Topology) -> IntArray:
         numbers = np.asarray(region, dtype=np.intp)
         if numbers.shape not in ((0,), (self.n_patches,)):
-            raise SimulationError(f"mesh {self.name}: region of shape {numbers.shape} for {self.n_patches} patches")
+            raise SimulationError(
+                f"mesh {self.name}: region of shape {numbers.shape} for {self.n_patches} patches; one number a patch"
+            )
         return numbers if len(numbers) else topology.region
 
 
@@ -191,7 +193,9 @@ def _padded(name: str, polygons: Sequence[Sequence[int]] | IntArray) -> IntArray
         try:
             rows = [[int(corner) for corner in polygon] for polygon in polygons]
         except (TypeError, ValueError) as error:
-            raise SimulationError(f"mesh {name}: a polygon is no row of corner numbers: {error}") from error
+            raise SimulationError(
+                f"mesh {name}: a polygon is no row of corner numbers ({error}); give 3 or 4 whole numbers each"
+            ) from error
         odd = [i for i, row in enumerate(rows) if len(row) not in (3, 4)]
         if odd:
             raise SimulationError(
@@ -217,7 +221,7 @@ def _corners(name: str, points: FloatArray, polygons: IntArray) -> FloatArray:
         first = int(np.flatnonzero(missing)[0])
         raise SimulationError(
             f"mesh {name}: patch {first} has corners {polygons[first].tolist()}, there are 0 ... {len(points) - 1} "
-            f"({int(missing.sum())} such patches)"
+            f"({int(missing.sum())} such patches); correct the polygons, or add the corners"
         )
     return points[polygons]
 

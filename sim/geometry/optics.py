@@ -119,7 +119,9 @@ class Pose:
     def __post_init__(self) -> None:
         rotation = np.asarray(self.rotation, dtype=np.float64).reshape(3, 3)
         if np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
-            raise SimulationError("pose: the rotation is not one (rows must be orthonormal and right-handed)")
+            raise SimulationError(
+                "pose: the rotation is not one; give orthonormal, right-handed rows, or use Pose.look_at"
+            )
         object.__setattr__(self, "rotation", rotation)
         object.__setattr__(self, "translation_m", np.asarray(self.translation_m, dtype=np.float64).reshape(3))
 

@@ -103,7 +103,10 @@ def _checked_mixing(mixing: ArrayLike, channels: int) -> FloatArray:
     if K.shape != (channels, channels):
         raise SimulationError(f"colour transport: mixing of shape {K.shape} for {channels} bands; one row a band")
     if not np.isfinite(K).all():
-        raise SimulationError(f"colour transport: {int((~np.isfinite(K)).sum())} values of the mixing not finite")
+        raise SimulationError(
+            f"colour transport: {int((~np.isfinite(K)).sum())} values of the mixing not finite; "
+            "look at what it was measured from"
+        )
     condition = float(np.linalg.cond(K))
     if condition > CONDITION_LIMIT:
         raise SimulationError(

@@ -85,7 +85,7 @@ def with_learned(transport: LightTransport, by_pixel: FloatArray, by_patch: Floa
     if by_pixel.shape != (n_camera, rank) or by_patch.shape != (rank, n_patches):
         raise SimulationError(
             f"learned transport: by pixel {by_pixel.shape}, by patch {by_patch.shape} do not fit a camera of "
-            f"{n_camera} pixels and {n_patches} patches"
+            f"{n_camera} pixels and {n_patches} patches; learn it in the transport that it is used with"
         )
     return LightTransport(
         transport.direct_matrix,

@@ -335,7 +335,9 @@ class Radiosity:
     def _checked(self, E: ArrayLike) -> FloatArray:
         values = array_of("right-hand side", E)
         if values.ndim not in (1, 2) or len(values) != self.n_patches:
-            raise SimulationError(f"right-hand side of shape {values.shape} for {self.n_patches} patches")
+            raise SimulationError(
+                f"right-hand side of shape {values.shape} for {self.n_patches} patches; one value a patch"
+            )
         return values
 
     def _solve_symmetric(self, right: FloatArray) -> FloatArray:
@@ -373,5 +375,7 @@ class Radiosity:
     @property
     def _dense(self) -> FormFactors:
         if not isinstance(self.form_factors, FormFactors):
-            raise SimulationError(f"{self.form_factors.method} form factors have no dense matrix")
+            raise SimulationError(
+                f"{self.form_factors.method} form factors have no dense matrix; apply them to light instead"
+            )
         return self.form_factors

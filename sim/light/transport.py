@@ -67,10 +67,13 @@ class LightTransport(LinearOperator):  # type: ignore[misc]
         ):
             raise SimulationError(
                 f"light transport: direct {direct.shape}, emission {emission.shape}, view {view.shape}, "
-                f"pixel_patch {np.shape(pixel_patch)} do not fit together for {n_patches} patches"
+                f"pixel_patch {np.shape(pixel_patch)} do not fit together for {n_patches} patches; "
+                "make all of them of one surface, camera and projector"
             )
         if pixel_xy_px is not None and np.shape(pixel_xy_px) != (n_projector, 2):
-            raise SimulationError(f"light transport: positions {np.shape(pixel_xy_px)} of {n_projector} pixels")
+            raise SimulationError(
+                f"light transport: positions {np.shape(pixel_xy_px)} of {n_projector} pixels; one row each"
+            )
         super().__init__(np.dtype(np.float64), (n_camera, n_projector))
         self.emission, self.radiosity, self.view = emission, radiosity, view
         self.pixel_patch: IntArray = np.asarray(pixel_patch, dtype=np.intp)

@@ -259,7 +259,9 @@ def _direct_apart(
 def _checked(surface: Surface, form_factors: FormFactors, lens: Lens, projector_image: ArrayLike) -> FloatArray:
     picture = np.ascontiguousarray(projector_image, dtype=np.float64)
     if picture.shape != lens.shape:
-        raise SimulationError(f"projector image of shape {picture.shape} for a lens of {lens.shape} pixels")
+        raise SimulationError(
+            f"projector image of shape {picture.shape} for a lens of {lens.shape} pixels; give the lens's own size"
+        )
     if not (np.isfinite(picture).all() and picture.min() >= 0):
         raise SimulationError(f"projector image from {picture.min():.4g} to {picture.max():.4g}; 0 or more, and finite")
     if len(form_factors.areas) != surface.n_patches:

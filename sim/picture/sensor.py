@@ -31,7 +31,8 @@ class Sensor:
             )
         if not 0 <= self.black_level_dn < self.full_scale_dn:
             raise SimulationError(
-                f"sensor: black level {self.black_level_dn:g} dn outside 0 ... {self.full_scale_dn} dn"
+                f"sensor: black level {self.black_level_dn:g} dn outside 0 ... {self.full_scale_dn} dn; "
+                "give one within it, or more bits"
             )
 
     @property

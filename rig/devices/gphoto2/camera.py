@@ -262,7 +262,9 @@ def from_profile(settings: CameraSettings, clock: Clock) -> StillCamera:
     """Make the camera of a profile's table [[camera]], closed: driver ``gphoto2``. Raises ProfileError."""
     form = settings.pixel_format
     if form not in FORMATS:
-        raise ProfileError(f"camera.pixel_format: is {form!r}, of a still camera it is {' or '.join(FORMATS)}")
+        raise ProfileError(
+            f"camera.pixel_format: is {form!r}, of a still camera it is {' or '.join(FORMATS)}; write one of them"
+        )
     if form == "JPEG" and (settings.mosaic is not None or settings.bit_depth != 8):
         raise ProfileError("camera.pixel_format: JPEG has a bit depth of 8 and no mosaic; correct them, or take RAW")
     if form == "RAW" and settings.channels != 3:

@@ -84,7 +84,8 @@ class StillPort:
             if serial.strip("0") != device_id.strip("0"):
                 self.close()
                 raise DeviceLost(
-                    f"{name} is not there: the camera that answers has the serial number {serial or 'none'}"
+                    f"{name} is not there: the camera that answers has the serial number {serial or 'none'}; "
+                    "plug that one in, or correct camera.device_id"
                 )
 
     def _found(self, device_id: str) -> Any:

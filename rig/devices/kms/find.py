@@ -138,7 +138,9 @@ def choose_output(name: str, outputs: list[FoundOutput]) -> FoundOutput:
         return meant[0]
     there = "; ".join(map(_described, outputs)) or "none at all: no graphics driver is loaded"
     if not meant:
-        raise DeviceLost(f"there is no output {name!r}; outputs: {there}")
+        raise DeviceLost(
+            f"there is no output {name!r}; outputs: {there}. Correct projector.output, or plug the display in"
+        )
     one = meant[0].full_name
     raise SettingRefused(f"{name!r} means {len(meant)} outputs; write for example {one!r}; outputs: {there}")
 

@@ -189,7 +189,10 @@ class LightCrafter:
         self._await("validation", lambda: not self._read(Command.VALIDATE, 1)[0] & 0x80)
         invalid, doubtful = protocol.validation(self._read(Command.VALIDATE, 1)[0])
         if invalid:
-            raise SettingRefused(f"LightCrafter finds the sequence invalid: {', '.join(invalid)}")
+            raise SettingRefused(
+                f"LightCrafter finds the sequence invalid: {', '.join(invalid)}; "
+                "change what is named, or show fewer patterns"
+            )
         return doubtful
 
     def state(self) -> LightCrafterState:

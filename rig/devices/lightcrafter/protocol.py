@@ -214,7 +214,10 @@ def packed_times(exposure_us: int, frame_period_us: int, patterns: list[StoredPa
     """Exposure and frame period of each pattern. Raises SettingRefused for times that the guide excludes."""
     shortest = max(MINIMUM_EXPOSURE_US[pattern.bit_depth] for pattern in patterns)
     if exposure_us < shortest:
-        raise SettingRefused(f"LightCrafter: exposure {exposure_us} µs, at this bit depth at least {shortest} µs")
+        raise SettingRefused(
+            f"LightCrafter: exposure {exposure_us} µs, at this bit depth at least {shortest} µs; "
+            "lengthen it, or take fewer bits"
+        )
     if exposure_us != frame_period_us and frame_period_us - exposure_us < EXPOSURE_GAP_US:
         raise SettingRefused(
             f"LightCrafter: exposure {exposure_us} µs in a frame period of {frame_period_us} µs; "

@@ -176,7 +176,10 @@ class ReplayCamera:
         self._check_open()
         name = self._projector.shown_name
         if name is None:
-            raise DeviceLost(f"{self._recording.source}: nothing is shown, so there is no frame")
+            raise DeviceLost(
+                f"{self._recording.source}: nothing is shown, so there is no frame; "
+                "show a picture of the recording first"
+            )
         started_s = max(after_s, self._clock.now_s())
         if started_s + self._exposure_s - self._clock.now_s() > timeout_s:
             self._clock.wait_until_s(self._clock.now_s() + timeout_s)

@@ -61,7 +61,8 @@ class ClockedDisplay:
         self.check_on_screen()
         if codes.dtype != np.uint8 or codes.shape not in (self._shape, (*self._shape, 3)):
             raise SettingRefused(
-                f"the display shows uint8 codes of shape {self._shape}, not {codes.dtype} of {codes.shape}"
+                f"the display shows uint8 codes of shape {self._shape}, not {codes.dtype} of {codes.shape}; "
+                "make the picture in exactly its size"
             )
         np.copyto(self.picture, codes if codes.ndim == 3 else codes[..., None])
         on_screen_s = math.ceil(self._clock.now_s() / self._period_s + 1e-9) * self._period_s
@@ -70,4 +71,4 @@ class ClockedDisplay:
 
     def _check_plug(self) -> None:
         if not self.is_plugged:
-            raise DeviceLost("the simulated display is unplugged")
+            raise DeviceLost("the simulated display is unplugged, as simulation.projector.unplugged_s says")

@@ -128,7 +128,7 @@ def check_exposure_range(
         if shortest_s < ends_s[0] - EXPOSURE_STEP_S / 2 or longest_s > ends_s[1] + EXPOSURE_STEP_S / 2:
             raise SettingRefused(
                 f"camera.exposure_range_s {shortest_s:g} … {longest_s:g} s is outside what the camera has: "
-                f"{ends_s[0]:g} … {ends_s[1]:g} s"
+                f"{ends_s[0]:g} … {ends_s[1]:g} s; give a range within it"
             )
         return
     if node.ask(abi.QUERY_EXT_CTRL, abi.ControlQuery(id=EXPOSURE_OF_UNKNOWN_UNIT)):

@@ -24,7 +24,7 @@ _TRIES = 200
 def path_of(name: str) -> Path:
     """Return the file of a display. Raises SettingRefused for what cannot be part of a file's name."""
     if not name.replace("-", "").replace("_", "").isalnum():
-        raise SettingRefused(f"virtual display {name!r}: names are letters, digits, '-' and '_'")
+        raise SettingRefused(f"virtual display {name!r}: give a name of letters, digits, '-' and '_'")
     shared = Path("/dev/shm")
     folder = shared if shared.is_dir() else Path(tempfile.gettempdir())
     return folder / f"procam-rig-{os.getuid()}-{name}"

@@ -33,7 +33,10 @@ def choose_monitor(monitors: Sequence[FoundMonitor], output: str) -> FoundMonito
     """
     fitting = [monitor for monitor in monitors if output in (monitor.name, f"monitor:{monitor.index}")]
     if not fitting:
-        raise DeviceLost(f"no monitor {output!r} on this desktop; it has {_listed(monitors)}")
+        raise DeviceLost(
+            f"no monitor {output!r} on this desktop; it has {_listed(monitors)}. "
+            "Correct projector.output, or switch the monitor on"
+        )
     if len(fitting) > 1:
         raise SettingRefused(f"{len(fitting)} monitors are named {output!r}; choose one of {_listed(fitting)}")
     return fitting[0]

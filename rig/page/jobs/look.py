@@ -47,7 +47,7 @@ def _obey(order: JsonObject, preview: Preview, wire: Wire) -> None:
             case "watched":
                 preview.is_watched = bool(order.get("on"))
             case other:
-                raise UsageError(f"a view cannot be told {str(other)[:40]!r}")
+                raise UsageError(f"a view does not know the word {str(other)[:40]!r}; load the page anew")
     except RigError as error:
         wire.tell("refused", {"error": str(error)})
     wire.tell("state", preview.state.as_json())

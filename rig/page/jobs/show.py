@@ -99,7 +99,9 @@ class PageRemote:
                 changed: dict[str, bool] = {str(name): value}
                 return replace(controls, **changed)  # type: ignore[arg-type]
             case other:
-                raise UsageError(f"a show cannot be told {str(other)[:40]!r}, {str(value)[:40]!r}")
+                raise UsageError(
+                    f"a show does not know {str(other)[:40]!r} with {str(value)[:40]!r}; load the page anew"
+                )
 
     def pressed(self) -> str:
         """Return the keys that were ordered; q when the page wants the show's end."""

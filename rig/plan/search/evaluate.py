@@ -88,7 +88,7 @@ def _put(data: JsonObject, key: str, value: float | str) -> None:
     elif isinstance(place, list):
         place[_index(place, last, key)] = value
     else:
-        raise UsageError(f"search.free: {key!r} leads nowhere in the room file")
+        raise UsageError(f"search.free: {key!r} leads nowhere in the room file; write table and key, e.g. paint.all")
 
 
 def _way(data: JsonObject, key: str) -> list[str]:
@@ -107,7 +107,7 @@ def _entry(place: list[Json], part: str, key: str) -> Json:
         return named[0] if named else place[_index(place, part, key)]
     if not part.isdigit() or not 1 <= int(part) <= len(tables):
         there = ", ".join(str(one.get("name", k)) for k, one in enumerate(tables, 1))
-        raise UsageError(f"search.free: {key!r}: {part!r} is none of {there}")
+        raise UsageError(f"search.free: {key!r}: {part!r} is none of {there}; name one of these")
     return tables[int(part) - 1]
 
 
@@ -123,7 +123,9 @@ def _inside(place: Json, part: str, key: str) -> Json:
 def _index(place: list[Json], part: str, key: str) -> int:
     index = AXES.get(part, int(part) if part.isdigit() else -1)
     if not 0 <= index < len(place):
-        raise UsageError(f"search.free: {key!r}: {part!r} is none of 0 ... {len(place) - 1} (or x, y, z)")
+        raise UsageError(
+            f"search.free: {key!r}: {part!r} is none of 0 ... {len(place) - 1} (or x, y, z); name one of these"
+        )
     return index
 
 
@@ -172,7 +174,9 @@ def check_search(request: PlanRequest, search: SearchTable) -> None:
         raise UsageError("search.goal: cost, but no projector and no [[named_paint]] has one; give some of them one")
     for box in search.keep_out:
         if not all(low < high for low, high in zip(box.low_m, box.high_m, strict=True)):
-            raise UsageError(f"search.keep_out {box.name}: low_m must be below high_m along x, y and z")
+            raise UsageError(
+                f"search.keep_out {box.name}: low_m must be below high_m along x, y and z; exchange what is not"
+            )
 
 
 def _check_free(request: PlanRequest, one: FreeParameter) -> None:

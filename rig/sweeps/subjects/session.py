@@ -45,7 +45,7 @@ class SessionSubject:
 
         names = settings.get(_STRATEGIES, DEFAULT_STRATEGIES)
         if not isinstance(names, list | tuple) or not names:
-            raise ProfileError(f"{_STRATEGIES}: is {names!r}, should be a list of names")
+            raise ProfileError(f'{_STRATEGIES}: is {names!r}; give a list of names, e.g. ["none", "bounded"]')
         try:
             check_strategies(tuple(str(name) for name in names))
         except UsageError as error:

@@ -57,7 +57,7 @@ def facets_of(points_m: FloatArray, triangles: IntArray, reflectance: FloatArray
     if len(lost):
         raise SimulationError(
             f"{len(lost)} triangles have corners that do not exist, first {lost[0]}: {corners[lost[0]].tolist()}, "
-            f"there are 0 ... {len(points) - 1}"
+            f"there are 0 ... {len(points) - 1}; correct the triangles, or add the corners"
         )
     shares = np.broadcast_to(np.asarray(reflectance, dtype=np.float64), (len(corners),)).copy()
     return Facets(points=points, triangles=corners.astype(np.intp), reflectance=shares, source=np.arange(len(corners)))

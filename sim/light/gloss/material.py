@@ -78,7 +78,9 @@ class Gloss:
     def refuse_light_creating(self, surface: Surface) -> None:
         """Raise SimulationError where this gloss is not of that surface, or both together reflect more than 1."""
         if len(self.share) != surface.n_patches:
-            raise SimulationError(f"{surface.name}: gloss of {len(self.share)} patches for {surface.n_patches}")
+            raise SimulationError(
+                f"{surface.name}: gloss of {len(self.share)} patches for {surface.n_patches}; one a patch"
+            )
         total = np.asarray(surface.reflectance) + self.share
         worst = int(total.argmax())
         if total[worst] > MOST_REFLECTED + 1e-12:

@@ -77,7 +77,7 @@ class GlossyTransport(LightTransport):
         if by_gloss.shape != emission.shape or (mirrored is not None and mirrored.shape != self.shape):
             raise SimulationError(
                 f"light transport: light by way of gloss {shapes[0]} and mirrored {shapes[1]} do not fit an emission "
-                f"{emission.shape} and {self.shape[0]} camera pixels"
+                f"{emission.shape} and {self.shape[0]} camera pixels; make all of them of one transport"
             )
         self.by_gloss, self.lobe_view, self.mirrored = by_gloss, lobe_view, mirrored
 
