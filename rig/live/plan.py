@@ -126,7 +126,7 @@ def _profile_and_model(request: LiveRequest) -> tuple[Profile, LiveModel | None]
     """The profile, and the session's model, or a guess where only a simulated room is at stake."""
     profile = load_profile(request.profile) if request.profile is not None else None
     if request.folder is not None:
-        with Session.open(aligned_folder(request.folder)) as session:
+        with Session.read(aligned_folder(request.folder)) as session:
             return profile or session.profile, session_model(session, is_linear=request.is_linear)
     if profile is None:
         raise UsageError("rig live needs a session, or a profile with -p")

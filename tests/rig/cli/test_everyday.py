@@ -108,6 +108,12 @@ def test_a_session_on_a_disk_that_cannot_be_written_is_read_by_each_verb_that_on
     assert run_command(["report", str(read_only), "-o", str(tmp_path / "report.html")]) == 0
     assert run_command(["export", str(read_only), "-o", str(tmp_path / "pictures")]) == 0
     assert run_command(["run", str(read_only), "--dry-run"]) == 0
+    assert run_command(["live", str(read_only), "--source", "pattern", "--seconds", "0.3"]) == 0
+
+
+def test_a_session_that_another_process_works_on_is_shown_live(finished: Finished) -> None:
+    with Session.open(finished.folder):
+        assert run_command(["live", str(finished.folder), "--source", "pattern", "--seconds", "0.3"]) == 0
 
 
 def test_the_page_of_strategies_opens_with_what_to_use_and_why(finished: Finished, tmp_path: Path) -> None:
