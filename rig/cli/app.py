@@ -24,6 +24,20 @@ def _version() -> str:
     return __version__
 
 
+def _default(value: object) -> str | None:
+    """Return a default in a reader's words; None for a switch that is off and for what is empty, which say nothing."""
+    match value:
+        case None | False | "" | ():
+            return None
+        case True:
+            return "on"
+        case tuple():
+            return ", ".join(map(str, value))
+        case float():
+            return f"{value:g}"
+    return str(value)
+
+
 app = App(
     name="rig",
     help="Controller of a projector-camera rig: calibrate a room, simulate its interreflection, compensate it, "
@@ -32,6 +46,7 @@ app = App(
     version=_version,
     version_flags=["--version", "-V"],
     suppress_keyboard_interrupt=False,
+    default_parameter=Parameter(show_default=_default),
 )
 _SET_UP = Group("Set up a rig", sort_key=1)
 _SESSION = Group("A session, in order", sort_key=2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import subprocess
 import sys
@@ -57,6 +58,13 @@ def test_help_of_every_verb_has_an_example(capsys: Capture, verb: list[str]) -> 
     assert f"Example: rig {' '.join(verb)}" in captured.out
     assert "--json" in captured.out
     assert captured.err == ""
+
+
+@pytest.mark.parametrize("verb", VERBS, ids=" ".join)
+def test_help_tells_defaults_in_words_and_none_of_switches_that_are_off(capsys: Capture, verb: list[str]) -> None:
+    assert run_command([*verb, "--help"]) == 0
+    told = re.findall(r"\[default: ([^\]]*)", " ".join(re.sub("[│╭╮╰╯─]", " ", capsys.readouterr().out).split()))
+    assert not [default for default in told if re.search(r"False|True|None|['\"(]|\d\.0$", default)]
 
 
 def test_without_arguments_it_says_what_there_is_and_where_to_start(capsys: Capture) -> None:
