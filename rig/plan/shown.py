@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rig import plug_ins
 from rig.errors import UsageError
 from rig.files.photographs import PHOTOGRAPHS, photograph
-from rig.files.pictures import read_picture, read_picture_of_shape
+from rig.files.pictures import PictureLevels, fitted, read_picture_in_channels
 from rig.plan.light import LitRoom
 from rig.plan.measures import checker
 from rig.plan.records import PlannedPicture, StrategyOutcome, UnreachedPart
@@ -64,23 +64,33 @@ def picture_levels(name: str, shape: tuple[int, int]) -> FloatArray:
         return np.where(checker(shape), WHITE, 0.0)
     if word in ("grey", "white"):
         return np.full(shape, _grey_level(name, word, share))
-    if not Path(name).is_file():
-        there = ", ".join((*PHOTOGRAPHS, "grey", "grey:0.5", "white", "checker"))
-        raise UsageError(f"show.pictures: {name!r} is neither a file nor one of {there}; correct the name")
-    levels = read_picture_of_shape(Path(name), shape, channels=1, fit=True, is_linear=False).levels
-    return np.asarray(levels, dtype=np.float64)[..., 0]
+    levels = _from_file(name).levels
+    fitting = levels if levels.shape[:2] == shape else fitted(levels, shape)
+    return np.asarray(fitting, dtype=np.float64)[..., 0]
 
 
 def colours_told(names: tuple[str, ...]) -> list[str]:
-    """Return a sentence of each picture file whose own colour space was made sRGB; it has been read before."""
-    read = [(Path(name).name, read_picture(name).profile) for name in names if not _is_own(name)]
+    """Return a sentence of each picture file whose own colour space was made sRGB."""
+    read = [(Path(name).name, _from_file(name).profile) for name in names if Path(name).is_file()]
     return [f"{name} is taken as {profile}." for name, profile in read if profile]
 
 
-def _is_own(name: str) -> bool:
-    """Whether a name is that of a picture that is made here, not of a file."""
-    word, _, share = name.partition(":")
-    return word in ("grey", "white") or name == "checker" or (word in PHOTOGRAPHS and not share)
+def _from_file(name: str) -> PictureLevels:
+    """A grey picture of a file, of its own size; read anew where the file has changed."""
+    path = Path(name)
+    if not path.is_file():
+        there = ", ".join((*PHOTOGRAPHS, "grey", "grey:0.5", "white", "checker"))
+        raise UsageError(f"show.pictures: {name!r} is neither a file nor one of {there}; correct the name")
+    state = path.stat()
+    return _read_once(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=4)
+def _read_once(path: Path, _changed_ns: int, _size: int) -> PictureLevels:
+    """A search shows a picture again and again."""
+    read = read_picture_in_channels(path, channels=1)
+    read.levels.flags.writeable = False
+    return read
 
 
 @lru_cache(maxsize=8)
