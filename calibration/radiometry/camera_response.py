@@ -21,7 +21,7 @@ from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
 from calibration.radiometry.flicker import InStep
 from calibration.radiometry.light_change import ChangeSpread, likeliest_change
-from calibration.radiometry.light_groups import USABLE, LightGroups, RoomLight, grouped_by_light
+from calibration.radiometry.light_groups import USABLE, LightBesides, LightGroups, grouped_by_light
 from calibration.radiometry.response import Response
 from calibration.radiometry.tone_curve import BENDS, KNOTS, CurveBend, ToneCurve, tone_curve
 
@@ -47,7 +47,7 @@ _STEEPEST = 2.5
 """Of log local gamma, on the way to the solution: 12, and 1 / 12."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
     """Unknowns of the fit."""
 
@@ -71,11 +71,11 @@ class _State:
         """With all unknowns changed."""
         j = len(self.log_gamma)
         return _State(
-            np.clip(self.log_gamma + by[:j], -_STEEPEST, _STEEPEST),
-            self.black + float(by[j]),
-            self.swell + by[j + 1 : _FIRST_CHANGE],
-            self.change + by[_FIRST_CHANGE:],
-            self.log_light + light_by,
+            log_gamma=np.clip(self.log_gamma + by[:j], -_STEEPEST, _STEEPEST),
+            black=self.black + float(by[j]),
+            swell=self.swell + by[j + 1 : _FIRST_CHANGE],
+            change=self.change + by[_FIRST_CHANGE:],
+            log_light=self.log_light + light_by,
         )
 
 
@@ -115,7 +115,7 @@ def fit_camera_response(
     full_scale_dn: float,
     *,
     black_sigma_dn: float = _BLACK_SIGMA_DN,
-    room: RoomLight | None = None,
+    room: LightBesides | None = None,
 ) -> Response:
     """Find a camera's curve, straight or with any tone curve, from frames of one still picture.
 
@@ -132,7 +132,7 @@ def fit_camera_response(
         Digital number above black where the sensor clips.
     black_sigma_dn : float
         Standard error of the black level that was subtracted, where `room` does not tell it. [dn]
-    room : RoomLight or None
+    room : LightBesides or None
         Light beside the picture's, which may swell in step with the frames; exposures are seconds then.
 
     Returns
@@ -195,7 +195,8 @@ def _start(groups: LightGroups) -> _State:
     light = tone_curve(log_gamma).log_light_of(np.maximum(groups.y, 1e-6))
     weight = np.where(groups.usable, 1.0, 1e-9)
     log_light = np.average(light - groups.log_time[:, None], axis=0, weights=weight)
-    return _State(log_gamma, 0.0, np.zeros(4), np.zeros(len(groups.log_time)), log_light)
+    change = np.zeros(len(groups.log_time))
+    return _State(log_gamma=log_gamma, black=0.0, swell=np.zeros(4), change=change, log_light=log_light)
 
 
 def _solved(groups: LightGroups, candidate: CurveBend, start: _State, of_black: FloatArray) -> _Solution:

@@ -18,7 +18,7 @@ _NOISE_CLEAR = 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class RoomLight:
+class LightBesides:
     """What else than the picture lights the pixels, and may swell in step with the frames."""
 
     dark: FloatArray
@@ -58,7 +58,7 @@ class LightGroups:
 
 
 def grouped_by_light(
-    levels: FloatArray, times: FloatArray, full_scale_dn: float, room: RoomLight | None = None
+    levels: FloatArray, times: FloatArray, full_scale_dn: float, room: LightBesides | None = None
 ) -> LightGroups:
     """Sort pixels by their light, and take means of neighbours.
 
@@ -70,7 +70,7 @@ def grouped_by_light(
         Exposures; equal ones are repeats, whose difference is noise.
     full_scale_dn : float
         Digital number above black where the sensor clips.
-    room : RoomLight or None
+    room : LightBesides or None
         Its pixels are those of `levels`, and times are seconds then.
 
     Returns

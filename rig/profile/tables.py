@@ -231,7 +231,7 @@ class Room(Table):
     closed: bool
     """Six faces; else only those that were seen."""
     size_m: tuple[MetresOfWall, MetresOfWall, MetresOfWall] | None = None
-    """Inner size by tape; places only walls that nobody sees."""
+    """Inner size by tape, true to 0.3 %: places walls that nobody sees, and is a length to which those that are seen are held."""
     lens_height_m: MetresOfWall | None = None
     """Of the projector's lens above the floor, by tape; places only a floor that nobody sees."""
     patch_size_m: MetresOfPatch = 0.3

@@ -6,7 +6,7 @@ import pytest
 from calibration.arrays import FloatArray
 from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
-from calibration.radiometry.light_groups import RoomLight
+from calibration.radiometry.light_groups import LightBesides
 from calibration.radiometry.response import light_of_levels
 
 EXPOSURES_S = 0.0864 * np.array([1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1])
@@ -73,7 +73,7 @@ def test_weak_light_is_right_where_frames_of_white_have_the_same_swell(seed: int
     levels = np.minimum(frames(projected + np.repeat(room, 2)[:, None], seed + 10), BLACK_DN + FULL_DN)
     dark = np.full(4000, room[-1] + BLACK_DN - black.offset_dn)
     response = fit_camera_response(
-        levels - black.offset_dn, times, FULL_DN, room=RoomLight(dark=dark, in_step=black.in_step)
+        levels - black.offset_dn, times, FULL_DN, room=LightBesides(dark=dark, in_step=black.in_step)
     )
     assert response.sigma is not None
     weak = np.array([0.01, 0.02, 0.05])
@@ -111,7 +111,7 @@ def test_a_curve_is_not_bent_by_room_light_that_swells_while_exposures_grow(begu
     black = fit_black_level(darkness, SHORT_S)
     times = np.repeat(SHORT_S, 2)
     levels = photographed(times, 1.0) - black.offset_dn
-    told = RoomLight(dark=darkness[-1] - black.offset_dn, in_step=black.in_step)
+    told = LightBesides(dark=darkness[-1] - black.offset_dn, in_step=black.in_step)
     response = fit_camera_response(levels, times, FULL_DN, room=told)
     assert response.sigma is not None
     light = np.array([0.02, 0.05, 0.1, 0.2, 0.35, 0.5, 0.65, 0.8])
