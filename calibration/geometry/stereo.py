@@ -118,16 +118,17 @@ class StereoCalibration:
             projector=scene.projector,
             planes=scene.planes,
             room_axes=scene.axes.directions,
-            uncertainty=replace(known, unknowns=unknowns),
         )
 
-    def known_to(self, covariance: FloatArray) -> StereoCalibration:
-        """Return the same calibration with another covariance (n, n) of its unknowns."""
+    def known_to(self, unknowns: FloatArray, covariance: FloatArray) -> StereoCalibration:
+        """Return the calibration of other unknowns (n,), and with another covariance of them (n, n)."""
         known = self.uncertainty
         if known is None:
             return self
         sigmas = lens_sigmas(covariance, known.nominal)
-        return replace(self, sigmas=sigmas, uncertainty=replace(known, covariance=covariance))
+        return replace(
+            self.at(unknowns), sigmas=sigmas, uncertainty=replace(known, unknowns=unknowns, covariance=covariance)
+        )
 
 
 def calibrate_stereo(

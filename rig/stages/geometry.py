@@ -13,7 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
 from calibration.geometry.known.lengths import TapedCalibration
 from calibration.geometry.pinhole import PinholeModel, vector_of
-from calibration.geometry.room import FACES, RoomBox, check_against_tape, room_from_stereo
+from calibration.geometry.room import FACES, RoomBox, check_against_tape, check_lens_height, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
@@ -193,19 +193,24 @@ def geometry_of(
 
 
 def _held_to_tape(apart: TapedCalibration, profile: Profile) -> TapedCalibration:
-    """Refuse lengths by tape that contradict the points; hold the points to those of walls that are both seen."""
-    size_m = profile.room.size_m
-    if size_m is None:
-        return apart
+    """Refuse lengths by tape that contradict the points; hold the points to those that they tell, too."""
+    size_m, height_m = profile.room.size_m, profile.room.lens_height_m
     room = _room(apart.pair, profile, apart.tape_errors)
-    sigmas = _sigmas(apart, profile, room)
-    size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
-    check_against_tape(room.box, size_m, size_sigma_m, TAPE_SIGMA, right_angles=profile.room.right_angles)
-    taped = [k for k in range(3) if {FACES[2 * k], FACES[2 * k + 1]} <= set(room.box.seen)]
+    sigmas, seen = _sigmas(apart, profile, room), set(room.box.seen)
+    sides = [k for k in range(3) if size_m is not None and {FACES[2 * k], FACES[2 * k + 1]} <= seen]
+    if size_m is not None:
+        size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
+        check_against_tape(room.box, size_m, size_sigma_m, TAPE_SIGMA, right_angles=profile.room.right_angles)
+    has_height = height_m is not None and "floor" in seen
+    if height_m is not None and has_height:
+        check_lens_height(room.box.projector.position_m[2], height_m, sigmas["projector_z_m"], TAPE_SIGMA)
+    told = [*sides, 3] if has_height else sides
+    tape_m = np.array([*(size_m or (0.0, 0.0, 0.0)), height_m or 0.0])
 
     def differences(pair: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
-        measured_m = np.array(_room(pair, profile, tape_errors).box.size_m)
-        return np.asarray(measured_m - np.array(size_m) * (1 + TAPE_SIGMA * tape_errors[1:4]))[taped]
+        box, taped_m = _room(pair, profile, tape_errors).box, tape_m * (1 + TAPE_SIGMA * tape_errors[1:])
+        off_m = np.array([*box.size_m, box.projector.position_m[2]]) - taped_m
+        return np.asarray(off_m[told])
 
     return apart.held_to(differences)
 

@@ -62,12 +62,10 @@ class TapedCalibration:
             return self
         along = self.covariance @ slope.T
         gain = np.linalg.solve(slope @ along, along.T).T
-        pair, errors = self._parts(self._all - gain @ off)
-        covariance = self.covariance - gain @ along.T
-        n = len(covariance) - len(errors)
-        if pair.uncertainty is not None:
-            pair = pair.known_to(covariance[:n, :n])
-        return replace(self, pair=pair, tape_errors=errors, covariance=covariance)
+        together, covariance = self._all - gain @ off, self.covariance - gain @ along.T
+        n = len(together) - len(self.tape_errors)
+        pair = self.pair.known_to(together[:n], covariance[:n, :n])
+        return replace(self, pair=pair, tape_errors=together[n:], covariance=covariance)
 
     @property
     def _all(self) -> FloatArray:
