@@ -171,10 +171,16 @@ def standard_deviations(
     figures: Callable[[FloatArray], FloatArray], unknowns: FloatArray, covariance: FloatArray
 ) -> FloatArray:
     """Carry the covariance of unknowns (n, n) into figures (m,) that follow from them: (m,) standard deviations."""
+    _, slope = slopes(figures, unknowns)
+    return np.asarray(np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", slope, covariance, slope), 0)))
+
+
+def slopes(figures: Callable[[FloatArray], FloatArray], unknowns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return figures (m,) that follow from unknowns (n,), and (m, n) by how much they change with each."""
     value = figures(unknowns)
     slope = np.empty((len(value), len(unknowns)))
     for k in range(len(unknowns)):
         moved = unknowns.copy()
         moved[k] += _STEP
         slope[:, k] = (figures(moved) - value) / _STEP
-    return np.asarray(np.sqrt(np.maximum(np.einsum("mi,ij,mj->m", slope, covariance, slope), 0)))
+    return value, slope

@@ -207,6 +207,33 @@ def check_against_tape(
             )
 
 
+def check_lens_height(measured_m: float, tape_m: float, sigma_m: float, tape_sigma_share: float) -> None:
+    """Hold the height of the projector's lens above a floor that was measured against that by tape.
+
+    Parameters
+    ----------
+    measured_m, tape_m : float
+        Of the lens above the floor. [m]
+    sigma_m : float
+        Standard deviation of the measured height, that of the scale included. [m]
+    tape_sigma_share : float
+        Standard deviation of a length by tape, as a share of it.
+
+    Raises
+    ------
+    CalibrationError
+        With both heights, if they are more than four of their common standard deviations apart.
+    """
+    own = tape_sigma_share * tape_m
+    apart = abs(measured_m - tape_m) / np.hypot(sigma_m, own)
+    if apart > SIGMAS:
+        raise CalibrationError(
+            f"the projector's lens is {measured_m:.3f} +- {sigma_m:.3f} m above the floor that is seen, {tape_m:.3f} "
+            f"+- {own:.3f} m by surface.lens_height_m: {apart:.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
+            "tape's lengths is wrong ([[scale]] or lens_height_m), or hfov_deg is"
+        )
+
+
 def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibration:
     """The same calibration, with axes where free planes stand at right angles; refuses what makes no box."""
     if all(axis < 0 for axis in stereo.axes) and len(stereo.axes) > 1:

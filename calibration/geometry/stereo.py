@@ -104,15 +104,30 @@ class StereoCalibration:
         if self.uncertainty is None:
             return np.zeros_like(figures(self))
         known = self.uncertainty
-        return standard_deviations(lambda z: figures(self._with(known.scene(z))), known.unknowns, known.covariance)
+        return standard_deviations(lambda z: figures(self.at(z)), known.unknowns, known.covariance)
 
-    def _with(self, scene: PlanarScene) -> StereoCalibration:
+    def at(self, unknowns: FloatArray) -> StereoCalibration:
+        """Return the calibration of other unknowns of its uncertainty, (n,); the baseline is 1."""
+        known = self.uncertainty
+        if known is None:
+            raise CalibrationError("a calibration that was not fitted has no unknowns: fit it first (calibrate_stereo)")
+        scene = known.scene(unknowns)
         return replace(
             self,
             camera=scene.camera,
             projector=scene.projector,
             planes=scene.planes,
             room_axes=scene.axes.directions,
+        )
+
+    def known_to(self, unknowns: FloatArray, covariance: FloatArray) -> StereoCalibration:
+        """Return the calibration of other unknowns (n,), and with another covariance of them (n, n)."""
+        known = self.uncertainty
+        if known is None:
+            return self
+        sigmas = lens_sigmas(covariance, known.nominal)
+        return replace(
+            self.at(unknowns), sigmas=sigmas, uncertainty=replace(known, unknowns=unknowns, covariance=covariance)
         )
 
 

@@ -8,29 +8,27 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray
+from calibration.radiometry.flicker import MAINS_LIGHT_HZ, SWELL, InStep, swell_in_step
 
 _CLIPPED_SHARE, _BELOW, _WELL_ABOVE = 0.3, 0.02, 0.01
 """Of pixels: so many at one level, hardly one below and some more than one step above it, so noise is cut off there."""
 _ROUNDING_VARIANCE = 1 / 12
-_SWELL, _MAINS_HZ = 0.1, (100.0, 120.0)
-"""Of room light: by what share of its mean it swells (standard deviation), and how often a second, by the country."""
 _DRIFT = 0.02
-"""Of the light on black, from frame to frame, where it swells by :data:`_SWELL`; in proportion to that elsewhere."""
+"""Of the light on black, from frame to frame, where it swells by :data:`SWELL`; in proportion to that elsewhere."""
 _SHARES = (0.0, 0.1, 0.3, 1.0, 2.0)
-"""Of :data:`_SWELL`, out of step with the frames: none, hardly any, and what bright room lights do."""
+"""Of :data:`SWELL`, out of step with the frames: none, hardly any, and what bright room lights do."""
 _ROUNDS = 3
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class BlackLevel:
     """A camera's reading without light."""
 
     offset_dn: float
     sigma_dn: float
     """Standard error."""
-    in_step_dn: float = 0.0
-    """What room light in step with the frames adds to each of them alike, black or not, root mean square: frames of
-    anything else tell the level no better than this."""
+    in_step: InStep
+    """What else may have made these levels: the same is in frames of anything else that begin at the same phase."""
     is_clipped: bool
     """Noise below it is cut off, as cameras with a tone curve do."""
 
@@ -64,13 +62,20 @@ def fit_black_level(levels: ArrayLike, exposures: ArrayLike) -> BlackLevel:
     shortest = frames[times == times.min()]
     lowest = float(np.quantile(shortest, 0.05, method="lower"))
     if _is_clipped(shortest, lowest):
-        return BlackLevel(offset_dn=lowest, sigma_dn=float(np.sqrt(_ROUNDING_VARIANCE)), is_clipped=True)
+        sigma = float(np.sqrt(_ROUNDING_VARIANCE))
+        return BlackLevel(offset_dn=lowest, sigma_dn=sigma, in_step=InStep.unknown(sigma), is_clipped=True)
     means = frames.mean(axis=1)
     rounding = 0.05 * np.exp(-4 * np.pi**2 * np.maximum(frames.var(axis=1) - _ROUNDING_VARIANCE, 0))
     variance = frames.var(axis=1) / frames.shape[1] + rounding + 1e-8
-    found = _extended(times, means, variance)
     # all frames of a camera without noise are rounded alike
-    return replace(found, sigma_dn=float(np.hypot(found.sigma_dn, np.sqrt(rounding.min()))))
+    return _with_sigma(_extended(times, means, variance), float(np.sqrt(rounding.min())))
+
+
+def _with_sigma(found: BlackLevel, sigma_dn: float) -> BlackLevel:
+    """Add an error of the level that has nothing to do with light."""
+    covariance = found.in_step.covariance + np.diag([sigma_dn**2, 0.0, 0.0, 0.0, 0.0])
+    total = float(np.hypot(found.sigma_dn, sigma_dn))
+    return replace(found, sigma_dn=total, in_step=replace(found.in_step, covariance=covariance))
 
 
 def _is_clipped(shortest: FloatArray, lowest: float) -> bool:
@@ -86,7 +91,8 @@ def _extended(times: FloatArray, means: FloatArray, variance: FloatArray) -> Bla
     """Straight line beside a swell in step; the mean over how much the light may swell out of step."""
     if len(np.unique(times)) < 2:
         sigma = float(np.sqrt(variance.mean() / len(means)))
-        return BlackLevel(offset_dn=float(means.mean()), sigma_dn=sigma, is_clipped=False)
+        in_step = InStep.unknown(sigma)
+        return BlackLevel(offset_dn=float(means.mean()), sigma_dn=sigma, in_step=in_step, is_clipped=False)
     light_dn_per_s = max(float(np.ptp(means)), 0.0) / float(times.max())
     for _ in range(_ROUNDS):
         noise = variance + _out_of_step(times, light_dn_per_s)
@@ -94,47 +100,45 @@ def _extended(times: FloatArray, means: FloatArray, variance: FloatArray) -> Bla
     out_of_step = _out_of_step(times, light_dn_per_s)
     lines = [_line(times, means, variance + share**2 * out_of_step, light_dn_per_s) for share in _SHARES]
     odds = np.exp(np.array([one.log_likelihood for one in lines]) - max(one.log_likelihood for one in lines))
-    offset = float(np.average([one.offset_dn for one in lines], weights=odds))
-    off = np.average([one.variance + (one.offset_dn - offset) ** 2 for one in lines], weights=odds)
-    in_step = np.average([one.in_step_square for one in lines], weights=odds)
-    sigma, in_step_dn = (float(np.sqrt(q)) for q in (off, in_step))
-    return BlackLevel(offset_dn=offset, sigma_dn=sigma, in_step_dn=in_step_dn, is_clipped=False)
+    found = np.average([one.found for one in lines], axis=0, weights=odds)
+    away = np.array([np.outer(one.found - found, one.found - found) for one in lines])
+    covariance = np.average(np.array([one.covariance for one in lines]) + away, axis=0, weights=odds)
+    return BlackLevel(
+        offset_dn=float(found[0]),
+        sigma_dn=float(np.sqrt(covariance[0, 0])),
+        in_step=InStep(swell=found[1:], covariance=covariance),
+        is_clipped=False,
+    )
 
 
 def _out_of_step(times: FloatArray, light_dn_per_s: float) -> FloatArray:
     """(F,) variance of what a swell that begins at any phase adds, and slow changes of the light."""
-    swell_s = _SWELL * np.minimum(times, 1 / (2 * np.pi * _MAINS_HZ[0]))
+    swell_s = SWELL * np.minimum(times, 1 / (2 * np.pi * MAINS_LIGHT_HZ[0]))
     return np.asarray(light_dn_per_s**2 * (swell_s**2 + (_DRIFT * times) ** 2))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class _Line:
-    offset_dn: float
     light_dn_per_s: float
-    variance: float
-    """Of the offset."""
-    in_step_square: float
-    """Mean square of what a swell in step adds to every frame alike. [dn²]"""
+    found: FloatArray
+    """(5,) the level at exposure 0, and the swell in step."""
+    covariance: FloatArray
+    """(5, 5)"""
     log_likelihood: float
 
 
 def _line(times: FloatArray, means: FloatArray, noise: FloatArray, light_dn_per_s: float) -> _Line:
-    """Least squares with a swell in step held to :data:`_SWELL`; scatter beyond the noise counts as noise."""
-    turns = 2 * np.pi * np.array(_MAINS_HZ)
-    size_dn = light_dn_per_s * _SWELL / turns / np.sqrt(len(turns))
-    swell = [size_dn * (1 - np.cos(turns * times[:, None])), size_dn * np.sin(turns * times[:, None])]
-    matrix = np.column_stack([np.ones_like(times), times / times.max(), *swell])
-    held = np.diag([0.0, 0.0, *np.ones(2 * len(turns))])
+    """Least squares with a swell in step held to :data:`SWELL`; scatter beyond the noise counts as noise."""
+    matrix = np.column_stack([np.ones_like(times), light_dn_per_s * swell_in_step(times), times / times.max()])
+    held = np.diag([0.0, 1.0, 1.0, 1.0, 1.0, 0.0])
     weighted = matrix / noise[:, None]
     normal = matrix.T @ weighted + held
     found = np.linalg.solve(normal, weighted.T @ means)
     fit = float(((means - matrix @ found) ** 2 / noise).sum() + found @ held @ found)
     covariance = np.linalg.inv(normal) * max(fit / max(len(times) - 2, 1), 1.0)
-    alike = np.array([0.0, 0.0, *size_dn, *np.zeros(len(turns))])
     return _Line(
-        offset_dn=float(found[0]),
-        light_dn_per_s=float(found[1] / times.max()),
-        variance=float(covariance[0, 0]),
-        in_step_square=float((alike @ found) ** 2 + alike @ covariance @ alike),
+        light_dn_per_s=float(found[-1] / times.max()),
+        found=np.asarray(found[:-1]),
+        covariance=np.asarray(covariance[:-1, :-1]),
         log_likelihood=-0.5 * float(fit + np.log(noise).sum() + np.linalg.slogdet(normal)[1]),
     )

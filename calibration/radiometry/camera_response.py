@@ -19,21 +19,14 @@ from numpy.typing import ArrayLike
 
 from calibration.arrays import FloatArray, IntArray
 from calibration.errors import CalibrationError
+from calibration.radiometry.flicker import InStep
 from calibration.radiometry.light_change import ChangeSpread, likeliest_change
-from calibration.radiometry.light_groups import USABLE, LightGroups, grouped_by_light
+from calibration.radiometry.light_groups import USABLE, LightBesides, LightGroups, grouped_by_light
 from calibration.radiometry.response import Response
-from calibration.radiometry.tone_curve import KNOTS, ToneCurve, knot_distances, tone_curve
+from calibration.radiometry.tone_curve import BENDS, KNOTS, CurveBend, ToneCurve, tone_curve
 
-_BENDS = ((1e-3, 1e-3), (1e-3, 0.01), (3e-3, 0.05), (1e-2, 0.2), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
-"""Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
-_UNMEASURED_BEND = 0.02
-"""The same beyond the brightest level that was measured, besides: what lies below cannot tell of a shoulder there. From
-24 random cameras of 8 bits with tone curves: without it one, measured up to 46 % of full scale, is 4.5 of its standard
-errors off; 0.03 makes the errors of straight sensors 2.3 x too large."""
 _HOPELESS = 6.0
 """Of log evidence: when more bend has made it worse by so much, still more is not tried."""
-_GAMMA_SPREAD = {True: 1e-3, False: 1.0}
-"""Of log local gamma at black: 1 for a sensor (a finite slope there), anything for a power law."""
 _BLACK_SIGMA_DN = 0.05
 """Of the black level, where nothing else is said."""
 _USUAL_CHANGE = 0.01
@@ -48,30 +41,13 @@ gamma of 1.5 from the shortest exposure to the longest gives 0.04, mains light a
 _MOST_LEFT = 0.02
 """Of full scale, rms: what may be left when one curve is laid through all frames."""
 _ROUNDS, _STILL = 25, 1e-5
+_FIRST_CHANGE = len(KNOTS) + 1 + 4
+"""Of the unknowns but light: after the curve, black and the swell."""
 _STEEPEST = 2.5
 """Of log local gamma, on the way to the solution: 12, and 1 / 12."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """How much a curve may bend, and whether it has a finite slope at black."""
-
-    is_sensor: bool
-    bend: float
-    slope: float
-    measured: float
-    """Share of full scale up to which levels were measured."""
-
-    @property
-    def precision(self) -> FloatArray:
-        """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot."""
-        unmeasured = np.where(KNOTS[1:] > self.measured, _UNMEASURED_BEND, 0.0)
-        walk = np.concatenate([[0.0], np.cumsum((self.bend**2 + unmeasured**2) * knot_distances())])
-        covariance = np.minimum(walk[:, None], walk) + self.slope**2 * np.outer(KNOTS, KNOTS)
-        return np.asarray(np.linalg.inv(covariance + _GAMMA_SPREAD[self.is_sensor] ** 2 + 1e-12 * np.eye(len(KNOTS))))
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class _State:
     """Unknowns of the fit."""
 
@@ -79,6 +55,8 @@ class _State:
     """(J,)"""
     black: float
     """What is left of the black level, share of full scale."""
+    swell: FloatArray
+    """(4,) of a swell in step, what is off from what frames of darkness tell."""
     change: FloatArray
     """(F,) logarithm of the change of light in each frame."""
     log_light: FloatArray
@@ -87,16 +65,17 @@ class _State:
     @property
     def curve_part(self) -> FloatArray:
         """(P,) all unknowns but light, in the order of the fields."""
-        return np.concatenate([self.log_gamma, [self.black], self.change])
+        return np.concatenate([self.log_gamma, [self.black], self.swell, self.change])
 
     def moved(self, by: FloatArray, light_by: FloatArray) -> _State:
         """With all unknowns changed."""
         j = len(self.log_gamma)
         return _State(
-            np.clip(self.log_gamma + by[:j], -_STEEPEST, _STEEPEST),
-            self.black + float(by[j]),
-            self.change + by[j + 1 :],
-            self.log_light + light_by,
+            log_gamma=np.clip(self.log_gamma + by[:j], -_STEEPEST, _STEEPEST),
+            black=self.black + float(by[j]),
+            swell=self.swell + by[j + 1 : _FIRST_CHANGE],
+            change=self.change + by[_FIRST_CHANGE:],
+            log_light=self.log_light + light_by,
         )
 
 
@@ -136,7 +115,7 @@ def fit_camera_response(
     full_scale_dn: float,
     *,
     black_sigma_dn: float = _BLACK_SIGMA_DN,
-    least_black_sigma_dn: float = 0.0,
+    room: LightBesides | None = None,
 ) -> Response:
     """Find a camera's curve, straight or with any tone curve, from frames of one still picture.
 
@@ -152,9 +131,9 @@ def fit_camera_response(
     full_scale_dn : float
         Digital number above black where the sensor clips.
     black_sigma_dn : float
-        Standard error of the black level that was subtracted. [dn]
-    least_black_sigma_dn : float
-        Of that, what these frames cannot tell better: room light that flickers is in them as in those of black. [dn]
+        Standard error of the black level that was subtracted, where `room` does not tell it. [dn]
+    room : LightBesides or None
+        Light beside the picture's, which may swell in step with the frames; exposures are seconds then.
 
     Returns
     -------
@@ -174,22 +153,22 @@ def fit_camera_response(
     Recovering high dynamic range radiance maps from photographs, SIGGRAPH 1997.
     """
     times = np.asarray(exposures, dtype=np.float64)
-    groups = grouped_by_light(np.asarray(levels, dtype=np.float64), times, full_scale_dn)
+    groups = grouped_by_light(np.asarray(levels, dtype=np.float64), times, full_scale_dn, room)
+    of_black = _black_precision(InStep.unknown(black_sigma_dn) if room is None else room.in_step, full_scale_dn)
     _refuse_few(groups)
     start = _start(groups)
-    black_sigma = black_sigma_dn / full_scale_dn
-    found = [one for kind in (True, False) for one in _solutions(groups, kind, start, black_sigma)]
+    found = [one for kind in (True, False) for one in _solutions(groups, kind, start, of_black)]
     sound = [one for one in found if one.light_change <= _MOST_CHANGE and one.left <= _MOST_LEFT] or found
     best = max(sound, key=lambda one: one.log_evidence)
     _refuse_changes(groups, best)
-    return _response(best, sound, full_scale_dn, least_black_sigma_dn / full_scale_dn)
+    return _response(best, sound, full_scale_dn)
 
 
-def _solutions(groups: LightGroups, is_sensor: bool, start: _State, black_sigma: float) -> list[_Solution]:
+def _solutions(groups: LightGroups, is_sensor: bool, start: _State, of_black: FloatArray) -> list[_Solution]:
     """From straight to bent, each begun where the one before ended, until the evidence has fallen far."""
     found: list[_Solution] = []
-    for bend, slope in _BENDS:
-        found.append(_solved(groups, _Candidate(is_sensor, bend, slope, groups.brightest), start, black_sigma))
+    for bend, slope in BENDS:
+        found.append(_solved(groups, CurveBend(is_sensor, bend, slope, groups.brightest), start, of_black))
         start = found[-1].state
         if found[-1].log_evidence < max(one.log_evidence for one in found) - _HOPELESS:
             break
@@ -216,21 +195,22 @@ def _start(groups: LightGroups) -> _State:
     light = tone_curve(log_gamma).log_light_of(np.maximum(groups.y, 1e-6))
     weight = np.where(groups.usable, 1.0, 1e-9)
     log_light = np.average(light - groups.log_time[:, None], axis=0, weights=weight)
-    return _State(log_gamma, 0.0, np.zeros(len(groups.log_time)), log_light)
+    change = np.zeros(len(groups.log_time))
+    return _State(log_gamma=log_gamma, black=0.0, swell=np.zeros(4), change=change, log_light=log_light)
 
 
-def _solved(groups: LightGroups, candidate: _Candidate, start: _State, black_sigma: float) -> _Solution:
+def _solved(groups: LightGroups, candidate: CurveBend, start: _State, of_black: FloatArray) -> _Solution:
     """Least squares by Gauss-Newton; the change of light between frames is estimated on the way."""
     exposure_of = np.unique(groups.log_time, return_inverse=True)[1]
     state, changes = start, ChangeSpread()
     for _ in range(_ROUNDS):
-        precision = _prior(candidate, changes.precision(exposure_of), black_sigma)
+        precision = _prior(candidate, changes.precision(exposure_of), of_black)
         normal = _normal_equations(groups, state)
         state, moved = _backtracked(groups, state, normal.step(precision, state.curve_part), precision)
         changes = _light_change(state, np.asarray(np.linalg.inv(normal.reduced + precision)), exposure_of)
         if moved < _STILL:
             break
-    return _judged(state, groups, _prior(candidate, changes.precision(exposure_of), black_sigma), changes.total)
+    return _judged(state, groups, _prior(candidate, changes.precision(exposure_of), of_black), changes.total)
 
 
 def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_sigma: float) -> _Solution:
@@ -253,14 +233,21 @@ def _judged(state: _State, groups: LightGroups, precision: FloatArray, change_si
     )
 
 
-def _prior(candidate: _Candidate, of_changes: FloatArray, black_sigma: float) -> FloatArray:
+def _prior(candidate: CurveBend, of_changes: FloatArray, of_black: FloatArray) -> FloatArray:
     """(P, P) precision of all unknowns but light."""
     j, f = len(KNOTS), len(of_changes)
-    precision = np.zeros((j + 1 + f,) * 2)
+    precision = np.zeros((_FIRST_CHANGE + f,) * 2)
     precision[:j, :j] = candidate.precision
-    precision[j, j] = 1 / max(black_sigma, 1e-7) ** 2
-    precision[j + 1 :, j + 1 :] = of_changes
+    precision[j:_FIRST_CHANGE, j:_FIRST_CHANGE] = of_black
+    precision[_FIRST_CHANGE:, _FIRST_CHANGE:] = of_changes
     return precision
+
+
+def _black_precision(in_step: InStep, full_scale_dn: float) -> FloatArray:
+    """(5, 5) of black, share of full scale, and of the swell."""
+    unit = np.array([1 / full_scale_dn, 1.0, 1.0, 1.0, 1.0])
+    covariance = unit[:, None] * in_step.covariance * unit
+    return np.asarray(np.linalg.inv(covariance + np.diag([1e-14, 0.0, 0.0, 0.0, 0.0])))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -292,7 +279,8 @@ def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
     weight = np.where(groups.usable, 1 / np.sqrt(groups.variance), 0.0)
     slope = weight * y / gamma
     frames = np.eye(len(groups.log_time))[:, None, :] * slope[..., None]
-    matrix = np.concatenate([-slope[..., None] * by_knots, (weight * (1 - y))[..., None], frames], axis=-1)
+    swell = groups.swell[:, None, :] * (slope * _room_share(groups, state, curve))[..., None]
+    matrix = np.concatenate([-slope[..., None] * by_knots, (weight * (1 - y))[..., None], swell, frames], axis=-1)
     off = weight * np.nan_to_num(_residual(groups, state))
     by_light = (slope**2).sum(axis=0)
     coupling = np.einsum("fgp,fg->gp", matrix, slope)
@@ -308,7 +296,14 @@ def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
 
 
 def _log_light(groups: LightGroups, state: _State) -> FloatArray:
-    return np.asarray(groups.log_time[:, None] + state.change[:, None] + state.log_light)
+    swell = groups.swell_found + groups.swell @ state.swell
+    room = _room_share(groups, state, tone_curve(state.log_gamma))
+    return np.asarray(groups.log_time[:, None] + state.change[:, None] + state.log_light + swell[:, None] * room)
+
+
+def _room_share(groups: LightGroups, state: _State, curve: ToneCurve) -> FloatArray:
+    """(G,) of each group's light, what is the room's and may swell."""
+    return np.where(groups.dark > 0, np.minimum(np.exp(curve.log_light_of(groups.dark) - state.log_light), 1.0), 0.0)
 
 
 def _residual(groups: LightGroups, state: _State) -> FloatArray:
@@ -340,8 +335,8 @@ def _cost(groups: LightGroups, state: _State, precision: FloatArray) -> float:
 
 def _light_change(state: _State, covariance: FloatArray, exposure_of: IntArray) -> ChangeSpread:
     """What was found, and what may be there unfound."""
-    first = len(KNOTS) + 1
-    return likeliest_change(np.outer(state.change, state.change) + covariance[first:, first:], exposure_of)
+    of_changes = covariance[_FIRST_CHANGE:, _FIRST_CHANGE:]
+    return likeliest_change(np.outer(state.change, state.change) + of_changes, exposure_of)
 
 
 def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
@@ -370,22 +365,20 @@ def _refuse_changes(groups: LightGroups, found: _Solution) -> None:
         )
 
 
-def _response(best: _Solution, found: list[_Solution], full_scale_dn: float, least_black_sigma: float) -> Response:
+def _response(best: _Solution, found: list[_Solution], full_scale_dn: float) -> Response:
     """The likeliest curve; its errors are those of all curves, by how likely they are."""
     curve, black = best.curve, best.state.black
     odds = np.exp(np.array([one.log_evidence for one in found]) - best.log_evidence)
     away = np.stack([one.curve.log_light - curve.log_light for one in found])
-    each = np.stack([_relative_variance(one, least_black_sigma) for one in found])
+    each = np.stack([_relative_variance(one) for one in found])
     variance = np.average(each + away**2, axis=0, weights=odds)
     levels = full_scale_dn * (curve.y + black * (1 - curve.y))
     return Response(levels, curve.light, best.left, curve.light * np.sqrt(variance))
 
 
-def _relative_variance(found: _Solution, least_black_sigma: float) -> FloatArray:
+def _relative_variance(found: _Solution) -> FloatArray:
     """(P,) of light at each level of the curve, with what is not known of the black level."""
     curve, count = found.curve, len(KNOTS) + 1
     by_black = -curve.local_gamma * (1 - curve.y) / np.maximum(curve.y, curve.y[1])
     by = np.concatenate([curve.by_knots, by_black[:, None]], axis=1)
-    covariance = found.covariance[:count, :count].copy()
-    covariance[-1, -1] = max(covariance[-1, -1], least_black_sigma**2)
-    return np.asarray(np.einsum("pi,ij,pj->p", by, covariance, by))
+    return np.asarray(np.einsum("pi,ij,pj->p", by, found.covariance[:count, :count], by))

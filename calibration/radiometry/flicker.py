@@ -1,8 +1,9 @@
-"""Room light on the mains: whether it is seen in a few frames of darkness, and which exposures are blind to it."""
+"""Room light on the mains: whether it is seen in frames of darkness, what it adds, which exposures are blind to it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from calibration.arrays import FloatArray, Frame
 
 MAINS_LIGHT_HZ = (100.0, 120.0)
 """Lamps swell with the square of the mains' 50 or 60 Hz."""
+SWELL = 0.1
+"""Of room light: by what share of its mean it is held to swell (standard deviation)."""
 _SIGMAS, _LEAST_SHARE = 5.0, 5e-5
 """A swell is seen from so many of the noise of a frame's mean on; below that share of full scale it matters to none."""
 _EXPLAINED = 0.8
@@ -23,6 +26,49 @@ _OFF_PHASE = 0.07
 """Of a period, by which a photograph may miss its third: what the mean keeps of the swell is then below a fifth."""
 _BRIGHTER = 1.03
 """By which an exposure may grow to hold one period more; by more and white clips."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class InStep:
+    """What frames of darkness tell of a swell in step with the frames, and of black, which it passes for.
+
+    A swell has a sine and a cosine at each of :data:`MAINS_LIGHT_HZ`, in units of what :data:`SWELL` makes likely:
+    the unknowns of :func:`swell_in_step`.
+    """
+
+    swell: FloatArray
+    """(4,)"""
+    covariance: FloatArray
+    """(5, 5) of the black level, in digital numbers, and of these four."""
+
+    @classmethod
+    def unknown(cls, black_sigma_dn: float) -> InStep:
+        """Where no frame tells: none, give or take what is likely."""
+        return cls(swell=np.zeros(4), covariance=np.diag([black_sigma_dn**2, 1.0, 1.0, 1.0, 1.0]))
+
+
+def swell_in_step(exposures_s: FloatArray) -> FloatArray:
+    """Return what a swell in step with the frames adds to an exposure, for each of its four unknowns.
+
+    Parameters
+    ----------
+    exposures_s : (F,)
+        Of frames that begin at one phase of the swell. [s]
+
+    Returns
+    -------
+    (F, 4)
+        How much longer a steady room light would have to shine. [s]
+
+    Notes
+    -----
+    Light that swells by a share m at a frequency f adds m / (2 pi f) (cos p - cos(p + 2 pi f t)) to an exposure t that
+    begins at phase p.
+    """
+    turns = 2 * np.pi * np.array(MAINS_LIGHT_HZ)
+    size_s = SWELL / turns / np.sqrt(len(turns))
+    angle = turns * exposures_s[:, None]
+    return np.concatenate([size_s * (1 - np.cos(angle)), size_s * np.sin(angle)], axis=1)
 
 
 def room_light_hz(frames: Sequence[Frame], middles_s: FloatArray, full_scale_dn: float) -> float | None:

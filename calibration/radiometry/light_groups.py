@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.arrays import BoolArray, FloatArray, IntArray
+from calibration.radiometry.flicker import InStep, swell_in_step
 
 _GROUPS, _GROUP_PIXELS = 80, 30
 """Of pixels of about one light: rounding averages out in each, and its noise is known."""
@@ -14,6 +15,16 @@ USABLE = (0.005, 0.97)
 """Shares of full scale between which a group counts: below is rounding, above it may clip in one of the frames."""
 _NOISE_CLEAR = 3.0
 """Standard deviations of a pixel's noise that a group stays away from black, where tone curves cut noise off."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class LightBesides:
+    """What else than the picture lights the pixels, and may swell in step with the frames."""
+
+    dark: FloatArray
+    """(N,) levels above black of the pixels in darkness, at the longest exposure. [dn]"""
+    in_step: InStep
+    """What frames of darkness tell of black and of the swell."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -31,6 +42,12 @@ class LightGroups:
     """(F, G)"""
     log_time: FloatArray
     """(F,) logarithm of the exposure over the longest."""
+    dark: FloatArray
+    """(G,) levels of the room light at the longest exposure, share of full scale; 0 where nothing is known of it."""
+    swell: FloatArray
+    """(F, 4) what each unknown of a swell in step adds to the exposure of the room light, share of the exposure."""
+    swell_found: FloatArray
+    """(F,) the same of all of them, as far as frames of darkness tell."""
     has_repeats: bool
     """Whether the variances come from frames of equal exposure; else they are a guess."""
 
@@ -40,7 +57,9 @@ class LightGroups:
         return float(self.y[self.usable].max(initial=0.0))
 
 
-def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float) -> LightGroups:
+def grouped_by_light(
+    levels: FloatArray, times: FloatArray, full_scale_dn: float, room: LightBesides | None = None
+) -> LightGroups:
     """Sort pixels by their light, and take means of neighbours.
 
     Parameters
@@ -51,6 +70,8 @@ def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float
         Exposures; equal ones are repeats, whose difference is noise.
     full_scale_dn : float
         Digital number above black where the sensor clips.
+    room : LightBesides or None
+        Its pixels are those of `levels`, and times are seconds then.
 
     Returns
     -------
@@ -58,7 +79,8 @@ def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float
         Only groups that are usable in two frames or more.
     """
     order = np.argsort(np.minimum(levels, full_scale_dn).sum(axis=0), kind="stable")
-    parts = [levels[:, part] for part in _parts(order)]
+    members = _parts(order)
+    parts = [levels[:, part] for part in members]
     noise = [_temporal_variance(part, times) for part in parts]
     mean = np.stack([part.mean(axis=1) for part in parts], axis=1)
     spread = np.stack([part.var(axis=1) for part in parts], axis=1)
@@ -74,6 +96,8 @@ def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float
     least = np.maximum(USABLE[0], np.maximum(_NOISE_CLEAR * pixel_sigma, 1.5 / full_scale_dn))
     usable = (y > least) & (largest < USABLE[1])
     bent = np.maximum(spread - 1 / 12, 0) / 2 / full_scale_dn**2
+    dark = np.zeros(len(parts)) if room is None else np.array([room.dark[part].mean() for part in members])
+    swell = swell_in_step(times) / times[:, None]
     kept = usable.sum(axis=0) >= 2
     return LightGroups(
         y=y[:, kept],
@@ -81,6 +105,9 @@ def grouped_by_light(levels: FloatArray, times: FloatArray, full_scale_dn: float
         bent=bent[:, kept],
         usable=usable[:, kept],
         log_time=np.log(times / times.max()),
+        dark=np.maximum(dark[kept], 0.0) / full_scale_dn,
+        swell=swell,
+        swell_found=swell @ (np.zeros(swell.shape[1]) if room is None else room.in_step.swell),
         has_repeats=has_repeats,
     )
 

@@ -15,6 +15,14 @@ from calibration.arrays import FloatArray
 
 KNOTS = np.concatenate([[0.0, 0.01, 0.02, 0.04, 0.07], np.linspace(0.1, 1.0, 19)])
 """Of log s over y: close together near black, where tone curves bend most."""
+BENDS = ((1e-3, 1e-3), (1e-3, 0.01), (3e-3, 0.05), (1e-2, 0.2), (3e-2, 0.3), (0.1, 0.3), (0.3, 0.3), (1.0, 0.3))
+"""Candidates: change of log local gamma over a factor e of level, and from black to full scale in proportion to it."""
+_UNMEASURED_BEND = 0.02
+"""The same beyond the brightest level that was measured, besides: what lies below cannot tell of a shoulder there. From
+24 random cameras of 8 bits with tone curves: without it one, measured up to 46 % of full scale, is 4.5 of its standard
+errors off; 0.03 makes the errors of straight sensors 2.3 x too large."""
+_GAMMA_SPREAD = {True: 1e-3, False: 1.0}
+"""Of log local gamma at black: 1 for a sensor (a finite slope there), anything for a power law."""
 _FINE = 512
 """Points of the table, closer near black: straight pieces between them are right to 1e-5 of full scale."""
 _BEND = 0.05
@@ -106,3 +114,22 @@ def _summed_from_the_end(values: FloatArray) -> FloatArray:
 def knot_distances() -> FloatArray:
     """Return (J - 1,) distances of neighbouring knots, by which a local gamma may change alike."""
     return np.asarray(np.diff(np.log(KNOTS + _BEND)))
+
+
+@dataclass(frozen=True, eq=False)
+class CurveBend:
+    """How much a curve may bend, and whether it has a finite slope at black."""
+
+    is_sensor: bool
+    bend: float
+    slope: float
+    measured: float
+    """Share of full scale up to which levels were measured."""
+
+    @property
+    def precision(self) -> FloatArray:
+        """(J, J) of log local gamma at the knots: any at black, a straight line, and random steps from knot to knot."""
+        unmeasured = np.where(KNOTS[1:] > self.measured, _UNMEASURED_BEND, 0.0)
+        walk = np.concatenate([[0.0], np.cumsum((self.bend**2 + unmeasured**2) * knot_distances())])
+        covariance = np.minimum(walk[:, None], walk) + self.slope**2 * np.outer(KNOTS, KNOTS)
+        return np.asarray(np.linalg.inv(covariance + _GAMMA_SPREAD[self.is_sensor] ** 2 + 1e-12 * np.eye(len(KNOTS))))

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
+from calibration.geometry.known.lengths import TapedCalibration
 from calibration.geometry.pinhole import PinholeModel, vector_of
-from calibration.geometry.room import RoomBox, check_against_tape, room_from_stereo
+from calibration.geometry.room import FACES, RoomBox, check_against_tape, check_lens_height, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
@@ -34,8 +35,8 @@ _AROUND_SHARE, _HOLE_SHARE = 0.1, 0.014
 
 TAPE_SIGMA = 0.003
 """Standard deviation of a length by tape, as a share of it: a centimetre in three metres."""
-NO_TAPE_ERROR = np.zeros(5)
-_TAPE_STEP = 1e-4
+_TAPES = 5
+"""Lengths by tape: the scale, the room's three, the height of the lens."""
 
 Point = tuple[float, float, float]
 
@@ -184,14 +185,34 @@ def geometry_of(
         averaged_px2=averaged_px2,
         on_step=lambda done, total: on_step("fit geometry", done, total),
     )
-    room = _room(pair, profile, NO_TAPE_ERROR)
-    sigmas = _sigmas(pair, profile, room)
-    if profile.room.size_m is not None:
-        size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
-        square = profile.room.right_angles
-        check_against_tape(room.box, profile.room.size_m, size_sigma_m, TAPE_SIGMA, right_angles=square)
+    taped = _held_to_tape(TapedCalibration.apart(pair, _TAPES), profile)
+    room = _room(taped.pair, profile, taped.tape_errors)
+    sigmas = _sigmas(taped, profile, room)
     check_devices_placed(room.box, sigmas, room.pair.baseline)
-    return _record(profile, room, {**pair.sigmas, **sigmas})
+    return _record(profile, room, {**taped.pair.sigmas, **sigmas})
+
+
+def _held_to_tape(apart: TapedCalibration, profile: Profile) -> TapedCalibration:
+    """Refuse lengths by tape that contradict the points; hold the points to those that they tell, too."""
+    size_m, height_m = profile.room.size_m, profile.room.lens_height_m
+    room = _room(apart.pair, profile, apart.tape_errors)
+    sigmas, seen = _sigmas(apart, profile, room), set(room.box.seen)
+    sides = [k for k in range(3) if size_m is not None and {FACES[2 * k], FACES[2 * k + 1]} <= seen]
+    if size_m is not None:
+        size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
+        check_against_tape(room.box, size_m, size_sigma_m, TAPE_SIGMA, right_angles=profile.room.right_angles)
+    has_height = height_m is not None and "floor" in seen
+    if height_m is not None and has_height:
+        check_lens_height(room.box.projector.position_m[2], height_m, sigmas["projector_z_m"], TAPE_SIGMA)
+    told = [*sides, 3] if has_height else sides
+    tape_m = np.array([*(size_m or (0.0, 0.0, 0.0)), height_m or 0.0])
+
+    def differences(pair: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
+        box, taped_m = _room(pair, profile, tape_errors).box, tape_m * (1 + TAPE_SIGMA * tape_errors[1:])
+        off_m = np.array([*box.size_m, box.projector.position_m[2]]) - taped_m
+        return np.asarray(off_m[told])
+
+    return apart.held_to(differences)
 
 
 def check_devices_placed(box: RoomBox, sigmas: Mapping[str, float], baseline_m: float) -> None:
@@ -290,16 +311,13 @@ def _room(pair: StereoCalibration, profile: Profile, tape_errors: NDArray[np.flo
     return _ScaledRoom(pair, box)
 
 
-def _sigmas(pair: StereoCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
+def _sigmas(taped: TapedCalibration, profile: Profile, room: _ScaledRoom) -> dict[str, float]:
     """Standard deviations of poses and lengths: the fit's, and the tape's."""
 
     def figures(calibration: StereoCalibration, tape_errors: NDArray[np.float64]) -> NDArray[np.float64]:
         return _figures(_room(calibration, profile, tape_errors), room)
 
-    of_fit = pair.sigmas_of(lambda calibration: figures(calibration, NO_TAPE_ERROR))
-    value = figures(pair, NO_TAPE_ERROR)
-    of_tape = [(figures(pair, _TAPE_STEP * one) - value) / _TAPE_STEP for one in np.eye(len(NO_TAPE_ERROR))]
-    together = np.sqrt(of_fit**2 + (np.array(of_tape) ** 2).sum(axis=0))
+    together = taped.sigmas_of(figures)
     guessed = _guessed(profile, room)
     named = zip(_FIGURES, together, strict=True)
     return {name: float(sigma) for name, sigma in named if name not in guessed}

@@ -13,6 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.radiometry.black_level import fit_black_level
 from calibration.radiometry.camera_response import fit_camera_response
 from calibration.radiometry.flicker import PHASES
+from calibration.radiometry.light_groups import LightBesides
 from calibration.radiometry.mixing import Mixing, fit_mixing
 from calibration.radiometry.mosaic import Mosaic
 from calibration.radiometry.photon_transfer import fit_camera_noise
@@ -246,9 +247,8 @@ def _fit_camera(
     black = fit_black_level(dark.mean(axis=1), exposures)
     levels, exposures = _sweep_samples(step, _SWEEPS, sweep, stride)
     above, top = levels - black.offset_dn, camera.full_scale_dn - black.offset_dn
-    response = fit_camera_response(
-        above.mean(axis=1), exposures, top, black_sigma_dn=black.sigma_dn, least_black_sigma_dn=black.in_step_dn
-    )
+    room = LightBesides(dark=dark[-1].mean(axis=0) - black.offset_dn, in_step=black.in_step)
+    response = fit_camera_response(above.mean(axis=1), exposures, top, room=room)
     noise = fit_camera_noise(above[:, 0], exposures, response)
     return RadiometricCalibration(
         reference_exposure_s=reference_s,

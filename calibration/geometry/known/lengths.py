@@ -1,0 +1,77 @@
+"""A calibration held to lengths by tape: points and tape are each believed as far as they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from calibration.arrays import FloatArray
+from calibration.geometry.noise import slopes, standard_deviations
+from calibration.geometry.stereo import StereoCalibration
+
+Figures = Callable[[StereoCalibration, FloatArray], FloatArray]
+"""What follows from a calibration whose baseline is 1, and from (T,) lengths by tape that are so many sigmas longer."""
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TapedCalibration:
+    """A calibration beside lengths by tape, and what both leave open."""
+
+    pair: StereoCalibration
+    """Its baseline is 1."""
+    tape_errors: FloatArray
+    """(T,) by how many of its standard deviations each length is longer than the tape says."""
+    covariance: FloatArray
+    """(n + T, n + T) of the calibration's unknowns and of these; n is 0 of one that was not fitted."""
+
+    @classmethod
+    def apart(cls, pair: StereoCalibration, tapes: int) -> TapedCalibration:
+        """Return both as they are before one is held to the other."""
+        of_fit = np.zeros((0, 0)) if pair.uncertainty is None else pair.uncertainty.covariance
+        n = len(of_fit)
+        covariance = np.eye(n + tapes)
+        covariance[:n, :n] = of_fit
+        return cls(pair=pair, tape_errors=np.zeros(tapes), covariance=covariance)
+
+    def sigmas_of(self, figures: Figures) -> FloatArray:
+        """Return the (m,) standard deviations of any figures that follow from both."""
+        return standard_deviations(lambda x: figures(*self._parts(x)), self._all, self.covariance)
+
+    def held_to(self, differences: Figures) -> TapedCalibration:
+        """Make differences between what was measured and what the tape says zero.
+
+        Parameters
+        ----------
+        differences : callable
+            (m,) of lengths that the points and the tape both tell.
+
+        Returns
+        -------
+        TapedCalibration
+            Points and tapes changed by what each is likely to be off; the same where the differences are none.
+
+        Notes
+        -----
+        Both are normally distributed about what they say, and differences are straight in both: then the likeliest is
+        x - C A' (A C A')^-1 d, with the slopes A of the differences d, and its covariance C - C A' (A C A')^-1 A C.
+        """
+        off, slope = slopes(lambda x: differences(*self._parts(x)), self._all)
+        if not len(off):
+            return self
+        along = self.covariance @ slope.T
+        gain = np.linalg.solve(slope @ along, along.T).T
+        together, covariance = self._all - gain @ off, self.covariance - gain @ along.T
+        n = len(together) - len(self.tape_errors)
+        pair = self.pair.known_to(together[:n], covariance[:n, :n])
+        return replace(self, pair=pair, tape_errors=together[n:], covariance=covariance)
+
+    @property
+    def _all(self) -> FloatArray:
+        of_fit = np.zeros(0) if self.pair.uncertainty is None else self.pair.uncertainty.unknowns
+        return np.concatenate([of_fit, self.tape_errors])
+
+    def _parts(self, together: FloatArray) -> tuple[StereoCalibration, FloatArray]:
+        n = len(together) - len(self.tape_errors)
+        return (self.pair.at(together[:n]) if n else self.pair), together[n:]
