@@ -13,7 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.left_out import check_none_left_out
-from calibration.geometry.noise import covariance, observation_variance, standard_deviations
+from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
 from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px
 
@@ -301,7 +301,8 @@ def check_determined(solution: BundleSolution, unknown: FloatArray) -> None:
     nearest = int(np.argmin(sigma))
     if sigma[nearest] > MOST_DISTANCE_SIGMA:
         raise CalibrationError(
-            f"the walls' distance is {np.exp(distances(solution.fit.z)[nearest]):.1f} baselines +- "
-            f"{100 * sigma[nearest]:.0f} %, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} %: too little parallax; move "
-            "the camera further aside, and see more walls or the floor"
+            f"the walls' distance is {np.exp(distances(solution.fit.z)[nearest]):.1f} baselines "
+            f"{plus_minus(100 * sigma[nearest], '%', most=100, decimals=0)}, the limit is "
+            f"{100 * MOST_DISTANCE_SIGMA:.0f} %: too little parallax; move the camera further aside, and see more "
+            "walls or the floor"
         )

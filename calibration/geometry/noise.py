@@ -184,3 +184,11 @@ def slopes(figures: Callable[[FloatArray], FloatArray], unknowns: FloatArray) ->
         moved[k] += _STEP
         slope[:, k] = (figures(moved) - value) / _STEP
     return value, slope
+
+
+def plus_minus(sigma: float, unit: str, *, most: float, decimals: int = 2) -> str:
+    """Say a standard deviation in words: "+- 0.11 m"; "(not determined)" where it is larger than `most`, or no number.
+
+    Of what the points leave open, the covariance holds numbers of any size, which say nothing.
+    """
+    return f"+- {sigma:.{decimals}f} {unit}" if sigma <= most else "(not determined)"

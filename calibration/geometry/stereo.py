@@ -23,6 +23,7 @@ from calibration.geometry.bundle_unknowns import PlanarScene, lens_sigmas, scene
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.averaging import without_averaging
+from calibration.geometry.flat.depth_reversal import likelier_depths
 from calibration.geometry.flat.one_wall import fit_where_flat
 from calibration.geometry.flat.rivals import uncontradicted_rival
 from calibration.geometry.flat.third_wall import WeighedPoints, weights_of, with_third_wall
@@ -245,7 +246,9 @@ def _calibrated(
         final = rival
     hold_against_boards(final)
     whole = without_averaging(every.camera_xy_px, every.projector_xy_px, final, averaged_px2)
-    resting = with_third_wall(final, replace(every, projector_xy_px=whole), nominal, n_fitted=fitted)
+    points = replace(every, projector_xy_px=whole)
+    resting = with_third_wall(final, points, nominal, n_fitted=fitted)
+    resting = likelier_depths(final, resting, points, nominal, n_fitted=fitted)
     report(3, 3)
     return _finished(resting.solution, resting.points.camera_xy_px, resting.points.projector_xy_px, nominal)
 

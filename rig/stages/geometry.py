@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
 from calibration.geometry.known.lengths import TapedCalibration
+from calibration.geometry.noise import plus_minus
 from calibration.geometry.pinhole import PinholeModel, vector_of
 from calibration.geometry.room import FACES, RoomBox, check_against_tape, check_lens_height, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
@@ -233,16 +234,20 @@ def check_devices_placed(box: RoomBox, sigmas: Mapping[str, float], baseline_m: 
         If a place is known no better than to a tenth of the room's longest side.
     """
     places = {f"{who}_{axis}_m": (who, axis) for who in ("camera", "projector") for axis in "xyz"}
-    worst = max(places, key=lambda name: sigmas.get(name, 0.0))
-    sigma_m, longest_m, (who, axis) = sigmas.get(worst, 0.0), max(box.size_m), places[worst]
+    # What is no number is not determined, and compares with nothing.
+    known_m = {name: float(np.nan_to_num(sigmas.get(name, 0.0), nan=np.inf)) for name in places}
+    worst = max(places, key=lambda name: known_m[name])
+    sigma_m, longest_m, (who, axis) = known_m[worst], max(box.size_m), places[worst]
     if len(box.seen) == 1 or sigma_m <= MOST_DISTANCE_SIGMA * longest_m:
         return
+    known = f"known to +- {sigma_m:.2f} m" if sigma_m <= longest_m else "not determined"
+    apart = plus_minus(sigmas.get("baseline_m", 0.0), "m", most=longest_m)
     raise CalibrationError(
-        f"the points leave open how the room stands around the devices: the {who}'s {axis} is known to +- "
-        f"{sigma_m:.2f} m in a room of {longest_m:.2f} m, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} % of it. Camera "
-        f"and projector are {baseline_m:.2f} +- {sigmas.get('baseline_m', 0.0):.2f} m apart, too little parallax for "
-        "the walls that are seen: move the camera further aside, show more of floor or ceiling, give both devices a "
-        "lens file (rig lenses), or their distance (baseline_m)"
+        f"the points leave open how the room stands around the devices: the {who}'s {axis} is {known} in a "
+        f"room of {longest_m:.2f} m, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} % of it. Camera and projector are "
+        f"{baseline_m:.2f} m {apart} apart, too little parallax for the walls that are seen: move the camera further "
+        "aside, show more of floor or ceiling, give both devices a lens file (rig lenses), or their distance "
+        "(baseline_m)"
     )
 
 

@@ -28,7 +28,7 @@ from calibration.geometry.bundle_unknowns import (
 )
 from calibration.geometry.contradictions import SIGMAS, check_data_sheets, check_flat, is_flat
 from calibration.geometry.epipolar import FLAT_SHARE, NominalIntrinsics, flat_share, models_of, nominal_unknowns
-from calibration.geometry.noise import covariance, observation_variance, standard_deviations
+from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust
 from calibration.geometry.planes import Axes
@@ -258,7 +258,8 @@ def _check_distance(fit: BundleSolution) -> None:
     values, sigma = _figures(fit)
     if sigma[0] > _MOST_DISTANCE_SIGMA:
         raise CalibrationError(
-            f"the wall is {np.exp(values[0]):.1f} baselines away +- {100 * sigma[0]:.0f} %, the limit is "
+            f"the wall is {np.exp(values[0]):.1f} baselines away "
+            f"{plus_minus(100 * sigma[0], '%', most=100, decimals=0)}, the limit is "
             f"{100 * _MOST_DISTANCE_SIGMA:.0f} %: what the lenses may be off their data sheets explains the parallax, "
             "and the baseline may be zero. Move the camera aside by 0.3 m or more, or aim at a corner"
         )

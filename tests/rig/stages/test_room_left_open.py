@@ -19,8 +19,17 @@ def test_places_known_no_better_than_to_a_tenth_of_the_room_are_refused_by_name(
     known = r"the projector's x is known to \+- 1.67 m in a room of 5.29 m"
     with pytest.raises(CalibrationError, match=known) as caught:
         check_devices_placed(CORNER, SIGMAS_M | {"projector_x_m": 1.67, "camera_y_m": 1.19}, 0.25)
-    assert "0.25 +- 0.18 m apart" in str(caught.value)
+    assert "0.25 m +- 0.18 m apart" in str(caught.value)
     assert "move the camera further aside" in str(caught.value)
+
+
+@pytest.mark.parametrize("sigma_m", [7.0, 1e138, float("inf"), float("nan")])
+def test_what_the_points_do_not_determine_is_said_to_be_so_and_not_in_metres(sigma_m: float) -> None:
+    nowhere = SIGMAS_M | {"camera_y_m": sigma_m, "baseline_m": sigma_m}
+    with pytest.raises(CalibrationError, match=r"the camera's y is not determined in a room of 5\.29 m") as caught:
+        check_devices_placed(CORNER, nowhere, 0.25)
+    assert "0.25 m (not determined) apart" in str(caught.value)
+    assert len(str(caught.value)) < 500
 
 
 @pytest.mark.parametrize("sigma_m", [0.02, 0.5])
