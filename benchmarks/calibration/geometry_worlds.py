@@ -86,10 +86,15 @@ def box(size_m: FloatArray) -> Shape:
     return Shape(walls=(*walls, *(HalfSpace(-np.eye(3)[k], 0.0) for k in range(3))))
 
 
+def points_of(shape: Shape, device: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
+    """(N, 3) first surface that a device's pixels (N, 2) meet. [m]."""
+    rays = directions(device, xy_px)
+    return np.asarray(device.position_m + shape.hit_m(device.position_m, rays)[:, None] * rays)
+
+
 def exact_map(shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> FloatArray:
     """(H, W, 2) projector pixel that each camera pixel sees; NaN where none lights what it sees."""
-    rays = directions(camera, pixel_grid(camera.shape)).reshape(-1, 3)
-    points = camera.position_m + shape.hit_m(camera.position_m, rays)[:, None] * rays
+    points = points_of(shape, camera, pixel_grid(camera.shape).reshape(-1, 2))
     xy = pixels_of(projector, points)
     height, width = projector.shape
     # Beyond twice the picture's angle the distortion may fold back into the picture.
