@@ -15,6 +15,7 @@ from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
+from calibration.geometry.planes import Axes
 from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px
 
 SIGMAS = 4.0
@@ -91,7 +92,7 @@ def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:
         return
     variance = observation_variance(free.fit, free.error.x1, free.fit_label)
     held = refit(replace(free.error, axes=rough.axes), rough, variance)
-    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance), free.error.x1)
+    check_right_angles(held, refit(free.error, held.with_planes(held.planes), variance))
 
 
 def check_one_surface(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> None:
@@ -158,7 +159,7 @@ class Angle:
     sigma_deg: float
 
 
-def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]], x1: FloatArray) -> list[Angle]:
+def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]]) -> list[Angle]:
     """Measure the angles between pairs of planes in a fit that has them free.
 
     Parameters
@@ -167,15 +168,14 @@ def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]], x1: FloatA
         With free planes.
     pairs : sequence of (int, int)
         Of planes.
-    x1 : (N, 2)
-        Camera pixels. [px]
 
     Returns
     -------
     list of Angle
         Standard deviations hold what data sheets leave open.
     """
-    unknown = covariance(free.fit, observation_variance(free.fit, x1[free.used], free.fit_label))
+    variance = observation_variance(free.fit, free.error.x1, free.fit_label, free.error.x2)
+    unknown = covariance(free.fit, variance)
 
     def angles(z: FloatArray) -> FloatArray:
         planes = planes_of(z, free.axes)
@@ -190,27 +190,27 @@ def angles_of(free: BundleSolution, pairs: Sequence[tuple[int, int]], x1: FloatA
     ]
 
 
-def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArray) -> None:
+def check_right_angles(held: BundleSolution, free: BundleSolution) -> None:
     """Refuse right angles that the points and the data sheets contradict.
 
     Both fits are of the same points. What the fit without right angles explains better, in units of an independent
     observation's variance, has the chi-squared distribution of as many unknowns as right angles hold, if they are true.
+    That variance is by squares alone: with strips, as sigmas have it, the gain is a third of what true right angles
+    bring (decision 104), and a wall may lean further before it is seen.
 
     Parameters
     ----------
     held, free : BundleSolution
         Fits with right angles and without.
-    x1 : (N, 2)
-        Camera pixels. [px]
 
     Raises
     ------
     CalibrationError
         With the angle that is furthest off, and its sigma.
     """
-    variance = observation_variance(free.fit, x1[free.used], free.fit_label)
+    variance = observation_variance(free.fit, free.error.x1, free.fit_label)
     gain = (held.fit.cost - free.fit.cost) / variance
-    sigmas = normal_deviate(gain, len(free.fit.z) - len(held.fit.z))
+    sigmas = normal_deviate(gain, angles_held(held.axes))
     if sigmas <= SIGMAS:
         return
     if _is_one_data_sheet(held):
@@ -218,12 +218,27 @@ def check_right_angles(held: BundleSolution, free: BundleSolution, x1: FloatArra
     on_axes = np.flatnonzero(held.axes.of_plane >= 0).tolist()
     across = [(a, b) for a, b in combinations(on_axes, 2) if held.axes.of_plane[a] != held.axes.of_plane[b]]
     free = refit(free.error, free, variance)
-    worst = max(angles_of(free, across, x1), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
+    worst = max(angles_of(free, across), key=lambda angle: abs(angle.angle_deg - 90) / angle.sigma_deg)
     raise CalibrationError(
         "the walls are not at right angles: a fit without right angles explains the points and hfov_deg better by "
         f"{sigmas:.0f} sigma, the limit is {SIGMAS:g}; {_told(worst)}. Check hfov_deg of both devices; if it is right "
         "and the walls are not square, set right_angles = false"
     )
+
+
+def angles_held(axes: Axes) -> int:
+    """How many angles right angles take from planes: two of each plane, less those by which all of them turn together.
+
+    Parameters
+    ----------
+    axes : Axes
+        Which planes are perpendicular to which axis.
+    """
+    on_axes = axes.of_plane[axes.of_plane >= 0]
+    if not len(on_axes):
+        return 0
+    # Planes across one axis alone: turned about it they stay as they are.
+    return 2 * len(on_axes) - (3 if len(np.unique(on_axes)) > 1 else 2)
 
 
 def _is_one_data_sheet(held: BundleSolution) -> bool:
