@@ -16,7 +16,13 @@ from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
 from calibration.geometry.planes import Axes
-from calibration.geometry.support import bends_of, exclusive_points, mixed_share, plane_errors_px
+from calibration.geometry.support import (
+    bends_of,
+    bows_to_the_edges_px,
+    exclusive_points,
+    mixed_share,
+    plane_errors_px,
+)
 
 SIGMAS = 4.0
 """A contradiction: by chance one in 16,000."""
@@ -27,6 +33,10 @@ MOST_BEND_PX, MOST_BEND_NOISES = 0.04, 0.95
 MOST_BOW_PX, MOST_BOW_NOISES = 0.05, 0.6
 """Flat walls of eighteen simulated sessions bow by up to 0.033 px, the facets that stand for a cylinder by 0.06 to 0.12
 px and 0.7 to 0.9 of their noise. With an 8-bit camera's noise a bend alone tells them by nothing."""
+MOST_BOW_TO_EDGES_PX, MOST_BOW_TO_EDGES_NOISES = 0.15, 2.0
+"""With the points near edges, where blur mixes walls, 70 planes of 21 sessions of small random rigs bow by up to 0.07
+px, two of a first fit in one of them by 0.12 and 0.13 px (1.8 noises); facets for two cylinders of 5 and 6 m by 0.21 px
+(3 to 5 noises)."""
 _SOME = 3000
 """Points that the fit without right angles is of."""
 _TELLING = 2.0
@@ -75,6 +85,7 @@ def hold_against_all(
     rounds = Rounds(limits_px=(2.0, 1.0), iterations=10, margin_share=margin_share)
     free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])
     check_flat(free or rough, a if free else x1)
+    check_no_facets(free or rough, *((a, b) if free else (x1, x2)))
     if free is not None:
         _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label, x2[rough.used])
@@ -130,6 +141,27 @@ def check_flat(solution: BundleSolution, x1: FloatArray) -> None:
         f"through them together, by {found[kind, worst]:.3f} px rms, the limit is {limit[kind, worst]:.3f} px "
         f"({100 * (1 - solution.share):.0f} % of all points lie on no plane). Curved surfaces are not modelled: aim at "
         "flat walls"
+    )
+
+
+def check_no_facets(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> None:
+    """Refuse planes that are flat but for what is near their edges: facets that stand for a curved surface.
+
+    Raises
+    ------
+    CalibrationError
+        With the plane, its bow, and where it is.
+    """
+    bow = bows_to_the_edges_px(solution, x1, x2)
+    limit = np.maximum(MOST_BOW_TO_EDGES_PX, MOST_BOW_TO_EDGES_NOISES * bends_of(solution, x1).noise_px)
+    worst = int(np.argmax(bow / limit))
+    if bow[worst] <= limit[worst]:
+        return
+    place = np.median(x1[solution.label == worst], axis=0)
+    raise CalibrationError(
+        f"the surface around camera pixel ({place[0]:.0f}, {place[1]:.0f}) is not flat: towards its edges its points "
+        f"leave the plane through them together, by {bow[worst]:.3f} px rms, the limit is {limit[worst]:.3f} px, as "
+        "those of a curved surface do that flat pieces stand for. Curved surfaces are not modelled: aim at flat walls"
     )
 
 

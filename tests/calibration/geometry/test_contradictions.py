@@ -13,6 +13,7 @@ from calibration.geometry.contradictions import (
     angles_held,
     check_data_sheets,
     check_flat,
+    check_no_facets,
     check_right_angles,
     is_flat,
     normal_deviate,
@@ -108,6 +109,24 @@ def test_a_wall_that_bows_by_less_than_its_noise_is_refused(room, corner):
     with pytest.raises(CalibrationError, match=r"is not flat: .* by 0\.1\d+ px rms"):
         check_flat(bowed(solution, x1, 0.12), x1)
     assert is_flat(bowed(solution, x1, 0.04), x1)
+
+
+def test_a_plane_whose_points_bend_away_towards_its_edges_is_refused_as_a_facet(room):
+    """A fit leaves out what is near edges; of facets that stand for a cylinder that is most of what bends."""
+    bare = room.changed(faces=FACES, noise_px=0.03, edge_bias_px=0.0, outlier_share=0.0)
+    scene, (x1, x2) = true_scene(room), bare.correspondences(12)
+    label = plane_errors_px(scene, x1, x2).argmin(axis=0)
+    along = np.abs(x1[:, 0] - np.median(x1[label == 0, 0]))
+    middle, end = np.quantile(along[label == 0], [0.4, 1.0])
+    at_edges = (label == 0) & (along > middle)
+    bent = x2 + np.where(at_edges, 0.8 * ((along - middle) / (end - middle)) ** 2, 0.0)[:, None]
+    inside = np.flatnonzero(~at_edges)
+    error = LandingError(x1=x1[inside], x2=x2[inside], label=label[inside], axes=scene.axes, nominal=room.nominal)
+    solution = replace(refit(error, scene, 0.02), label=label, used=inside)
+    check_flat(solution, x1)
+    check_no_facets(solution, x1, x2)
+    with pytest.raises(CalibrationError, match=r"is not flat: towards its edges its points leave the plane .* by 0"):
+        check_no_facets(solution, x1, bent)
 
 
 def test_focal_lengths_that_the_data_sheets_contradict_are_refused_with_both(room, corner):
