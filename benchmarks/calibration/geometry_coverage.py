@@ -5,7 +5,9 @@
 Rigs: ci-tiny with other noise (`--tiny`), and random rigs (random_rigs.py) with a camera of 320 x 240 and a projector
 of 256 x 192. Correspondences are cast exactly, read as whole codes with the noise of 12 or of 8 bits, and refined
 as in a session; lengths by tape are off as random_rigs.py draws them. Shapes: corners of 95 to 140 degrees, leaning
-walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, with right angles promised and without.
+walls, cylinders, domes, and balls in the corner, seen by ci-tiny's devices, with right angles promised and without;
+their tape runs between the spots as they lie there. `--drawn` draws more of them, with and without `size_m`. A result
+is wrong, too, if its walls are not where the lit points are (balls apart, which no wall stands for).
 """
 
 from __future__ import annotations
@@ -14,17 +16,18 @@ import argparse
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import random_profiles
-from geometry_worlds import CodeNoise, HalfSpace, Round, Shape, box, exact_map, measured
+from geometry_shapes import SHAPES, drawn_shape, with_tape
+from geometry_worlds import CodeNoise, Shape, box, exact_map, measured, points_of
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.geometry.pinhole import PinholeModel, vector_of
-from rig.devices.simulated.optics import SimulatedOptics, make_optics
+from calibration.geometry.pinhole import PinholeModel, vector_of, world_rays
+from rig.devices.simulated.optics import SimulatedOptics, make_optics, pixels_of
 from rig.profile.schema import Profile, load_profile
 from rig.stages.geometry import GeometryRecord, geometry_of
 
@@ -60,16 +63,27 @@ class Outcome:
     """Largest sigma of one."""
 
     @property
+    def told(self) -> str:
+        """In one line."""
+        if self.refused:
+            return self.refused
+        worst = max(self.sigmas_off, key=lambda key: abs(self.sigmas_off[key]))
+        return (
+            f"ended; {worst} off by {abs(self.sigmas_off[worst]):.1f} sigma; lengths by {100 * self.share_off:.2f} % "
+            f"of the room, its sigma {100 * self.share_sigma:.2f} %"
+        )
+
+    @property
     def is_silently_wrong(self) -> bool:
         """Wrong, and neither refused nor said to be uncertain."""
         if self.refused:
             return False
         off = max(abs(q) for q in self.sigmas_off.values())
-        return off > SIGMAS or (self.share_off > SHARE and self.share_sigma < SHARE / SIGMAS)
+        return off > SIGMAS or self.share_off > max(SHARE, SIGMAS * self.share_sigma)
 
 
-def cases(rigs: int, tiny: int, seed: int, shapes: bool) -> Iterator[Case]:
-    """Rigs of both kinds with both noises, then shapes."""
+def cases(rigs: int, tiny: int, seed: int, *, shapes: bool, drawn: int) -> Iterator[Case]:
+    """Rigs of both kinds with both noises, then shapes, then shapes that are drawn."""
     profile = load_profile("ci-tiny")
     noises = list(NOISE)
     for k in range(tiny):
@@ -81,10 +95,22 @@ def cases(rigs: int, tiny: int, seed: int, shapes: bool) -> Iterator[Case]:
     if shapes:
         for name, shape in SHAPES.items():
             for right_angles in (True, False):
-                surface = profile.room.model_copy(update={"right_angles": right_angles})
-                other = profile.model_copy(update={"surface": surface})
-                title = name if right_angles else f"{name}, free"
-                yield Case(name=title, profile=other, shape=shape, noise="12 bits", seed=seed)
+                yield _before(shape, name, profile, seed, right_angles=right_angles)
+    for k in range(seed, seed + drawn):
+        random = np.random.default_rng([k, 31])
+        name, shape = drawn_shape(random)
+        right_angles, sized = random.integers(0, 2, 2).astype(bool)
+        title = f"{k}: {name}" + ("" if sized else ", without size_m")
+        yield _before(shape, title, profile, k, right_angles=bool(right_angles), sized=bool(sized))
+
+
+def _before(shape: Shape, name: str, profile: Profile, seed: int, *, right_angles: bool, sized: bool = True) -> Case:
+    """Devices of a profile before a shape, whose owner promises right angles or not."""
+    update: dict[str, object] = {"right_angles": right_angles} | ({} if sized else {"size_m": None})
+    other = profile.model_copy(update={"surface": profile.room.model_copy(update=update)})
+    other = with_tape(other, shape, np.random.default_rng([seed, 32]))
+    title = name if right_angles else f"{name}, free"
+    return Case(name=title, profile=other, shape=shape, noise="12 bits", seed=seed)
 
 
 def outcome_of(case: Case) -> Outcome:
@@ -94,14 +120,37 @@ def outcome_of(case: Case) -> Outcome:
         raise ValueError(f"{case.profile.path}: not a simulated rig")
     camera = make_optics(settings.camera, case.profile.camera.shape[:2])
     projector = make_optics(settings.projector, case.profile.projector.shape)
-    exact = exact_map(case.shape or box(np.array(settings.size_m)), camera, projector)
+    shape = case.shape or box(np.array(settings.size_m))
+    exact = exact_map(shape, camera, projector)
     correspondence = measured(exact, projector.shape, NOISE[case.noise], case.seed)
     try:
         record = geometry_of(correspondence, case.profile, lambda *_: None)
     except CalibrationError as error:
         return Outcome(name=case.name, refused=str(error), sigmas_off={}, share_off=0.0, share_sigma=0.0)
-    size = np.array(settings.size_m) if case.shape is None or case.shape.is_box else None
-    return compared(case.name, record, (camera, projector), size)
+    size = np.array(settings.size_m) if shape.is_box else None
+    outcome = compared(case.name, record, (camera, projector), size)
+    return replace(outcome, share_off=max(outcome.share_off, _walls_off(record, shape, camera, projector)))
+
+
+def _walls_off(record: GeometryRecord, shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> float:
+    """Distance of the record's walls from what the projector lights, in the camera's frame, by the room's size.
+
+    The 95th percentile of the pixels that both devices see; balls apart.
+    """
+    grid = np.stack(np.meshgrid(*(np.arange(4, n - 4, 8.0) for n in projector.shape[::-1])), -1).reshape(-1, 2)
+    bare = replace(shape, balls=())
+    there = points_of(bare, projector, grid)
+    seen = pixels_of(camera, there)
+    ahead = (there - camera.position_m) @ camera.rotation[2] > 0
+    is_wall = np.abs(points_of(shape, projector, grid) - there).max(axis=1) < 1e-6
+    seen_by_both = ahead & is_wall & ((seen > 0) & (seen < camera.shape[::-1])).all(axis=1)
+    found, lamp = (next(iter(one.values())).pinhole() for one in (record.cameras, record.projectors))
+    rays = world_rays(lamp, grid)
+    size = np.array(record.surface.size_m)
+    along = np.where(rays > 0, (size - lamp.position_m) / rays, -lamp.position_m / rays).min(axis=1)
+    here = (lamp.position_m + along[:, None] * rays - found.position_m) @ found.rotation.T
+    off = np.linalg.norm(here - (there - camera.position_m) @ camera.rotation.T, axis=1)
+    return float(np.percentile(off[seen_by_both], 95) / size.max())
 
 
 def compared(
@@ -175,59 +224,13 @@ def _turn_deg(found: FloatArray, true: FloatArray) -> FloatArray:
     return np.degrees(vector_of(found @ true.T))
 
 
-def _corner(angle_deg: float) -> Shape:
-    """Two walls that meet at an angle, with floor, ceiling, and walls behind the rig."""
-    edge, towards = np.array([4.4, 4.4]), np.array([-1, -1]) / np.sqrt(2)
-    walls = []
-    for side in (0.5, -0.5):
-        c, s = np.cos(np.radians(side * angle_deg)), np.sin(np.radians(side * angle_deg))
-        along = np.array([[c, -s], [s, c]]) @ towards
-        normal = np.array([-along[1], along[0]])
-        normal = -normal if normal @ towards > 0 else normal
-        walls.append(HalfSpace(np.append(normal, 0.0), float(normal @ edge)))
-    behind = [HalfSpace(-np.eye(3)[k], 4.0) for k in (0, 1)]
-    return Shape(walls=(*walls, *FLOOR_AND_CEILING, *behind), is_box=angle_deg == 90)
-
-
-def _leaning(angle_deg: float) -> Shape:
-    """A box one of whose walls leans outwards."""
-    normal = np.array([np.cos(np.radians(angle_deg)), 0, np.sin(np.radians(angle_deg))])
-    leaning = HalfSpace(normal, float(normal @ [4.8, 0, 1.2]))
-    return Shape(walls=(leaning, *ROOM.walls[1:]), is_box=False)
-
-
-FLOOR_AND_CEILING = (HalfSpace(-np.eye(3)[2], 0.0), HalfSpace(np.eye(3)[2], 2.4))
-ROOM = box(np.array([4.8, 4.8, 2.4]))
-SHAPES: Mapping[str, Shape] = {
-    **{f"corner of {angle} degrees": _corner(angle) for angle in (95, 100, 110, 120, 130, 140)},
-    **{f"wall that leans {angle} degrees": _leaning(angle) for angle in (1, 2, 5, 10, 20)},
-    "cylinder between floor and ceiling": Shape(
-        walls=(Round(np.array([2.0, 2.0, 0.0]), 3.0, np.eye(3)[2]), *FLOOR_AND_CEILING), is_box=False
-    ),
-    "cylinder": Shape(walls=(Round(np.array([2.0, 2.0, 0.0]), 3.0, np.eye(3)[2]),), is_box=False),
-    "dome": Shape(walls=(Round(np.array([2.0, 2.0, 1.0]), 3.2),), is_box=False),
-    "dome on a floor": Shape(walls=(Round(np.array([2.0, 2.0, 0.5]), 3.2), FLOOR_AND_CEILING[0]), is_box=False),
-    **{
-        f"ball of {radius} m in the corner": Shape(
-            walls=ROOM.walls, balls=(Round(np.array([3.6, 3.6, radius]), radius),)
-        )
-        for radius in (0.3, 0.6, 0.9)
-    },
-}
-
-
 def report(found: Sequence[Outcome]) -> str:
     """What was refused, what was wrong, and the coverage of each figure."""
     ended = [one for one in found if not one.refused]
     wrong = [one for one in ended if one.is_silently_wrong]
     lines = [f"{len(found)} cases: {len(ended)} ended, {len(found) - len(ended)} refused, {len(wrong)} silently wrong"]
     lines += [f"  refused: {one.name}: {one.refused}" for one in found if one.refused]
-    for one in wrong:
-        worst = max(one.sigmas_off, key=lambda key: abs(one.sigmas_off[key]))
-        lines.append(
-            f"  WRONG: {one.name}: {worst} off by {abs(one.sigmas_off[worst]):.1f} sigma; lengths by "
-            f"{100 * one.share_off:.2f} % of the room, its sigma {100 * one.share_sigma:.2f} %"
-        )
+    lines += [f"  WRONG: {one.name}: {one.told}" for one in wrong]
     lines.append(f"  {'figure':24} {'within 3 sigma':>14} {'rms of error / sigma':>21} {'largest':>8}")
     names = dict.fromkeys(key for one in ended for key in one.sigmas_off)
     for key in names:
@@ -244,13 +247,14 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the first; the others follow")
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--no-shapes", action="store_true")
+    parser.add_argument("--drawn", type=int, default=0, help="shapes that are drawn at random")
     wanted = parser.parse_args()
-    todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, not wanted.no_shapes))
+    todo = list(cases(wanted.rigs, wanted.tiny, wanted.seed, shapes=not wanted.no_shapes, drawn=wanted.drawn))
     found = []
     with ProcessPoolExecutor(wanted.jobs) as executor:
         for one in executor.map(outcome_of, todo):
             found.append(one)
-            print(f"{len(found)} of {len(todo)}: {one.name}: {one.refused or 'ended'}", file=sys.stderr, flush=True)
+            print(f"{len(found)} of {len(todo)}: {one.name}: {one.told}", file=sys.stderr, flush=True)
     print(report(found))
     return 0
 

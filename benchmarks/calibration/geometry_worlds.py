@@ -16,6 +16,8 @@ from rig.devices.simulated.optics import SimulatedOptics, directions, pixels_of
 from rig.devices.simulated.pair import pixel_grid
 
 FloatArray = NDArray[np.float64]
+_LINES_ALIKE = 5
+"""Of the projector, whose errors are smoothed: a stripe of four lines is the narrowest of most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,9 +77,15 @@ class Shape:
 
     def hit_m(self, origin: FloatArray, rays: FloatArray) -> FloatArray:
         """(N,) distance of the first surface along rays."""
+        return np.asarray(np.min(self._distances_m(origin, rays), axis=0))
+
+    def first(self, origin: FloatArray, rays: FloatArray) -> NDArray[np.int64]:
+        """(N,) which surface that is."""
+        return np.argmin(self._distances_m(origin, rays), axis=0)
+
+    def _distances_m(self, origin: FloatArray, rays: FloatArray) -> list[FloatArray]:
         distances = [wall.leave_m(origin, rays) for wall in self.walls]
-        distances += [ball.enter_m(origin, rays) for ball in self.balls]
-        return np.asarray(np.min(distances, axis=0))
+        return distances + [ball.enter_m(origin, rays) for ball in self.balls]
 
 
 def box(size_m: FloatArray) -> Shape:
@@ -86,10 +94,15 @@ def box(size_m: FloatArray) -> Shape:
     return Shape(walls=(*walls, *(HalfSpace(-np.eye(3)[k], 0.0) for k in range(3))))
 
 
+def points_of(shape: Shape, device: SimulatedOptics, xy_px: FloatArray) -> FloatArray:
+    """(N, 3) first surface that a device's pixels (N, 2) meet. [m]."""
+    rays = directions(device, xy_px)
+    return np.asarray(device.position_m + shape.hit_m(device.position_m, rays)[:, None] * rays)
+
+
 def exact_map(shape: Shape, camera: SimulatedOptics, projector: SimulatedOptics) -> FloatArray:
     """(H, W, 2) projector pixel that each camera pixel sees; NaN where none lights what it sees."""
-    rays = directions(camera, pixel_grid(camera.shape)).reshape(-1, 3)
-    points = camera.position_m + shape.hit_m(camera.position_m, rays)[:, None] * rays
+    points = points_of(shape, camera, pixel_grid(camera.shape).reshape(-1, 2))
     xy = pixels_of(projector, points)
     height, width = projector.shape
     # Beyond twice the picture's angle the distortion may fold back into the picture.
@@ -116,13 +129,24 @@ class CodeNoise:
     lost_share: float = 0.002
     stray_share: float = 0.0005
     """Pixels with a code far from the right one."""
+    line_px: float = 0.0
+    """Standard deviation of an error that a projector's line has all along a surface; neighbouring lines share it."""
 
 
-def measured(exact_xy: FloatArray, projector_shape: tuple[int, int], noise: CodeNoise, seed: int) -> Correspondence:
-    """Whole codes with noise, refined as a session refines them."""
+def measured(
+    exact_xy: FloatArray,
+    projector_shape: tuple[int, int],
+    noise: CodeNoise,
+    seed: int,
+    surface: NDArray[np.int64] | None = None,
+) -> Correspondence:
+    """Whole codes with noise, refined as a session refines them; `surface` (H, W) is which one a pixel sees."""
     random = np.random.default_rng(seed)
     height, width = projector_shape
-    codes = np.rint(exact_xy + random.normal(0, noise.code_px, exact_xy.shape))
+    off = random.normal(0, noise.code_px, exact_xy.shape)
+    if surface is not None and noise.line_px:
+        off += _line_errors(exact_xy, surface, noise.line_px, np.random.default_rng([seed, 1]))
+    codes = np.rint(exact_xy + off)
     stray = random.random(exact_xy.shape[:2]) < noise.stray_share
     codes[stray] += np.rint(random.uniform(-30, 30, (int(stray.sum()), 2)))
     with np.errstate(invalid="ignore"):
@@ -131,3 +155,19 @@ def measured(exact_xy: FloatArray, projector_shape: tuple[int, int], noise: Code
     codes[~valid] = np.nan
     reason = np.where(valid, PixelReason.VALID, PixelReason.DARK).astype(np.uint8)
     return refine_subpixel(Correspondence(codes.astype(np.float32), reason, projector_shape))
+
+
+def _line_errors(
+    exact_xy: FloatArray, surface: NDArray[np.int64], line_px: float, random: np.random.Generator
+) -> FloatArray:
+    """(H, W, 2) errors that lines of columns and rows have on each surface, smooth over some lines."""
+    found = np.zeros_like(exact_xy)
+    smooth = np.hanning(_LINES_ALIKE + 2)[1:-1]
+    smooth /= np.linalg.norm(smooth)
+    last = int(np.nanmax(exact_xy)) + 2
+    for one in np.unique(surface):
+        for axis in (0, 1):
+            errors = line_px * np.convolve(random.normal(size=last + _LINES_ALIKE), smooth, "valid")
+            own = (surface == one) & np.isfinite(exact_xy[..., axis])
+            found[own, axis] = errors[np.clip(np.rint(exact_xy[own, axis]), 0, last).astype(np.int64)]
+    return found

@@ -197,10 +197,10 @@ def bends_of(solution: BundleSolution, x1: FloatArray) -> Bends:
     return Bends(bend_px=np.array(bends), bow_px=np.array(bows), noise_px=np.array(noises))
 
 
-def _bow_px(place: FloatArray, residual: FloatArray) -> float:
+def _bow_px(place: FloatArray, residual: FloatArray, stray_medians: float = _STRAY_MEDIANS) -> float:
     """Root mean square of the quadratic part of residuals (N, 2) over places (N, 2), strays left out."""
     size = np.linalg.norm(residual, axis=1)
-    near = size < _STRAY_MEDIANS * np.median(size) if len(size) else np.zeros(0, dtype=bool)
+    near = size < stray_medians * np.median(size) if len(size) else np.zeros(0, dtype=bool)
     if near.sum() < _LEAST_BOWED:
         return 0.0
     x, y = ((place[near] - place[near].mean(axis=0)) / np.maximum(place[near].std(axis=0), 1e-9)).T
@@ -209,6 +209,19 @@ def _bow_px(place: FloatArray, residual: FloatArray) -> float:
     by_chance = ((residual[near] - basis @ parts) ** 2).sum() / near.sum() * _QUADRATIC
     bow = float((parts[-_QUADRATIC:] ** 2).sum()) - float(by_chance)
     return float(np.sqrt(max(bow, 0.0) / near.sum()))
+
+
+def bows_to_the_edges_px(solution: BundleSolution, x1: FloatArray, x2: FloatArray) -> FloatArray:
+    """(K,) the bow of all points that lie on each plane: of those near an edge, too, which a fit does not use.
+
+    Facets that stand for a curved surface meet at shallow angles, so that most of their points count as near an edge,
+    and those that bend away from them are among these. None is a stray: what lies on no plane is left out.
+    """
+    on = np.flatnonzero(solution.label >= 0)
+    label = solution.label[on]
+    there = transfer_of(solution.projector)(rays_of(solution.camera, x1[on]), solution.planes[label])
+    off = there - x2[on]
+    return np.array([_bow_px(x1[on][label == k], off[label == k], np.inf) for k in range(len(solution.planes))])
 
 
 def mixed_share(x1: FloatArray, own: BoolArray) -> float:

@@ -151,7 +151,8 @@ class _Fitting:
             error = replace(error, walls_now=self._walls_now(error.devices(z)[0]))
             fit = robust_fit(error, z, _priors(error), iterations=_ITERATIONS, least_scale_px=_LEAST_SCALE_PX)
             z = fit.z
-        variance = observation_variance(fit, self.pixels.camera_xy_px, error.walls_now.label)
+        pixels = self.pixels
+        variance = observation_variance(fit, pixels.camera_xy_px, error.walls_now.label, pixels.now_px)
         return _Fitted(error, fit, variance)
 
     def _walls_now(self, camera: PinholeModel) -> SeenWalls:
