@@ -12,11 +12,13 @@ gradient between neighbours tells: a patch that another one pierces or covers in
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from sim.arrays import FloatArray, IntArray
+from sim.arrays import BoolArray, FloatArray, IntArray
 from sim.form_factors.sampled import RaySample, tree_of
 from sim.geometry.adaptive_patches import AdaptivePatches
 from sim.geometry.rays import plane_axes
@@ -77,6 +79,35 @@ class Variation:
     """(P,) standard deviation of both."""
     pieces: tuple[FloatArray, FloatArray]
     """(16, P) irradiance of sixteenths over their patch's mean, by either stream of rays."""
+
+    def chosen(self, patches: BoolArray | IntArray) -> Variation:
+        """Return that of some patches."""
+        return _each(lambda values: values[..., patches], self)
+
+    def joined(self, others: Variation) -> Variation:
+        """Return that of these patches and others after them."""
+        return _each(lambda *both: np.concatenate(both, axis=-1), self, others)
+
+    def replaced(self, patches: IntArray, by: Variation) -> Variation:
+        """Return that of all patches, with others of some, in their order."""
+        return _each(partial(_replaced, patches), self, by)
+
+
+def _each(change: Callable[..., FloatArray], *variations: Variation) -> Variation:
+    """What a change makes of each array, the patches along its last axis."""
+    one, other = (change(*(variation.pieces[k] for variation in variations)) for k in (0, 1))
+    return Variation(
+        beside_constant=change(*(variation.beside_constant for variation in variations)),
+        beside_linear=change(*(variation.beside_linear for variation in variations)),
+        noise=change(*(variation.noise for variation in variations)),
+        pieces=(one, other),
+    )
+
+
+def _replaced(patches: IntArray, values: FloatArray, by: FloatArray) -> FloatArray:
+    changed = values.copy()
+    changed[..., patches] = by
+    return changed
 
 
 def gathered(cells: AdaptivePatches, own: IntArray, senders: Senders, *, rays: int, stream: int) -> FloatArray:
