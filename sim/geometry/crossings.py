@@ -41,21 +41,22 @@ def cut_where_crossed(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray
     parents : (pieces,) int array
         The patch that each was cut from, in ascending order.
     """
-    corners, other = near_pairs_between(cells.vertices, cells.occluders).T
-    size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max(initial=0.0))
-    crossed, begin, end = shared_segments(cells.vertices[corners], cells.occluders[other], size_m)
-    patch = corners[crossed]
-    order = np.argsort(patch, kind="stable")
-    patch, ends = patch[order], np.stack([begin, end], axis=1)[order]
+    near, polygon = near_pairs_between(cells.vertices, cells.occluders).T
+    if not len(near):
+        return cells, np.arange(cells.n_patches)
+    size_m = float(np.ptp(cells.occluders.reshape(-1, 3), axis=0).max())
+    crossed, begin, end = shared_segments(cells.vertices[near], cells.occluders[polygon], size_m)
+    order = np.argsort(near[crossed], kind="stable")
+    patch, ends = near[crossed][order], np.stack([begin, end], axis=1)[order]
     axes = plane_axes(cells)
     ends_uv = np.einsum("nek,nak->nea", ends - cells.centres[patch, None], axes[patch])
     corners_uv = np.einsum("pck,pak->pca", cells.vertices - cells.centres[:, None], axes)
     pieces, parents = [], []
     for one, rows in zip(*_runs(patch), strict=True):
         count = 3 if cells.triangular[one] else 4
-        polygon = [(float(x), float(y)) for x, y in corners_uv[one, :count]]
+        corners = [(float(x), float(y)) for x, y in corners_uv[one, :count]]
         segments = [(float(p[0]), float(p[1]), float(q[0]), float(q[1])) for p, q in ends_uv[rows]]
-        found = _cut(polygon, segments, MARGIN * math.sqrt(float(cells.areas[one])))
+        found = _cut(corners, segments, MARGIN * math.sqrt(float(cells.areas[one])))
         if len(found) > 1:
             quads = [quad for piece in found for quad in _quads(piece)]
             pieces.append(cells.centres[one] + np.array(quads) @ axes[one])

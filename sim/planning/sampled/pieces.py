@@ -91,7 +91,7 @@ class Pieces:
         B, rho = self.senders.B, self.start.reflectance
         received = np.divide(B, rho, out=np.zeros_like(B), where=rho > 0)
         received -= self.lit.irradiance
-        slopes = rho[:, None] * gradients(self.start, received)[0]
+        slopes = rho[:, None] * gradients(self.start, received, in_sight=True)[0]
         self.senders = Senders(surface=self.start, B=B, slopes=_without_negative_light(self.start, B, slopes))
         self.seen, self.rays = self._measured(self.cells, self.own), np.full(self.cells.n_patches, FEWEST_RAYS)
         self._sharpen()
@@ -208,8 +208,9 @@ class Pieces:
 def _without_negative_light(cells: AdaptivePatches, B: FloatArray, slopes: FloatArray) -> FloatArray:
     """Slopes, less steep where light would be below 0 in a patch: neighbours beyond a shadow's edge tell such."""
     heights = np.einsum("pck,pk->pc", cells.vertices - cells.centres[:, None], slopes)
-    deepest = np.maximum(-heights.min(axis=1), np.finfo(float).tiny)
-    return np.asarray(slopes * np.minimum(1.0, np.maximum(B, 0.0) / deepest)[:, None])
+    deepest, light = -heights.min(axis=1), np.maximum(B, 0.0)
+    share = np.divide(light, deepest, out=np.ones_like(light), where=deepest > light)
+    return np.asarray(slopes * share[:, None])
 
 
 def _divided(cells: AdaptivePatches) -> tuple[AdaptivePatches, IntArray]:
