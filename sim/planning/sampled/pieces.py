@@ -66,12 +66,13 @@ class Pieces:
         error = np.inf
         for most in MEASURED:
             count = min(self.start.n_patches, most)
-            error = self._error_of_some(count)
-            if error <= self.goal or count == self.start.n_patches:
+            least, error = self._errors_of_some(count)
+            if error <= self.goal or least > self.goal or count == self.start.n_patches:
                 break
         return error
 
-    def _error_of_some(self, count: int) -> float:
+    def _errors_of_some(self, count: int) -> tuple[float, float]:
+        """The least and the greatest error that is likely."""
         chosen, weight = np.arange(count), np.ones(count)
         if count < self.start.n_patches:
             shares = np.cumsum(self.start.areas) / self.area
@@ -82,9 +83,9 @@ class Pieces:
         scale = weight * cells.areas * cells.reflectance**2
         measured = scale * seen.beside_constant
         spread = float(np.sqrt(count) * measured.std()) if count < self.start.n_patches else 0.0
-        doubt = TOTAL_SURE * float(np.sqrt(((scale * seen.noise) ** 2).sum()))
-        total = float(measured.sum()) + float(np.hypot(doubt, TOTAL_SURE * spread)) + float(self.edges.sum())
-        return self._error(total)
+        doubt = TOTAL_SURE * float(np.hypot(np.sqrt(((scale * seen.noise) ** 2).sum()), spread))
+        total = float(measured.sum()) + float(self.edges.sum())
+        return self._error(total - doubt), self._error(total + doubt)
 
     def measure_all(self) -> None:
         """Measure all patches beside linear light, by as many rays as it takes to tell if the goal is met."""
