@@ -230,8 +230,9 @@ def linear_light(sample: RaySample, cells: AdaptivePatches, B: FloatArray, irrad
     error = (
         sum(_mean_square(half - other, moments) for half, other in zip(both, kept[::-1], strict=True)) / 2 - 2 * noise
     )
-    usual_error = np.maximum(_of_others(error * cells.areas, order) / cells.areas, 0.0)
-    share = usual_error / np.maximum(usual_error + usual_noise, np.finfo(float).tiny)
+    usual_error = _of_others(error * cells.areas, order) / cells.areas
+    both_errors = usual_error + usual_noise
+    share = np.divide(usual_error, both_errors, out=np.zeros_like(both_errors), where=both_errors > 0)
     return LinearLight(
         slopes=np.einsum("pa,pak->pk", beside + share[:, None] * (measured - beside), axes),
         squared_error=share**2 * noise + (1 - share) ** 2 * error,
@@ -246,13 +247,13 @@ def _uncontradicted(told: FloatArray, seen: FloatArray, moments: FloatArray, *, 
 
 
 def _of_others(values: FloatArray, order: IntArray) -> FloatArray:
-    """(P,) means over the patches about each in the order, without its own."""
+    """(P,) means over the patches about each in the order, without its own, and none below 0."""
     count = min(ABOUT, len(order))
     if count < 2:
         return np.zeros_like(values)
     others = np.empty_like(values)
     others[order] = uniform_filter1d(values[order], count, mode="nearest") * count - values[order]
-    return np.asarray(others / (count - 1))
+    return np.maximum(others / (count - 1), 0.0)
 
 
 def _mean_square(slopes: FloatArray, moments: FloatArray) -> FloatArray:

@@ -58,7 +58,6 @@ class Pieces:
         self.senders = Senders.even(start, bounces.all_of(start.reflectance * lit.irradiance))
         self.spectral_radius = bounces.kept
         self.cells, self.own, self.lit_cells = start, np.arange(start.n_patches), lit
-        self.edges = squared_light_edges(start, lit.variance, start)
         self.bias = 0.0
 
     def error_of_numbers(self) -> float:
@@ -84,7 +83,8 @@ class Pieces:
         measured = scale * seen.beside_constant
         spread = float(np.sqrt(count) * measured.std()) if count < self.start.n_patches else 0.0
         doubt = TOTAL_SURE * float(np.hypot(np.sqrt(((scale * seen.noise) ** 2).sum()), spread))
-        total = float(measured.sum()) + float(self.edges.sum())
+        # What the lamp's edges change at receivers is guessed here; where light is linear it is measured.
+        total = float(measured.sum()) + float(squared_light_edges(self.start, self.lit.variance, self.start).sum())
         return self._error(total - doubt), self._error(total + doubt)
 
     def measure_all(self) -> None:
@@ -138,8 +138,7 @@ class Pieces:
     @property
     def error(self) -> float:
         """Expected of light that is linear within the pieces, with safety; 1 = white."""
-        total = float(self.squared.sum()) + self.doubt + float(self.edges.sum())
-        return float(np.hypot(self._error(total), self.bias))
+        return float(np.hypot(self._error(float(self.squared.sum()) + self.doubt), self.bias))
 
     def cut_senders(self) -> None:
         """Cut the patches that hold most of what one number a patch leaves: what they send is wrong by it."""
@@ -149,11 +148,11 @@ class Pieces:
 
     def cut(self) -> None:
         """Cut as many of the worst pieces as seem to be needed, and measure what they are cut into."""
-        squared = np.maximum(self.squared - self.noise, 0.0) + self.edges
+        squared = np.maximum(self.squared - self.noise, 0.0)
         order = np.argsort(squared)[::-1]
         worst = squared[order]
         allowed = max(self.goal**2 - self.bias**2, 0.0) * (AIM / SAFETY) ** 2 * self.area
-        excess = float((self.squared + self.edges).sum()) + self.doubt - allowed
+        excess = float(self.squared.sum()) + self.doubt - allowed
         enough = int(np.searchsorted(CUT_GAIN * np.cumsum(worst), excess)) + 1
         self._divide(order[: min(enough, int((worst > worst[0] / MUCH_LESS).sum()) + 1)])
         self._sharpen()
@@ -164,12 +163,10 @@ class Pieces:
         pieces, parents = _divided(self.cells.chosen(chosen))
         own = self.own[chosen[parents]]
         lit = emission(pieces, self.light)
-        edges = squared_light_edges(pieces, lit.variance, self.start)
         self.lit_cells = _joined_light(self.lit_cells, kept, lit)
         self.seen = self.seen.chosen(kept).joined(self._measured(pieces, own))
         self.cells, self.own = joined(self.cells.chosen(kept), pieces), np.concatenate([self.own[kept], own])
         self.rays = np.concatenate([self.rays[kept], np.full(pieces.n_patches, FEWEST_RAYS)])
-        self.edges = np.concatenate([self.edges[kept], edges])
 
     @property
     def settled(self) -> AdaptivePatches:
