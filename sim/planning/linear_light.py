@@ -247,13 +247,12 @@ def _uncontradicted(told: FloatArray, seen: FloatArray, moments: FloatArray, *, 
 
 
 def _of_others(values: FloatArray, order: IntArray) -> FloatArray:
-    """(P,) means over the patches about each in the order, without its own, and none below 0."""
-    count = min(ABOUT, len(order))
-    if count < 2:
-        return np.zeros_like(values)
+    """(P,) means over the patches about each in the order, but without its own; none below 0. Of few, over all."""
+    if len(order) <= ABOUT:
+        return np.full_like(values, max(float(values.mean()), 0.0))
     others = np.empty_like(values)
-    others[order] = uniform_filter1d(values[order], count, mode="nearest") * count - values[order]
-    return np.maximum(others / (count - 1), 0.0)
+    others[order] = uniform_filter1d(values[order], ABOUT, mode="nearest") * ABOUT - values[order]
+    return np.maximum(others / (ABOUT - 1), 0.0)
 
 
 def _mean_square(slopes: FloatArray, moments: FloatArray) -> FloatArray:
