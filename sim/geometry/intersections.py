@@ -44,24 +44,95 @@ def piercing_and_overlapping(topology: Topology) -> tuple[IntArray, IntArray]:
     return pairs[pierce], pairs[overlap]
 
 
+def near_pairs_between(vertices: FloatArray, others: FloatArray) -> IntArray:
+    """Return (N, 2) pairs of a patch and another polygon, (P, 4, 3) and (M, 4, 3) corners, whose boxes meet."""
+    found = [np.zeros((0, 2), dtype=np.intp)]
+    if len(vertices) and len(others):
+        (centre, radius, classes), (middle, reach, kinds) = _classes(vertices), _classes(others)
+        trees = [KDTree(middle[members]) for members in kinds]
+        for members in classes:
+            here = KDTree(centre[members])
+            for kind, tree in zip(kinds, trees, strict=True):
+                far = float(radius[members].max() + reach[kind].max())
+                near = here.sparse_distance_matrix(tree, far, output_type="ndarray")
+                first, second = members[near["i"]], kind[near["j"]]
+                meet = _boxes_meet(vertices[first], others[second])
+                found.append(np.stack([first[meet], second[meet]], axis=1))
+    return np.concatenate(found)
+
+
+def shared_segments(a: FloatArray, b: FloatArray, size_m: float) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Return the segments where polygons pass through patches or stand on their lit side.
+
+    Parameters
+    ----------
+    a, b : (N, 4, 3) array
+        Corners of patches, and of one polygon for each [m].
+    size_m : float
+        Of the scene: rounding is WELD of it.
+
+    Returns
+    -------
+    which : (K,) int array
+        Pairs that share one. Where a patch's border lies on a polygon nothing is shared.
+    begin, end : (K, 3) array
+        Its ends [m].
+    """
+    tolerance_m = 10 * WELD * size_m
+    normal_a, normal_b = _unit_normals(a), _unit_normals(b)
+    direction = np.cross(normal_a, normal_b)
+    sine = np.linalg.norm(direction, axis=1)
+    direction /= np.maximum(sine, np.finfo(float).tiny)[:, None]
+    height_a, height_b = _heights(a, b, normal_b, tolerance_m), _heights(b, a, normal_a, tolerance_m)
+    which = np.flatnonzero(
+        (sine >= PARALLEL) & _on_both_sides(height_a) & (height_b.max(axis=1) > 0) & (height_b.min(axis=1) <= 0)
+    )
+    a, direction, height_a, height_b = a[which], direction[which], height_a[which], height_b[which]
+    low_a, high_a = _interval(a, height_a, direction)
+    low_b, high_b = _interval(b[which], height_b, direction)
+    low, high = np.maximum(low_a, low_b), np.minimum(high_a, high_b)
+    long = high - low > tolerance_m
+    place = _point_on_both(a, height_a)
+    start = np.einsum("nc,nc->n", place, direction)
+    begin, end = (place + (at - start)[:, None] * direction for at in (low, high))
+    return which[long], begin[long], end[long]
+
+
+def _unit_normals(corners: FloatArray) -> FloatArray:
+    vectors = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), np.finfo(float).tiny))
+
+
+def _point_on_both(corners: FloatArray, height: FloatArray) -> FloatArray:
+    """(N, 3) points between the corners of greatest and least height, where it is 0."""
+    rows = np.arange(len(corners))
+    highest, lowest = height.argmax(axis=1), height.argmin(axis=1)
+    above, below = height[rows, highest], height[rows, lowest]
+    share = (above / (above - below))[:, None]
+    return np.asarray((1 - share) * corners[rows, highest] + share * corners[rows, lowest])
+
+
 def _near_pairs(vertices: FloatArray) -> IntArray:
     """(N, 2) pairs of patches whose boxes along the axes meet.
 
     Patches are sorted into classes by size, so that a large one does not widen the search of all small ones.
     """
-    low, high = vertices.min(axis=1), vertices.max(axis=1)
+    found = [np.zeros((0, 2), dtype=np.intp)]
     centre, radius, classes = _classes(vertices)
     trees = [KDTree(centre[members]) for members in classes]
-    found = [np.zeros((0, 2), dtype=np.intp)]
     for i, members in enumerate(classes):
         for j in range(i, len(classes)):
             reach = float(radius[members].max() + radius[classes[j]].max())
             near = trees[i].sparse_distance_matrix(trees[j], reach, output_type="ndarray")
             first, second = members[near["i"]], classes[j][near["j"]]
-            meet = ((low[first] <= high[second]) & (low[second] <= high[first])).all(axis=1)
+            meet = _boxes_meet(vertices[first], vertices[second])
             meet &= (first < second) | (i != j)
             found.append(np.stack([first[meet], second[meet]], axis=1))
     return np.concatenate(found)
+
+
+def _boxes_meet(a: FloatArray, b: FloatArray) -> BoolArray:
+    return np.asarray(((a.min(axis=1) <= b.max(axis=1)) & (b.min(axis=1) <= a.max(axis=1))).all(axis=1))
 
 
 def _classes(vertices: FloatArray) -> tuple[FloatArray, FloatArray, list[IntArray]]:

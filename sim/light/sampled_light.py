@@ -113,6 +113,7 @@ def sampled_light(
     *,
     error: float,
     seed: int = 0,
+    sample: RaySample | None = None,
     most_rays: int = MOST_RAYS,
     on_progress: OnProgress = unheard,
 ) -> SampledLight:
@@ -129,6 +130,8 @@ def sampled_light(
         Wanted RMS over the surface of the radiosity, in the unit of E.
     seed : int
         Another one for other rays.
+    sample : RaySample, optional
+        Of the surface, to go on with.
     most_rays : int
         Of a patch; where they are not enough, ``error`` of the result says so.
     on_progress : callable
@@ -143,8 +146,8 @@ def sampled_light(
     SimulationError
         As :class:`sim.light.radiosity.Radiosity` does.
     """
-    sample = RaySample.first(surface, seed)
-    order = _beside(surface)
+    sample = RaySample.first(surface, seed) if sample is None else sample
+    order = along_curve(surface)
     goal = error**2 * float(surface.areas.sum())
     while True:
         light, weights, seen = _solved(sample, E, reflectance, error)
@@ -185,8 +188,8 @@ def _weights(system: Radiosity, seed: int) -> FloatArray:
     return np.asarray(areas + (system.solve_adjoint(light) - light) ** 2)
 
 
-def _beside(surface: Surface) -> IntArray:
-    """(P,) patches along Morton's curve through their centres: most of those that come together lie together."""
+def along_curve(surface: Surface) -> IntArray:
+    """Return (P,) patches along Morton's curve through their centres: most of those that come together lie together."""
     centres = np.asarray(surface.centres)
     low = centres.min(axis=0)
     size = max(float((centres.max(axis=0) - low).max()), np.finfo(float).tiny)

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from sim.arrays import BoolArray, FloatArray, IntArray
+from sim.form_factors.occlusion import segments_blocked
 from sim.geometry.adaptive_patches import AdaptivePatches, joined
 from sim.light.lighting import Lighting, emission
 
@@ -34,6 +35,8 @@ SMOOTH = 0.7
 """Cosine between the normals of facets of one curved surface: up to 45 degrees, as of a sphere of 80 facets."""
 LONGEST_ASPECT = 2.9
 """More stretched patches are halved across: the halves are at most 1.45 times as long as wide."""
+ABOVE = 1e-6
+"""Of the scene's size: from so high above patches it is told what stands between them."""
 MOST_PLANES = 64
 """Distances are measured to at most this many planes of regions."""
 
@@ -66,23 +69,44 @@ class SolvedPatches:
         return float(np.sqrt(squared.sum() / self.cells.areas.sum()))
 
 
-def gradients(cells: AdaptivePatches, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+def gradients(cells: AdaptivePatches, values: FloatArray, *, in_sight: bool = False) -> tuple[FloatArray, FloatArray]:
     """Return (P, 3) gradients in each patch's plane, and (P,) roughness.
 
     Least squares over the nearest patches of the same region, or, where a region is a facet or two, over the nearest
-    patches that are turned little against it; what they leave, over the area, is the roughness.
+    patches that are turned little against it; what they leave, over the area, is the roughness. With ``in_sight``
+    patches of a region that something stands between tell nothing of each other.
     """
     gradient, left = np.zeros((cells.n_patches, 3)), np.zeros(cells.n_patches)
     facets = np.bincount(cells.region)[cells.region] <= MOST_FACETS
-    order = np.flatnonzero(~facets)[np.argsort(cells.region[~facets], kind="stable")]
-    for here in np.split(order, np.flatnonzero(np.diff(cells.region[order])) + 1):
-        if len(here):
-            near = _nearest(cells.centres[here], cells.centres[here])
-            gradient[here], left[here] = _fitted(cells.chosen(here), near, values[here])
+    flat = np.flatnonzero(~facets)
+    if len(flat):
+        near = _nearest_of_region(cells, flat[np.argsort(cells.region[flat], kind="stable")])[flat]
+        if in_sight:
+            near = np.where(_hidden(cells, flat, near), flat[:, None], near)
+        gradient[flat], left[flat] = _fitted(cells, flat, near, values)
     if facets.sum() > MOST_FACETS:
-        near = _nearest(cells.centres[facets], cells.centres[facets])
-        gradient[facets], left[facets] = _fitted(cells.chosen(facets), near, values[facets])
+        curved = np.flatnonzero(facets)
+        near = curved[_nearest(cells.centres[curved], cells.centres[curved])]
+        gradient[curved], left[curved] = _fitted(cells, curved, near, values)
     return gradient, ROUGHNESS * left / cells.areas
+
+
+def _nearest_of_region(cells: AdaptivePatches, order: IntArray) -> IntArray:
+    """(P, 9) nearest of the same region, of patches in the order of their regions; itself where there are fewer."""
+    near = np.tile(np.arange(cells.n_patches)[:, None], NEIGHBOURS + 1)
+    for here in np.split(order, np.flatnonzero(np.diff(cells.region[order])) + 1):
+        found = here[_nearest(cells.centres[here], cells.centres[here]).reshape(len(here), -1)]
+        near[here, : found.shape[1]] = found
+    return near
+
+
+def _hidden(cells: AdaptivePatches, some: IntArray, near: IntArray) -> BoolArray:
+    """Which of the nearest patches of some are behind something, seen from right above them."""
+    if cells.convex or not len(cells.occluders):
+        return np.zeros(near.shape, dtype=bool)
+    above = cells.centres + ABOVE * float(np.ptp(cells.vertices.reshape(-1, 3), axis=0).max()) * cells.normals
+    begin = np.repeat(above[some], near.shape[1], axis=0)
+    return segments_blocked(cells, begin, above[near].reshape(-1, 3)).reshape(near.shape)
 
 
 def _nearest(points: FloatArray, among: FloatArray) -> IntArray:
@@ -90,14 +114,16 @@ def _nearest(points: FloatArray, among: FloatArray) -> IntArray:
     return np.asarray(cKDTree(among).query(points, min(NEIGHBOURS + 1, len(among)))[1], dtype=np.intp)
 
 
-def _fitted(cells: AdaptivePatches, near: IntArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) gradients in each patch's plane and (n,) weighted mean squares of what they leave."""
-    centres, basis = cells.centres, _plane_axes(cells.normals)
-    offset = np.einsum("pnk,pak->pna", centres[near] - centres[:, None], basis)
+def _fitted(
+    cells: AdaptivePatches, some: IntArray, near: IntArray, values: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) gradients in the planes of some patches and (n,) weighted mean squares of what they leave."""
+    centres, basis = cells.centres, _plane_axes(cells.normals[some])
+    offset = np.einsum("pnk,pak->pna", centres[near] - centres[some, None], basis)
     squared = (offset**2).sum(axis=2)
-    smooth = np.einsum("pnk,pk->pn", cells.normals[near], cells.normals) > SMOOTH
+    smooth = np.einsum("pnk,pk->pn", cells.normals[near], cells.normals[some]) > SMOOTH
     weight = np.divide(1.0, squared, out=np.zeros_like(squared), where=(squared > 0) & smooth)
-    difference = values[near] - values[:, None]
+    difference = values[near] - values[some, None]
     normal_matrix = np.einsum("pn,pni,pnj->pij", weight, offset, offset)
     right = np.einsum("pn,pni,pn->pi", weight, offset, difference)
     slope = np.einsum("pij,pj->pi", np.linalg.pinv(normal_matrix, rcond=1e-6, hermitian=True), right)

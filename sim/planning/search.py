@@ -28,7 +28,7 @@ from sim.planning.methods import (
     rays_pay,
     usual_patches,
 )
-from sim.planning.sampled_patches import patches_by_rays
+from sim.planning.sampled.patches import patches_by_rays
 from sim.planning.simulation import Model, simulate
 from sim.progress import OnProgress, unheard
 

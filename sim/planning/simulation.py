@@ -23,6 +23,8 @@ from sim.progress import OnProgress, part_of, unheard
 SLOPES_NOISE = 1.6
 """Error that rays leave of linear light, over that of the means alone: 1.4 to 1.8 in corners with a ball and with other
 things, 128 to 2,048 rays."""
+MOST_LENGTHENED, SLOPES_AIM = 4, 0.95
+"""Times that rays are sent until slopes are known well enough, too, and share of the wanted error that each aims at."""
 FACTORS_SHARE = 0.8
 """Of the work, roughly."""
 HIGHEST_ROW_SUM = 1.1
@@ -228,12 +230,23 @@ def _factors(
 def _sampled(
     cells: AdaptivePatches, model: Model, E: FloatArray, rho: FloatArray, on_progress: OnProgress
 ) -> SampledLight:
-    # The brightest colour's light tells where rays are needed: it bounces most.
+    """Rays until the light of the brightest colour, which bounces most, is known well enough, and its slopes, too."""
     brightest = int(rho.max(axis=0).argmax())
-    error = float(model.sampling or 0.0) / (SLOPES_NOISE if model.linear else 1.0)
-    return sampled_light(
-        cells, E[:, brightest], rho[:, brightest], error=error, seed=model.seed, on_progress=on_progress
-    )
+    emitted, reflectance, allowed = E[:, brightest], rho[:, brightest], float(model.sampling or 0.0)
+    error, sample = allowed / (SLOPES_NOISE if model.linear else 1.0), None
+    for _ in range(MOST_LENGTHENED):
+        sampled = sampled_light(
+            cells, emitted, reflectance, error=error, seed=model.seed, sample=sample, on_progress=on_progress
+        )
+        sent_back = sampled.B - emitted
+        H = np.divide(sent_back, reflectance, out=np.zeros_like(sent_back), where=reflectance > 0)
+        columns = (reflectance[:, None], sampled.B[:, None], H[:, None])
+        slopes = _linear(cells, sampled, columns[0], B=columns[1], H=columns[2])[1] if model.linear else 0.0
+        total = float(np.hypot(sampled.error, slopes))
+        if total <= allowed or not model.linear:
+            break
+        sample, error = sampled.sample, SLOPES_AIM * min(error, sampled.error) * allowed / total
+    return sampled
 
 
 def _exact(cells: AdaptivePatches, model: Model, on_progress: OnProgress) -> FormFactorOperator:

@@ -6,11 +6,12 @@ import pytest
 from sim.errors import SimulationError
 from sim.form_factors import form_factors
 from sim.geometry.adaptive_patches import coarsest_patches
+from sim.geometry.mesh import Mesh
 from sim.light.lighting import emission, make_test_lighting, sample_points
 from sim.planning.adapt import Refinement, SolvedPatches, gradients, uniform_patches
 from sim.planning.simulation import Model, simulate
 from sim.scenes.gridded import corner, paper_room, room, room_with_box
-from sim.scenes.meshes import integrating_sphere, sloped_room
+from sim.scenes.meshes import grid_of_quad, integrating_sphere, sloped_room
 
 
 def refined(scene, light_name, cells, probe_cells=500):
@@ -86,6 +87,18 @@ def test_the_gradient_of_a_linear_light_is_exact_and_nothing_is_rough():
     in_plane = slope - (cells.normals @ slope)[:, None] * cells.normals
     assert gradient == pytest.approx(in_plane, abs=1e-9)
     assert roughness == pytest.approx(0, abs=1e-15)
+
+
+def test_light_that_steps_at_a_wall_tells_no_slope_to_patches_that_see_only_their_own_side():
+    wall = [[0.5, 0.0, -0.2], [0.5, 1.0, -0.2], [0.5, 1.0, 1.0], [0.5, 0.0, 1.0]]
+    floor = grid_of_quad([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], 8, 8)
+    below = [[0, 0, -1], [1, 0, -1], [1, 1, -1], [0, 1, -1]]
+    points = np.concatenate([floor.reshape(-1, 3), wall, below])
+    cells = coarsest_patches(Mesh.from_arrays("two halves", points, np.arange(len(points)).reshape(-1, 4), 0.5))
+    values = np.where(cells.centres[:, 0] < 0.5, 1.0, 3.0)
+    on_floor = cells.centres[:, 2] == 0
+    assert np.abs(gradients(cells, values)[0][on_floor, 0]).max() > 1
+    assert gradients(cells, values, in_sight=True)[0][on_floor] == pytest.approx(0, abs=1e-9)
 
 
 def test_cells_are_small_where_lit_floor_and_dark_wall_meet():

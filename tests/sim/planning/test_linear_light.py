@@ -7,12 +7,14 @@ from sim import _kernel
 from sim.form_factors import form_factors
 from sim.form_factors.sampled import RaySample
 from sim.geometry.adaptive_patches import coarsest_patches
+from sim.geometry.crossings import cut_where_crossed
 from sim.geometry.mesh import Mesh
 from sim.light.lighting import make_test_lighting
+from sim.light.sampled_light import sampled_light
 from sim.planning.adapt import uniform_patches
 from sim.planning.linear_light import Senders, gathered, linear_light, variation_within
 from sim.planning.simulation import Model, simulate
-from sim.scenes.cluttered import corner_with_ball
+from sim.scenes.cluttered import corner_with_ball, random_corner
 from sim.scenes.gridded import paper_room
 from sim.scenes.meshes import integrating_sphere
 from sim.threads import set_threads
@@ -114,3 +116,19 @@ def test_linear_light_is_nearer_the_truth_than_one_number_a_patch():
     error = np.sqrt(np.average((found.irradiance_at(fine) - exact)[:, 0] ** 2, weights=fine.areas))
     constant = np.sqrt(np.average((np.tile(found.irradiance, (16, 1)) - exact)[:, 0] ** 2, weights=fine.areas))
     assert error < 0.5 * constant
+
+
+def test_the_error_of_slopes_is_what_many_rays_find_where_things_pierce_each_other():
+    cells = cut_where_crossed(coarsest_patches(random_corner(3, 400)))[0]
+    E = cells.reflectance * np.ones(cells.n_patches)
+    true = sampled_light(cells, E, cells.reflectance, error=8e-4, seed=9)
+    H = (true.B - E) / cells.reflectance
+    many = linear_light(true.sample, cells, true.B, H)
+    weight = cells.reflectance**2
+    for seed in range(3):
+        sample = RaySample(surface=cells, seed=seed)
+        sample.lengthen(256)
+        found = linear_light(sample, cells, true.B, sample.halves(true.B).mean)
+        actual = weight @ cells.variation(found.slopes - many.slopes)
+        estimated = weight @ (cells.areas * found.squared_error)
+        assert 0.8 < estimated / actual < 2

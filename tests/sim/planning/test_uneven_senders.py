@@ -9,8 +9,8 @@ from sim.geometry.adaptive_patches import coarsest_patches
 from sim.geometry.mesh import Mesh
 from sim.light.lighting import Emission, Lighting, emission, make_test_lighting
 from sim.planning.linear_light import Senders, variation_within
+from sim.planning.sampled.uneven_senders import UnevenSenders
 from sim.planning.simulation import Model, simulate
-from sim.planning.uneven_senders import UnevenSenders
 from sim.scenes.cluttered import random_corner
 
 RAYS = Model(method="rays", visibility="rays", residual=1e-6, sampling=1e-3)
