@@ -104,7 +104,7 @@ def model_settings(session: Session) -> JsonObject:
         **known_settings(profile),
         "patches": "finer where something stands",
         **(
-            {"backs": "close behind, or bodies as deep as wide, or fronts, too; the best explained; told by all sigmas"}
+            {"backs": "close behind; bodies as deep as wide; fronts that stand; all fronts; best explained; in sigmas"}
             if profile.surface.kind == "free"
             else {}
         ),
