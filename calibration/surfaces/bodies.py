@@ -52,7 +52,9 @@ def guesses_of_backs(
         Corners of the backs, a guess each; none where all are tops. [m]
     """
     thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))[part]
-    bodies, stand, hang = set(), set(), set()
+    bodies: set[int] = set()
+    stand: set[int] = set()
+    hang: set[int] = set()
     highest_m = _STANDS * max(box.size_m)
     for one in np.unique(thing):
         mine = thing == one
