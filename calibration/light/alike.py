@@ -31,10 +31,10 @@ class Alike:
         return cls(front=np.arange(n_walls), of_room=np.ones(n_walls, dtype=bool))
 
     @classmethod
-    def with_backs(cls, n_walls: int, n_parts: int) -> Alike:
-        """Return that of a room of walls, the fronts of what stands in it, and their backs, numbered in this order."""
+    def with_things(cls, n_walls: int, n_parts: int, *, backs: bool) -> Alike:
+        """Return that of walls, fronts of what stands in the room, and their backs if any, numbered in this order."""
         fronts = np.arange(n_walls + n_parts)
-        front = np.concatenate([fronts, fronts[n_walls:]])
+        front = np.concatenate([fronts, fronts[n_walls:] if backs else fronts[:0]])
         return cls(front=front, of_room=np.arange(len(front)) < n_walls)
 
 

@@ -196,7 +196,7 @@ def test_dark_things_in_a_room_do_not_make_its_unseen_walls_dark():
             room.irradiance,
             room.form_factors,
             wall=surface,
-            alike=Alike.with_backs(6, len(dark)),
+            alike=Alike.with_things(6, len(dark), backs=False),
         )
         assert fit.flux == pytest.approx(FLUX, rel=0.03)
         assert abs(fit.flux - FLUX) < 2 * fit.flux_sigma

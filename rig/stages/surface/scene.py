@@ -67,7 +67,7 @@ def alike_in(geometry: GeometryRecord, standing: StandingRecord | None) -> Alike
     n_walls = len(geometry.surface.faces)
     if standing is None or not standing.triangles:
         return Alike.only_walls(n_walls)
-    return Alike.with_backs(n_walls, len(standing.flat))
+    return Alike.with_things(n_walls, len(standing.flat), backs=standing.backs)
 
 
 def _sides(

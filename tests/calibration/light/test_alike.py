@@ -6,7 +6,7 @@ import pytest
 from calibration.light.alike import Alike, expected_reflectance
 
 WALLS, THINGS = 3, 2
-ROOM = Alike.with_backs(WALLS, THINGS)
+ROOM = Alike.with_things(WALLS, THINGS, backs=True)
 """Surfaces 0 to 2 are walls, 3 and 4 fronts of things, 5 and 6 their backs."""
 SURFACE = np.arange(WALLS + 2 * THINGS)
 REFLECTANCE = np.array([0.7, 0.8, 0.1, 0.2, 0.4, 0.1, 0.1])
@@ -50,3 +50,7 @@ def test_the_unseen_part_of_a_surface_is_expected_to_be_like_its_seen_part() -> 
 def test_walls_of_which_none_is_seen_are_expected_to_be_like_what_is() -> None:
     values, _ = expected(3)
     assert values[:WALLS] == pytest.approx(0.2)
+
+
+def test_a_body_whose_back_is_its_own_has_no_other() -> None:
+    assert Alike.with_things(WALLS, THINGS, backs=False).front.tolist() == [0, 1, 2, 3, 4]
