@@ -20,12 +20,12 @@ from scipy.sparse import csr_array, eye_array
 
 from calibration.arrays import BoolArray, FloatArray
 from calibration.errors import CalibrationError
+from calibration.light.alike import Alike, expected_reflectance
 
 LEAST_REFLECTANCE, MOST_REFLECTANCE = 0.02, 0.98
 """Of any wall: below is velvet, above is no paint."""
-_SAME_WALL_SPREAD, _OTHER_WALL_SPREAD = 0.03, 0.06
-"""Standard deviations by which the unseen part of a wall differs from its seen part, and a wall that nobody sees from
-the mean of the others: painted rooms, whose texture is some percent."""
+_UNSEEN_SPREAD = 0.03
+"""Standard deviation by which an unseen patch differs from what is unseen of its wall: texture is some percent."""
 COMMON_REFLECTANCE = 0.6
 """Of a painted wall: where an open scene sends little light around, the flux is all but undetermined, so start here."""
 COMMON_SPREAD = 0.2
@@ -123,11 +123,13 @@ def estimate_reflectance(
     *,
     wall: NDArray[np.integer] | None = None,
     seen_from: FloatArray | csr_array | None = None,
+    alike: Alike | None = None,
 ) -> ReflectanceFit:
     """Solve the inverse radiosity problem of a room that is partly lit and partly seen.
 
     The flux and one reflectance for what is unseen of each wall are fitted to the global light of the patches that are
-    lit and seen; a wall's unseen part is expected to be like its seen part, a wall that nobody sees like the others.
+    lit and seen; a wall's unseen part is expected to be like its seen part, a wall that nobody sees like the others, a
+    thing's back like its front.
 
     Parameters
     ----------
@@ -144,6 +146,8 @@ def estimate_reflectance(
     seen_from : (P, P), optional
         Weights of the patches' irradiance where the camera saw a patch: it may have seen a part of it only. Default:
         its own.
+    alike
+        What the surfaces that `wall` numbers are to each other; default: all are walls.
 
     Returns
     -------
@@ -161,6 +165,7 @@ def estimate_reflectance(
     """
     lit, seen = lit_and_seen(direct_over_irradiance, global_light)
     n = len(irradiance)
+    walls = np.zeros(n, dtype=np.intp) if wall is None else np.asarray(wall, dtype=np.intp)
     problem = _Room(
         direct_over_irradiance=np.where(lit, direct_over_irradiance, 0.0),
         global_light=np.where(seen, global_light, 0.0),
@@ -168,7 +173,8 @@ def estimate_reflectance(
         seen=seen,
         irradiance=irradiance,
         form_factors=form_factors,
-        wall=np.zeros(n, dtype=np.intp) if wall is None else np.asarray(wall, dtype=np.intp),
+        wall=walls,
+        alike=Alike.only_walls(int(walls.max()) + 1) if alike is None else alike,
         seen_from=eye_array(n, format="csr") if seen_from is None else seen_from,
     )
     typical = float(np.median(direct_over_irradiance[lit]))
@@ -218,12 +224,13 @@ class _Room:
     irradiance: FloatArray
     form_factors: FloatArray
     wall: NDArray[np.intp]
+    alike: Alike
     seen_from: FloatArray | csr_array
     global_error: float = _GLOBAL_ERROR
 
     @property
     def n_walls(self) -> int:
-        return int(self.wall.max()) + 1
+        return len(self.alike.front)
 
     @cached_property
     def fitted(self) -> BoolArray:
@@ -239,7 +246,7 @@ class _Room:
 
     def residual_of(self, z: FloatArray, rho: FloatArray, arriving: FloatArray) -> FloatArray:
         error = self.global_errors(rho, arriving) / self.global_error
-        expected, spread = self.expected_of_unseen(rho)
+        expected, spread = expected_reflectance(rho, self.lit | self.global_only, surface=self.wall, alike=self.alike)
         typical = (rho[self.lit].mean() - COMMON_REFLECTANCE) / COMMON_SPREAD
         return np.concatenate(
             [
@@ -253,14 +260,6 @@ class _Room:
         """Logarithm of measured over modelled global light of the fitted patches."""
         modelled = rho[self.fitted] * arriving[self.fitted]
         return np.asarray(np.log(self.global_light[self.fitted] / np.maximum(modelled, 1e-12)))
-
-    def expected_of_unseen(self, rho: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """What each wall's unseen part is expected to reflect, and its standard deviation."""
-        known = self.lit | self.global_only
-        count = np.bincount(self.wall[known], minlength=self.n_walls)
-        mean = np.bincount(self.wall[known], rho[known], minlength=self.n_walls) / np.maximum(count, 1)
-        others = float(mean[count > 0].mean())
-        return np.where(count > 0, mean, others), np.where(count > 0, _SAME_WALL_SPREAD, _OTHER_WALL_SPREAD)
 
     def solve(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(P,) reflectance and indirect irradiance F B where seen; patches in global light only give ρ = g / (F B)."""
@@ -298,7 +297,7 @@ class _Room:
         steps = np.sqrt(np.maximum(np.diag(covariance), 1e-12))
         moves = 0.1 * steps
         turned = ((self.solve_all(z[:, None] + np.diag(moves))[0] - rho[:, None]) / moves).T
-        own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, self.global_error * rho, _SAME_WALL_SPREAD))
+        own = np.where(self.lit, _DIRECT_ERROR * rho, np.where(self.seen, self.global_error * rho, _UNSEEN_SPREAD))
         variance = np.einsum("zp,zy,yp->p", turned, covariance, turned) + own**2
         unseen = ~self.lit & ~self.seen
         unlit = np.where(self.seen, ReflectanceSource.GLOBAL, ReflectanceSource.UNSEEN)

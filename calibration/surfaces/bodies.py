@@ -20,15 +20,18 @@ _LEAST_WIDE = 0.2
 """Of a front, what its back has at least of its width and height: a point is no surface."""
 _UPRIGHT = 0.5
 """Of a normal, its upward share at most: walls, screens and sides of boxes stand, tops lie."""
+_STANDS = 0.02
+"""Of the room's size, between the floor and the lowest corner of what stands on it: pixels at its edge are left out."""
 
 
 def guesses_of_backs(
     vertices_m: FloatArray, triangles: IntArray, part: IntArray, *, flat: BoolArray, box: RoomBox
 ) -> list[FloatArray]:
-    """Return where the backs of things may be: those of bodies as deep as wide, and those of upright fronts, too.
+    """Return where backs may be: of bodies as deep as wide, of fronts that stand on the floor, too, and of all fronts.
 
     Columns, vases and boxes are about as deep as they are wide. An upright flat part that touches no other is a screen,
-    or the one side of a column that is seen: light has to tell. One that lies is a table's top, and stays thin.
+    or the one side of a column that is seen: light has to tell, of those that stand, as columns do, apart from those
+    that hang. One that lies is a table's top, and stays thin.
 
     Parameters
     ----------
@@ -49,14 +52,17 @@ def guesses_of_backs(
         Corners of the backs, a guess each; none where all are tops. [m]
     """
     thing = things_of(vertices_m, triangles, part, n_parts=len(flat), touching_m=_TOUCHING * max(box.size_m))[part]
-    bodies, fronts = set(), set()
+    bodies: set[int] = set()
+    stand: set[int] = set()
+    hang: set[int] = set()
+    highest_m = _STANDS * max(box.size_m)
     for one in np.unique(thing):
         mine = thing == one
         if len(np.unique(part[mine])) > 1 or not flat[part[mine]].all():
             bodies.add(int(one))
         elif _is_upright(vertices_m[triangles[mine]]):
-            fronts.add(int(one))
-    guesses = [some for some in (bodies, bodies | fronts if fronts else set()) if some]
+            (stand if vertices_m[triangles[mine], 2].min() < highest_m else hang).add(int(one))
+    guesses = dict.fromkeys(frozenset(some) for some in (bodies, bodies | stand, bodies | stand | hang) if some)
     return [as_deep_as_wide(vertices_m, triangles, thing, deep=deep, box=box) for deep in guesses]
 
 

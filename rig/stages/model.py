@@ -104,10 +104,11 @@ def model_settings(session: Session) -> JsonObject:
         **known_settings(profile),
         "patches": "finer where something stands",
         **(
-            {"backs": "close behind, or bodies as deep as wide, or fronts, too; the best explained; told by all sigmas"}
+            {"backs": "close behind; bodies as deep as wide; fronts that stand; all fronts; best explained; in sigmas"}
             if profile.surface.kind == "free"
             else {}
         ),
+        **({} if profile.surface.kind == "box" else {"alike": "walls of the room; backs and fronts; other things"}),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,

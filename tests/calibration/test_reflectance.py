@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
+from calibration.light.alike import Alike
 from calibration.light.faces import on_model_of
 from calibration.light.reflectance import ReflectanceSource, estimate_reflectance
 from calibration.light.vignetting import fit_vignetting
@@ -103,12 +104,15 @@ class MeasuredRoom:
     irradiance: np.ndarray
     form_factors: np.ndarray
     reflectance: np.ndarray
+    face: np.ndarray
 
 
-def measured(seed, noise=0.02):
+def measured(seed, noise=0.02, dark=()):
+    """The room, some of its coarse patches dark."""
     random = np.random.default_rng(seed)
     fine, F = box(FINE_M, COARSE_M), form_factors()
     rho = np.array([0.70, 0.71, 0.69, 0.68, 0.66, 0.76])[fine.face] + random.uniform(-0.05, 0.05, len(fine.face))
+    rho = np.where(np.isin(fine.coarse, dark), 0.2, rho)
     _, e, _ = PROJECTOR(fine.centre, fine.normal)
     emission = rho * FLUX * e
     arriving = F @ np.linalg.solve(np.eye(len(rho)) - rho[:, None] * F, emission)
@@ -133,6 +137,7 @@ def measured(seed, noise=0.02):
         irradiance=every(e),
         form_factors=coarse_f,
         reflectance=every(rho),
+        face=np.round(every(fine.face)).astype(int),
     )
 
 
@@ -175,6 +180,26 @@ def test_patches_seen_in_the_light_of_others_only_get_their_own_reflectance():
     only = fit.source == ReflectanceSource.GLOBAL
     assert only.any()
     assert np.sqrt(np.mean((fit.reflectance - room.reflectance)[only] ** 2)) < 0.04
+
+
+def test_dark_things_in_a_room_do_not_make_its_unseen_walls_dark():
+    bare = measured(1)
+    lit = np.flatnonzero(np.isfinite(bare.direct_over_irradiance))
+    dark = lit[:: len(lit) // 8][:8]
+    for seed in (1, 2, 3):
+        room = measured(seed, dark=dark)
+        surface = room.face.copy()
+        surface[dark] = 6 + np.arange(len(dark))
+        fit = estimate_reflectance(
+            room.direct_over_irradiance,
+            room.global_light,
+            room.irradiance,
+            room.form_factors,
+            wall=surface,
+            alike=Alike.with_things(6, len(dark), backs=False),
+        )
+        assert fit.flux == pytest.approx(FLUX, rel=0.03)
+        assert abs(fit.flux - FLUX) < 2 * fit.flux_sigma
 
 
 def test_no_patch_both_lit_and_seen_is_refused():

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.light import faces as walls
+from calibration.light.alike import Alike
 from calibration.light.open_wall import estimate_open_wall
 from calibration.light.reflectance import ReflectanceFit, arriving_light, estimate_reflectance
 from calibration.light.vignetting import Vignetting, fit_vignetting
@@ -29,7 +30,7 @@ from rig.stages.scene_model import (
     unit_emission,
     white_irradiance,
 )
-from rig.stages.surface.scene import AnyScene, factors_of, scene_of
+from rig.stages.surface.scene import AnyScene, alike_in, factors_of, scene_of
 from rig.stages.surface.standing import StandingRecord
 from sim.form_factors import FormFactors
 from sim.geometry.optics import Pose, project
@@ -63,7 +64,7 @@ class BandLight:
     white: NDArray[np.float32]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class BareRoom:
     """The scene without any reflectance, and the devices in it; vignetting once it is fitted."""
 
@@ -71,6 +72,8 @@ class BareRoom:
     camera: PosedLens
     projector: PosedLens
     camera_hits: PixelHits
+    alike: Alike
+    """Of its surfaces, which are expected to reflect alike."""
 
     @cached_property
     def form_factors(self) -> FormFactors:
@@ -85,7 +88,7 @@ class BareRoom:
     def moved(self, by_m: Shift) -> BareRoom:
         """Return the room with both devices moved."""
         camera, projector = (_moved(device, by_m) for device in (self.camera, self.projector))
-        return BareRoom(self.scene, camera, projector, cast_pixels(self.scene, camera))
+        return replace(self, camera=camera, projector=projector, camera_hits=cast_pixels(self.scene, camera))
 
 
 def bare_room(
@@ -101,7 +104,13 @@ def bare_room(
     devices = (posed_lens(only(devices).pinhole()) for devices in (record.cameras, record.projectors))
     camera, projector = (_moved(device, shift_m) for device in devices)
     scene = scene_of(record, patch_size_m, standing)
-    return BareRoom(scene, camera, projector, cast_pixels(scene, camera))
+    return BareRoom(
+        scene=scene,
+        camera=camera,
+        projector=projector,
+        camera_hits=cast_pixels(scene, camera),
+        alike=alike_in(record, standing),
+    )
 
 
 def _moved(device: PosedLens, by_m: Shift) -> PosedLens:
@@ -217,6 +226,7 @@ def fit_reflectance(
         form_factors=geometry.form_factors.matrix,
         wall=scene.region,
         seen_from=seen_from(scene, hits, lit_flat | dark),
+        alike=geometry.alike,
     )
     fit = solve(per_lit, irradiance=irradiance)
     if not isinstance(scene, Scene):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.light.alike import Alike
 from calibration.surfaces.bodies import rim_of
 from rig.profile.schema import refuse_many_patches
 from rig.stages.geometry import GeometryRecord
@@ -59,6 +60,14 @@ def scene_of(geometry: GeometryRecord, patch_size_m: float, standing: StandingRe
         reflectance=np.full(len(fine.region) + sum(len(some) for some in region), 0.5),
         region=np.concatenate([fine.region, *region]),
     )
+
+
+def alike_in(geometry: GeometryRecord, standing: StandingRecord | None) -> Alike:
+    """Return what the surfaces of that room are to each other: walls first, then fronts, then backs."""
+    n_walls = len(geometry.surface.faces)
+    if standing is None or not standing.triangles:
+        return Alike.only_walls(n_walls)
+    return Alike.with_things(n_walls, len(standing.flat), backs=standing.backs)
 
 
 def _sides(

@@ -88,6 +88,17 @@ def test_beside_a_body_a_front_is_thin_in_one_guess_and_deep_in_the_other():
     assert (screen[4:] == column[4:]).all()
 
 
+def test_a_screen_that_hangs_is_thin_in_one_guess_in_which_the_column_beside_it_is_deep():
+    hanging, standing = (front(3.0) + np.array(shift_m) for shift_m in ((-0.9, 0.0, 0.0), (0.9, 0.0, -0.5)))
+    both = np.concatenate([hanging, standing])
+    columns, every = guesses(both, flat=[True, True])
+    depth_m = [np.linalg.norm(backs_m - both, axis=1) for backs_m in (columns, every)]
+    assert depth_m[0][:4].max() < 0.01
+    assert depth_m[0][4:].max() > 0.5
+    assert depth_m[1].max() > 0.5
+    assert (columns[4:] == every[4:]).all()
+
+
 def test_two_flat_sides_that_touch_are_of_one_box_as_deep_as_both_are_wide():
     left, right = front(3.0) - (0.3, 0, 0), front(3.0) + np.array([0.302, 0, 0])
     (backs_m,) = guesses(np.concatenate([left, right]), flat=[True, True])

@@ -9,6 +9,7 @@ import pytest
 
 from calibration.geometry import pinhole
 from calibration.geometry.pinhole import PinholeModel
+from calibration.light.alike import Alike
 from rig.devices.simulated.world import SimulatedWorld
 from rig.profile.schema import load_profile
 from rig.stages.correspondence import DevicePair
@@ -183,7 +184,13 @@ def test_without_a_known_blur_a_picture_is_seen_as_it_is(scene_model: SceneModel
 
 @pytest.fixture(scope="module")
 def bare(scene_model: SceneModel) -> BareRoom:
-    return BareRoom(scene_model.scene, scene_model.camera, scene_model.projector, scene_model.camera_hits)
+    return BareRoom(
+        scene=scene_model.scene,
+        camera=scene_model.camera,
+        projector=scene_model.projector,
+        camera_hits=scene_model.camera_hits,
+        alike=Alike.only_walls(6),
+    )
 
 
 BLURRED = slice(150, 154)
