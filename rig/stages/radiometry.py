@@ -41,8 +41,9 @@ from rig.terminal import OnStep, part_of
 BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
-_SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.1)
-"""Exposures for the camera's response, multiples of the reference."""
+_SWEEP = (1 / 32, 1 / 16, 1 / 8, 1 / 4, 1 / 2, 0.75, 1.0, 1.3)
+"""Exposures for the camera's response, multiples of the reference. In the longest the brightest pixels clip and do not
+count; others reach full scale, so that the curve is measured to its end: with 1.1 errors were twice as large."""
 _SWEEPS = ("white-sweep", "white-sweep-back")
 """Two frames of each exposure tell the noise from their difference. The second is taken in the opposite order: a lamp
 that gets evenly brighter is then as bright for each exposure, in the mean, and is not taken for the camera's curve."""

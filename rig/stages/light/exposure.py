@@ -29,7 +29,7 @@ from rig.terminal import OnStep
 FloatArray = NDArray[np.float64]
 
 _AIM = ExposureAim(share=0.85, accepted=(0.9 * 0.85, 1.06 * 0.85))
-"""Of the brightest permille of projector white: the sweep goes to 1.1 times this exposure and must not clip."""
+"""Of the brightest permille of projector white, which must not clip."""
 _MAX_TRIES = 10
 _DARK_FRAMES = 8
 """Frames of black that are asked for room light that swells: three phases of 100 Hz at 30 frames a second, twice."""
