@@ -108,7 +108,7 @@ def model_settings(session: Session) -> JsonObject:
             if profile.surface.kind == "free"
             else {}
         ),
-        **({} if profile.surface.kind == "box" else {"alike": "walls of the room; backs and fronts; other things"}),
+        **({} if profile.surface.kind == "box" else {"alike": "walls; backs and fronts; things", "flat": "all told"}),
         "target_white_share": profile.brightness.target_white_share,
         "smoothing_share": SMOOTHING_SHARE,
         "least_pixels": LEAST_PIXELS,

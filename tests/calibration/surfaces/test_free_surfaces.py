@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -47,9 +48,14 @@ BLOCK = rectangle((1.0, 3.0, 0.6), (0.9, 0, 0), (0, 0, 0.9))
 """The front of something that stands a metre before the wall y1."""
 
 
-def on_all(shapes, camera=CAMERA, projector=PROJECTOR, seed=0):
-    """Points and a chosen mask of all that was decoded."""
-    points = point_map(correspondence_of(shapes, seed=seed, camera=camera, projector=projector), camera, projector)
+STATED = (8, 12)
+"""Points of a line of the projector err alike: each has a sigma that is several times what they differ by."""
+
+
+def on_all(shapes, camera=CAMERA, projector=PROJECTOR, seed=0, stated=1.0):
+    """Points and a chosen mask of all that was decoded, whose sigma is stated as so many times what it is."""
+    decoded = correspondence_of(shapes, seed=seed, camera=camera, projector=projector)
+    points = point_map(replace(decoded, sigma_px=decoded.sigma_px * np.float32(stated)), camera, projector)
     return points, points.known
 
 
@@ -112,6 +118,18 @@ def test_a_ball_is_no_heap_of_planes(radius_m):
     parts = parts_of(points, pieces_of(points, chosen, 30), 30)
     assert not parts.flat.any()
     assert (parts.label[chosen] == 0).mean() > 0.98
+
+
+@pytest.mark.parametrize("stated", STATED)
+def test_a_ball_no_deeper_than_its_points_are_uncertain_is_no_plane(stated):
+    points, chosen = on_all([ball((0.3, 3.0, 1.1), 0.2)], stated=stated)
+    assert not parts_of(points, pieces_of(points, chosen, 30), 30).flat.any()
+
+
+@pytest.mark.parametrize("stated", STATED)
+def test_a_pane_of_uncertain_points_is_flat(stated):
+    points, chosen = on_all([rectangle((0.1, 3.0, 0.9), (0.4, 0.1, 0), (0, 0, 0.4))], stated=stated)
+    assert parts_of(points, pieces_of(points, chosen, 30), 30).flat.all()
 
 
 @pytest.mark.parametrize("seed", range(3))
