@@ -24,7 +24,13 @@ LEAST_WALL = 0.02
 """Of the pixels that are lit and seen: of a smaller wall nobody can ask that it be found."""
 _WALLS = ("floor", "ceiling", "x0", "x1", "y0", "y1")
 """By axis (z first) and side."""
-_LEFT_OPEN = "leave open how the room stands"
+_LEFT_OPEN = ("leave open how the room stands", "two rooms explain the points equally well")
+_NOT_OF_A_BOX = (
+    "is not flat: its points leave",
+    "the walls are not at right angles",
+    "lie on a flat wall that does not go",
+)
+"""Its walls are flat and square: who says otherwise is wrong."""
 _NARROW_PX = 6.0
 """Nearer to the rim of the camera's picture, or of the wall's edge, a spot need not be found."""
 
@@ -83,8 +89,11 @@ def is_refusal_true(said: str, seen: Seen | None) -> bool | None:
         return None
     if "one plane explains" in said:
         return seen.planes < 2
-    if _LEFT_OPEN in said:
-        return _LEFT_OPEN in (seen.left_open or "")
+    for left_open in _LEFT_OPEN:
+        if left_open in said:
+            return left_open in (seen.left_open or "")
+    if any(cause in said for cause in _NOT_OF_A_BOX):
+        return False
     if "has no measured wall around it" in said:
         return not all(seen.spots_seen)
     share = re.search(r"only ([0-9.]+) % of the camera's pixels have a projector pixel", said)
