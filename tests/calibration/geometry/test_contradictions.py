@@ -19,7 +19,6 @@ from calibration.geometry.contradictions import (
     is_flat,
     normal_deviate,
 )
-from calibration.geometry.contradictions import check_data_sheets, check_flat, is_flat, normal_deviate
 from calibration.geometry.flat import rivals
 from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance
@@ -341,6 +340,8 @@ def test_a_wall_that_leans_is_refused_where_codes_are_off_by_lines(room):
     for lean_deg in (-0.5, 0.5):
         with pytest.raises(CalibrationError, match="the walls are not at right angles"):
             check_right_angles(*square_and_free(room, 1, lean_deg))
+
+
 SQUARE = Axes(np.eye(3), np.array([0, 1, 2]))
 FIRST = SimpleNamespace(share=0.984, left_over=0.00625, axes=SQUARE)
 """Of small rig 9648, which was called curved; the true room left 0.00778 over and explained 0.9877."""
