@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from calibration.errors import CalibrationError
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.stereo import calibrate_stereo
 
@@ -39,10 +40,10 @@ def heights_below_camera(room, pair):
 
 
 def with_table(room, xy, image):
-    """The same pixels with a table's top before the walls, at which their light ends."""
+    """The same pixels with a table's top before the walls, 0.9 m below the camera, at which their light ends."""
     origin, rays = np.array(room.camera.position_m), room.camera.rays(xy)
     with np.errstate(divide="ignore"):
-        along = (2.6 - origin[2]) / rays[:, 2]
+        along = -0.9 / rays[:, 2]
     top = origin + along[:, None] * rays
     on_top = (along > 0) & (top[:, :2] > 3.3).all(axis=1) & (top[:, :2] < 4.5).all(axis=1)
     there, seen = room.projector.image_of(top)
@@ -88,7 +89,18 @@ def test_with_the_strip_the_lenses_are_right_within_three_sigmas(strip):
 
 
 def test_a_table_before_the_walls_is_no_floor(room):
-    seen = above(room, 1.8)
+    """With the room's own wide lenses: narrower ones do not tell two walls from their reversal."""
+    higher = above(room, 3.2)
+    wide = {name: {"focal_px": getattr(room, name).focal_px} for name in ("camera", "projector")}
+    degrees = {"camera_hfov_deg": room.camera_hfov_deg, "projector_hfov_deg": room.projector_hfov_deg}
+    seen = higher.changed(**wide, **degrees)
     xy, image, share = with_table(seen, *seen.correspondences(5))
     assert 0.003 < share < 0.03
     assert sorted(calibrated(seen, (xy, image)).axes) == [0, 1]
+
+
+def test_narrow_lenses_do_not_tell_two_walls_from_their_reversal(room):
+    """A table's top or none: without floor and ceiling, near and far may be exchanged, and both rooms are named."""
+    seen = above(room, 1.8)
+    with pytest.raises(CalibrationError, match=r"two rooms explain the points equally well.*or walls .* baselines away"):
+        calibrated(seen, with_table(seen, *seen.correspondences(5))[:2])
