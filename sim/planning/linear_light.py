@@ -46,9 +46,9 @@ SURE = 9.0
 """Squared difference of a measured slope from what neighbours tell, over its noise, from which they are wrong."""
 ALL_NOISE, HALF_NOISE = 1 / (2**GAIN - 1), 1.25
 """Squared noise of a whole sequence, and of a half, over the square of half the difference of its halves. These
-complement each other: if they did not, 1 and 2. By ``GAIN`` 0.61 and 1.61, as in random corners (0.64 measured); in the corner with
-a ball the second is nearer to 1. With 1.25 squared errors come out 1.0 to 1.5 times too large by 256 rays a patch (random
-corners 3 and 5, corner with a ball), 1.6 to 3.1 times by 64."""
+complement each other: if they did not, 1 and 2. By ``GAIN`` 0.61 and 1.61, as in random corners (0.64 measured); in the
+corner with a ball the second is nearer to 1. With 1.25 squared errors come out 1.0 to 1.5 times too large by 256 rays a
+patch (random corners 3 and 5, corner with a ball), 1.6 to 3.1 times by 64."""
 ABOUT = 33
 """Patches whose noise and errors say what one may have, itself left out: 12 and 100 leave errors that differ by 5 %."""
 

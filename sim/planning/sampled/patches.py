@@ -165,7 +165,7 @@ class _Look:
             self.check_size(pieces.cells.n_patches)
             now = pieces.cells.n_patches, pieces.error
             _check_progress(before, now, self.goal)
-            _check_course((pieces.start.n_patches, first), now, self.goal)
+            check_course((pieces.start.n_patches, first), now, self.goal)
 
 
 def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: float) -> None:
@@ -181,8 +181,16 @@ def _check_progress(before: tuple[int, float], now: tuple[int, float], goal: flo
         )
 
 
-def _check_course(begun: tuple[int, float], now: tuple[int, float], goal: float) -> None:
-    """Raise SimulationError where cutting will need very many patches, each given with its error."""
+def check_course(begun: tuple[int, float], now: tuple[int, float], goal: float) -> None:
+    """Raise SimulationError where cutting will need very many patches.
+
+    Parameters
+    ----------
+    begun, now : (int, float)
+        Patches that a look began with, and those that there are now, each with the error that they leave; 1 = white.
+    goal : float
+        Error that is wanted.
+    """
     (patches, error), (more, left) = begun, now
     if left <= goal or more < BEGUN * patches:
         return
