@@ -102,5 +102,5 @@ def test_a_table_before_the_walls_is_no_floor(room):
 def test_narrow_lenses_do_not_tell_two_walls_from_their_reversal(room):
     """A table's top or none: without floor and ceiling, near and far may be exchanged, and both rooms are named."""
     seen = above(room, 1.8)
-    with pytest.raises(CalibrationError, match=r"two rooms explain the points equally well.*or walls .* baselines away"):
+    with pytest.raises(CalibrationError, match=r"two rooms explain the points equally well.*or walls .* away"):
         calibrated(seen, with_table(seen, *seen.correspondences(5))[:2])
