@@ -14,6 +14,8 @@ from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR,
 from calibration.geometry.epipolar import NominalIntrinsics
 from calibration.geometry.flat.left_out import check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
+from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
+from calibration.geometry.noise import covariance, observation_variance, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
 from calibration.geometry.planes import Axes
 from calibration.geometry.support import (
@@ -352,4 +354,16 @@ def check_determined(solution: BundleSolution, unknown: FloatArray) -> None:
             f"{plus_minus(100 * sigma[nearest], '%', most=100, decimals=0)}, the limit is "
             f"{100 * MOST_DISTANCE_SIGMA:.0f} %: too little parallax; move the camera further aside, and see more "
             "walls or the floor"
+            f"the walls' distance is {np.exp(distances(solution.fit.z)[nearest]):.1f} baselines +- "
+            f"{100 * sigma[nearest]:.0f} %, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} %: {_why_open(solution)}"
         )
+
+
+def _why_open(solution: BundleSolution) -> str:
+    """Why distances are open: too little parallax, or most likely points that no plane explains."""
+    if 1 - solution.share <= MOST_LEFT_OUT:
+        return "too little parallax; move the camera further aside, and see more walls or the floor"
+    return (
+        f"{100 * (1 - solution.share):.0f} % of all points lie on no plane, as those of curved surfaces and "
+        "furniture do; aim at bare, flat walls, or move the camera further aside"
+    )

@@ -203,7 +203,7 @@ def check_against_tape(
                 f"({FACES[2 * k]} and {FACES[2 * k + 1]} seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
                 f"{abs(measured - tape) / np.hypot(sigma, own):.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
                 "tape's lengths is wrong ([[scale]] or size_m; x ends at the wall on the right), or hfov_deg is"
-                f"{square}"
+                f"{square}{_or_a_corner(box, k) if right_angles else ''}"
             )
 
 
@@ -232,6 +232,15 @@ def check_lens_height(measured_m: float, tape_m: float, sigma_m: float, tape_sig
             f"+- {own:.3f} m by surface.lens_height_m: {apart:.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
             "tape's lengths is wrong ([[scale]] or lens_height_m), or hfov_deg is"
         )
+def _or_a_corner(box: RoomBox, axis: int) -> str:
+    """What else may be wrong where two walls face each other and no third was seen: with a floor, a corner's may."""
+    across = FACES[2 * (1 - axis) : 2 * (1 - axis) + 2] if axis < 2 else box.seen
+    if set(across) & set(box.seen):
+        return ""
+    return (
+        ", or these two walls do not face each other but meet at a corner, which the points leave open: show more of "
+        "floor or ceiling, or set the camera further aside"
+    )
 
 
 def _on_axes(stereo: StereoCalibration, *, with_things: bool) -> StereoCalibration:

@@ -13,6 +13,7 @@ from calibration.geometry.bundle_unknowns import PLANES, TRANSLATION, PlanarScen
 from calibration.geometry.contradictions import (
     angles_held,
     check_data_sheets,
+    check_determined,
     check_flat,
     check_no_facets,
     check_right_angles,
@@ -139,6 +140,19 @@ def test_focal_lengths_that_the_data_sheets_contradict_are_refused_with_both(roo
     longer[[0, 8]] += 0.3
     with pytest.raises(CalibrationError, match=r"focal length comes out 1\.\d+ \+- .* what hfov_deg says"):
         check_data_sheets(replace(solution, fit=replace(solution.fit, z=longer)), sigma)
+
+
+@pytest.mark.parametrize(
+    ("on_planes", "cause"), [(0.95, "too little parallax"), (0.65, "35 % of all points lie on no")]
+)
+def test_distances_that_are_open_are_blamed_on_points_without_a_plane_where_these_are_many(
+    room, corner, on_planes, cause
+):
+    """A bare dome was told that its parallax is too little."""
+    solution, x1 = fitted(room, corner, bend_px=0.0)
+    label = np.where(np.arange(len(x1)) < on_planes * len(x1), 0, -1)
+    with pytest.raises(CalibrationError, match=cause):
+        check_determined(replace(solution, label=label), covariance(solution.fit, 1e4))
 
 
 def test_a_phantom_plane_before_a_wall_does_not_stand(corner):

@@ -224,6 +224,16 @@ def test_right_angles_are_named_as_a_cause_only_where_walls_were_held_at_them(ro
     assert ("right_angles = false" in str(refusal.value)) is right_angles
 
 
+@pytest.mark.parametrize(
+    ("seen", "may_be_a_corner"), [(("x0", "x1", "floor"), True), (("x0", "x1", "y1"), False), (("x1", "y1"), False)]
+)
+def test_two_walls_that_the_tape_contradicts_may_be_those_of_a_corner(room, seen, may_be_a_corner):
+    box = replace(room_from_stereo(true_pair(room, ("x1", "y1", "floor")), SIZE_M), seen=(*seen, "floor", "ceiling"))
+    with pytest.raises(CalibrationError) as refused:
+        check_against_tape(box, (2.1, 4.8, 1.9), np.full(3, 0.01), 0.003, right_angles=True)
+    assert ("meet at a corner" in str(refused.value)) == may_be_a_corner
+
+
 def test_a_device_behind_a_wall_by_tape_is_refused(room):
     with pytest.raises(CalibrationError, match=r"the camera would stand 0\.60 m behind wall x0"):
         room_from_stereo(true_pair(room, ("x1", "y1", "floor", "ceiling")), (3.6, 4.8, 2.4))
