@@ -12,10 +12,8 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
 from calibration.geometry.epipolar import NominalIntrinsics
-from calibration.geometry.flat.left_out import check_none_left_out
-from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
-from calibration.geometry.noise import covariance, observation_variance, standard_deviations
+from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
 from calibration.geometry.planes import Axes
 from calibration.geometry.support import (
@@ -352,10 +350,7 @@ def check_determined(solution: BundleSolution, unknown: FloatArray) -> None:
         raise CalibrationError(
             f"the walls' distance is {np.exp(distances(solution.fit.z)[nearest]):.1f} baselines "
             f"{plus_minus(100 * sigma[nearest], '%', most=100, decimals=0)}, the limit is "
-            f"{100 * MOST_DISTANCE_SIGMA:.0f} %: too little parallax; move the camera further aside, and see more "
-            "walls or the floor"
-            f"the walls' distance is {np.exp(distances(solution.fit.z)[nearest]):.1f} baselines +- "
-            f"{100 * sigma[nearest]:.0f} %, the limit is {100 * MOST_DISTANCE_SIGMA:.0f} %: {_why_open(solution)}"
+            f"{100 * MOST_DISTANCE_SIGMA:.0f} %: {_why_open(solution)}"
         )
 
 

@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import MOST_DISTANCE_SIGMA
 from calibration.geometry.known.lengths import TapedCalibration
+from calibration.geometry.known.tape import check_against_tape, check_lens_height
 from calibration.geometry.noise import plus_minus
 from calibration.geometry.pinhole import PinholeModel, vector_of
-from calibration.geometry.room import FACES, RoomBox, check_against_tape, check_lens_height, room_from_stereo
+from calibration.geometry.room import FACES, RoomBox, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2

@@ -22,6 +22,7 @@ TO_PROGRAMMERS = (
     "this stage photographs nothing, so it has no rig",
     "first patch *first patch*, expected *first*",
     "is closed",
+    "the limit is *MOST DISTANCE SIGMA* %: *solution*",
     "unplugged_s says",
     "*name* was set to *value*, the camera has *got**name*",
     "*times*. With places as they are: *error*",

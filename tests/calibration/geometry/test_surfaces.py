@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibration.errors import CalibrationError
+from calibration.geometry.known.tape import check_against_tape
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.planes import (
     ExplainedPixels,
@@ -16,7 +17,7 @@ from calibration.geometry.planes import (
     orthogonal_axes,
     segment_planes,
 )
-from calibration.geometry.room import check_against_tape, lit_points, room_from_stereo
+from calibration.geometry.room import lit_points, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration
 from calibration.geometry.support import LEAST_BEHIND, shares_behind
 
