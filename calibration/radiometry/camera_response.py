@@ -273,7 +273,7 @@ class _NormalEquations:
 
 def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
     curve = tone_curve(state.log_gamma)
-    log_y = curve.log_level_of(_log_light(groups, state))
+    log_y = curve.log_level_of(_log_light(groups, state, curve))
     gamma, by_knots = curve.derivatives_at(log_y)
     y = np.exp(log_y)
     weight = np.where(groups.usable, 1 / np.sqrt(groups.variance), 0.0)
@@ -295,9 +295,9 @@ def _normal_equations(groups: LightGroups, state: _State) -> _NormalEquations:
     )
 
 
-def _log_light(groups: LightGroups, state: _State) -> FloatArray:
+def _log_light(groups: LightGroups, state: _State, curve: ToneCurve) -> FloatArray:
     swell = groups.swell_found + groups.swell @ state.swell
-    room = _room_share(groups, state, tone_curve(state.log_gamma))
+    room = _room_share(groups, state, curve)
     return np.asarray(groups.log_time[:, None] + state.change[:, None] + state.log_light + swell[:, None] * room)
 
 
@@ -309,7 +309,7 @@ def _room_share(groups: LightGroups, state: _State, curve: ToneCurve) -> FloatAr
 def _residual(groups: LightGroups, state: _State) -> FloatArray:
     """(F, G) levels that are not explained, share of full scale; NaN where a group does not count."""
     curve = tone_curve(state.log_gamma)
-    log_y = curve.log_level_of(_log_light(groups, state))
+    log_y = curve.log_level_of(_log_light(groups, state, curve))
     y, gamma = np.exp(log_y), curve.gamma_at(log_y)
     bent = (1 - gamma) / y * groups.bent
     return np.where(groups.usable, groups.y - y - bent - state.black * (1 - y), np.nan)

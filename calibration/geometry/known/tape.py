@@ -44,11 +44,12 @@ def check_against_tape(
             continue
         measured, tape, sigma = box.size_m[k], size_m[k], float(sigma_m[k])
         own = tape_sigma_share * tape
-        if abs(measured - tape) > SIGMAS * np.hypot(sigma, own):
+        apart = _sigmas_apart(measured - tape, sigma, own)
+        if apart > SIGMAS:
             raise CalibrationError(
                 f"the room measures {measured:.3f} +- {sigma:.3f} m along {axis} "
                 f"({FACES[2 * k]} and {FACES[2 * k + 1]} seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
-                f"{abs(measured - tape) / np.hypot(sigma, own):.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
+                f"{apart:.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
                 "tape's lengths is wrong ([[scale]] or size_m; x ends at the wall on the right), or hfov_deg is"
                 f"{square}{_or_a_corner(box, k) if right_angles else ''}"
             )
@@ -72,13 +73,18 @@ def check_lens_height(measured_m: float, tape_m: float, sigma_m: float, tape_sig
         With both heights, if they are more than four of their common standard deviations apart.
     """
     own = tape_sigma_share * tape_m
-    apart = abs(measured_m - tape_m) / np.hypot(sigma_m, own)
+    apart = _sigmas_apart(measured_m - tape_m, sigma_m, own)
     if apart > SIGMAS:
         raise CalibrationError(
             f"the projector's lens is {measured_m:.3f} +- {sigma_m:.3f} m above the floor that is seen, {tape_m:.3f} "
             f"+- {own:.3f} m by surface.lens_height_m: {apart:.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
             "tape's lengths is wrong ([[scale]] or lens_height_m), or hfov_deg is; correct what is"
         )
+
+
+def _sigmas_apart(difference_m: float, sigma_m: float, tape_sigma_m: float) -> float:
+    """A difference of two lengths, by how much both may be off."""
+    return float(abs(difference_m) / np.hypot(sigma_m, tape_sigma_m))
 
 
 def _or_a_corner(box: RoomBox, axis: int) -> str:
