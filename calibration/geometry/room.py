@@ -56,6 +56,11 @@ class RoomBox:
     notes: str
     """What was assumed, in words."""
 
+    @property
+    def lengths_measured(self) -> list[int]:
+        """Axes along which both faces were measured, so that the points tell the room's length."""
+        return [k for k in range(3) if {FACES[2 * k], FACES[2 * k + 1]} <= set(self.seen)]
+
 
 def room_from_stereo(
     stereo: StereoCalibration,

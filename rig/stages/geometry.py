@@ -15,7 +15,7 @@ from calibration.geometry.known.lengths import TapedCalibration
 from calibration.geometry.known.tape import check_against_tape, check_lens_height
 from calibration.geometry.noise import plus_minus
 from calibration.geometry.pinhole import PinholeModel, vector_of
-from calibration.geometry.room import FACES, RoomBox, room_from_stereo
+from calibration.geometry.room import RoomBox, room_from_stereo
 from calibration.geometry.stereo import StereoCalibration, calibrate_stereo, scale_from_baseline, scale_from_spots
 from calibration.structured_light.correspondence import Correspondence
 from calibration.structured_light.subpixel import WINDOW_VARIANCE_PX2
@@ -198,12 +198,12 @@ def _held_to_tape(apart: TapedCalibration, profile: Profile) -> TapedCalibration
     """Refuse lengths by tape that contradict the points; hold the points to those that they tell, too."""
     size_m, height_m = profile.room.size_m, profile.room.lens_height_m
     room = _room(apart.pair, profile, apart.tape_errors)
-    sigmas, seen = _sigmas(apart, profile, room), set(room.box.seen)
-    sides = [k for k in range(3) if size_m is not None and {FACES[2 * k], FACES[2 * k + 1]} <= seen]
+    sigmas = _sigmas(apart, profile, room)
+    sides = [] if size_m is None else room.box.lengths_measured
     if size_m is not None:
         size_sigma_m = np.array([sigmas.get(f"room_{axis}_m", np.inf) for axis in "xyz"])
         check_against_tape(room.box, size_m, size_sigma_m, TAPE_SIGMA, right_angles=profile.room.right_angles)
-    has_height = height_m is not None and "floor" in seen
+    has_height = height_m is not None and "floor" in room.box.seen
     if height_m is not None and has_height:
         check_lens_height(room.box.projector.position_m[2], height_m, sigmas["projector_z_m"], TAPE_SIGMA)
     told = [*sides, 3] if has_height else sides

@@ -39,15 +39,13 @@ def check_against_tape(
         With both lengths, if they are more than four of their common standard deviations apart.
     """
     square = ", or walls are not square that are taken for it (right_angles = false)" if right_angles else ""
-    for k, axis in enumerate("xyz"):
-        if not {FACES[2 * k], FACES[2 * k + 1]} <= set(box.seen):
-            continue
+    for k in box.lengths_measured:
         measured, tape, sigma = box.size_m[k], size_m[k], float(sigma_m[k])
         own = tape_sigma_share * tape
         apart = _sigmas_apart(measured - tape, sigma, own)
         if apart > SIGMAS:
             raise CalibrationError(
-                f"the room measures {measured:.3f} +- {sigma:.3f} m along {axis} "
+                f"the room measures {measured:.3f} +- {sigma:.3f} m along {'xyz'[k]} "
                 f"({FACES[2 * k]} and {FACES[2 * k + 1]} seen), {tape:.3f} +- {own:.3f} m by [surface] size_m: "
                 f"{apart:.0f} sigma apart, the limit is {SIGMAS:g}. One of the "
                 "tape's lengths is wrong ([[scale]] or size_m; x ends at the wall on the right), or hfov_deg is"
