@@ -30,6 +30,24 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     return Finished(made / "session", (made / "out").read_text("utf-8"), (made / "err").read_text("utf-8"))
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _only_read(request: pytest.FixtureRequest) -> Iterator[None]:
+    """What a module writes into the shared session, another worker may be copying at that moment."""
+    tests = [item for item in request.session.items if item.path == request.path]
+    if not any("finished" in getattr(item, "fixturenames", ()) for item in tests):
+        yield
+        return
+    folder = request.getfixturevalue("finished").folder
+    before = _stamps(folder)
+    yield
+    changed = before ^ _stamps(folder)
+    assert not changed, f"this module, or one beside it, wrote into the session that all share: {sorted(changed)}"
+
+
+def _stamps(folder: Path) -> set[tuple[str, int]]:
+    return {(str(path.relative_to(folder)), path.stat().st_mtime_ns) for path in folder.rglob("*")}
+
+
 def _run(folder: Path) -> None:
     command = [sys.executable, "-m", "rig", "run", str(folder / "session"), "-p", "ci-tiny", "--json"]
     run = subprocess.run(command, capture_output=True, encoding="utf-8", check=False)

@@ -111,9 +111,10 @@ def test_a_session_on_a_disk_that_cannot_be_written_is_read_by_each_verb_that_on
     assert run_command(["live", str(read_only), "--source", "pattern", "--seconds", "0.3"]) == 0
 
 
-def test_a_session_that_another_process_works_on_is_shown_live(finished: Finished) -> None:
-    with Session.open(finished.folder):
-        assert run_command(["live", str(finished.folder), "--source", "pattern", "--seconds", "0.3"]) == 0
+def test_a_session_that_another_process_works_on_is_shown_live(finished: Finished, tmp_path: Path) -> None:
+    folder = shutil.copytree(finished.folder, tmp_path / "session")
+    with Session.open(folder):
+        assert run_command(["live", str(folder), "--source", "pattern", "--seconds", "0.3"]) == 0
 
 
 def test_the_page_of_strategies_opens_with_what_to_use_and_why(finished: Finished, tmp_path: Path) -> None:

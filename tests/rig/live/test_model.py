@@ -12,7 +12,7 @@ from tests.rig.conftest import Finished
 
 
 def test_a_frame_gets_the_codes_that_the_sessions_exact_compensation_has(finished: Finished) -> None:
-    with Session.open(finished.folder) as session:
+    with Session.read(finished.folder) as session:
         model = session_model(session, is_linear=True)
         step = session.finished("compensate")
         target = np.rint(step.load_image("target")["grey"]).astype(np.uint8)
@@ -29,7 +29,7 @@ def test_a_frame_gets_the_codes_that_the_sessions_exact_compensation_has(finishe
 
 
 def test_the_black_that_the_camera_sees_is_taken_off_every_wish(finished: Finished) -> None:
-    with Session.open(finished.folder) as session:
+    with Session.read(finished.folder) as session:
         model = session_model(session, is_linear=True)
     black = np.zeros((*model.frames.shape, 3), np.uint8)
     faint = np.full_like(black, 1)

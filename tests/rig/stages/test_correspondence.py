@@ -69,7 +69,7 @@ def test_codes_without_inverses_are_read_in_light(name: str) -> None:
 
 def test_a_stale_frame_of_a_session_is_refused_by_name(finished: "Finished") -> None:
     code = CODES["long-run"]
-    with Session.open(finished.folder) as session:
+    with Session.read(finished.folder) as session:
         gray, radiometric = session.finished("gray"), load_radiometric_calibration(session)
         shape = session.profile.projector.shape
         frames = {

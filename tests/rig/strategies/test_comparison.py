@@ -127,7 +127,7 @@ def test_a_comparison_that_is_done_takes_no_frame_again(compared: Any, capsys: p
 
 def test_the_true_transport_predicts_what_the_simulated_world_shows(finished: Any, tiny_profile: Profile) -> None:
     """White on every steered pixel: the simulated world's own photograph, free of noise, against T times white."""
-    with Session.open(finished.folder) as session:
+    with Session.read(finished.folder) as session:
         model = load_model(session)
     world = simulated_world_of(tiny_profile)
     transport = ground_truth_transport((world,), model).bands[0]
@@ -149,7 +149,7 @@ def test_nobody_knows_the_truth_of_a_real_rig() -> None:
 
 
 def test_the_two_walls_are_those_that_fill_the_picture_and_not_its_floor(finished: Any) -> None:
-    with Session.open(finished.folder) as session:
+    with Session.read(finished.folder) as session:
         scene_model: SceneModel = load_model(session).scene_model
     grey = two_walls(scene_model).ravel()
     face = scene_model.projector_hits.hits.face
