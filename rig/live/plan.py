@@ -118,8 +118,6 @@ def check_request(request: LiveRequest) -> None:
         raise UsageError(f"--seconds {request.seconds:g}; give more than 0")
     if not 0 < request.gain <= _HIGHEST_GAIN:
         raise UsageError(f"--gain {request.gain:g}; it lies between 0 and {_HIGHEST_GAIN:g}")
-    if request.folder is None and request.profile is None:
-        raise UsageError("rig live needs a session, or a profile with -p: rig live -p sim-room --source pattern")
 
 
 def _profile_and_model(request: LiveRequest) -> tuple[Profile, LiveModel | None]:
@@ -129,7 +127,7 @@ def _profile_and_model(request: LiveRequest) -> tuple[Profile, LiveModel | None]
         with Session.read(aligned_folder(request.folder)) as session:
             return profile or session.profile, session_model(session, is_linear=request.is_linear)
     if profile is None:
-        raise UsageError("rig live needs a session, or a profile with -p")
+        raise UsageError("rig live needs a session, or a profile with -p: rig live -p sim-room --source pattern")
     is_simulated = profile.projector.driver == "simulated"
     return profile, guessed_model(profile, is_linear=request.is_linear) if is_simulated else None
 
