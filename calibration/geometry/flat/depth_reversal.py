@@ -1,20 +1,22 @@
-"""The other room that two walls allow: near and far exchanged, with camera and projector on exchanged sides.
+"""The other room that walls allow: near and far exchanged, with camera and projector on exchanged sides.
 
 What a small baseline t moves in the projector's picture is t (n · x), with 1 / depth = n · x. The baseline -t before
 planes c m - n moves the same but for c t (m · x), which a turn of the projector and a little focal length undo; two
-walls at right angles are so again if c = (n_a + n_b) · m. A third wall is not. What is left to tell the two rooms apart
-is what the data sheets say of the lenses, the pictures' perspective, and any strip of floor or ceiling: a search that
-began near the wrong one ends in it. (Seen from far away, by parallel rays, every scene has such a reflection: S.
-Ullman, The Interpretation of Visual Motion, MIT Press 1979.)
+walls at right angles are so again if c = (n_a + n_b) · m. A third wall is so only for about the same c of all pairs, or
+for lenses that are far from their data sheets: seen from nearly one place, by a narrow lens. What is left to tell the
+two rooms apart is what the data sheets say of the lenses, the pictures' perspective, and any strip of floor or ceiling:
+a search that began near the wrong one ends in it. (Seen from far away, by parallel rays, every scene has such a
+reflection: S. Ullman, The Interpretation of Visual Motion, MIT Press 1979.)
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from calibration.arrays import FloatArray, IntArray
+from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
@@ -39,7 +41,7 @@ _AXES = 3
 def likelier_depths(
     fit: BundleSolution, found: RestingOn, points: WeighedPoints, nominal: NominalIntrinsics, *, n_fitted: int
 ) -> RestingOn:
-    """Hold a room of which two walls are seen against the one with near and far exchanged, and return the likelier.
+    """Hold a room against the one with near and far exchanged, and return the likelier.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def likelier_depths(
     Returns
     -------
     RestingOn
-        What was given, where walls along three axes are seen, or the other room contradicts something.
+        What was given, where all walls are along one axis, or the other room contradicts something.
 
     Raises
     ------
@@ -74,8 +76,8 @@ def likelier_depths(
         one, other_one, sigmas = _told(found.solution), _told(beside.solution), float(np.sqrt(abs(gain)))
         raise CalibrationError(
             f"two rooms explain the points equally well, to {sigmas:.1f} sigma, the limit is {SIGMAS:g}: {one}, or "
-            f"{other_one}. Two walls alone do not tell near from far: show a strip of floor or ceiling, move the "
-            "camera further from the projector, or give both devices a lens file (rig lenses)"
+            f"{other_one}. Walls seen from nearly one place do not tell near from far: show a strip of floor or "
+            "ceiling, move the camera further from the projector, or give both devices a lens file (rig lenses)"
         )
     return beside if gain > 0 else found
 
@@ -95,23 +97,28 @@ def reversed_fit(fit: BundleSolution, points: WeighedPoints, nominal: NominalInt
     Returns
     -------
     BundleSolution or None
-        None where walls are along three axes or one, or where something contradicts it.
+        None where all walls are along one axis, or where something contradicts it.
     """
-    x1, x2, weight = points.camera_xy_px, points.projector_xy_px, points.weight
-    start = reversed_scene(fit, x1, x2)
-    a, b, w = x1[:_SOME], x2[:_SOME], weight[:_SOME]
-    held = None if start is None else adjust(a, b, start, nominal, rounds=_HELD, weight=w)
-    free = None if held is None else adjust(a, b, held, nominal, rounds=_LET_GO, weight=w)
+    free = unheld_reversal(fit, points, nominal)
     if free is None:
         return None
     try:
-        return hold_against_all(x1, x2, free, nominal, weight=weight)
+        return hold_against_all(points.camera_xy_px, points.projector_xy_px, free, nominal, weight=points.weight)
     except CalibrationError:
         return None
 
 
+def unheld_reversal(fit: BundleSolution, points: WeighedPoints, nominal: NominalIntrinsics) -> BundleSolution | None:
+    """Fit the room with near and far exchanged to some of the points, whatever contradicts it; None where none is."""
+    start = reversed_scene(fit, points.camera_xy_px, points.projector_xy_px)
+    some = points.chosen(slice(0, _SOME))
+    how = partial(adjust, some.camera_xy_px, some.projector_xy_px, nominal=nominal, weight=some.weight)
+    held = None if start is None else how(start, rounds=_HELD)
+    return None if held is None else how(held, rounds=_LET_GO)
+
+
 def reversed_scene(fit: BundleSolution, x1: FloatArray, x2: FloatArray) -> PlanarScene | None:
-    """Return about where devices and walls stand in the other room; None where walls are not along two axes.
+    """Return about where devices and walls stand in the other room; None where all walls are along one axis.
 
     Parameters
     ----------
@@ -124,38 +131,37 @@ def reversed_scene(fit: BundleSolution, x1: FloatArray, x2: FloatArray) -> Plana
     -------
     PlanarScene or None
     """
-    pair = _largest_across(fit)
-    if pair is None:
+    largest = _largest_of_axes(fit)
+    if len(largest) < 2:
         return None
     on = np.flatnonzero(fit.label >= 0)
     rays = rays_of(fit.camera, x1[on])
     middle = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).mean(axis=0)
     middle /= np.linalg.norm(middle)
-    planes = float(fit.planes[list(pair)].sum(axis=0) @ middle) * middle - fit.planes
+    towards = fit.planes[list(largest.values())] @ middle
+    # The mean of (n_a + n_b) . m over all pairs: each plane is in as many of them.
+    planes = 2 * towards.mean() * middle - fit.planes
     points = rays / (rays * planes[fit.label[on]]).sum(axis=1, keepdims=True)
     projector = _turned_to(fit.projector, -fit.projector.position_m, points, x2[on])
-    axes = _axes(fit.axes.of_plane, planes, pair)
+    axes = Axes(_directions(planes, largest), fit.axes.of_plane)
     return PlanarScene(camera=fit.camera, projector=projector, planes=planes, axes=axes)
 
 
-def _largest_across(fit: BundleSolution) -> tuple[int, int] | None:
-    """The largest planes on either axis of a fit that has two."""
+def _largest_of_axes(fit: BundleSolution) -> dict[int, int]:
+    """The largest plane across each axis that has one."""
     of_plane = fit.axes.of_plane
-    if len(set(of_plane.tolist()) - {-1}) != _AXES - 1:
-        return None
-    order = np.argsort(-np.bincount(fit.fit_label, minlength=len(of_plane)), kind="stable")
-    first, *rest = (int(k) for k in order if of_plane[k] >= 0)
-    return first, next(k for k in rest if of_plane[k] != of_plane[first])
+    order = np.argsort(np.bincount(fit.fit_label, minlength=len(of_plane)), kind="stable")
+    return {int(of_plane[k]): int(k) for k in order if of_plane[k] >= 0}
 
 
-def _axes(of_plane: IntArray, planes: FloatArray, pair: tuple[int, int]) -> Axes:
+def _directions(planes: FloatArray, largest: dict[int, int]) -> FloatArray:
     directions = np.zeros((_AXES, _AXES))
-    for k in pair:
-        directions[of_plane[k]] = planes[k] / np.linalg.norm(planes[k])
-    third = ({0, 1, 2} - {int(of_plane[k]) for k in pair}).pop()
-    directions[third] = np.cross(directions[(third + 1) % _AXES], directions[(third + 2) % _AXES])
+    for axis, k in largest.items():
+        directions[axis] = planes[k] / np.linalg.norm(planes[k])
+    for axis in {0, 1, 2} - set(largest):
+        directions[axis] = np.cross(directions[(axis + 1) % _AXES], directions[(axis + 2) % _AXES])
     u, _, vt = np.linalg.svd(directions)
-    return Axes(u @ vt, of_plane)
+    return np.asarray(u @ vt)
 
 
 def _turned_to(projector: PinholeModel, position: FloatArray, points: FloatArray, x2: FloatArray) -> PinholeModel:

@@ -11,6 +11,8 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.contradictions import hold_against_all
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.flat.depth_reversal import unheld_reversal
+from calibration.geometry.flat.third_wall import WeighedPoints
 from calibration.geometry.plane_bundle import BundleSolution
 from calibration.geometry.plane_search import (
     explains_a_room,
@@ -42,9 +44,9 @@ def uncontradicted_rival(
     """Find a fit that nothing contradicts, after the first one was contradicted.
 
     In this order: the first without its tangents of curved surfaces; that with the walls that its lenses show; the
-    first with a plane askew that stands before others; the others, where they leave less over; these without their
-    tangents; the first with a small plane askew; the first with two planes askew, the first of them one that alone left
-    least over.
+    first with near and far exchanged; the first with a plane askew that stands before others; the others, where they
+    leave less over; these without their tangents; the first with a small plane askew; the first with two planes askew,
+    the first of them one that alone left least over.
 
     Parameters
     ----------
@@ -73,6 +75,7 @@ def uncontradicted_rival(
     return (
         rivals.held([flat] if flat is not None else [])
         or rivals.held(rivals.grown(flat), most_left)
+        or rivals.held(rivals.with_near_and_far_exchanged(first), left)
         # One that stands before others is furniture, however large.
         or rivals.held(_kept(rivals.askew(first, before=True), askew), most_left)
         or rivals.held(_kept(others, tried), left)
@@ -99,6 +102,11 @@ class _Rivals:
             fit = None if fit is None else found_anew(*self._points, fit, self._nominal, weight=self._weight)
             if fit is not None:
                 yield fit
+
+    def with_near_and_far_exchanged(self, fit: BundleSolution) -> Iterator[BundleSolution]:
+        exchanged = unheld_reversal(fit, WeighedPoints(*self._points, self._weight), self._nominal)
+        if exchanged is not None:
+            yield exchanged
 
     def askew(self, fit: BundleSolution, *, before: bool) -> Iterator[BundleSolution]:
         may_go = planes_before_others(fit, *self._points) if before else small_planes(fit)

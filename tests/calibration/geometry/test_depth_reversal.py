@@ -1,4 +1,6 @@
-"""Two walls allow a second room, with near and far exchanged: the likelier one is taken, or both are named."""
+"""Walls allow a second room, with near and far exchanged: the likelier one is taken, or both are named."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,7 +94,71 @@ def test_what_noise_leaves_open_is_refused_with_both_rooms(room):
     assert "show a strip of floor or ceiling" in str(caught.value)
 
 
-def test_three_directions_leave_no_second_room(room):
+@pytest.fixture(scope="module")
+def corner(room):
+    """Of `random_rigs.py --rigs 1 --seed 13003`: two walls and a floor, narrow lenses, one below the other."""
+    devices = {
+        "camera": {
+            "shape": (480, 640),
+            "focal_px": 509.2,
+            "principal_point_px": (321.8, 241.5),
+            "distortion": (0.0, 0.0, 0.0, 0.0, 0.0),
+            "position_m": (3.112, 1.982, 1.129),
+            "look_at_m": (1.631, 3.320, 1.002),
+        },
+        "projector": {
+            "shape": (384, 512),
+            "focal_px": 312.4,
+            "principal_point_px": (256.6, 262.5),
+            "distortion": (0.0, 0.0, 0.0, 0.0, 0.0),
+            "position_m": (3.177, 1.826, 0.801),
+            "look_at_m": (1.721, 3.132, 0.385),
+        },
+    }
+    how = {"camera_hfov_deg": 64.3, "projector_hfov_deg": 80.6, "noise_px": 0.05, "outlier_share": 0.0}
+    return room.changed(**devices, size_m=(3.948, 4.805, 2.391), **how)
+
+
+@pytest.fixture(scope="module")
+def both_corners(corner):
+    points = shuffled(corner, step_px=3)
+    found = next(candidates(points.camera_xy_px, points.projector_xy_px, corner.nominal, right_angles=True))
+    other = reversed_fit(found, points, corner.nominal)
+    return points, *sorted((found, other), key=lambda fit: -side(fit) @ true_side(corner))
+
+
+def test_three_walls_seen_from_nearly_one_place_have_a_second_room_too(corner, both_corners):
+    """The second is bought with lenses: focal lengths and axes that are far from their data sheets."""
+    _, right, wrong = both_corners
+    assert len(set(right.axes.of_plane.tolist())) == 3
+    assert side(wrong) @ true_side(corner) < -0.95
+    assert wrong.share > 0.95
+    assert wrong.fit.priors.cost(wrong.fit.z) > 5 * right.fit.priors.cost(right.fit.z)
+
+
+def test_a_search_that_took_a_corner_for_its_reversal_comes_back(corner, both_corners, monkeypatch):
+    """Held alone, the wrong room is contradicted, too, but by a cause that is false: walls that are not square."""
+    points, *_ = both_corners
+
+    def inside_out(x1, x2, nominal, *, right_angles):
+        found = next(candidates(x1, x2, nominal, right_angles=right_angles))
+        other = reversed_fit(found, WeighedPoints(x1, x2, np.ones_like(x1)), nominal)
+        yield min((found, other), key=lambda fit: side(fit) @ true_side(corner))
+
+    monkeypatch.setattr(stereo, "candidates", inside_out)
+    pair = calibrate_stereo(points.camera_xy_px, points.projector_xy_px, corner.nominal)
+    assert side(pair) @ true_side(corner) > 0.98
+    assert pair.camera.focal_px[0] == pytest.approx(509.2, rel=0.02)
+
+
+def test_a_corner_with_parallax_has_no_second_room(room):
     points = shuffled(room, step_px=8)
     found = next(candidates(points.camera_xy_px, points.projector_xy_px, room.nominal, right_angles=True))
-    assert reversed_scene(found, points.camera_xy_px, points.projector_xy_px) is None
+    assert reversed_fit(found, points, room.nominal) is None
+
+
+def test_walls_along_one_axis_are_not_reversed(room):
+    points = shuffled(room, step_px=8)
+    found = next(candidates(points.camera_xy_px, points.projector_xy_px, room.nominal, right_angles=True))
+    one = replace(found, axes=replace(found.axes, of_plane=np.where(found.axes.of_plane == 0, 0, -1)))
+    assert reversed_scene(one, points.camera_xy_px, points.projector_xy_px) is None
