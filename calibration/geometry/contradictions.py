@@ -79,7 +79,7 @@ def hold_against_all(
         With the contradiction, its numbers and what to try.
     """
     rounds = Rounds(limits_px=(1.0,), iterations=8, margin_share=margin_share)
-    rough = adjust(x1, x2, bundle, nominal, rounds=rounds, weight=weight) or bundle
+    rough = _before_held_planes(x1, x2, bundle, nominal, rounds=rounds, weight=weight)
     check_one_surface(rough, x1, x2)
     a, b = x1[:_SOME], x2[:_SOME]
     rounds = Rounds(limits_px=(2.0, 1.0), iterations=10, margin_share=margin_share)
@@ -90,11 +90,32 @@ def hold_against_all(
         _check_angles(rough, free)
     variance = observation_variance(rough.fit, x1[rough.used], rough.fit_label, x2[rough.used])
     rounds = Rounds(limits_px=(1.0,), iterations=10, variance_px2=variance, margin_share=margin_share)
-    final = adjust(x1, x2, rough, nominal, rounds=rounds, weight=weight) or rough
+    final = _before_held_planes(x1, x2, rough, nominal, rounds=rounds, weight=weight)
     check_data_sheets(final, np.sqrt(np.diag(final.covariance)))
     check_determined(final, final.covariance)
     check_none_left_out(final, x1, x2)
     return final
+
+
+def _before_held_planes(
+    x1: FloatArray,
+    x2: FloatArray,
+    start: BundleSolution,
+    nominal: NominalIntrinsics,
+    *,
+    rounds: Rounds,
+    weight: FloatArray,
+) -> BundleSolution:
+    """Fit, and again without planes that not one point of the fit holds: these stay where they began, as if known.
+
+    Their points are left over then, and say so.
+    """
+    fit = adjust(x1, x2, start, nominal, rounds=rounds, weight=weight) or start
+    stays = np.bincount(fit.fit_label, minlength=len(fit.planes)) > 0
+    if stays.all() or stays.sum() < 2:
+        return fit
+    axes = Axes(fit.axes.directions, fit.axes.of_plane[stays])
+    return adjust(x1, x2, fit.with_planes(fit.planes[stays], axes), nominal, rounds=rounds, weight=weight) or fit
 
 
 def _check_angles(rough: BundleSolution, free: BundleSolution) -> None:

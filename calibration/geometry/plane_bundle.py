@@ -210,6 +210,10 @@ def _label(scene: PlanarScene, x1: FloatArray, x2: FloatArray, *, limit_px: floa
 
 
 def _stand_apart(planes: FloatArray) -> NDArray[np.bool_]:
-    """(K,) planes that no other one is nearly parallel to: two that are may be strips of one curved wall."""
+    """(K,) planes that no other on the same side is nearly parallel to: two that are may be strips of a curved wall.
+
+    Walls that face each other are none. Random rig 13008's floor had no point left, and stood where it had begun, 6.6
+    sigma off, because the ceiling is parallel to it.
+    """
     normals = planes / np.linalg.norm(planes, axis=1, keepdims=True)
-    return np.asarray((np.abs(normals @ normals.T) - np.eye(len(planes))).max(axis=1) < _PARALLEL)
+    return np.asarray((normals @ normals.T - np.eye(len(planes))).max(axis=1) < _PARALLEL)

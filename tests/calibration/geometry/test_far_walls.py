@@ -1,9 +1,14 @@
 """Small pictures of walls many baselines away, where two walls differ by a few pixels of parallax."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 
-from calibration.geometry import plane_search
+from calibration.errors import CalibrationError
+from calibration.geometry import plane_bundle, plane_search
+from calibration.geometry.contradictions import hold_against_all
+from calibration.geometry.plane_bundle import Rounds, adjust
 from calibration.geometry.stereo import calibrate_stereo
 
 NOISE_PX = 0.03
@@ -59,3 +64,48 @@ def test_one_device_before_the_other_is_tried_before_walls_are_called_curved(far
     order = np.random.default_rng(0).permutation(len(x1))
     found = next(plane_search.candidates(x1[order], x2[order], far_corner.nominal, right_angles=True))
     assert found.share > 0.9
+
+
+@pytest.fixture(scope="module")
+def strip_of_floor(room):
+    """Two walls, the ceiling, and a strip of floor below: of `random_rigs.py --rigs 1 --seed 13008`."""
+    camera = {
+        "shape": (480, 640),
+        "focal_px": 407.7,
+        "principal_point_px": (325.2, 232.8),
+        "distortion": (0.006, -0.003, 0.0005, 0.0002, 0.0),
+        "position_m": (4.085, 1.398, 1.132),
+        "look_at_m": (2.279, 2.188, 1.470),
+    }
+    projector = {
+        "shape": (384, 512),
+        "focal_px": 259.0,
+        "principal_point_px": (255.1, 247.3),
+        "distortion": (-0.019, 0.0003, -0.0004, 0.0, 0.0),
+        "position_m": (4.480, 1.281, 1.403),
+        "look_at_m": (2.661, 2.090, 1.204),
+    }
+    how = {"camera_hfov_deg": 74.8, "projector_hfov_deg": 91.5, "noise_px": 0.04, "outlier_share": 0.0}
+    return room.changed(camera=camera, projector=projector, size_m=(5.935, 3.193, 2.964), **how)
+
+
+def test_a_floor_all_of_which_is_near_a_wall_keeps_points_below_a_ceiling(strip_of_floor):
+    """The ceiling is parallel to it, but no strip of the same curved wall: it faces it."""
+    x1, x2 = strip_of_floor.correspondences(3)
+    order = np.random.default_rng(0).permutation(len(x1))[:10_000]
+    start = next(plane_search.candidates(x1[order], x2[order], strip_of_floor.nominal, right_angles=True))
+    fit = adjust(x1[order], x2[order], start, strip_of_floor.nominal, rounds=Rounds(limits_px=(1.0,), iterations=8))
+    assert len(fit.planes) == 4
+    assert np.bincount(fit.fit_label, minlength=4).min() > 20
+
+
+def test_no_wall_is_left_standing_that_no_point_of_the_fit_holds(strip_of_floor, monkeypatch):
+    """Where it stands is where the search happened to begin, and its sigma would be none."""
+    x1, x2 = strip_of_floor.correspondences(3)
+    order = np.random.default_rng(0).permutation(len(x1))[:10_000]
+    x1, x2 = x1[order], x2[order]
+    start = next(plane_search.candidates(x1, x2, strip_of_floor.nominal, right_angles=True))
+    monkeypatch.setattr(plane_bundle, "_HALVINGS", 0)
+    with suppress(CalibrationError):
+        fit = hold_against_all(x1, x2, start, strip_of_floor.nominal, weight=np.ones_like(x2))
+        assert np.bincount(fit.fit_label, minlength=len(fit.planes)).min() > 0
