@@ -12,6 +12,7 @@ from calibration.arrays import FloatArray
 from calibration.errors import CalibrationError
 from calibration.geometry.bundle_unknowns import CAMERA, FOCAL_SIGMA, PROJECTOR, planes_of
 from calibration.geometry.epipolar import NominalIntrinsics
+from calibration.geometry.flat.endless import check_walls_end
 from calibration.geometry.flat.left_out import MOST_LEFT_OUT, check_none_left_out
 from calibration.geometry.noise import covariance, observation_variance, plus_minus, standard_deviations
 from calibration.geometry.plane_bundle import MARGIN_SHARE, BundleSolution, Rounds, adjust, refit
@@ -81,6 +82,7 @@ def hold_against_all(
     rounds = Rounds(limits_px=(1.0,), iterations=8, margin_share=margin_share)
     rough = _before_held_planes(x1, x2, bundle, nominal, rounds=rounds, weight=weight)
     check_one_surface(rough, x1, x2)
+    check_walls_end(rough, x1)
     a, b = x1[:_SOME], x2[:_SOME]
     rounds = Rounds(limits_px=(2.0, 1.0), iterations=10, margin_share=margin_share)
     free = adjust(a, b, rough.with_planes(rough.planes), nominal, rounds=rounds, weight=weight[:_SOME])

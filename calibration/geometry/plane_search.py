@@ -13,6 +13,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry.bundle_residual import rays_of
 from calibration.geometry.bundle_unknowns import PlanarScene
 from calibration.geometry.epipolar import COLUMN_SHARES, UNDISTORTIONS, NominalIntrinsics, fit_epipolar
+from calibration.geometry.flat.endless import MOST_REACH, reach
 from calibration.geometry.pinhole import PinholeModel
 from calibration.geometry.plane_bundle import BundleSolution, Rounds, adjust, transfer_of
 from calibration.geometry.planes import (
@@ -260,9 +261,9 @@ def _adjusted_twice(
     corners = corner_axes(held.planes, orthogonal_axes(held.planes, _GUESSED_LIMIT_DEG)) if right_angles else []
     rounds = Rounds(limits_px=(1.5,), iterations=12)
     others = [adjust(x1, x2, held.with_planes(held.planes, axes), nominal, rounds=rounds) for axes in corners]
-    fits = [fit for fit in (_likeliest(guessed, right_angles), *others) if fit is not None]
+    fits = [fit for fit in (_likeliest(guessed, right_angles, x1), *others) if fit is not None]
     ends = [_found_again(x1, x2, fit, nominal, right_angles=right_angles) for fit in fits]
-    squarest = _likeliest(ends, right_angles)
+    squarest = _likeliest(ends, right_angles, x1)
     return None if squarest is None else _Ends(squarest=squarest, finer=_finer(guessed, squarest))
 
 
@@ -279,7 +280,7 @@ def _found_again(
     if second is not None and right_angles and (second.axes.of_plane < 0).any():
         # Phantoms among the planes had turned the axes; without them the walls may be square.
         guessed = _guesses(x1, x2, second, nominal, right_angles=True)
-        second = max(second, _likeliest(guessed, True) or second, key=_squareness)
+        second = max(second, _likeliest(guessed, True, x1) or second, key=_squareness)
     if second is None or _merit(second, right_angles) < _BETTER * _merit(first, right_angles):
         return first
     return second
@@ -324,8 +325,12 @@ def _limit_after(fit: BundleSolution) -> float:
     return float(np.clip(_MEDIANS * median_px, _LEAST_LIMIT_PX, INLIER_PX))
 
 
-def _likeliest(fits: Sequence[BundleSolution], right_angles: bool) -> BundleSolution | None:
-    """Of fits that explain nearly as many points as the best, the one with least left over, priors included."""
+def _likeliest(fits: Sequence[BundleSolution], right_angles: bool, x1: FloatArray) -> BundleSolution | None:
+    """Of fits that explain nearly as many points as the best, the one with least left over, priors included.
+
+    Walls that face each other and have no end are a corner's: where another fit has none, these are left out.
+    """
+    fits = [fit for fit in fits if reach(fit, x1) <= MOST_REACH] or fits
     most = max((_merit(fit, right_angles) for fit in fits), default=0.0)
     able = [fit for fit in fits if _merit(fit, right_angles) >= _BETTER * most]
     return min(able, key=lambda fit: fit.left_over, default=None)
