@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.errors import UsageError
-from rig.files.faces import pieces, refuse_faces
+from rig.files.faces import CutFaces, cut_faces, refuse_faces
 from rig.terminal.line import counted
 
 
@@ -22,22 +22,33 @@ def obj_with_cut_faces(path: Path) -> str:
     lines = path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ").splitlines()
     words = [line.split(None, 1)[0] if line.strip() else "" for line in lines]
     points = np.array([_three_numbers(path, i, lines[i]) for i, word in enumerate(words) if word == "v"]).reshape(-1, 3)
-    seen, faults = 0, []
+    seen, faults, large = 0, {}, {}
     for i, word in enumerate(words):
         seen += word == "v"
         if word == "f":
             tokens = lines[i].split()[1:]
             corners = _corners(path, i, tokens, seen)
             if any(not 0 <= corner < len(points) for corner in corners):
-                faults.append(f"line {i + 1} has corners {' '.join(tokens)}, there are 1 ... {len(points)}")
+                faults[i] = f"line {i + 1} has corners {' '.join(tokens)}, there are 1 ... {len(points)}"
             elif len(tokens) < 3:
-                faults.append(f"line {i + 1} has {counted(len(tokens), 'corner')}")
+                faults[i] = f"line {i + 1} has {counted(len(tokens), 'corner')}"
             elif len(tokens) > 3:
-                cut, fault = pieces(points[corners])
-                lines[i] = "\n".join("f " + " ".join(tokens[k] for k in piece) for piece in cut)
-                faults += [f"line {i + 1}: {fault}"] if fault else []
-    refuse_faces(path, faults)
+                large[i] = corners
+    places = list(large)
+    cut = cut_faces(points, list(large.values()))
+    faults |= {places[k]: f"line {places[k] + 1}: {fault}" for k, fault in cut.faults.items()}
+    refuse_faces(path, [fault for _, fault in sorted(faults.items())])
+    _write_pieces(lines, places, cut)
     return "\n".join(lines) + "\n"
+
+
+def _write_pieces(lines: list[str], places: list[int], cut: CutFaces) -> None:
+    """Put the triangles of each cut face in the place of its line."""
+    ends = np.searchsorted(cut.face, np.arange(len(places) + 1)).tolist()
+    triangles = cut.triangles.tolist()
+    for i, begin, end in zip(places, ends, ends[1:], strict=False):
+        tokens = lines[i].split()[1:]
+        lines[i] = "\n".join(f"f {tokens[a]} {tokens[b]} {tokens[c]}" for a, b, c in triangles[begin:end])
 
 
 def _corners(path: Path, place: int, tokens: list[str], seen: int) -> list[int]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.files.atomic import write_bytes
-from rig.files.faces import pieces, refuse_faces
+from rig.files.faces import cut_faces, refuse_faces
 from rig.terminal.line import counted
 
 FloatArray = NDArray[np.float64]
@@ -223,21 +223,23 @@ def _cut_faces(path: Path, points: FloatArray, lists: NDArray[Any] | list[NDArra
         lost = np.flatnonzero(((triangles < 0) | (triangles >= len(points))).any(axis=1))
         refuse_faces(path, [_missing(int(i), triangles[i], len(points)) for i in lost])
         return triangles, np.arange(len(triangles))
-    found, source, faults = [np.zeros((0, 3), dtype=np.intp)], [], []
+    faults, faces, places = {}, [], []
     for i, row in enumerate(lists):
         corners = np.asarray(row).astype(np.intp)
         if len(corners) < 3:
-            faults.append(f"face {i} has {counted(len(corners), 'corner')}")
-        elif ((corners < 0) | (corners >= len(points))).any():
-            faults.append(_missing(i, corners, len(points)))
+            faults[i] = f"face {i} has {counted(len(corners), 'corner')}"
+        elif min(corners) < 0 or max(corners) >= len(points):
+            faults[i] = _missing(i, corners, len(points))
         else:
-            cut, fault = ([(0, 1, 2)], "") if len(corners) == 3 else pieces(points[corners])
-            faults += [f"face {i}: {fault}"] if fault else []
-            if len(cut):
-                found.append(corners[np.asarray(cut)])
-                source += [i] * len(cut)
-    refuse_faces(path, faults)
-    return np.concatenate(found), np.array(source, dtype=np.intp)
+            faces.append(corners)
+            places.append(i)
+    cut = cut_faces(points, faces)
+    faults |= {places[k]: f"face {places[k]}: {fault}" for k, fault in cut.faults.items()}
+    refuse_faces(path, [fault for _, fault in sorted(faults.items())])
+    if not faces:
+        return np.zeros((0, 3), dtype=np.intp), np.zeros(0, dtype=np.intp)
+    begin = np.cumsum([0, *map(len, faces)])[cut.face]
+    return np.concatenate(faces)[begin[:, np.newaxis] + cut.triangles], np.array(places, dtype=np.intp)[cut.face]
 
 
 def _missing(face: int, corners: IntArray, count: int) -> str:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.geometry.mending.polygons import cut_polygon
+from sim.geometry.mending.polygons import cut_polygon, cut_polygons
 
 L_FLOOR = [(0, 0, 0), (2, 0, 0), (2, 1, 0), (1, 1, 0), (1, 2, 0), (0, 2, 0)]
 ON_A_LINE = [(0, 0, 0), (1, 0, 0), (2, 0, 0), (3, 0, 0), (3, 3, 0), (0, 3, 0), (0, 1.5, 0)]
@@ -80,3 +80,55 @@ def test_a_polygon_without_area_has_no_triangles(corners):
 
 def test_a_corner_that_is_no_number_is_a_fault():
     assert "NaN" in cut_polygon([*L_FLOOR[:5], (0, np.nan, 0)]).fault
+
+
+def _random_polygons(count, corners):
+    """Round ones, stars, ones that name a corner twice, on a grid, bent, on a line and not a number, by turns."""
+    rng = np.random.default_rng(corners)
+    found = []
+    for k in range(count):
+        angle = np.sort(rng.uniform(0, 2 * np.pi, corners))
+        radius = rng.uniform(0.2, 1, corners) if k % 7 == 1 else np.ones(corners)
+        polygon = np.stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(corners)], axis=1)
+        if k % 7 == 2:
+            polygon[k % corners] = polygon[k % corners - 1]
+        elif k % 7 == 3:
+            polygon = np.pad(rng.integers(0, 3, (corners, 2)), ((0, 0), (0, 1))).astype(float)
+        elif k % 7 == 4:
+            polygon[:, 2] = rng.normal(0, 0.006, corners)
+        elif k % 7 == 5:
+            polygon = np.outer(rng.uniform(size=corners), (1, 2, 3))
+        elif k % 35 == 6:
+            polygon[1, 2] = np.nan
+        turned, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        found.append(polygon if k % 2 else polygon @ turned * 10 ** rng.uniform(-3, 3))
+    return np.array(found)
+
+
+@pytest.mark.parametrize("corners", [3, 4, 5, 8])
+def test_polygons_cut_together_are_cut_as_by_themselves(corners):
+    polygons = _random_polygons(140, corners)
+    cut = cut_polygons(polygons)
+    for i, polygon in enumerate(polygons):
+        alone = cut_polygon(polygon)
+        assert cut.triangles[cut.polygon == i].tolist() == alone.triangles.tolist()
+        assert cut.faults.get(i, "") == alone.fault
+    assert cut.faults
+    assert len(np.unique(cut.polygon)) > 70
+
+
+def test_a_convex_polygon_is_cut_as_if_it_were_looked_at_ear_by_ear():
+    # A corner within an edge sends the same outline the other way, where each ear is looked into.
+    outline = np.array([(0, 0, 0), (4, 0, 0), (5, 2, 0), (4, 5, 0), (0, 4, 0)], dtype=float)
+    with_a_straight_corner = np.insert(outline, 1, (2, 0, 0), axis=0)
+    areas = []
+    for polygon in (outline, with_a_straight_corner):
+        a, b, c = np.moveaxis(polygon[cut_polygon(polygon).triangles], 1, 0)
+        areas.append((np.cross(b - a, c - a)[:, 2] / 2).sum())
+    assert areas == pytest.approx([20.5, 20.5])
+
+
+def test_no_polygons_are_cut_into_nothing():
+    cut = cut_polygons(np.zeros((0, 4, 3)))
+    assert cut.triangles.shape == (0, 3)
+    assert not cut.faults
