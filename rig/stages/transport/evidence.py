@@ -1,0 +1,119 @@
+"""Photographs of pictures that a loop was closed on, as evidence of the light for other pictures.
+
+Steps `told-LOOP-PICTURE` hold what each picture's photographs say, step `evidence` all of them that are used now. Both
+are written and read as step `transport` writes its photographs, and with them they are what a model has learned from.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.light.transport.posterior import Photographs
+from rig.records import Record
+from rig.session import Session, Step
+from rig.stages.transport.records import TransportRecord, read_told, read_uneven
+
+FloatArray = NDArray[np.float64]
+
+EVIDENCE = "evidence"
+"""Name of the step, and of the record in it and in each picture's step."""
+_TOLD = "told-"
+"""How the names of the pictures' steps begin."""
+_OF_HASH = 12
+"""Digits of a picture's hash that tell it from others."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EarlierPhotograph(Record):
+    """One photograph of a picture that was shown."""
+
+    name: str
+    picture: str
+    """Name of the target."""
+    target_sha256: str
+    brings: float
+    """Part of the model's error on usual pictures that was expected to go with it, in grey levels of 255."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvidenceRecord(Record):
+    """What photographs of loops tell, beside their images; errors in grey levels of 255."""
+
+    rests_on: Mapping[str, str]
+    """Hashes of the steps that they were read by: of another model they say nothing."""
+    photographs: tuple[EarlierPhotograph, ...] = ()
+    refused: str = ""
+    """Why none of a loop's photographs counts; empty: those that bring something do."""
+    rms_before: float = 0.0
+    """Of all that are used: what is expected of the model's error on usual pictures without them ..."""
+    rms_left: float = 0.0
+    """... and with them."""
+
+    @property
+    def pictures(self) -> tuple[str, ...]:
+        """Names of the pictures, each once."""
+        return tuple(dict.fromkeys(one.picture for one in self.photographs))
+
+
+def told_name(loop: str, target_sha256: str) -> str:
+    """Return the name of the step of a loop's step and a picture."""
+    return f"{_TOLD}{loop}-{target_sha256[:_OF_HASH]}"
+
+
+def steps_below(session: Session) -> tuple[str, ...]:
+    """Return the steps that a session's model comes from but for photographs of earlier pictures."""
+    return ("model", "transport") if session.profile.transport.photographs else ("model",)
+
+
+def rests_on(session: Session) -> dict[str, str]:
+    """Return hashes of what photographs are read by. Raises SessionError where a step is not finished."""
+    return {name: session.finished(name).outputs_sha256 for name in ("response", *steps_below(session))}
+
+
+def told_records(session: Session) -> dict[str, EvidenceRecord]:
+    """Return what the steps of all pictures say, of whatever model, in the order in which they were first begun."""
+    began = dict.fromkeys(event["step"] for event in session.events() if event["event"] == "begin")
+    names = [name for name in began if name.startswith(_TOLD) and session.is_finished(name)]
+    return {name: session.finished(name).load_record(EVIDENCE, EvidenceRecord) for name in names}
+
+
+def evidence_in_use(session: Session) -> EvidenceRecord | None:
+    """Return what step `evidence` says; None where it has no photograph, or was gathered for another model."""
+    if not session.is_finished(EVIDENCE):
+        return None
+    record = session.finished(EVIDENCE).load_record(EVIDENCE, EvidenceRecord)
+    return record if record.photographs and record.rests_on == rests_on(session) else None
+
+
+def model_steps(session: Session) -> tuple[str, ...]:
+    """Return the steps that a session's model comes from."""
+    gathered = () if evidence_in_use(session) is None else (EVIDENCE,)
+    return (*steps_below(session), *gathered)
+
+
+def told_of_light(
+    session: Session, n_bands: int, steps: tuple[str, ...]
+) -> tuple[list[Photographs], FloatArray] | None:
+    """Return in each band what the photographs of some steps say, and (H, W, B) what they left within places.
+
+    That is the largest of what any step's left. None where they took no photograph.
+    """
+    found = [session.finished(name) for name in steps]
+    found = [step for step in found if _has_photographs(step)]
+    if not found:
+        return None
+    each = [read_told(step, n_bands) for step in found]
+    told = each[0]
+    for more in each[1:]:
+        told = [band.and_(other) for band, other in zip(told, more, strict=True)]
+    return told, np.maximum.reduce([read_uneven(step) for step in found])
+
+
+def _has_photographs(step: Step) -> bool:
+    if step.name == "transport":
+        return bool(step.load_record("transport", TransportRecord).photographs)
+    return bool(step.load_record(EVIDENCE, EvidenceRecord).photographs)
