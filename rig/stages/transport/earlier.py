@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.light.transport.posterior import Photographs, posterior
-from calibration.structured_light.patterns import Pattern
 from rig.files.channels import layers
 from rig.session import Session, Step
 from rig.stages.linear_light import merge_exposures
@@ -19,9 +18,8 @@ from rig.stages.prediction import predict
 from rig.stages.target import Target
 from rig.stages.transport.evidence import (
     EVIDENCE,
-    EarlierPhotograph,
+    EarlierPicture,
     EvidenceRecord,
-    evidence_in_use,
     rests_on,
     steps_below,
     told_name,
@@ -65,38 +63,47 @@ def keep_evidence(session: Session, shown: ShownPictures, target: Target) -> Non
     step = session.step(told_name(shown.step.name, target.sha256), settings=settings, needs=tuple(rests_on(session)))
     if step.done:
         return
-    refused = _contradiction(session, shown)
-    rows = () if refused else _told(session, step, shown, target)
-    step.save_record(EVIDENCE, EvidenceRecord(rests_on=rests_on(session), photographs=rows, refused=refused))
+    picture = EarlierPicture(
+        picture=target.name,
+        target_sha256=target.sha256,
+        photographs=len(shown.patterns),
+        refused=_contradiction(session, shown),
+    )
+    if not picture.refused:
+        picture = _told(session, step, shown, picture)
+    step.save_record(EVIDENCE, EvidenceRecord(rests_on=rests_on(session), pictures=(picture,)))
     step.finish()
 
 
-def _told(session: Session, step: Step, shown: ShownPictures, target: Target) -> tuple[EarlierPhotograph, ...]:
-    """Choose the photographs that tell something, and keep what they say."""
+def _told(session: Session, step: Step, shown: ShownPictures, picture: EarlierPicture) -> EarlierPicture:
+    """Keep what the photographs say if it is more than noise."""
     model, bands = load_prior_model(session), transport_priors(session)
     middle, to_levels = len(bands) // 2, 255 / model.level
-    search = PictureSearch.in_band(
-        bands[middle], model.white_variance[..., middle], model.scene_model.projector.lens.shape
-    )
-    own = [Photographs.none(band.prior) for band in bands]
-    before = _known(session, _current(session)) or own
-    rows: list[EarlierPhotograph] = []
-    kept: list[Pattern] = []
-    for pattern in shown.patterns:
-        taken = photographs_of(model, shown.radiometric, bands, step=shown.step, pattern=pattern, bracket=shown.bracket)
-        found = search.worth_of(before[middle].and_(own[middle]), taken[middle])
-        if found.brings >= search.noise_rms:
-            own = _joined(own, taken)
-            kept.append(pattern)
-            brings = found.brings * to_levels
-            rows.append(
-                EarlierPhotograph(name=pattern.name, picture=target.name, target_sha256=target.sha256, brings=brings)
-            )
-    if rows:
-        used = replace(shown, patterns=tuple(kept))
-        learned = learned_bands(model, bands, _joined(before, own), used, on_step=silent)
-        _save(step, own, np.stack([band.uneven for band in learned], axis=-1))
-    return tuple(rows)
+    shape = model.scene_model.projector.lens.shape
+    search = PictureSearch.in_band(bands[middle], model.white_variance[..., middle], shape)
+    before = _known(session, picture.target_sha256)
+    each = [
+        photographs_of(model, shown.radiometric, bands, step=shown.step, pattern=pattern, bracket=shown.bracket)
+        for pattern in shown.patterns
+    ]
+    told = [_mean([captures[b] for captures in each]) for b in range(len(bands))]
+    found = search.worth_of(before[middle], told[middle])
+    brings, noise = found.brings * to_levels, search.noise_rms * to_levels
+    if brings < noise:
+        words = f"they would bring {brings:.2f} grey levels, less than the noise of {noise:.2f}"
+        return replace(picture, brings=brings, noise=noise, refused=words)
+    learned = learned_bands(model, bands, _joined(before, told), shown, on_step=silent)
+    _save(step, told, np.stack([band.uneven for band in learned], axis=-1))
+    return replace(picture, brings=brings, noise=noise)
+
+
+def _mean(captures: Sequence[Photographs]) -> Photographs:
+    """One photograph of the mean of some pictures: light is linear.
+
+    Its variance is the captures' own, for nearly all of it is theirs in common: the curves' errors, and the places'.
+    """
+    names = ("lit", "own", "difference", "variance")
+    return Photographs(**{name: np.mean([getattr(one, name) for one in captures], axis=0) for name in names})
 
 
 def _contradiction(session: Session, shown: ShownPictures) -> str:
@@ -129,49 +136,50 @@ def gather_evidence(session: Session, target: Target, on_step: OnStep = silent) 
     on_step
         Told what was learned, and what does not count.
     """
-    records, current = told_records(session), _current(session)
+    records = told_records(session)
+    now = rests_on(session)
+    current = {name: record for name, record in records.items() if record.rests_on == now}
     _say_what_does_not_count(records, current, on_step)
-    told = {name: records[name].photographs for name in current}
-    used = {
-        name: session.finished(name).outputs_sha256
-        for name, rows in told.items()
-        if rows and rows[0].target_sha256 != target.sha256
-    }
+    used = {name: session.finished(name).outputs_sha256 for name in _of_others(current, target.sha256)}
     if used or session.is_finished(EVIDENCE):
-        step = session.step(EVIDENCE, settings={"told": used}, needs=tuple(rests_on(session)))
+        step = session.step(EVIDENCE, settings={"told": used}, needs=tuple(now))
         if not step.done:
-            rows = tuple(row for name in used for row in records[name].photographs)
-            record = EvidenceRecord(rests_on=rests_on(session), photographs=rows)
+            pictures = tuple(current[name].pictures[0] for name in used)
+            record = EvidenceRecord(rests_on=now, pictures=pictures)
             step.save_record(EVIDENCE, _gathered(session, step, record, tuple(used)) if used else record)
             step.finish()
-    in_use = evidence_in_use(session)
-    if in_use is not None:
-        on_step(evidence_words(in_use), 1, 1)
+    if session.is_finished(EVIDENCE):
+        words = evidence_words(session.finished(EVIDENCE).load_record(EVIDENCE, EvidenceRecord))
+        on_step(words, 1, 1) if words else None
+
+
+def _of_others(current: Mapping[str, EvidenceRecord], target_sha256: str) -> list[str]:
+    """Names of the steps of other pictures that count; of each picture that of the newest loop."""
+    newest = {record.pictures[0].target_sha256: name for name, record in current.items() if record.counts}
+    return [name for sha, name in newest.items() if sha != target_sha256]
 
 
 def evidence_words(record: EvidenceRecord) -> str:
-    """Return what earlier photographs brought, in words."""
-    return (
-        f"learned from {counted(len(record.photographs), 'photograph')} of "
-        f"{counted(len(record.pictures), 'earlier picture')}: predicted error {record.rms_before:.2f} -> "
-        f"{record.rms_left:.2f} grey levels"
-    )
+    """Return what earlier photographs brought, in words; empty where there are none."""
+    if not record.pictures:
+        return ""
+    what = f"{counted(record.photographs, 'photograph')} of {counted(len(record.pictures), 'earlier picture')}"
+    if record.refused:
+        return f"nothing is learned from {what}: {record.refused}"
+    return f"learned from {what}: predicted error {record.rms_before:.2f} -> {record.rms_left:.2f} grey levels"
 
 
-def _current(session: Session) -> list[str]:
-    """Names of the steps whose photographs were read by the present model."""
-    now = rests_on(session)
-    return [name for name, record in told_records(session).items() if record.rests_on == now]
-
-
-def _say_what_does_not_count(records: dict[str, EvidenceRecord], current: Sequence[str], on_step: OnStep) -> None:
-    n_lost = sum(len(record.photographs) for name, record in records.items() if name not in current)
+def _say_what_does_not_count(
+    records: Mapping[str, EvidenceRecord], current: Mapping[str, EvidenceRecord], on_step: OnStep
+) -> None:
+    n_lost = sum(record.photographs for name, record in records.items() if name not in current)
     if n_lost:
         lost = counted(n_lost, "photograph")
-        on_step(f"{lost} of earlier pictures do not count: the model was measured anew since", 1, 1)
-    for name in current:
-        if records[name].refused:
-            on_step(f"what {name} photographed does not count: {records[name].refused}", 1, 1)
+        on_step(f"{lost} of earlier pictures do not count: the rig or its model was measured anew since", 1, 1)
+    for picture in (record.pictures[0] for record in current.values()):
+        if picture.refused:
+            shot = counted(picture.photographs, "photograph")
+            on_step(f"{shot} of {picture.picture} do not count: {picture.refused}", 1, 1)
 
 
 def _gathered(session: Session, step: Step, record: EvidenceRecord, names: tuple[str, ...]) -> EvidenceRecord:
@@ -192,13 +200,20 @@ def _gathered(session: Session, step: Step, record: EvidenceRecord, names: tuple
         float(np.sqrt(one.variance(usual.lit, usual.own).mean())) * 255 / model.level
         for one in (posterior(after.prior, before[middle]), after)
     ]
-    return replace(record, rms_before=rms[0], rms_left=rms[1])
+    contradict = (
+        "with them the model's error is expected to be {:.2f} grey levels, {:.2f} without: they contradict each other"
+    )
+    refused = "" if rms[1] < rms[0] else contradict.format(rms[1], rms[0])
+    return replace(record, rms_before=rms[0], rms_left=rms[1], refused=refused)
 
 
-def _known(session: Session, names: Sequence[str]) -> list[Photographs] | None:
-    """What step `transport` and the steps of other pictures say in each band; None: nothing."""
-    found = told_of_light(session, len(transport_priors(session)), (*steps_below(session)[1:], *names))
-    return None if found is None else found[0]
+def _known(session: Session, target_sha256: str) -> list[Photographs]:
+    """What step `transport` and the steps of other pictures say in each band."""
+    now, bands = rests_on(session), transport_priors(session)
+    current = {name: one for name, one in told_records(session).items() if one.rests_on == now}
+    steps = (*steps_below(session)[1:], *_of_others(current, target_sha256))
+    found = told_of_light(session, len(bands), steps)
+    return [Photographs.none(band.prior) for band in bands] if found is None else found[0]
 
 
 def _joined(first: Sequence[Photographs], others: Sequence[Photographs]) -> list[Photographs]:

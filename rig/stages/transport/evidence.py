@@ -28,15 +28,20 @@ _OF_HASH = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class EarlierPhotograph(Record):
-    """One photograph of a picture that was shown."""
+class EarlierPicture(Record):
+    """A picture on which a loop was closed; errors in grey levels of 255."""
 
-    name: str
     picture: str
     """Name of the target."""
     target_sha256: str
-    brings: float
-    """Part of the model's error on usual pictures that was expected to go with it, in grey levels of 255."""
+    photographs: int
+    """The loop's captures. They are nearly the same picture: their mean counts as one photograph of their mean."""
+    brings: float = 0.0
+    """Part of the model's error on usual pictures that was expected to go with it ..."""
+    noise: float = 0.0
+    """... and the noise of a photograph at a place of the picture, below which it does not count."""
+    refused: str = ""
+    """Why it does not count; empty: it does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,18 +50,24 @@ class EvidenceRecord(Record):
 
     rests_on: Mapping[str, str]
     """Hashes of the steps that they were read by: of another model they say nothing."""
-    photographs: tuple[EarlierPhotograph, ...] = ()
-    refused: str = ""
-    """Why none of a loop's photographs counts; empty: those that bring something do."""
+    pictures: tuple[EarlierPicture, ...] = ()
+    """One in a picture's own step; in step `evidence` those that are used."""
     rms_before: float = 0.0
     """Of all that are used: what is expected of the model's error on usual pictures without them ..."""
     rms_left: float = 0.0
-    """... and with them."""
+    """... and with them, as they show of each other."""
+    refused: str = ""
+    """Why none is used though there are some."""
 
     @property
-    def pictures(self) -> tuple[str, ...]:
-        """Names of the pictures, each once."""
-        return tuple(dict.fromkeys(one.picture for one in self.photographs))
+    def photographs(self) -> int:
+        """How many there are."""
+        return sum(one.photographs for one in self.pictures)
+
+    @property
+    def counts(self) -> bool:
+        """Tell whether a model is to learn from them."""
+        return not self.refused and any(not one.refused for one in self.pictures)
 
 
 def told_name(loop: str, target_sha256: str) -> str:
@@ -82,11 +93,11 @@ def told_records(session: Session) -> dict[str, EvidenceRecord]:
 
 
 def evidence_in_use(session: Session) -> EvidenceRecord | None:
-    """Return what step `evidence` says; None where it has no photograph, or was gathered for another model."""
+    """Return what step `evidence` says; None where none is used, or it was gathered for another model."""
     if not session.is_finished(EVIDENCE):
         return None
     record = session.finished(EVIDENCE).load_record(EVIDENCE, EvidenceRecord)
-    return record if record.photographs and record.rests_on == rests_on(session) else None
+    return record if record.counts and record.rests_on == rests_on(session) else None
 
 
 def model_steps(session: Session) -> tuple[str, ...]:
@@ -116,4 +127,4 @@ def told_of_light(
 def _has_photographs(step: Step) -> bool:
     if step.name == "transport":
         return bool(step.load_record("transport", TransportRecord).photographs)
-    return bool(step.load_record(EVIDENCE, EvidenceRecord).photographs)
+    return step.load_record(EVIDENCE, EvidenceRecord).counts
