@@ -16,6 +16,7 @@ from calibration.light.transport.posterior import Photographs
 from rig.records import Record
 from rig.session import Session, Step
 from rig.stages.transport.records import TransportRecord, read_told, read_uneven
+from rig.terminal.line import counted
 
 FloatArray = NDArray[np.float64]
 
@@ -92,18 +93,26 @@ def told_records(session: Session) -> dict[str, EvidenceRecord]:
     return {name: session.finished(name).load_record(EVIDENCE, EvidenceRecord) for name in names}
 
 
-def evidence_in_use(session: Session) -> EvidenceRecord | None:
-    """Return what step `evidence` says; None where none is used, or it was gathered for another model."""
+def gathered_evidence(session: Session) -> EvidenceRecord | None:
+    """Return what step `evidence` says of the present model, used or not; None where it has no picture."""
     if not session.is_finished(EVIDENCE):
         return None
     record = session.finished(EVIDENCE).load_record(EVIDENCE, EvidenceRecord)
-    return record if record.counts and record.rests_on == rests_on(session) else None
+    return record if record.pictures and record.rests_on == rests_on(session) else None
+
+
+def evidence_words(record: EvidenceRecord) -> str:
+    """Return what photographs of earlier pictures brought, in words."""
+    what = f"{counted(record.photographs, 'photograph')} of {counted(len(record.pictures), 'earlier picture')}"
+    if record.refused:
+        return f"nothing is learned from {what}: {record.refused}"
+    return f"learned from {what}: predicted error {record.rms_before:.2f} -> {record.rms_left:.2f} grey levels"
 
 
 def model_steps(session: Session) -> tuple[str, ...]:
     """Return the steps that a session's model comes from."""
-    gathered = () if evidence_in_use(session) is None else (EVIDENCE,)
-    return (*steps_below(session), *gathered)
+    record = gathered_evidence(session)
+    return (*steps_below(session), *((EVIDENCE,) if record is not None and record.counts else ()))
 
 
 def told_of_light(
